@@ -1,0 +1,59 @@
+"""What are a robot's true parameters, plant and actuators together, seen only by how it moves?
+
+Nullspace adaptive identification (NS-AID) on MuJoCo. Names are imported when first used, so that
+`import nsaid_mj` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from .cli import main as main
+    from .control import DriverConfig as DriverConfig
+    from .control import FourierTracking as FourierTracking
+    from .control import MultisineCommand as MultisineCommand
+    from .errors import NsaidError as NsaidError
+    from .experiment import run as run
+    from .identifiers import ConventionalAID as ConventionalAID
+    from .identifiers import NullspaceAID as NullspaceAID
+    from .identifiers import Status as Status
+    from .parameters import Block as Block
+    from .parameters import ParameterSpace as ParameterSpace
+    from .plants import ArmPlant as ArmPlant
+    from .plants import ScalarRovPlant as ScalarRovPlant
+    from .plants import SensorNoise as SensorNoise
+    from .record import Record as Record
+    from .scenario import Scenario as Scenario
+    from .system import Measurement as Measurement
+    from .system import SecondOrderSystem as SecondOrderSystem
+
+_HOMES = {
+    "main": "cli",
+    "DriverConfig": "control",
+    "FourierTracking": "control",
+    "MultisineCommand": "control",
+    "NsaidError": "errors",
+    "run": "experiment",
+    "ConventionalAID": "identifiers",
+    "NullspaceAID": "identifiers",
+    "Status": "identifiers",
+    "Block": "parameters",
+    "ParameterSpace": "parameters",
+    "ArmPlant": "plants",
+    "ScalarRovPlant": "plants",
+    "SensorNoise": "plants",
+    "Record": "record",
+    "Scenario": "scenario",
+    "Measurement": "system",
+    "SecondOrderSystem": "system",
+}
+
+__all__ = sorted(_HOMES)  # noqa: PLE0605 (computed, and equal to the names above)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)

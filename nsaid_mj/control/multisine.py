@@ -1,0 +1,49 @@
+"""Open-loop multisine commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..excitation import Multisine
+from ..parameters import Array
+from ..system import SecondOrderSystem
+from .driver import Driver, DriverConfig
+
+
+@dataclass(frozen=True)
+class MultisineCommand(DriverConfig):
+    """Every actuator follows its own multisine, from rest.
+
+    Attributes:
+        low: lowest frequency [Hz].
+        high: highest frequency [Hz].
+        tones: number of sines in each command.
+        amplitude: bound of each command.
+    """
+
+    low: float = 0.05
+    high: float = 0.5
+    tones: int = 8
+    amplitude: float = 0.8
+
+    def build(
+        self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator
+    ) -> Driver:
+        """Makes the driver."""
+        signal = Multisine(
+            system.n_u, self.low, self.high, self.tones, self.amplitude, rng
+        )
+        return _MultisineDriver(system.n, signal)
+
+
+class _MultisineDriver(Driver):
+    def __init__(self, n: int, signal: Multisine):
+        self._n, self._signal = n, signal
+
+    def start(self) -> tuple[Array, Array]:
+        return np.zeros(self._n), np.zeros(self._n)
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        return self._signal(t)

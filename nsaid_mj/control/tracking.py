@@ -1,0 +1,86 @@
+"""Arms follow a Fourier trajectory by computed torque under the prior, never the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..excitation import FourierTrajectory
+from ..parameters import Array
+from ..system import SecondOrderSystem
+from ..systems.multibody import Multibody
+from .driver import Driver, DriverConfig
+
+
+@dataclass(frozen=True)
+class FourierTracking(DriverConfig):
+    """Every joint tracks a random finite Fourier series.
+
+    Attributes:
+        fundamental: frequency of the first harmonic [Hz].
+        harmonics: number of harmonics.
+        reach: share of each joint's range and speed that is used, in (0, 1].
+        bandwidth: of the tracking loop [Hz].
+    """
+
+    fundamental: float = 0.1
+    harmonics: int = 5
+    reach: float = 0.8
+    bandwidth: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.reach <= 1:
+            raise InvalidInput("excitation.reach", "a share in (0, 1]", self.reach, "0.8 will do.")
+        if not (np.isfinite(self.bandwidth) and self.bandwidth > 0):
+            raise InvalidInput(
+                "excitation.bandwidth", "a frequency > 0 Hz", self.bandwidth, "2 Hz will do."
+            )
+
+    def build(
+        self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator
+    ) -> Driver:
+        """Makes the driver.
+
+        Raises:
+            InvalidInput: the system is not a tree of joints.
+        """
+        if not isinstance(system, Multibody):
+            raise InvalidInput(
+                "excitation", "an arm to track with", type(system).__name__, "Use MultisineCommand."
+            )
+        low, high = system.limits
+        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
+        trajectory = FourierTrajectory(
+            centre - half,
+            centre + half,
+            self.reach * system.scales.speed,
+            self.fundamental,
+            self.harmonics,
+            rng,
+        )
+        return _ComputedTorque(system, prior, trajectory, 2 * np.pi * self.bandwidth)
+
+
+class _ComputedTorque(Driver):
+    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e."""
+
+    def __init__(
+        self, system: Multibody, prior: Array, trajectory: FourierTrajectory, omega: float
+    ):
+        self._system, self._prior, self._trajectory = system, prior, trajectory
+        self._omega = omega
+        self._gain = prior[system.space["motor gain"]]
+        self._rest = np.zeros(system.n)
+
+    def start(self) -> tuple[Array, Array]:
+        position, velocity, _ = self._trajectory(0.0)
+        return position, velocity
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        position, velocity, acceleration = self._trajectory(t)
+        error = self._system.difference(q, self._system.position(position))
+        a = acceleration + 2 * self._omega * (velocity - v) + self._omega**2 * error
+        x = np.concatenate([q, v])
+        return self._system.regressor(t, x, v, a, self._rest) @ self._prior / self._gain

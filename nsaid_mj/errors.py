@@ -1,0 +1,111 @@
+"""What can be wrong, told as: what was expected, what came, what to do.
+
+Every error this package raises on purpose derives from `NsaidError` and carries its data as
+attributes, so that a script can act on it without reading the message.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class NsaidError(Exception):
+    """Root of all errors raised on purpose by nsaid_mj."""
+
+
+class InvalidInput(NsaidError, ValueError):
+    """A value that cannot be used.
+
+    Attributes:
+        name: what was given, as the caller knows it.
+        expected: what would have been accepted.
+        got: what came.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, name: str, expected: str, got: object, remedy: str):
+        self.name, self.expected, self.got, self.remedy = name, expected, got, remedy
+        super().__init__(f"{name}: expected {expected}, got {got}. {remedy}")
+
+
+class UnknownName(NsaidError, KeyError):
+    """A name that is in no list, with the near ones.
+
+    Attributes:
+        kind: what was looked up ("robot", "scenario").
+        name: what was asked for.
+        near: the closest valid names, best first.
+        choices: all valid names.
+    """
+
+    def __init__(self, kind: str, name: str, choices: Iterable[str], remedy: str = ""):
+        self.kind, self.name = kind, name
+        self.choices = tuple(sorted(choices))
+        self.near = tuple(difflib.get_close_matches(name, self.choices, n=5, cutoff=0.5))
+        hint = (
+            f"Did you mean {', '.join(self.near)}?"
+            if self.near
+            else f"Known: {', '.join(self.choices)}."
+        )
+        super().__init__(f"no {kind} is called {name!r}. {hint} {remedy}".rstrip())
+
+    def __str__(self) -> str:
+        return str(self.args[0])  # KeyError would print the repr
+
+
+class BadRobot(NsaidError):
+    """A robot description that cannot be simulated.
+
+    Attributes:
+        robot: its name or file.
+        part: the link or joint at fault ("" where it is the whole robot).
+        reason: what is wrong with it.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, robot: str, part: str, reason: str, remedy: str):
+        self.robot, self.part, self.reason, self.remedy = robot, part, reason, remedy
+        where = f", {part}" if part else ""
+        super().__init__(f"robot {robot}{where}: {reason}. {remedy}")
+
+
+class EnginesDisagree(NsaidError):
+    """MuJoCo and Pinocchio compute different dynamics for what should be one robot.
+
+    Attributes:
+        robot: its name.
+        link: the link at which they differ most.
+        quantity: "mass matrix" or "bias force".
+        difference: largest relative difference.
+        tolerance: what would have been accepted.
+    """
+
+    def __init__(
+        self, robot: str, link: str, quantity: str, difference: float, tolerance: float
+    ):
+        self.robot, self.link, self.quantity = robot, link, quantity
+        self.difference, self.tolerance = difference, tolerance
+        super().__init__(
+            f"robot {robot}: MuJoCo and Pinocchio differ in the {quantity} at {link} by "
+            f"{difference:.2g} (relative; at most {tolerance:.0e} is accepted). The plant would not "
+            "be the system the identifier assumes; check the link's inertia and joint in the URDF."
+        )
+
+
+class NoTruth(NsaidError):
+    """A true value was asked for where none exists or none may be read."""
+
+
+class BadRun(NsaidError):
+    """A run folder or file that cannot be read.
+
+    Attributes:
+        path: the folder or file.
+        reason: what is wrong with it.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, path: object, reason: str, remedy: str):
+        self.path, self.reason, self.remedy = path, reason, remedy
+        super().__init__(f"{path}: {reason}. {remedy}")

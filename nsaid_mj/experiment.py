@@ -1,0 +1,351 @@
+"""run(scenario) -> Run: the only time loop, and the only place where a plant meets an identifier.
+
+The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is drawn
+here, once, as the truth plus a seeded error, before the first step; nothing of the truth is read
+again until the run has ended.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .control import Driver
+from .errors import InvalidInput
+from .identifiers import Identifier, State, Status
+from .nullspace import structural
+from .parameters import Array, ParameterSpace
+from .persistence import PersistenceMonitor
+from .plants import Plant
+from .record import BATCH_SECONDS, FILE, Record, RecordWriter
+from .scenario import Scenario
+from .system import Measurement
+
+_PE_SAMPLES = 100  # regressors in a window of the online persistence levels
+_DRIFT = 1e-3  # of the conserved quantity: beyond it RK4 no longer follows the law
+
+
+class Seeds(NamedTuple):
+    """Independent streams from one seed; adding one at the end changes none before it."""
+
+    truth: np.random.SeedSequence
+    prior: np.random.SeedSequence
+    excitation: np.random.SeedSequence
+    sensors: np.random.SeedSequence
+    held_out: np.random.SeedSequence
+    structure: np.random.SeedSequence
+
+    @staticmethod
+    def of(seed: int) -> Seeds:
+        """The streams of a scenario's seed."""
+        return Seeds(*np.random.SeedSequence(seed).spawn(len(Seeds._fields)))
+
+
+@dataclass
+class Ending:
+    """How a run stands or ended.
+
+    Attributes:
+        status: in one word.
+        time: when [s of the run].
+        signal: what showed it, "" where it completed.
+    """
+
+    status: Status = Status.completed
+    time: float = 0.0
+    signal: str = ""
+
+
+@dataclass
+class Cost:
+    """Where the time went.
+
+    Attributes:
+        wall: of the whole loop [s].
+        plant: inside MuJoCo [s].
+        identifier: inside the identifier [s].
+        steps: how many were made.
+    """
+
+    wall: float = 0.0
+    plant: float = 0.0
+    identifier: float = 0.0
+    steps: int = 0
+
+
+@dataclass
+class Run:
+    """A run that has ended, with what its metrics need.
+
+    Attributes:
+        scenario: what was run.
+        folder: where its files are.
+        record: what was recorded.
+        plant: the plant, holding the truth.
+        prior: (p,) θ̂(0).
+        identifiers: by name; "" is the scenario's own.
+        statuses: how each identifier ended, by name.
+        ending: how the run ended.
+        cost: where the time went.
+    """
+
+    scenario: Scenario
+    folder: Path
+    record: Record
+    plant: Plant
+    prior: Array
+    identifiers: dict[str, Identifier]
+    statuses: dict[str, Status]
+    ending: Ending
+    cost: Cost
+
+
+class Observer:
+    """Watches a run: a progress bar, a live viewer. Does nothing by itself."""
+
+    def start(self, scenario: Scenario, plant: Plant) -> None:
+        """Called before the first step."""
+
+    def see(self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]):
+        """Called about twenty times a second of the run."""
+
+    def stop(self) -> None:
+        """Called when the run has ended, however it did."""
+
+
+def draw_prior(truth: Array, space: ParameterSpace, error: float, rng: np.random.Generator) -> Array:
+    """θ̂(0): every parameter off by up to ±error of its size.
+
+    The size of a parameter near 0 (a product of inertia) is a tenth of its scale, so that no
+    estimate starts out exact. Blocks without a sign keep theirs by chance only.
+    """
+    size = np.maximum(np.abs(truth), 0.1 * space.scale)
+    return truth + error * size * rng.uniform(-1, 1, len(truth))
+
+
+def trajectory(
+    plant: Plant,
+    driver: Driver,
+    steps: int,
+    corrupt: Callable[[Array, Array], tuple[Array, Array]] | None,
+    cost: Cost,
+) -> Iterator[Measurement]:
+    """Yields steps + 1 measurements of a driven plant; the driver sees what the sensors say."""
+    plant.reset(*driver.start())
+    for k in range(steps + 1):
+        coordinates, v = plant.coordinates()
+        if corrupt is not None:
+            coordinates, v = corrupt(coordinates, v)
+        q, t = plant.position(coordinates), k * plant.dt
+        u = driver.command(t, q, v)
+        yield Measurement(t, q, v, u)
+        if k < steps:
+            begin = time.perf_counter()
+            plant.step(u)
+            cost.plant += time.perf_counter() - begin
+
+
+def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
+    """Simulates, identifies and records.
+
+    A run that cannot go on ends early, with its status, time and signal, and all it has recorded.
+
+    Args:
+        scenario: what to run.
+        folder: where to write; it is made, and a record in it is replaced.
+        observers: who watches.
+
+    Raises:
+        NsaidError: the scenario cannot be started; nothing has been written then.
+    """
+    seeds = Seeds.of(scenario.seed)
+    plant, prior, identifiers = prepare(scenario)
+    system = plant.system
+    driver = scenario.excitation.build(system, prior, np.random.default_rng(seeds.excitation))
+    r = structural(system, prior, np.random.default_rng(seeds.structure)).r
+    folder.mkdir(parents=True, exist_ok=True)
+    writer = RecordWriter(
+        folder / FILE,
+        columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals)),
+        {
+            "scenario": scenario.to_json(),
+            "names": system.space.names,
+            "units": system.space.units,
+            "scale": system.space.scale.tolist(),
+            "r": r,
+        },
+        batch=max(1, round(BATCH_SECONDS / (scenario.dt * scenario.record_every))),
+    )
+    monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
+    loop = _Loop(scenario, plant, driver, identifiers, monitor, writer, observers)
+    begin = time.perf_counter()
+    try:
+        for observer in observers:
+            observer.start(scenario, plant)
+        loop(seeds.sensors)
+    except KeyboardInterrupt:
+        loop.ending.status = Status.interrupted
+    finally:
+        loop.cost.wall = time.perf_counter() - begin
+        writer.close()
+        for observer in observers:
+            observer.stop()
+    statuses = {name: state.status for name, state in loop.states.items()}
+    return Run(scenario, folder, Record.read(folder), plant, prior, identifiers, statuses,
+               loop.ending, loop.cost)  # fmt: skip
+
+
+def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
+    """The plant with its hidden truth, the prior (p,), and the identifiers by name."""
+    seeds = Seeds.of(scenario.seed)
+    plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
+    system = plant.system
+    prior = draw_prior(
+        plant.truth, system.space, scenario.initial_error, np.random.default_rng(seeds.prior)
+    )
+    quiet = scenario.sensors == "ideal"
+    identifiers = {
+        name: config.build(system, prior, scenario.dt, quiet)
+        for name, config in {"": scenario.identifier, **scenario.rivals}.items()
+    }
+    return plant, prior, identifiers
+
+
+def reopen(folder: Path, record: Record) -> Run:
+    """A run as its record has it; one that was cut off counts as interrupted where it stops."""
+    scenario = Scenario.from_json(record.metadata["scenario"])
+    plant, prior, identifiers = prepare(scenario)
+    end = float(record["t"][-1])
+    whole = record.complete and end >= (scenario.steps - scenario.record_every) * scenario.dt
+    status = Status.completed if whole else Status.interrupted
+    return Run(
+        scenario, folder, record, plant, prior, identifiers,
+        dict.fromkeys(identifiers, Status.completed), Ending(status, end), Cost(),
+    )  # fmt: skip
+
+
+def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, int]:
+    """The record's columns and their widths."""
+    own = {"t": 0, "q": m, "v": n, "u": n_u, "pivot": 0, "pe": 0, "pe_perp": 0}
+    estimates = {"v_hat": n, "theta_hat": p}
+    for name in rivals:
+        estimates |= {f"v_hat_{name}": n, f"theta_hat_{name}": p}
+    return own | estimates
+
+
+@dataclass
+class _Loop:
+    scenario: Scenario
+    plant: Plant
+    driver: Driver
+    identifiers: dict[str, Identifier]
+    monitor: PersistenceMonitor
+    writer: RecordWriter
+    observers: tuple[Observer, ...]
+    states: dict[str, State] = field(default_factory=dict)
+    ending: Ending = field(default_factory=Ending)
+    cost: Cost = field(default_factory=Cost)
+
+    def __call__(self, sensor_seed: np.random.SeedSequence) -> None:
+        scenario, plant, cost = self.scenario, self.plant, self.cost
+        rng = np.random.default_rng(sensor_seed)
+        corrupt = None
+        if scenario.sensors == "noisy":
+            corrupt = lambda position, v: scenario.noise.corrupt(position, v, rng)  # noqa: E731
+        states = self.states
+        conserved: dict[str, float] = {}
+        watch = max(1, round(0.05 / scenario.dt))
+        check = max(1, round(BATCH_SECONDS / scenario.dt))
+        excite = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
+        previous: Measurement | None = None
+        with plant.running():
+            for k, now in enumerate(trajectory(plant, self.driver, scenario.steps, corrupt, cost)):
+                self.ending.time = now.t
+                if self._bad(now):
+                    return
+                begin = time.perf_counter()
+                if previous is None:
+                    states |= {name: law.init(now) for name, law in self.identifiers.items()}
+                    conserved = {name: float(law.conserved(states[name].theta_hat))
+                                 for name, law in self.identifiers.items()}  # fmt: skip
+                else:
+                    for name, law in self.identifiers.items():
+                        if states[name].status is Status.completed:
+                            states[name] = law.step(states[name], previous, now)
+                    if states[""].status is not Status.completed:
+                        self._end(states[""].status, f"pivot {states[''].pivot:.3g}")
+                        return
+                cost.identifier += time.perf_counter() - begin
+                cost.steps = k
+                if k % excite == 0:
+                    self._excite(states[""], excite)
+                if k % scenario.record_every == 0:
+                    self._record(now, states)
+                if k % check == 0 and self._drifted(states, conserved):
+                    return
+                if k % watch == 0:
+                    levels = self.monitor.level, self.monitor.level_perp
+                    for observer in self.observers:
+                        observer.see(now, states, levels)
+                previous = now
+
+    def _bad(self, now: Measurement) -> bool:
+        """Ends the run where the plant has diverged or a measurement is not finite."""
+        signal = self.plant.diverged
+        if signal:
+            self._end(Status.plant_diverged, signal)
+            return True
+        for name, value in (("u", now.u), ("q", now.q), ("v", now.v)):
+            if not np.isfinite(value.sum()):
+                self._end(Status.measurement_not_finite, name)
+                return True
+        return False
+
+    def _end(self, status: Status, signal: str) -> None:
+        self.ending.status, self.ending.signal = status, signal
+
+    def _excite(self, state: State, stride: int) -> None:
+        _, W, _ = state.instant.evaluate(state.v_hat, state.theta_hat)
+        self.monitor.add(W * self.plant.system.space.scale, stride * self.scenario.dt)
+
+    def _record(self, now: Measurement, states: dict[str, State]) -> None:
+        estimates = [part for s in states.values() for part in (s.v_hat, s.theta_hat)]
+        own = states[""]
+        pivot = own.pivot if np.isfinite(own.pivot) else 0.0
+        self.writer.append(
+            now.t, now.q, now.v, now.u, pivot, self.monitor.level, self.monitor.level_perp,
+            *estimates,
+        )  # fmt: skip
+
+    def _drifted(self, states: dict[str, State], conserved: dict[str, float]) -> bool:
+        for name, law in self.identifiers.items():
+            now = float(law.conserved(states[name].theta_hat))
+            if law.conserves and not abs(now / conserved[name] - 1) <= _DRIFT:
+                states[name] = states[name]._replace(status=Status.adaptation_too_fast)
+        if states[""].status is Status.adaptation_too_fast:
+            self._end(Status.adaptation_too_fast, "theta_hat")
+            return True
+        return False
+
+
+def held_out(run: Run) -> Record:
+    """Drives a run's plant along another trajectory, without identifying.
+
+    Raises:
+        InvalidInput: the plant diverges on it.
+    """
+    scenario, plant = run.scenario, run.plant
+    seed = Seeds.of(scenario.seed).held_out
+    driver = scenario.excitation.build(plant.system, run.prior, np.random.default_rng(seed))
+    steps = max(2, round(scenario.held_out / scenario.dt))
+    with plant.running():
+        rows = list(trajectory(plant, driver, steps, None, Cost()))
+        if plant.diverged:
+            raise InvalidInput("held_out", "a plant that does not diverge", plant.diverged, "Take a smaller dt.")
+    t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))
+    return Record({"t": t, "q": q, "v": v, "u": u}, {}, True)

@@ -1,0 +1,83 @@
+"""From a run that has ended to its folder's files and a few lines on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from . import metrics, recording, report
+from .errors import BadRun
+from .experiment import Run, reopen
+from .record import Record
+
+SUMMARY, SCENARIO = "summary.json", "scenario.json"
+
+
+def finish(run: Run, progress: bool = False) -> dict[str, Any]:
+    """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
+
+    Args:
+        run: a run that has ended, however it did.
+        progress: say on the terminal what is being done.
+    """
+    with Console(stderr=True, quiet=not progress).status("judging the estimate"):
+        summary = metrics.summarize(run)
+        metrics.write_json(run.folder / SUMMARY, summary)
+        metrics.write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+    with Console(stderr=True, quiet=not progress).status("writing recording and report"):
+        recording.write(run, summary)
+        report.write(run, summary)
+    return summary
+
+
+def rebuild(folder: Path) -> dict[str, Any]:
+    """Finishes a run from its record alone, such as one that was killed.
+
+    Raises:
+        BadRun: the folder has no readable record, or one with less than two rows.
+    """
+    record = Record.read(folder)
+    if len(record) < 2:
+        raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
+    return finish(reopen(folder, record), progress=True)
+
+
+def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
+    """Prints what a run has found, and where its files are."""
+    console = Console(highlight=False)
+    ended = summary["status"]
+    console.print(
+        f"[bold]{name}[/bold]: {ended}, {summary['sim_s']:.4g} s simulated in "
+        f"{summary['wall_s']:.1f} s ({summary['real_time_factor']:.1f} × real time)"
+    )
+    if ended != "completed":
+        at = f"at t = {summary['status_time']:.4g} s"
+        signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
+        console.print(f"  [red]ended early[/red] {at}{signal}. {summary['status_remedy']}")
+    identifiers = {"NS-AID": summary, **summary["rivals"]}
+    table = Table(box=None, pad_edge=False, padding=(0, 2))
+    table.add_column("")
+    for identifier in identifiers:
+        table.add_column(identifier, justify="right")
+    for label, key, digits in (
+        ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at first", "theta_perp_ratio_initial", "{:.3g}"),
+        ("… at the end", "theta_perp_ratio", "{:.3g}"),
+        ("largest error of an actuator's share", "actuator_ratio_error", "{:.2%}"),
+        ("force residual on another trajectory", "force_residual_ratio", "{:.2%}"),
+        ("rms Δv over the last tenth", "velocity_error_rms", "{:.2g}"),
+    ):
+        table.add_row("  " + label, *(digits.format(s[key]) for s in identifiers.values()))
+    console.print(table)
+    r, p = summary["r"], summary["p"]
+    console.print(f"  {p - r} of {p} directions of θ can be known; {r} cannot, among them:")
+    for line in summary["unobservable"][:3]:
+        console.print(f"    {line['direction']}", soft_wrap=True)
+    if r > 3:
+        console.print(f"    … and {r - 3} more, in {folder / SUMMARY}")
+    console.print(
+        f"  recording  {folder / recording.FILE}   (nsaid view {folder})\n"
+        f"  report     {folder / report.FILE}"
+    )

@@ -1,0 +1,8 @@
+"""Identifiers: one file per law, over one engine. numpy and numba only."""
+
+from .base import Identifier as Identifier
+from .base import IdentifierConfig as IdentifierConfig
+from .base import State as State
+from .base import Status as Status
+from .conventional import ConventionalAID as ConventionalAID
+from .nullspace_aid import NullspaceAID as NullspaceAID

@@ -1,0 +1,98 @@
+"""What an identifier is: two pure functions over a state, and the ways a run can end."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+from ..parameters import Array
+from ..system import Instant, Measurement, SecondOrderSystem
+
+
+class Status(Enum):
+    """How a run stands or ended, in words, with what to do about it."""
+
+    completed = "completed", ""
+    plant_diverged = (
+        "plant diverged",
+        "The simulation left the physical world: take a smaller dt, or a gentler excitation.",
+    )
+    estimate_not_positive_definite = (
+        "estimated mass matrix not positive definite",
+        "Assumption (46) failed: take a smaller identifier gain, or a better initial estimate.",
+    )
+    adaptation_too_fast = (
+        "conserved quantity drifted by more than 1e-3",
+        "The adaptation is too fast for RK4 at this dt: take a smaller identifier gain or dt.",
+    )
+    measurement_not_finite = (
+        "measurement not finite",
+        "A sensor gave NaN or infinity: see the named signal at the named time.",
+    )
+    interrupted = "interrupted", "Stopped by the user; what was recorded until then is complete."
+
+    def __init__(self, words: str, remedy: str):
+        self.words, self.remedy = words, remedy
+
+
+class State(NamedTuple):
+    """An identifier's whole memory.
+
+    Attributes:
+        t: time [s].
+        v_hat: (n,) velocity of the identification plant.
+        theta_hat: (p,) estimate.
+        pivot: smallest pivot of M̂'s Cholesky factorisation in the last step; > 0 where M̂ is
+            positive definite.
+        status: `completed` as long as the estimate may go on.
+        instant: the system at the last measured state, to be used again by the next step.
+    """
+
+    t: float
+    v_hat: Array
+    theta_hat: Array
+    pivot: float
+    status: Status
+    instant: Instant
+
+
+class Identifier(ABC):
+    """An adaptive identifier of a system's θ. Same input, same bits.
+
+    Attributes:
+        system: the structure it knows.
+        conserves: whether its conserved quantity exists.
+    """
+
+    system: SecondOrderSystem
+    conserves: bool
+
+    @abstractmethod
+    def init(self, first: Measurement) -> State:
+        """The state at the first measurement, with Δv = 0."""
+
+    @abstractmethod
+    def step(self, state: State, previous: Measurement, following: Measurement) -> State:
+        """The state at the following measurement; the command is held in between."""
+
+    @abstractmethod
+    def conserved(self, theta_hat: Array) -> Array:
+        """(...,) the law's conserved quantity for estimates (..., p); constant along a run."""
+
+
+@dataclass(frozen=True)
+class IdentifierConfig(ABC):
+    """An identifier as data; `build` makes the thing itself."""
+
+    @abstractmethod
+    def build(self, system: SecondOrderSystem, prior: Array, dt: float, quiet: bool) -> Identifier:
+        """Makes the identifier.
+
+        Args:
+            system: the structure it knows.
+            prior: (p,) θ̂(0).
+            dt: time between measurements [s].
+            quiet: whether positions are exact enough to be differentiated.
+        """

@@ -1,0 +1,72 @@
+"""Conventional adaptive identification: some parameters are taken as known.
+
+The same law with the known parameters held: W θ̂ = W_free θ̂_free − (the part taken as known), so
+(44) and (45) with Γ = 0 on the held ones is the textbook identifier whose τ(u) is a known signal.
+Holding the mass of (16) at 1 gives the identifier of the reduced form (17).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InvalidInput, UnknownName
+from ..parameters import Array, ParameterSpace
+from ..system import SecondOrderSystem
+from .base import Identifier, IdentifierConfig
+from .nullspace_aid import NullspaceIdentifier
+
+
+@dataclass(frozen=True)
+class ConventionalAID(IdentifierConfig):
+    """Adaptive identification that takes parameters as known.
+
+    Attributes:
+        K: gain of the identification plant [1/s].
+        gain: adaptation gain γ; Γ = γ diag(scale²) on the free parameters.
+        known: blocks or parameters held at their prior; "actuators" is every actuator block.
+    """
+
+    K: float = 20.0
+    gain: float = 1.0
+    known: tuple[str, ...] = ("actuators",)
+
+    def build(self, system: SecondOrderSystem, prior: Array, dt: float, quiet: bool) -> Identifier:
+        """Makes the identifier; `known` parameters stay at their prior."""
+        held = known_mask(system.space, self.known)
+        return NullspaceIdentifier(
+            system,
+            K=np.full(system.n, self.K),
+            Gamma=np.where(held, 0.0, self.gain * system.space.scale**2),
+            prior=prior,
+            dt=dt,
+            hermite=quiet,
+            held=held,
+        )
+
+
+def known_mask(space: ParameterSpace, known: tuple[str, ...]) -> np.ndarray:
+    """(p,) which parameters the names speak of.
+
+    Raises:
+        UnknownName: a name is neither a block nor a parameter.
+        InvalidInput: all parameters are held, or none.
+    """
+    held = np.zeros(len(space), dtype=bool)
+    blocks = {block.name: place for block, place in space}
+    for name in known:
+        if name == "actuators":
+            held[space.actuators] = True
+        elif name in blocks:
+            held[blocks[name]] = True
+        elif name in space.names:
+            held[space.index(name)] = True
+        else:
+            raise UnknownName("parameter or block", name, ["actuators", *blocks, *space.names])
+    if held.all() or not held.any():
+        raise InvalidInput(
+            "known", "some parameters but not all", f"{held.sum()} of {len(space)}",
+            'Name what is known, e.g. ("actuators",).',
+        )  # fmt: skip
+    return held

@@ -1,0 +1,68 @@
+"""Compiled linear algebra on the small matrices of one stage. No fastmath: NaN stays visible."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def cholesky(M, L):
+    """Factorises M = L Lᵀ, reading M's lower triangle; returns the smallest pivot.
+
+    The pivot is not > 0 (it may be NaN) where M is not positive definite, and L is then unfinished.
+    """
+    n = M.shape[0]
+    smallest = np.inf
+    for j in range(n):
+        pivot = M[j, j]
+        for k in range(j):
+            pivot -= L[j, k] * L[j, k]
+        if not pivot > 0.0:
+            return pivot
+        smallest = min(smallest, pivot)
+        L[j, j] = np.sqrt(pivot)
+        for i in range(j + 1, n):
+            s = M[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = s / L[j, j]
+    return smallest
+
+
+@njit(cache=True)
+def solve(L, b):
+    """x (n,) with L Lᵀ x = b."""
+    n = b.shape[0]
+    x = b.copy()
+    for i in range(n):
+        for k in range(i):
+            x[i] -= L[i, k] * x[k]
+        x[i] /= L[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= L[k, i] * x[k]
+        x[i] /= L[i, i]
+    return x
+
+
+@njit(cache=True)
+def times(gain, vector):
+    """A gain given by its diagonal (k,) or whole (k, k), times a vector (k,)."""
+    if gain.ndim == 1:
+        return gain * vector
+    return np.dot(gain, vector)
+
+
+@njit(cache=True)
+def evaluate(mass_tensor, W_C, F, theta):
+    """â of (29), W of (10, 31) and M̂'s smallest pivot, from M(x, θ) = mass_tensor · θ."""
+    n, _, p = mass_tensor.shape
+    M_hat = np.dot(mass_tensor.reshape(n * n, p), theta).reshape(n, n)  # (8)
+    L = np.zeros((n, n))
+    W = W_C - F
+    pivot = cholesky(M_hat, L)
+    if not pivot > 0.0:
+        return np.full(n, np.nan), W, pivot
+    a_hat = solve(L, -np.dot(W, theta))  # (29)
+    return a_hat, np.dot(a_hat, mass_tensor.reshape(n, n * p)).reshape(n, p) + W, pivot  # (10)

@@ -1,0 +1,235 @@
+"""What a run's numbers are: read the truth after the fact, judge, write summary.json."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .experiment import Run, Seeds, held_out
+from .identifiers import Identifier
+from .nullspace import Nullspace, directions, split, structural
+from .parameters import Array
+from .persistence import level
+from .record import Record
+from .system import SecondOrderSystem
+
+_PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
+_ROWS = 2000  # how many rows of a trajectory judge a force residual
+_WINDOW_ROWS = 100  # how many regressors judge one window's excitation
+
+
+def summarize(run: Run) -> dict[str, Any]:
+    """Every key of a run's summary.json.
+
+    Args:
+        run: a run that has ended, however it did.
+    """
+    scenario, record, system = run.scenario, run.record, run.plant.system
+    scale, truth = system.space.scale, run.plant.truth
+    nullspace = structural(system, truth, np.random.default_rng(Seeds.of(scenario.seed).structure))
+    later = held_out(run)
+    law = run.identifiers[""]
+    own = judge(run, "", nullspace, later)
+    V = lyapunov(system, law, record, truth)
+    rises, bound = lyapunov_rises(V, law, record)
+    conserved = law.conserved(record["theta_hat"])
+    levels = persistence_levels(run, nullspace)
+    excited = excited_nullspace(run)
+    told = directions(nullspace, system.space)
+    margin, least_mass = assumption_46(run)
+    cost, sim = run.cost, float(record["t"][-1])
+    steps = max(run.cost.steps, 1)
+    return {
+        "status": run.ending.status.words,
+        "status_time": run.ending.time,
+        "status_signal": run.ending.signal,
+        "status_remedy": run.ending.status.remedy,
+        "n": system.n,
+        "p": system.p,
+        "r": nullspace.r,
+        "r_excited": excited.r,
+        "rank_tolerance": nullspace.tolerance,
+        "rank_gap": [float(s) for s in nullspace.gap],
+        **own,
+        "conserved_drift": float(np.max(np.abs(conserved / conserved[0] - 1)))
+        if law.conserves
+        else None,
+        "lyapunov_violations": int(np.count_nonzero(rises > bound)),
+        "lyapunov_largest_rise": float(rises.max(initial=0.0) / V[0]),
+        "lyapunov_bound": float(np.max(bound, initial=0.0) / V[0]),
+        "pe_level": levels[0],
+        "pe_level_perp": levels[1],
+        "assumption_46_margin": margin,
+        "least_mass_eigenvalue": least_mass,
+        "least_estimated_pivot": float(record["pivot"][1:].min()),
+        "law": "paper",
+        "gamma": "scale",
+        "sensors": scenario.sensors,
+        "unobservable": [{"direction": d.words, "fix": d.fix} for d in told],
+        "rivals": {
+            name: judge(run, name, nullspace, later) | {"status": run.statuses[name].words}
+            for name in record.rivals
+        },
+        "parameters": [
+            {"name": name, "unit": unit, "scale": float(s), "true": float(t), "prior": float(a),
+             "estimate": float(b)}
+            for name, unit, s, t, a, b in zip(system.space.names, system.space.units, scale, truth,
+                                              run.prior, record["theta_hat"][-1], strict=True)
+        ],
+        "wall_s": cost.wall,
+        "sim_s": sim,
+        "real_time_factor": sim / cost.wall if cost.wall else 0.0,
+        "identifier_us_per_step": 1e6 * cost.identifier / steps,
+        "plant_us_per_step": 1e6 * cost.plant / steps,
+        "seed": scenario.seed,
+        "versions": versions(),
+        "scenario_hash": scenario.hash,
+    }  # fmt: skip
+
+
+def judge(run: Run, name: str, nullspace: Nullspace, later: Record) -> dict[str, Any]:
+    """How near one identifier's last estimate is to the true set, and how well it predicts."""
+    suffix = f"_{name}" if name else ""
+    record, system, truth = run.record, run.plant.system, run.plant.truth
+    theta = record[f"theta_hat{suffix}"]
+    ratio = nullspace.ratio(theta[[0, -1]] / system.space.scale)
+    dv = record[f"v_hat{suffix}"] - record["v"]
+    return {
+        "theta_perp_ratio": float(ratio[1]),
+        "theta_perp_ratio_initial": float(ratio[0]),
+        "actuator_ratio_error": actuator_ratio_error(system, theta[-1], truth),
+        "force_residual_ratio": force_residual_ratio(system, later, theta[-1], truth),
+        "velocity_error_rms": float(np.sqrt(np.mean(dv[-max(1, len(dv) // 10) :] ** 2))),
+    }
+
+
+def actuator_ratio_error(system: SecondOrderSystem, theta_hat: Array, truth: Array) -> float:
+    """max |(k̂_i/k_i)/mean(k̂/k) − 1| over the actuator parameters; 0 where there is only one."""
+    ratio = theta_hat[system.space.actuators] / truth[system.space.actuators]
+    return float(np.max(np.abs(ratio / np.mean(ratio) - 1))) if len(ratio) > 1 else 0.0
+
+
+def force_residual_ratio(
+    system: SecondOrderSystem, later: Record, theta_hat: Array, truth: Array
+) -> float:
+    """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂."""
+    t, x, v, u = _states(later, max(1, len(later) // _ROWS))
+    a = system.acceleration(t, x, v, u, truth)
+    residual = system.regressor(t, x, v, a, u) @ theta_hat
+    k = system.space.actuators
+    force = system.F(t, x, u)[..., k] @ theta_hat[k]
+    return float(np.sqrt(np.mean(residual**2) / np.mean(force**2)))
+
+
+def lyapunov(system: SecondOrderSystem, law: Identifier, record: Record, truth: Array) -> Array:
+    """(N,) V = ½ Δvᵀ M(x, θ) Δv + ½ Δθᵀ Γ⁻¹ Δθ (66), with the true θ.
+
+    Parameters that an identifier holds do not count: they have no Γ⁻¹.
+    """
+    dv = record["v_hat"] - record["v"]
+    x = np.hstack([record["q"], record["v"]])
+    kinetic = np.einsum("ki,ki->k", dv, system.W_M(x, dv) @ truth)
+    return 0.5 * kinetic + 0.5 * law.conserved(record["theta_hat"] - truth)
+
+
+def lyapunov_rises(V: Array, law: Identifier, record: Record) -> tuple[Array, Array]:
+    """By how much V rose from each row to the next, and what the integrator may be blamed for.
+
+    Returns:
+        (N−1,) rises, ≤ 0 where V fell; (N−1,) bounds.
+
+    V̇ = −Δvᵀ M K Δv ≤ 0 (69) holds for the exact flow. RK4 makes an error in each step; the same
+    error shows in θ̂ᵀ Γ⁻¹ θ̂, which (30) conserves exactly and which is half of V's second term
+    but for Δθ in place of θ̂. The bound is that measured defect over the run, per row, plus the
+    rounding of V itself.
+    """
+    conserved = law.conserved(record["theta_hat"])
+    defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
+    rounding = 8 * np.finfo(float).eps * np.maximum(V[1:], conserved[1:])
+    return np.diff(V), defect + rounding
+
+
+def persistence_levels(run: Run, nullspace: Nullspace) -> tuple[float, float]:
+    """Smallest ε₀ of (2) for W(t, x, v̂, θ̂) and of (75) over the run's full windows; 0 without one."""
+    scenario, record, system = run.scenario, run.record, run.plant.system
+    rows = round(scenario.pe_window / (scenario.dt * scenario.record_every))
+    stride = max(1, rows // _WINDOW_ROWS)
+    dt = stride * scenario.record_every * scenario.dt
+    t, x, v, u = _states(record, stride)
+    v_hat, theta_hat = record["v_hat"][::stride], record["theta_hat"][::stride]
+    per_window = rows // stride
+    full: list[float] = []
+    perpendicular: list[float] = []
+    for start in range(0, len(t) - per_window + 1, per_window):
+        k = slice(start, start + per_window)
+        a = system.acceleration(t[k], x[k], v[k], u[k], run.plant.truth)
+        W = system.regressor(t[k], x[k], v[k], a, u[k]) * system.space.scale
+        perpendicular.append(level(W, dt, nullspace.P_perp))
+        a_hat = np.array([system.acceleration(*sample) for sample in
+                          zip(t[k], x[k], v_hat[k], u[k], theta_hat[k], strict=True)])  # fmt: skip
+        full.append(level(system.regressor(t[k], x[k], v_hat[k], a_hat, u[k]) * system.space.scale, dt))
+    return (min(full), min(perpendicular)) if full else (0.0, 0.0)
+
+
+def excited_nullspace(run: Run) -> Nullspace:
+    """The directions that this run's own motion has left unexcited."""
+    system = run.plant.system
+    t, x, v, u = _states(run.record, max(1, len(run.record) // _ROWS))
+    a = system.acceleration(t, x, v, u, run.plant.truth)
+    W = system.regressor(t, x, v, a, u) * system.space.scale
+    return split(W.reshape(-1, system.p))
+
+
+def assumption_46(run: Run) -> tuple[float | None, float]:
+    """The margin of (46), negative where it fails, and λ_min(M(x, θ)) over the run.
+
+    (46) asks for √(λ_max(Γ) Δθ(t₀)ᵀ Γ⁻¹ Δθ(t₀)) + ε ≤ λ_min(M(x, θ)), which mixes units: it is
+    evaluated as it stands, in SI units. Without it M̂ may lose definiteness; most runs do without.
+    """
+    law, system = run.identifiers[""], run.plant.system
+    _, x, _, _ = _states(run.record, max(1, len(run.record) // 200))
+    least = float(np.linalg.eigvalsh(system.mass_matrix(x, run.plant.truth)).min())
+    if not law.conserves:
+        return None, least
+    error = law.conserved(run.prior - run.plant.truth)
+    gain = getattr(law, "Gamma")  # noqa: B009 (not every law has a constant one)
+    largest = gain.max() if gain.ndim == 1 else np.linalg.eigvalsh(gain)[-1]
+    return float(least - np.sqrt(largest * error)), least
+
+
+def versions() -> dict[str, str]:
+    """What a run depends on beside its scenario."""
+    own = {"nsaid-mj": version("nsaid-mj"), "python": platform.python_version()}
+    return own | {name: version(name) for name in _PACKAGES}
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Writes JSON, whole or not at all.
+
+    Raises:
+        ValueError: a number is NaN or infinite.
+    """
+    write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes under another name, syncs and renames: a file is whole or not there."""
+    partial = path.with_name(f".{path.name}.part")
+    with partial.open("w", encoding="utf-8") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    partial.replace(path)
+
+
+def _states(record: Record, stride: int) -> tuple[Array, Array, Array, Array]:
+    """(t, x, v, u) of every stride-th row."""
+    k = slice(None, None, stride)
+    v = record["v"][k]
+    return record["t"][k], np.hstack([record["q"][k], v]), v, record["u"][k]

@@ -1,0 +1,259 @@
+"""The persistent nullspace P_s(θ): its basis, its rank, its directions in words.
+
+All coordinates are θ_s = θ/scale. Rank is decided in one place, `split`, by the singular values of
+the row-normalised stack of W·diag(scale) over many samples: normalising a row changes no
+nullspace, and lets a wrist's newton-metre count as much as a shoulder's. Eigenvalues of the
+Gramian WᵀW would square the condition number, and are not used for rank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from .errors import InvalidInput
+from .parameters import Array, ParameterSpace
+from .system import SecondOrderSystem
+
+TOLERANCE = 1e-8
+"""Singular values below this share of the largest count as 0. Over the robots of
+example-robot-data the smallest one that counts is 3e-7, the largest one that does not 6e-11 (URDFs
+whose axes are off parallel by a rounded π/2); `Nullspace.gap` shows both for any system."""
+
+_SMALL = 1e-6  # a weight below this share of the leading one is not told
+_SAME = 1e-7  # rows of P̄ closer than this in angle belong to one direction
+
+
+@dataclass(frozen=True)
+class Nullspace:
+    """A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
+
+    Attributes:
+        P: (p, r) orthonormal basis of P_s(θ), P̄ (33).
+        P_perp: (p, p−r) orthonormal basis of P_⊥(θ), P̄_⊥ (35).
+        singular_values: (p,) of the stack, largest first, relative to the largest.
+        tolerance: below which they count as 0.
+    """
+
+    P: Array
+    P_perp: Array
+    singular_values: Array
+    tolerance: float
+
+    @property
+    def r(self) -> int:
+        """dim P_s(θ)."""
+        return self.P.shape[1]
+
+    @property
+    def Q(self) -> Array:
+        """(p, p) orthogonal change of basis [P̄ P̄_⊥] (36)."""
+        return np.hstack([self.P, self.P_perp])
+
+    @property
+    def gap(self) -> tuple[float, float]:
+        """Smallest singular value that counts, largest that does not (0 where there is none)."""
+        rank = len(self.singular_values) - self.r
+        s = self.singular_values
+        return (s[rank - 1] if rank else 0.0, s[rank] if self.r else 0.0)
+
+    def coordinates(self, theta_s: Array) -> tuple[Array, Array]:
+        """θ̄_P (..., r) and θ̄_P⊥ (..., p−r) of θ/scale (..., p) (40)."""
+        return theta_s @ self.P, theta_s @ self.P_perp
+
+    def ratio(self, theta_s: Array) -> Array:
+        """(...,) ‖θ̄_P⊥‖/‖θ_s‖: 0 on the true set, 1 at right angles to it."""
+        _, perpendicular = self.coordinates(theta_s)
+        length = np.linalg.norm(theta_s, axis=-1)
+        return np.linalg.norm(perpendicular, axis=-1) / np.where(length > 0, length, np.inf)
+
+
+def split(stack: Array, tolerance: float = TOLERANCE) -> Nullspace:
+    """The nullspace of a stack of regressors, and its complement: the one rank decision.
+
+    Args:
+        stack: (N, p) rows of W·diag(scale).
+        tolerance: singular values below this share of the largest count as 0.
+
+    Raises:
+        InvalidInput: the stack is empty or not finite.
+    """
+    if stack.ndim != 2 or not len(stack) or not np.isfinite(stack).all():
+        raise InvalidInput("stack", "finite rows (N, p)", f"shape {stack.shape}", "Record longer.")
+    length = np.linalg.norm(stack, axis=1)
+    rows = stack[length > 0] / length[length > 0, None]
+    if len(rows) < rows.shape[1]:
+        rows = np.vstack([rows, np.zeros((rows.shape[1] - len(rows), rows.shape[1]))])
+    R = np.linalg.qr(rows, mode="r")  # same singular values and right vectors, p rows only
+    _, s, Vt = scipy.linalg.svd(R, lapack_driver="gesvd")  # gesdd may fail to converge
+    s = s / s[0] if s[0] > 0 else s
+    rank = int(np.count_nonzero(s > tolerance))
+    return Nullspace(Vt[rank:].T, Vt[:rank].T, s, tolerance)
+
+
+def structural(
+    system: SecondOrderSystem, theta: Array, rng: np.random.Generator, samples: int | None = None
+) -> Nullspace:
+    """P_s(θ) over all motions: from random states, with v̇ of (20) under θ.
+
+    Args:
+        system: the structure.
+        theta: (p,) a parameter with M(x, θ) positive definite.
+        rng: source of the states.
+        samples: how many; None takes rows for ten times p.
+    """
+    count = samples or max(20, 10 * system.p // system.n)
+    states = [system.random_state(rng) for _ in range(count)]
+    q, v, u = (np.array(part) for part in zip(*states, strict=True))
+    x = np.hstack([q, v])
+    t = rng.uniform(0, 1, count)
+    a = system.acceleration(t, x, v, u, theta)
+    W = system.regressor(t, x, v, a, u) * system.space.scale
+    return split(W.reshape(-1, system.p))
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One direction of P_s(θ), told to a roboticist.
+
+    Attributes:
+        words: what may change without anybody seeing it.
+        parameters: names of the parameters involved, the leading one first.
+        weights: their changes, in θ/scale, the leading one 1; empty for a common scale.
+        fix: what one known number would fix.
+    """
+
+    words: str
+    parameters: tuple[str, ...]
+    weights: tuple[float, ...]
+    fix: str
+
+
+def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
+    """The directions of P_s(θ) in words: common scales first, then the others, sparse.
+
+    Two parameters whose rows of P̄ are parallel can only change together: they share a scale. Each
+    group that holds actuators is one common scale. What P_s leaves when these groups are held
+    still is told as one leading parameter traded against few others.
+    """
+    P = nullspace.P
+    found: list[Direction] = []
+    groups = _groups(P, space.actuators)
+    for group in groups:
+        found.append(_scale(group, space))
+    held = np.concatenate(groups) if groups else np.zeros(0, dtype=np.intp)
+    rest = P @ _null(P[held]) if len(held) else P
+    pivots = _pivots(rest, _preference(space))
+    if len(pivots):
+        sparse = _sparsen(rest @ np.linalg.inv(rest[pivots]), pivots)
+        for column, pivot in enumerate(pivots):
+            found.append(_trade(sparse[:, column], pivot, space))
+    return found
+
+
+def _groups(P: Array, actuators: Array) -> list[Array]:
+    """For the actuators: sets of parameters whose rows of P̄ are parallel."""
+    length = np.linalg.norm(P, axis=1)
+    unit = P / np.where(length > 1e-9, length, np.inf)[:, None]
+    groups: list[Array] = []
+    for i in actuators:
+        if length[i] > 1e-9 and not any(i in group for group in groups):
+            cosine = np.abs(unit @ unit[i])
+            groups.append(np.flatnonzero(cosine > 1 - _SAME))
+    return groups
+
+
+def _null(rows: Array) -> Array:
+    """Orthonormal basis (r, k) of what the rows (m, r) do not see."""
+    _, s, Vt = np.linalg.svd(rows)
+    return Vt[int(np.count_nonzero(s > 1e-7)) :].T
+
+
+def _preference(space: ParameterSpace) -> list[int]:
+    """Which parameters are told as the leading one: distal links first, masses first."""
+    return sorted(
+        range(len(space)), key=lambda i: (space.names[i][0] != "m", -_block_number(space, i), i)
+    )
+
+
+def _block_number(space: ParameterSpace, i: int) -> int:
+    return next(k for k, (_, place) in enumerate(space) if place.start <= i < place.stop)
+
+
+def _pivots(rest: Array, preference: list[int]) -> list[int]:
+    """Parameters that span `rest` (p, k) by themselves, preferred ones first."""
+    pivots: list[int] = []
+    left = rest.copy()
+    for threshold in (0.3, 0.03, 1e-4):
+        for i in preference:
+            if len(pivots) == rest.shape[1]:
+                return pivots
+            length = np.linalg.norm(left[i])
+            if i not in pivots and length > threshold:
+                pivots.append(i)
+                unit = left[i] / length
+                left = left - np.outer(left @ unit, unit)
+    return pivots
+
+
+def _sparsen(basis: Array, pivots: list[int]) -> Array:
+    """Combines pairs of columns (p, k) as long as that leaves fewer parameters, or more basal ones.
+
+    Column c keeps its pivot's weight at 1.
+    """
+    basis = np.where(np.abs(basis) > _SMALL, basis, 0.0)
+    improved = True
+    while improved:
+        improved = False
+        for c, pivot in enumerate(pivots):
+            for d in range(len(pivots)):
+                shared = np.flatnonzero((basis[:, c] != 0) & (basis[:, d] != 0))
+                if c == d or not len(shared):
+                    continue
+                ratios = basis[shared, c] / basis[shared, d]
+                ratio = min(ratios, key=lambda r: -np.isclose(ratios, r).sum())
+                candidate = basis[:, c] - ratio * basis[:, d]
+                candidate[np.abs(candidate) < _SMALL] = 0.0
+                if _cost(candidate) < _cost(basis[:, c]) and abs(candidate[pivot]) > 1e-3:
+                    basis[:, c] = candidate / candidate[pivot]
+                    improved = True
+    return basis
+
+
+def _cost(column: Array) -> tuple[int, int]:
+    """Few parameters first, then those near the base."""
+    involved = np.flatnonzero(column)
+    return len(involved), int(involved.sum())
+
+
+def _scale(group: Array, space: ParameterSpace) -> Direction:
+    chosen = set(group.tolist())
+    parts = []
+    for block, place in space:
+        inside = [i for i in range(place.start, place.stop) if i in chosen]
+        if len(inside) == len(block):
+            parts.append(f"{block.name}s" if len(block) > 1 and block.geometry != "pseudo_inertia"
+                         else block.name)  # fmt: skip
+        elif inside:
+            parts.append(", ".join(space.names[i] for i in inside))
+    names = tuple(space.names[i] for i in group)
+    return Direction(
+        f"common scale of {'; '.join(parts)} ({len(group)} of {len(space)} parameters)",
+        names,
+        (),
+        f"one known number among these, e.g. {names[-1]}, fixes all {len(names)}",
+    )
+
+
+def _trade(weights: Array, pivot: int, space: ParameterSpace) -> Direction:
+    others = [i for i in np.argsort(-np.abs(weights)) if i != pivot and abs(weights[i]) > _SMALL]
+    lead = space.names[pivot]
+    names = (lead, *(space.names[i] for i in others))
+    if not others:
+        words, fix = f"{lead} alone: it has no effect on the motion", f"only knowing {lead} itself"
+    else:
+        words = f"{lead} against {', '.join(names[1:])}"
+        fix = f"one known number among these, e.g. {lead}, fixes this trade"
+    return Direction(words, names, (1.0, *(float(weights[i]) for i in others)), fix)

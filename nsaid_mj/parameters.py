@@ -1,0 +1,162 @@
+"""Names, units, scale and geometry of θ.
+
+A `ParameterSpace` is an ordered tuple of blocks. `scale` is what an engineer would guess of each
+parameter's size before any measurement; every norm, rank and projection in this package is taken
+in θ_s = θ/scale, so that kilograms and newton-metres compare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InvalidInput, UnknownName
+
+Array = NDArray[np.float64]
+Geometry = Literal["free", "positive", "pseudo_inertia", "spd"]
+
+_SIZES = {"pseudo_inertia": 10}
+
+
+def finite(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str) -> Array:
+    """Returns `value` as a float array of the given shape.
+
+    Raises:
+        InvalidInput: the shape differs, or an entry is NaN or infinite.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != shape:
+        raise InvalidInput(name, f"an array of shape {shape}", f"shape {array.shape}", remedy)
+    if not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InvalidInput(name, "finite values", f"{array[where]} at index {where}", remedy)
+    return array
+
+
+@dataclass(frozen=True)
+class Block:
+    """Neighbouring parameters of one kind.
+
+    Attributes:
+        name: the kind, as a roboticist says it ("motor gain"); unique in a space.
+        names: one name for each parameter.
+        units: one SI unit for each parameter.
+        scale: (k,) what an engineer would guess beforehand, in these units, > 0.
+        geometry: which values are physical: `free` any, `positive` > 0, `pseudo_inertia` the ten
+            inertial parameters of one link, `spd` the upper triangle of a symmetric positive
+            definite matrix.
+        actuator: whether the block scales commands (motors, thrusters, fins, nozzles, wheels).
+    """
+
+    name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    scale: Array
+    geometry: Geometry = "free"
+    actuator: bool = False
+
+    def __post_init__(self) -> None:
+        k = len(self.names)
+        remedy = f"Give block {self.name!r} one entry for each of its {k} names."
+        if len(self.units) != k:
+            raise InvalidInput("units", f"{k} units", f"{len(self.units)}", remedy)
+        scale = finite("scale", self.scale, (k,), remedy).copy()
+        if not (scale > 0).all():
+            raise InvalidInput("scale", "values > 0", f"{scale.min()}", remedy)
+        if self.geometry not in get_args(Geometry):
+            raise UnknownName("geometry", self.geometry, get_args(Geometry))
+        if k != _SIZES.get(self.geometry, k):
+            raise InvalidInput(
+                "names", f"{_SIZES[self.geometry]} names for {self.geometry}", k, remedy
+            )
+        scale.flags.writeable = False
+        object.__setattr__(self, "scale", scale)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True)
+class ParameterSpace:
+    """The space θ lives in: blocks in order.
+
+    Attributes:
+        blocks: the blocks; names of blocks and of parameters are unique.
+    """
+
+    blocks: tuple[Block, ...]
+
+    def __post_init__(self) -> None:
+        for kind, names in (("block", [b.name for b in self.blocks]), ("parameter", self.names)):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                raise InvalidInput(
+                    f"{kind} names", "unique names", f"{twice[0]!r} twice", "Rename one."
+                )
+
+    def __len__(self) -> int:
+        return len(self.scale)
+
+    def __iter__(self) -> Iterator[tuple[Block, slice]]:
+        """Yields every block with its place in θ."""
+        start = 0
+        for block in self.blocks:
+            yield block, slice(start, start + len(block))
+            start += len(block)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The p parameter names, in order."""
+        return [name for block in self.blocks for name in block.names]
+
+    @cached_property
+    def units(self) -> list[str]:
+        """The p SI units, in order."""
+        return [unit for block in self.blocks for unit in block.units]
+
+    @cached_property
+    def scale(self) -> Array:
+        """(p,) the engineer's guess of every parameter's size, read-only."""
+        scale = np.concatenate([block.scale for block in self.blocks])
+        scale.flags.writeable = False
+        return scale
+
+    @cached_property
+    def actuators(self) -> Array:
+        """The indices of all actuator parameters."""
+        parts = [np.arange(s.start, s.stop) for block, s in self if block.actuator]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
+
+    def __getitem__(self, name: str) -> slice:
+        """The place in θ of the block called `name`.
+
+        Raises:
+            UnknownName: there is no such block.
+        """
+        for block, place in self:
+            if block.name == name:
+                return place
+        raise UnknownName("parameter block", name, [block.name for block in self.blocks])
+
+    def index(self, name: str) -> int:
+        """The place in θ of the parameter called `name`.
+
+        Raises:
+            UnknownName: there is no such parameter.
+        """
+        if name not in self.names:
+            raise UnknownName("parameter", name, self.names)
+        return self.names.index(name)
+
+    def check(self, theta: ArrayLike, name: str = "theta") -> Array:
+        """Returns θ as an array of shape (p,).
+
+        Raises:
+            InvalidInput: the shape differs or an entry is not finite.
+        """
+        return finite(name, theta, (len(self),), f"θ has {len(self)} parameters: see `names`.")

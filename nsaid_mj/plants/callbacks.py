@@ -1,0 +1,88 @@
+"""Compiled MuJoCo callbacks: forces that MJCF cannot say exactly.
+
+MuJoCo's callbacks are global to the process, so they are installed by a context manager only and
+removed on every way out. A compiled callback reads its numbers from `mjData.userdata`, whose
+place in the C structure is found at run time, never assumed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+from numba import carray, cfunc, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+_SEARCHED_WORDS = 1 << 15  # mjData's pointers lie near word 20,000 in MuJoCo 4.0
+
+_PROBE = """<mujoco><size nuserdata="3"/><worldbody><body><joint name="j"/>
+<geom size="1"/></body></worldbody><actuator><general joint="j" dyntype="integrator"/></actuator>
+</mujoco>"""  # one activation, so that no two arrays of mjData share an address
+
+
+@intrinsic
+def _as_pointer(typing_context, address):  # noqa: ARG001 (numba's signature)
+    def generate(context, builder, signature, arguments):  # noqa: ARG001
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.uintp), generate
+
+
+@cache
+def field_offsets() -> dict[str, int]:
+    """The place, in 8-byte words, of mjData's pointers to the arrays that callbacks use."""
+    model = mujoco.MjModel.from_xml_string(_PROBE)
+    data: Any = mujoco.MjData(model)
+    words = (ctypes.c_uint64 * _SEARCHED_WORDS).from_address(data._address)
+    offsets = {}
+    for name in ("qvel", "qfrc_passive", "userdata"):
+        address = getattr(data, name).ctypes.data
+        found = next((i for i in range(_SEARCHED_WORDS) if words[i] == address), None)
+        if found is None:
+            raise RuntimeError(f"mjData.{name} not found: this MuJoCo lays out mjData differently")
+        offsets[name] = found
+    return offsets
+
+
+@cache
+def coulomb_friction() -> Any:
+    """Passive force −c_i tanh(q̇_i/s_i) on every degree of freedom, exact and without creep.
+
+    `userdata` holds [nv, c (nv), 1/s (nv)]. The caller keeps the returned object alive.
+    """
+    offsets = field_offsets()
+    at_qvel, at_force, at_user = (offsets[k] for k in ("qvel", "qfrc_passive", "userdata"))
+
+    @cfunc("void(voidptr, voidptr)")
+    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
+        words = carray(data, (_SEARCHED_WORDS,), np.uintp)
+        nv = int(carray(_as_pointer(words[at_user]), (1,), np.float64)[0])
+        numbers = carray(_as_pointer(words[at_user]), (1 + 2 * nv,), np.float64)
+        velocity = carray(_as_pointer(words[at_qvel]), (nv,), np.float64)
+        force = carray(_as_pointer(words[at_force]), (nv,), np.float64)
+        for i in range(nv):
+            force[i] -= numbers[1 + i] * np.tanh(velocity[i] * numbers[1 + nv + i])
+
+    return passive
+
+
+@contextmanager
+def installed(passive: Any | None) -> Iterator[None]:
+    """Holds a compiled passive-force callback in MuJoCo; removes it whatever happens.
+
+    Raises:
+        RuntimeError: another one is installed; it would act on this plant, or this on that.
+    """
+    if mujoco.get_mjcb_passive() is not None:
+        raise RuntimeError("another plant's callback is installed; run plants one after another")
+    try:
+        mujoco.set_mjcb_passive(passive.ctypes if passive is not None else None)
+        yield
+    finally:
+        mujoco.set_mjcb_passive(None)

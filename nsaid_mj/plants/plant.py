@@ -1,0 +1,150 @@
+"""A plant: a MuJoCo model, the structure an identifier may know of it, and the hidden truth."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ..errors import InvalidInput
+from ..parameters import Array
+from ..system import SecondOrderSystem
+from .callbacks import installed
+
+
+@dataclass(frozen=True)
+class PlantConfig(ABC):
+    """A plant as data; `build` makes the thing itself."""
+
+    @abstractmethod
+    def build(self, dt: float, seed: int) -> Plant:
+        """Makes the plant.
+
+        Args:
+            dt: step of the simulation and of the measurements [s].
+            seed: of the hidden truth.
+        """
+
+
+class VisualMesh(NamedTuple):
+    """A triangle mesh that moves with a body.
+
+    Attributes:
+        name: unique among a plant's meshes.
+        vertices: (k, 3) in the mesh's own frame [m].
+        triangles: (f, 3) indices into `vertices`.
+        color: (4,) RGBA in 0 … 1.
+    """
+
+    name: str
+    vertices: Array
+    triangles: np.ndarray
+    color: tuple[float, float, float, float]
+
+
+class Plant(ABC):
+    """A simulated plant. Step it inside `with plant.running():`.
+
+    Attributes:
+        system: the structure an identifier may know.
+        model: MuJoCo's model. It holds the truth: never hand it out.
+        data: MuJoCo's data.
+        dt: step [s].
+    """
+
+    system: SecondOrderSystem
+    model: Any
+    data: Any
+    passive: Any | None = None  # a compiled callback, kept alive here
+
+    @property
+    def dt(self) -> float:
+        """Step of the simulation [s]."""
+        return self.model.opt.timestep
+
+    @property
+    @abstractmethod
+    def truth(self) -> Array:
+        """(p,) the true θ. For metrics and recordings, after the fact, only."""
+
+    @abstractmethod
+    def reset(self, position: Array, velocity: Array) -> None:
+        """Puts the plant at coordinates (n,) and velocities (n,), at t = 0."""
+
+    @abstractmethod
+    def coordinates(self) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities, exact, as the encoders would see them."""
+
+    @abstractmethod
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) the system's position q for position numbers (..., n)."""
+
+    @abstractmethod
+    def visuals(self) -> list[VisualMesh]:
+        """What the plant looks like."""
+
+    @abstractmethod
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+
+    @property
+    def t(self) -> float:
+        """Time of the simulation [s]."""
+        return self.data.time
+
+    @property
+    def diverged(self) -> str:
+        """Which signal MuJoCo found bad, "" while all is well."""
+        for warning, signal in _DIVERGENCES:
+            if self.data.warning[warning].number:
+                return signal
+        return ""
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Installs what the plant needs in MuJoCo, and silences MuJoCo's repeated warnings."""
+        handler = mujoco.get_mju_user_warning()
+        mujoco.set_mju_user_warning(lambda message: None)  # `diverged` tells it, once
+        try:
+            with installed(self.passive):
+                yield
+        finally:
+            mujoco.set_mju_user_warning(handler)
+
+    def step(self, u: Array) -> None:
+        """Holds the command u (n_u,) for one step of RK4."""
+        self.data.ctrl[:] = u
+        mujoco.mj_step(self.model, self.data)
+
+
+_DIVERGENCES = (
+    (mujoco.mjtWarning.mjWARN_BADQPOS, "qpos"),
+    (mujoco.mjtWarning.mjWARN_BADQVEL, "qvel"),
+    (mujoco.mjtWarning.mjWARN_BADQACC, "qacc"),
+)
+
+
+def set_options(spec: Any, dt: float) -> None:
+    """Sets what every plant needs: RK4, no silent reset, no contacts or limits.
+
+    Raises:
+        InvalidInput: dt is not a positive number.
+    """
+    if not (np.isfinite(dt) and dt > 0):
+        raise InvalidInput("dt", "a step > 0 s", dt, "1e-3 suits arms.")
+    spec.option.timestep = dt
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.disableflags |= int(
+        mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        | mujoco.mjtDisableBit.mjDSBL_CONTACT
+        | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    )

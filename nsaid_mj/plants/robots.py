@@ -1,0 +1,142 @@
+"""Robot descriptions: a name of example-robot-data or a URDF file, checked before use."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..errors import BadRobot, UnknownName
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A fixed-base robot as its description has it.
+
+    Attributes:
+        name: its name or file.
+        model: Pinocchio's model.
+        visual: Pinocchio's visual geometry.
+        held: the joint by which a floating-base robot is held on a stand, "" for a fixed base.
+    """
+
+    name: str
+    model: pin.Model
+    visual: Any
+    held: str = ""
+
+
+def known_robots() -> list[str]:
+    """All names `load_robot` knows."""
+    from example_robot_data.robots_loader import ROBOTS
+
+    return sorted(ROBOTS)
+
+
+def load_robot(name: str) -> Robot:
+    """Loads a robot of revolute, prismatic and continuous joints; a floating base is held still.
+
+    Args:
+        name: a name of example-robot-data, or the path of a URDF file.
+
+    Raises:
+        UnknownName: no such robot, with near matches.
+        BadRobot: it cannot be loaded, has a joint of another kind, or a link without a possible
+            inertia.
+    """
+    if name.endswith(".urdf") or "/" in name:
+        model, visual = _load_file(Path(name))
+    elif name in known_robots():
+        model, visual = _load_named(name)
+    else:
+        remedy = "A URDF file is given by its path, ending in .urdf."
+        raise UnknownName("robot", name, known_robots(), remedy)
+    held = ""
+    if model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer":
+        held = model.names[1]
+        try:
+            model, visual = pin.buildReducedModel(model, visual, [1], pin.neutral(model))
+        except ValueError as error:
+            raise BadRobot(
+                name, f"joint {held}", f"Pinocchio cannot hold its base: {error}", "Take another."
+            ) from error
+    check_joints(name, model)
+    check_inertias(name, model)
+    return Robot(name, model, visual, held)
+
+
+def _load_file(path: Path) -> tuple[pin.Model, Any]:
+    if not path.is_file():
+        raise BadRobot(str(path), "", "there is no such file", "Give the path of a URDF file.")
+    try:
+        model = pin.buildModelFromUrdf(str(path))
+    except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
+        raise BadRobot(str(path), "", f"Pinocchio cannot read it: {error}", "Mend the URDF.") from error
+    try:
+        visual = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, [str(path.parent)])
+    except ValueError:  # meshes that are not there: the dynamics do not need them
+        visual = pin.GeometryModel()
+    return model, visual
+
+
+def _load_named(name: str) -> tuple[pin.Model, Any]:
+    import example_robot_data
+
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            robot = example_robot_data.load(name)
+    except Exception as error:  # loaders raise whatever their parser does
+        raise BadRobot(
+            name, "", f"example-robot-data cannot load it: {error}", "Choose another robot."
+        ) from error
+    return robot.model, robot.visual_model
+
+
+def check_joints(name: str, model: pin.Model) -> None:
+    """Accepts trees of 1-DOF joints only.
+
+    Raises:
+        BadRobot: a joint has more than one degree of freedom, or there is none.
+    """
+    if model.nv == 0:
+        raise BadRobot(name, "", "it has no moving joint", "Choose a robot that moves.")
+    for i in range(1, model.njoints):
+        kind = model.joints[i].shortname()
+        if model.joints[i].nv != 1:
+            raise BadRobot(
+                name,
+                f"joint {model.names[i]}",
+                f"{kind} has {model.joints[i].nv} degrees of freedom",
+                "An arm is a fixed-base tree of revolute and prismatic joints.",
+            )
+
+
+def check_inertias(name: str, model: pin.Model) -> None:
+    """Accepts links a real body could have: positive mass, triangle inequality of the moments.
+
+    Raises:
+        BadRobot: with the link at fault.
+    """
+    for i in range(1, model.njoints):
+        part = f"link of joint {model.names[i]}"
+        inertia = model.inertias[i]
+        numbers = inertia.toDynamicParameters()
+        if not np.isfinite(numbers).all():
+            raise BadRobot(name, part, "its inertia is not finite", "Mend the URDF.")
+        if inertia.mass <= 0:
+            raise BadRobot(
+                name, part, f"its mass is {inertia.mass:g} kg", "Give it an <inertial> of mass > 0."
+            )
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+            raise BadRobot(
+                name,
+                part,
+                f"no body has the principal moments {', '.join(f'{x:.3g}' for x in moments)} kg·m²",
+                "They must be positive and each at most the sum of the other two: mend <inertia>.",
+            )

@@ -1,0 +1,124 @@
+"""The 1-DOF vehicle (16): the heave axis of an ROV."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ..errors import InvalidInput
+from ..parameters import Array
+from ..resources import asset
+from ..systems.scalar import ScalarVehicle
+from .plant import Plant, PlantConfig, VisualMesh, set_options
+
+
+@dataclass(frozen=True)
+class ScalarRovPlant(PlantConfig):
+    """The heave axis of a BlueROV2 Heavy; numbers and sources in assets/scalar_rov.
+
+    Attributes:
+        mass: nominal mass, added mass included [kg].
+        drag: nominal quadratic drag [N·s²/m²].
+        net_weight: nominal weight that buoyancy leaves [N].
+        gain: nominal thrust at full command [N].
+        spread: largest relative deviation of the true numbers from the nominal ones.
+    """
+
+    mass: float = 32.18
+    drag: float = 190.0
+    net_weight: float = 4.0
+    gain: float = 160.0
+    spread: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "drag", "gain"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise InvalidInput(f"plant.{name}", "a number > 0", getattr(self, name), "Give one.")
+        if not (np.isfinite(self.net_weight) and self.net_weight != 0):
+            raise InvalidInput("plant.net_weight", "a number that is not 0", self.net_weight,
+                               "A neutral vehicle has no net weight to identify.")  # fmt: skip
+        if not 0 <= self.spread < 1:
+            raise InvalidInput("plant.spread", "a number in [0, 1)", self.spread, "0.2 is 20 %.")
+
+    def build(self, dt: float, seed: int) -> ScalarRov:
+        """Draws the hidden numbers and makes the plant."""
+        nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
+        rng = np.random.default_rng(seed)
+        return ScalarRov(nominal, nominal * (1 + self.spread * rng.uniform(-1, 1, 4)), dt)
+
+
+class ScalarRov(Plant):
+    """A heaving vehicle in MuJoCo: slide joint, native quadratic damping, partial buoyancy.
+
+    Args:
+        nominal: (4,) m, d, g, a as an engineer would guess.
+        theta: (4,) the true ones.
+        dt: step [s].
+    """
+
+    def __init__(self, nominal: Array, theta: Array, dt: float):
+        self._theta = theta
+        speed = float(np.sqrt(nominal[3] / nominal[1]))  # where drag balances full thrust
+        self.system = ScalarVehicle(np.abs(nominal), speed)
+        spec = mujoco.MjSpec.from_file(str(asset("scalar_rov", "model.xml")))
+        set_options(spec, dt)
+        mass, drag, weight, gain = theta
+        body = spec.body("vehicle")
+        body.mass = mass
+        body.gravcomp = 1 - weight / (mass * 9.81)  # buoyancy carries the rest
+        spec.joint("heave").damping = [0, drag, 0]  # MuJoCo: −(a v + b v|v| + c v³)
+        spec.actuator("thrusters").gainprm[0] = gain
+        self.model: Any = spec.compile()
+        self.data: Any = mujoco.MjData(self.model)
+
+    @property
+    def truth(self) -> Array:
+        """(4,) the true m, d, g, a."""
+        return self._theta
+
+    def reset(self, position: Array, velocity: Array) -> None:
+        """Puts the vehicle at height (1,) [m] and velocity (1,) [m/s], at t = 0."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = position, velocity
+
+    def coordinates(self) -> tuple[Array, Array]:
+        """(1,) height [m] and (1,) velocity [m/s], upwards."""
+        return self.data.qpos.copy(), self.data.qvel.copy()
+
+    def position(self, coordinates: Array) -> Array:
+        """The height itself."""
+        return np.array(coordinates, dtype=np.float64)
+
+    def visuals(self) -> list[VisualMesh]:
+        """The hull's boxes and thrusters."""
+        return [_box(self.model, i) for i in range(self.model.ngeom)]
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the boxes at heights q (k, 1)."""
+        translations = np.repeat(self.model.geom_pos[None], len(q), axis=0)
+        translations[:, :, 2] += q
+        w, x, y, z = self.model.geom_quat.T
+        return translations, np.repeat(np.stack([x, y, z, w], axis=1)[None], len(q), axis=0)
+
+
+def _box(model: Any, i: int) -> VisualMesh:
+    size = model.geom_size[i].copy()
+    if model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        ring = np.stack([size[0] * np.cos(angle), size[0] * np.sin(angle)], axis=1)
+        low, high = (np.c_[ring, np.full(24, h)] for h in (-size[1], size[1]))
+        vertices = np.r_[low, high, [[0, 0, -size[1]], [0, 0, size[1]]]]
+        k = np.arange(24)
+        j = (k + 1) % 24
+        triangles = np.r_[np.c_[k, j, k + 24], np.c_[j, j + 24, k + 24],
+                          np.c_[j, k, 0 * k + 48], np.c_[k + 24, j + 24, 0 * k + 49]]  # fmt: skip
+    else:
+        corners = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T
+        vertices = corners * size
+        triangles = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+                              [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+    color = tuple(float(c) for c in model.geom_rgba[i])
+    return VisualMesh(model.geom(i).name, vertices, triangles, color)  # type: ignore[arg-type]

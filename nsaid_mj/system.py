@@ -1,0 +1,237 @@
+"""The paper's class of systems: W(t, x, v, v̇) θ = 0.
+
+A `SecondOrderSystem` is structure only. It knows which columns multiply which parameter and holds
+no parameter's value. Subclasses supply W_M, W_C, F and the kinematics for one sample; batches,
+the combined regressor (10), the mass matrix (8) and the acceleration (29) follow from them here.
+
+Symbols: q (m,) position, v (n,) measured velocity, x = (q, v) (m+n,) the combined state (3),
+w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), a (n,)
+acceleration, u command, θ (p,) parameters. F is always evaluated at the measured x.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from .errors import InvalidInput
+from .kernels import evaluate
+from .parameters import Array, ParameterSpace, finite
+
+
+class Measurement(NamedTuple):
+    """All an identifier ever sees, in the system's own coordinates.
+
+    Attributes:
+        t: time [s].
+        q: (m,) position.
+        v: (n,) velocity.
+        u: (n_u,) command, held from t until the next measurement.
+    """
+
+    t: float
+    q: Array
+    v: Array
+    u: Array
+
+
+class SecondOrderSystem(ABC):
+    """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
+
+    Attributes:
+        space: names, units and scale of θ.
+        n: number of velocities.
+        m: number of positions.
+        n_u: number of commands.
+    """
+
+    space: ParameterSpace
+    n: int
+    m: int
+    n_u: int
+
+    # -- what a system supplies, for one sample ------------------------------------------------
+
+    @abstractmethod
+    def _W_M(self, q: Array, a: Array) -> Array:
+        """(n, p) with W_M θ = M(q, θ) a (8)."""
+
+    @abstractmethod
+    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
+        """(n, p) with W_C θ = C(q, v, θ) w (9), Ṁ − 2C skew."""
+
+    @abstractmethod
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        """(n, p) with F θ = all forces: gravity, dissipation, actuation."""
+
+    @abstractmethod
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """(m,) the position reached from q by the tangent step dq (n,)."""
+
+    @abstractmethod
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """(n,) the tangent step that leads from q0 to q1."""
+
+    @abstractmethod
+    def J(self, q: Array) -> Array:
+        """(m, n) the kinematics q̇ = J(q) v (3)."""
+
+    @abstractmethod
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws (q, v, u) of the size seen in operation, to probe the structure."""
+
+    def _mass_tensor(self, q: Array) -> Array:
+        """(n, n, p), entry [j] is W_M(q, e_j): M(q, θ) = tensor · θ for every θ."""
+        return np.stack([self._W_M(q, e) for e in np.eye(self.n)])
+
+    # -- what follows, for one sample or batches -----------------------------------------------
+
+    @cached_property
+    def p(self) -> int:
+        """Number of parameters."""
+        return len(self.space)
+
+    def split(self, x: Array) -> tuple[Array, Array]:
+        """(q, v) of x (..., m+n).
+
+        Raises:
+            InvalidInput: the last axis is not m+n long.
+        """
+        x = np.asarray(x, dtype=np.float64)
+        if x.ndim == 0 or x.shape[-1] != self.m + self.n:
+            raise InvalidInput(
+                "x",
+                f"a last axis of m + n = {self.m} + {self.n}",
+                f"shape {x.shape}",
+                "x is the position followed by the velocity.",
+            )
+        return x[..., : self.m], x[..., self.m :]
+
+    def W_M(self, x: Array, a: Array) -> Array:
+        """(..., n, p) inertial regressor, W_M θ = M(x, θ) a (8)."""
+        q, _ = self.split(x)
+        return _each(self._W_M, (self.m, self.n), q, a)
+
+    def W_C(self, x: Array, w: Array) -> Array:
+        """(..., n, p) Coriolis regressor, W_C θ = C(x, θ) w (9)."""
+        q, v = self.split(x)
+        return _each(self._W_C, (self.m, self.n, self.n), q, v, w)
+
+    def F(self, t: Array | float, x: Array, u: Array) -> Array:
+        """(..., n, p) force regressor of (4)."""
+        q, v = self.split(x)
+        return _each(
+            lambda t, q, v, u: self._F(float(t), q, v, u), (0, self.m, self.n, self.n_u), t, q, v, u
+        )
+
+    def regressor(self, t: Array | float, x: Array, w: Array, a: Array, u: Array) -> Array:
+        """(..., n, p) combined regressor W = W_M + W_C − F (10)."""
+        return self.W_M(x, a) + self.W_C(x, w) - self.F(t, x, u)
+
+    def mass_matrix(self, x: Array, theta: Array) -> Array:
+        """(..., n, n) M(x, θ), the matrix of (8)."""
+        q, _ = self.split(x)
+        return _each(lambda q: self._mass_tensor(q) @ theta, (self.m,), q)
+
+    def coriolis_matrix(self, x: Array, theta: Array) -> Array:
+        """(..., n, n) C(x, θ), the matrix of (9)."""
+        columns = [self.W_C(x, np.broadcast_to(e, np.shape(x)[:-1] + e.shape)) @ theta
+                   for e in np.eye(self.n)]  # fmt: skip
+        return np.stack(columns, axis=-1)
+
+    def acceleration(self, t: Array | float, x: Array, w: Array, u: Array, theta: Array) -> Array:
+        """(..., n) v̇(t, x, w, θ) = M(x, θ)⁻¹ [−W_C(x, w) + F(t, x)] θ (29)."""
+        force = (self.F(t, x, u) - self.W_C(x, w)) @ theta
+        return np.linalg.solve(self.mass_matrix(x, theta), force[..., None])[..., 0]
+
+    def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
+        """The system at one measured state and command."""
+        return Instant(self, t, q, v, u)
+
+
+class Instant:
+    """A system at one measured state and command: what depends on these alone, computed once.
+
+    The base class works for any system; a system with a faster way overrides `at`.
+
+    Attributes:
+        system: whose structure it is.
+        t: time [s].
+        q: (m,) position.
+        v: (n,) measured velocity.
+        u: (n_u,) command.
+    """
+
+    def __init__(self, system: SecondOrderSystem, t: float, q: Array, v: Array, u: Array):
+        self.system, self.t, self.q, self.v, self.u = system, t, q, v, u
+
+    @cached_property
+    def mass_tensor(self) -> Array:
+        """(n, n, p) with M(x, θ) = mass_tensor · θ and W_M(x, a) = Σ_j a_j mass_tensor[j]."""
+        return self.system._mass_tensor(self.q)
+
+    @cached_property
+    def F(self) -> Array:
+        """(n, p) force regressor of (4)."""
+        return self.system._F(self.t, self.q, self.v, self.u)
+
+    def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
+        """What an identifier needs at velocity w and estimate θ.
+
+        Returns:
+            (n,) acceleration v̇(t, x, w, θ) of (29), NaN where M is not positive definite;
+            (n, p) regressor W(t, x, w, θ) of (10, 31);
+            smallest pivot of M(x, θ), > 0 where it is positive definite.
+        """
+        W_C = self.system._W_C(self.q, self.v, w)
+        return evaluate(self.mass_tensor, W_C, self.F, theta)
+
+    def commanded(self, t: float, u: Array) -> Instant:
+        """The same state under another command."""
+        other = Instant(self.system, t, self.q, self.v, u)
+        other.__dict__["mass_tensor"] = self.mass_tensor
+        return other
+
+
+def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
+    """Applies a one-sample function over the leading axes of its arguments."""
+    arrays = [np.asarray(argument, dtype=np.float64) for argument in arguments]
+    for array, length in zip(arrays, lengths, strict=True):
+        if length and array.shape[-1:] != (length,):
+            raise InvalidInput(
+                "argument",
+                f"a last axis of length {length}",
+                f"shape {array.shape}",
+                "Give one row for each sample.",
+            )
+    leading = [a.shape[:-1] if length else a.shape for a, length in zip(arrays, lengths, strict=True)]
+    batch = np.broadcast_shapes(*leading)
+    if not batch:
+        return function(*arrays)
+    spread = [
+        np.broadcast_to(a, batch + (a.shape[-1:] if length else ())).reshape(
+            (-1,) + (a.shape[-1:] if length else ())
+        )
+        for a, length in zip(arrays, lengths, strict=True)
+    ]
+    results = np.stack([function(*sample) for sample in zip(*spread, strict=True)])
+    return results.reshape(batch + results.shape[1:])
+
+
+def checked(system: SecondOrderSystem, measurement: Measurement) -> Measurement:
+    """The measurement, of the right shapes and finite.
+
+    Raises:
+        InvalidInput: a shape differs, or a value is NaN or infinite.
+    """
+    remedy = "A measurement is (t, q, v, u) in the system's own coordinates."
+    t, q, v, u = measurement
+    return Measurement(
+        float(finite("t", t, (), remedy)),
+        finite("q", q, (system.m,), remedy),
+        finite("v", v, (system.n,), remedy),
+        finite("u", u, (system.n_u,), remedy),
+    )

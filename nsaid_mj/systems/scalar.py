@@ -1,0 +1,61 @@
+"""The 1-DOF vehicle of the paper, (16)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..parameters import Array, Block, ParameterSpace
+from ..system import SecondOrderSystem
+
+
+class ScalarVehicle(SecondOrderSystem):
+    """m v̇ = −d v|v| − g + a u (16), θ = [m, d, g, a].
+
+    x = (depth rate integrated, i.e. height z [m], upward velocity v [m/s]); u is the thruster
+    command in [−1, 1]; g is the weight that buoyancy leaves [N]. M does not depend on x, so
+    C = 0. Normalising by m gives the reduced form (17): hold `mass` at 1 with
+    `ConventionalAID(known=("mass",))`.
+
+    Args:
+        scale: (4,) guess of m [kg], d [N·s²/m²], g [N], a [N].
+        speed: speed of operation [m/s], for the random probes of the structure.
+    """
+
+    n, m, n_u = 1, 1, 1
+
+    def __init__(self, scale: Array, speed: float = 1.0):
+        m, d, g, a = np.asarray(scale, dtype=np.float64)[:, None]
+        self.speed = speed
+        self.space = ParameterSpace(
+            (
+                Block("mass", ("mass",), ("kg",), m, "positive"),
+                Block("drag", ("drag",), ("N·s²/m²",), d, "positive"),
+                Block("net weight", ("net weight",), ("N",), g),
+                Block("thruster gain", ("thruster gain",), ("N",), a, "positive", actuator=True),
+            )
+        )
+
+    def _W_M(self, q: Array, a: Array) -> Array:
+        return np.array([[a[0], 0.0, 0.0, 0.0]])
+
+    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
+        return np.zeros((1, 4))
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        return np.array([[0.0, -v[0] * abs(v[0]), -1.0, u[0]]])
+
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """q + dq: the position is a number."""
+        return q + dq
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """q1 − q0: the position is a number."""
+        return q1 - q0
+
+    def J(self, q: Array) -> Array:
+        """(1, 1) identity: q̇ = v (3)."""
+        return np.eye(1)
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws height within 10 m, velocity within twice the speed, command within its range."""
+        return rng.uniform(-10, 10, 1), self.speed * rng.uniform(-2, 2, 1), rng.uniform(-1, 1, 1)

@@ -1,0 +1,14 @@
+"""UR5: six motors of unknown gain move six links of unknown inertia."""
+
+from nsaid_mj import ArmPlant, FourierTracking, NullspaceAID, Scenario, main
+
+scenario = Scenario(
+    plant=ArmPlant(robot="ur5", damping=2.0, friction=1.0, armature=0.1),
+    excitation=FourierTracking(fundamental=0.1, harmonics=5),
+    identifier=NullspaceAID(K=20.0, gain=1.0),
+    initial_error=0.3,
+    duration=60.0,
+)
+
+if __name__ == "__main__":
+    main(scenario)
