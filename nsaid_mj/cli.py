@@ -1,8 +1,6 @@
 """The command line: `nsaid list`, `nsaid run`, `nsaid view`; and `main` for scenario scripts.
 
-A scenario's dataclasses are its options: every field of Scenario, of its plant, its excitation and
-its identifier is a flag. A field's last name will do where no other field has it: `--robot` is
-`--plant.robot`.
+Heavy modules are imported where they are needed, so that `nsaid --help` answers at once.
 """
 
 from __future__ import annotations
@@ -10,13 +8,12 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import os
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from .errors import BadRun, InvalidInput, NsaidError, UnknownName
 from .resources import scenarios
@@ -25,23 +22,6 @@ if TYPE_CHECKING:
     from .scenario import Scenario
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
-
-
-@dataclass(frozen=True)
-class Output:
-    """What becomes of a run.
-
-    Attributes:
-        out: folder of the run; None is runs/NAME.
-        quiet: print nothing but errors.
-        json: print summary.json to the standard output, and nothing else.
-        live: show the run in the Rerun viewer while it runs.
-    """
-
-    out: Path | None = None
-    quiet: bool = False
-    json: bool = False
-    live: bool = False
 
 
 def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn:
@@ -79,16 +59,27 @@ def command(arguments: Sequence[str]) -> int:
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("list", help="list the scenarios, and the robots for `run arm --robot`")
-    run = commands.add_parser("run", help="run a scenario by name or file", add_help=False)
-    run.add_argument("scenario", metavar="NAME_OR_FILE")
+    run = commands.add_parser(
+        "run",
+        help="run a scenario by name or file",
+        usage="nsaid run NAME_OR_FILE [--duration SECONDS --seed N --out FOLDER … any field]",
+        description="Runs a scenario. `nsaid run NAME --help` lists every field that is a flag.",
+        add_help=False,  # a scenario named, its fields are the help
+    )
+    run.add_argument(
+        "scenario", nargs="?", metavar="NAME_OR_FILE", help="see `nsaid list`, or a script's path"
+    )
     view = commands.add_parser("view", help="open a run's recording in the Rerun viewer")
     view.add_argument("run", type=Path, help="the run's folder, e.g. runs/ur5")
     view.add_argument("--web", action="store_true", help="serve it to a browser on this machine")
     view.add_argument("--rebuild", action="store_true", help="make recording and report anew")
     chosen, rest = parser.parse_known_args(arguments)
     if chosen.command == "run":
-        if chosen.scenario in ("-h", "--help"):
-            parser.parse_args(["--help"])
+        if chosen.scenario is None:
+            if {"-h", "--help"} & set(rest):
+                run.print_help()
+                return 0
+            run.error("which scenario? `nsaid list` shows their names")
         return _run(Path(chosen.scenario).stem, load(chosen.scenario), rest)
     if rest:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
@@ -106,11 +97,12 @@ def load(name: str) -> Scenario:
     """
     known = scenarios()
     path = Path(name) if name.endswith(".py") or name not in known else known[name]
-    if not path.is_file():
+    if path.suffix != ".py" or not path.is_file():
         raise UnknownName("scenario", name, known, "A script is given by its path, ending in .py.")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"_scenario_{path.stem}", path)
     assert spec is not None and spec.loader is not None  # a .py file always has one
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where a dataclass of the script looks up its annotations
     spec.loader.exec_module(module)
     from .scenario import Scenario
 
@@ -123,48 +115,9 @@ def load(name: str) -> Scenario:
     return found
 
 
-def parse(name: str, default: Scenario, arguments: Sequence[str]) -> tuple[Scenario, Output]:
-    """A scenario with fields replaced by flags, and what becomes of the run."""
-    import tyro
-
-    from .scenario import Scenario
-
-    def together(
-        scenario: Annotated[Scenario, tyro.conf.arg(name="")] = default,
-        output: Annotated[Output, tyro.conf.arg(name="")] = Output(),  # noqa: B008 (frozen)
-    ) -> tuple[Scenario, Output]:
-        return scenario, output
-
-    return tyro.cli(
-        together,
-        prog=f"nsaid run {name}",
-        args=[_full(argument, default) for argument in arguments],
-        config=(tyro.conf.AvoidSubcommands,),
-    )
-
-
-def _full(argument: str, default: Scenario) -> str:
-    """`--robot` as `--plant.robot`, where only one field is called robot."""
-    if not argument.startswith("--"):
-        return argument
-    flag, equals, value = argument[2:].partition("=")
-    paths = _paths(default)
-    last = Counter(path.rsplit(".", 1)[-1] for path in paths)
-    wanted = flag.replace("-", "_")
-    if wanted not in paths and last[wanted] == 1:
-        flag = next(path for path in paths if path.endswith("." + wanted))
-    return f"--{flag}{equals}{value}"
-
-
-def _paths(value: Any, prefix: str = "") -> list[str]:
-    paths = []
-    for f in fields(value):
-        path, item = f"{prefix}{f.name}", getattr(value, f.name)
-        paths += _paths(item, f"{path}.") if is_dataclass(item) else [path]
-    return paths
-
-
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
+    from .options import parse
+
     scenario, output = parse(name, default, arguments)
     from . import finish
     from .experiment import Observer, run
@@ -212,4 +165,7 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
         if not folder.is_dir():
             raise BadRun(folder, "there is no such run", "Give the folder of a run, e.g. runs/ur5.")
         finish.rebuild(folder)
-    return subprocess.call(viewer_command(file, web))
+    words = viewer_command(file, web)
+    if os.name == "posix":
+        os.execv(words[0], words)  # the viewer takes this process's place, and its signals
+    return subprocess.call(words)

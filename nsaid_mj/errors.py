@@ -81,20 +81,14 @@ class EnginesDisagree(NsaidError):
         tolerance: what would have been accepted.
     """
 
-    def __init__(
-        self, robot: str, link: str, quantity: str, difference: float, tolerance: float
-    ):
+    def __init__(self, robot: str, link: str, quantity: str, difference: float, tolerance: float):
         self.robot, self.link, self.quantity = robot, link, quantity
         self.difference, self.tolerance = difference, tolerance
         super().__init__(
             f"robot {robot}: MuJoCo and Pinocchio differ in the {quantity} at {link} by "
-            f"{difference:.2g} (relative; at most {tolerance:.0e} is accepted). The plant would not "
-            "be the system the identifier assumes; check the link's inertia and joint in the URDF."
+            f"{difference:.2g} (relative; at most {tolerance:.0e} is accepted). The plant is not "
+            "the system the identifier assumes; check the link's inertia and joint in the URDF."
         )
-
-
-class NoTruth(NsaidError):
-    """A true value was asked for where none exists or none may be read."""
 
 
 class BadRun(NsaidError):

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -118,14 +118,31 @@ class Observer:
         """Called when the run has ended, however it did."""
 
 
-def draw_prior(truth: Array, space: ParameterSpace, error: float, rng: np.random.Generator) -> Array:
+def draw_prior(
+    truth: Array,
+    space: ParameterSpace,
+    error: float,
+    gain_error: float | None,
+    rng: np.random.Generator,
+) -> Array:
     """θ̂(0): every parameter off by up to ±error of its size.
 
     The size of a parameter near 0 (a product of inertia) is a tenth of its scale, so that no
-    estimate starts out exact. Blocks without a sign keep theirs by chance only.
+    estimate starts out exact.
+
+    Args:
+        truth: (p,) the true θ.
+        space: its names and scales.
+        error: largest relative error.
+        gain_error: if given, actuator parameters are off by just this share, up and down in turn.
+        rng: source of the errors.
     """
     size = np.maximum(np.abs(truth), 0.1 * space.scale)
-    return truth + error * size * rng.uniform(-1, 1, len(truth))
+    prior = truth + error * size * rng.uniform(-1, 1, len(truth))
+    if gain_error is not None:
+        k = space.actuators
+        prior[k] = truth[k] * (1 + gain_error * np.where(np.arange(len(k)) % 2, -1, 1))
+    return prior
 
 
 def trajectory(
@@ -206,7 +223,11 @@ def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
     plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
     system = plant.system
     prior = draw_prior(
-        plant.truth, system.space, scenario.initial_error, np.random.default_rng(seeds.prior)
+        plant.truth,
+        system.space,
+        scenario.initial_error,
+        scenario.gain_error,
+        np.random.default_rng(seeds.prior),
     )
     quiet = scenario.sensors == "ideal"
     identifiers = {
@@ -346,6 +367,8 @@ def held_out(run: Run) -> Record:
     with plant.running():
         rows = list(trajectory(plant, driver, steps, None, Cost()))
         if plant.diverged:
-            raise InvalidInput("held_out", "a plant that does not diverge", plant.diverged, "Take a smaller dt.")
+            raise InvalidInput(
+                "held_out", "a plant that does not diverge", plant.diverged, "Take a smaller dt."
+            )
     t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))
     return Record({"t": t, "q": q, "v": v, "u": u}, {}, True)

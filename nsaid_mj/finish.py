@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ from rich.table import Table
 
 from . import metrics, recording, report
 from .errors import BadRun
-from .experiment import Run, reopen
+from .experiment import Ending, Run, reopen
+from .identifiers import Status
 from .record import Record
 
 SUMMARY, SCENARIO = "summary.json", "scenario.json"
@@ -34,7 +36,7 @@ def finish(run: Run, progress: bool = False) -> dict[str, Any]:
 
 
 def rebuild(folder: Path) -> dict[str, Any]:
-    """Finishes a run from its record alone, such as one that was killed.
+    """Finishes a run from its record, such as one that was killed.
 
     Raises:
         BadRun: the folder has no readable record, or one with less than two rows.
@@ -42,7 +44,33 @@ def rebuild(folder: Path) -> dict[str, Any]:
     record = Record.read(folder)
     if len(record) < 2:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
-    return finish(reopen(folder, record), progress=True)
+    run = reopen(folder, record)
+    _recall_ending(run)
+    return finish(run, progress=True)
+
+
+def _recall_ending(run: Run) -> None:
+    """Takes from the summary there is, if it is of this very run, what a record cannot tell."""
+    try:
+        summary = json.loads((run.folder / SUMMARY).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # a run that was killed has none
+        return
+    scenario, end = run.scenario, float(run.record["t"][-1])
+    since = summary["status_time"] - end
+    same = summary["scenario_hash"] == scenario.hash and (
+        -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
+    )
+    if not (same and run.record.complete):
+        return
+    words = {status.words: status for status in Status}
+    run.ending = Ending(words[summary["status"]], summary["status_time"], summary["status_signal"])
+    for name, rival in summary["rivals"].items():
+        run.statuses[name] = words[rival["status"]]
+    steps = round(end / scenario.dt)
+    cost = run.cost
+    cost.wall, cost.steps = summary["wall_s"], steps
+    cost.plant = 1e-6 * summary["plant_us_per_step"] * steps
+    cost.identifier = 1e-6 * summary["identifier_us_per_step"] * steps
 
 
 def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
@@ -65,6 +93,7 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
     for label, key, digits in (
         ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at first", "theta_perp_ratio_initial", "{:.3g}"),
         ("… at the end", "theta_perp_ratio", "{:.3g}"),
+        ("direction of the plant alone, error", "plant_direction_error", "{:.2%}"),
         ("largest error of an actuator's share", "actuator_ratio_error", "{:.2%}"),
         ("force residual on another trajectory", "force_residual_ratio", "{:.2%}"),
         ("rms Δv over the last tenth", "velocity_error_rms", "{:.2g}"),

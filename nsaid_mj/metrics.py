@@ -13,7 +13,7 @@ import numpy as np
 
 from .experiment import Run, Seeds, held_out
 from .identifiers import Identifier
-from .nullspace import Nullspace, directions, split, structural
+from .nullspace import Nullspace, directions, regressor_stack, split, structural
 from .parameters import Array
 from .persistence import level
 from .record import Record
@@ -32,7 +32,7 @@ def summarize(run: Run) -> dict[str, Any]:
     """
     scenario, record, system = run.scenario, run.record, run.plant.system
     scale, truth = system.space.scale, run.plant.truth
-    nullspace = structural(system, truth, np.random.default_rng(Seeds.of(scenario.seed).structure))
+    nullspace = true_nullspace(run)
     later = held_out(run)
     law = run.identifiers[""]
     own = judge(run, "", nullspace, later)
@@ -93,6 +93,12 @@ def summarize(run: Run) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def true_nullspace(run: Run) -> Nullspace:
+    """P_s(θ) of the run's plant, structural: over all motions."""
+    rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
+    return structural(run.plant.system, run.plant.truth, rng)
+
+
 def judge(run: Run, name: str, nullspace: Nullspace, later: Record) -> dict[str, Any]:
     """How near one identifier's last estimate is to the true set, and how well it predicts."""
     suffix = f"_{name}" if name else ""
@@ -103,6 +109,7 @@ def judge(run: Run, name: str, nullspace: Nullspace, later: Record) -> dict[str,
     return {
         "theta_perp_ratio": float(ratio[1]),
         "theta_perp_ratio_initial": float(ratio[0]),
+        "plant_direction_error": plant_direction_error(system, theta[-1], truth),
         "actuator_ratio_error": actuator_ratio_error(system, theta[-1], truth),
         "force_residual_ratio": force_residual_ratio(system, later, theta[-1], truth),
         "velocity_error_rms": float(np.sqrt(np.mean(dv[-max(1, len(dv) // 10) :] ** 2))),
@@ -113,6 +120,22 @@ def actuator_ratio_error(system: SecondOrderSystem, theta_hat: Array, truth: Arr
     """max |(k̂_i/k_i)/mean(k̂/k) − 1| over the actuator parameters; 0 where there is only one."""
     ratio = theta_hat[system.space.actuators] / truth[system.space.actuators]
     return float(np.max(np.abs(ratio / np.mean(ratio) - 1))) if len(ratio) > 1 else 0.0
+
+
+def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Array) -> float:
+    """Sine of the angle between what is observable of the estimated and the true plant.
+
+    The plant is θ/scale without its actuators; what is observable of it, were the actuator forces
+    known, is orthogonal to the nullspace of the plant's own columns of W. 0 is right up to a
+    common scale, and 1 is at right angles.
+    """
+    plant = np.setdiff1d(np.arange(system.p), system.space.actuators)
+    rng = np.random.default_rng(0)
+    W = regressor_stack(system, truth, rng)[:, plant]
+    basis = split(W).P_perp
+    estimated, true = ((theta / system.space.scale)[plant] @ basis for theta in (theta_hat, truth))
+    cosine = estimated @ true / (np.linalg.norm(estimated) * np.linalg.norm(true))
+    return float(np.sqrt(max(0.0, 1 - cosine**2)))
 
 
 def force_residual_ratio(
@@ -173,7 +196,9 @@ def persistence_levels(run: Run, nullspace: Nullspace) -> tuple[float, float]:
         perpendicular.append(level(W, dt, nullspace.P_perp))
         a_hat = np.array([system.acceleration(*sample) for sample in
                           zip(t[k], x[k], v_hat[k], u[k], theta_hat[k], strict=True)])  # fmt: skip
-        full.append(level(system.regressor(t[k], x[k], v_hat[k], a_hat, u[k]) * system.space.scale, dt))
+        full.append(
+            level(system.regressor(t[k], x[k], v_hat[k], a_hat, u[k]) * system.space.scale, dt)
+        )
     return (min(full), min(perpendicular)) if full else (0.0, 0.0)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 
 from .errors import InvalidInput
-from .parameters import Array, ParameterSpace
+from .parameters import Array, Indices, ParameterSpace
 from .system import SecondOrderSystem
 
 TOLERANCE = 1e-8
@@ -93,25 +93,27 @@ def split(stack: Array, tolerance: float = TOLERANCE) -> Nullspace:
     return Nullspace(Vt[rank:].T, Vt[:rank].T, s, tolerance)
 
 
-def structural(
-    system: SecondOrderSystem, theta: Array, rng: np.random.Generator, samples: int | None = None
-) -> Nullspace:
+def structural(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Nullspace:
     """P_s(θ) over all motions: from random states, with v̇ of (20) under θ.
 
     Args:
         system: the structure.
         theta: (p,) a parameter with M(x, θ) positive definite.
         rng: source of the states.
-        samples: how many; None takes rows for ten times p.
     """
-    count = samples or max(20, 10 * system.p // system.n)
+    return split(regressor_stack(system, theta, rng))
+
+
+def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Array:
+    """(N, p) rows of W(t, x, v, θ)·diag(scale) at random states, N about ten times p."""
+    count = max(20, 10 * system.p // system.n)
     states = [system.random_state(rng) for _ in range(count)]
     q, v, u = (np.array(part) for part in zip(*states, strict=True))
     x = np.hstack([q, v])
     t = rng.uniform(0, 1, count)
     a = system.acceleration(t, x, v, u, theta)
     W = system.regressor(t, x, v, a, u) * system.space.scale
-    return split(W.reshape(-1, system.p))
+    return W.reshape(-1, system.p)
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
     groups = _groups(P, space.actuators)
     for group in groups:
         found.append(_scale(group, space))
-    held = np.concatenate(groups) if groups else np.zeros(0, dtype=np.intp)
+    held: Indices = np.concatenate(groups) if groups else np.zeros(0, dtype=np.intp)
     rest = P @ _null(P[held]) if len(held) else P
     pivots = _pivots(rest, _preference(space))
     if len(pivots):
@@ -153,11 +155,11 @@ def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
     return found
 
 
-def _groups(P: Array, actuators: Array) -> list[Array]:
+def _groups(P: Array, actuators: Indices) -> list[Indices]:
     """For the actuators: sets of parameters whose rows of P̄ are parallel."""
     length = np.linalg.norm(P, axis=1)
     unit = P / np.where(length > 1e-9, length, np.inf)[:, None]
-    groups: list[Array] = []
+    groups: list[Indices] = []
     for i in actuators:
         if length[i] > 1e-9 and not any(i in group for group in groups):
             cosine = np.abs(unit @ unit[i])
@@ -228,7 +230,7 @@ def _cost(column: Array) -> tuple[int, int]:
     return len(involved), int(involved.sum())
 
 
-def _scale(group: Array, space: ParameterSpace) -> Direction:
+def _scale(group: Indices, space: ParameterSpace) -> Direction:
     chosen = set(group.tolist())
     parts = []
     for block, place in space:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InvalidInput, UnknownName
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Geometry = Literal["free", "positive", "pseudo_inertia", "spd"]
 
 _SIZES = {"pseudo_inertia": 10}
@@ -127,7 +128,7 @@ class ParameterSpace:
         return scale
 
     @cached_property
-    def actuators(self) -> Array:
+    def actuators(self) -> Indices:
         """The indices of all actuator parameters."""
         parts = [np.arange(s.start, s.stop) for block, s in self if block.actuator]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)

@@ -70,6 +70,8 @@ class PersistenceMonitor:
         if self._time >= self._window * (1 - 1e-9):
             eigenvalues = np.maximum(np.linalg.eigvalsh(self._gramian), 0.0)
             self.level = float(np.sqrt(self._time * eigenvalues[0]))
-            self.level_perp = float(np.sqrt(self._time * eigenvalues[min(self._r, len(eigenvalues) - 1)]))
+            self.level_perp = float(
+                np.sqrt(self._time * eigenvalues[min(self._r, len(eigenvalues) - 1)])
+            )
             self._gramian[:] = 0.0
             self._time = 0.0

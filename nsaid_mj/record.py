@@ -131,7 +131,9 @@ class Record:
                 columns = {name: _column(table.column(name), schema.field(name).type) for name in
                            schema.names}  # fmt: skip
         except pa.ArrowInvalid as error:
-            raise BadRun(file, f"not an Arrow stream ({error})", "Run the scenario again") from error
+            raise BadRun(
+                file, f"not an Arrow stream ({error})", "Run the scenario again"
+            ) from error
         metadata = json.loads(schema.metadata[b"nsaid"])
         return Record(columns, metadata, complete)
 

@@ -1,3 +1,155 @@
-"""Stub."""
+"""report.html: one page that says what a run has found, readable without any viewer."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+
+from . import metrics
+from .experiment import Run
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+
 FILE = "report.html"
-def write(run, summary): ...
+_POINTS = 1500  # of a curve
+_COLOURS = ("#0b6e99", "#d9480f", "#5f3dc4", "#2b8a3e", "#c2255c")
+
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;color:#1c2733;max-width:68rem;margin:2rem auto;padding:0 1rem}
+h1{margin-bottom:0}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde5;padding-bottom:.2rem}
+.lead{color:#51606f;margin-top:.2rem}table{border-collapse:collapse;font-variant-numeric:tabular-nums}
+td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #e6ecf1}
+td:first-child,th:first-child{text-align:left}img{width:100%}.bad{color:#c92a2a;font-weight:600}
+code{background:#f0f4f7;padding:.1rem .3rem;border-radius:3px}.scroll{max-height:32rem;overflow:auto}
+.scroll th{position:sticky;top:0;background:#fff}
+"""
+
+
+def write(run: Run, summary: dict[str, Any]) -> Path:
+    """Writes a run's report.html, whole or not at all, and returns its path."""
+    name = html.escape(run.folder.name)
+    ended = "" if summary["status"] == "completed" else (
+        f'<p class="bad">Ended early: {html.escape(summary["status"])} at t = '
+        f'{summary["status_time"]:.4g} s {html.escape(summary["status_signal"])}. '
+        f'{html.escape(summary["status_remedy"])}</p>'
+    )  # fmt: skip
+    page = f"""<!doctype html><html lang="en"><meta charset="utf-8">
+<meta name="viewport" content="width=device-width"><title>{name}</title><style>{_STYLE}</style>
+<h1>{name}</h1>
+<p class="lead">{html.escape(type(run.scenario.plant).__name__)}, {summary["n"]} velocities,
+{summary["p"]} parameters, {summary["sim_s"]:.4g} s simulated in {summary["wall_s"]:.1f} s,
+{html.escape(summary["sensors"])} sensors, seed {summary["seed"]}</p>{ended}
+<h2>What was found</h2>{_figures(summary)}
+<h2>How it went</h2><img alt="curves of the run" src="{_curves(run)}">
+<h2>What cannot be known</h2>{_unobservable(summary)}
+<h2>Parameters</h2><p>An estimate is right up to the directions above; for comparison it is
+scaled by the one factor that brings it nearest to the truth in θ/scale.</p>
+<div class="scroll">{_parameters(summary)}</div>
+<h2>To run it again</h2><p>{html.escape(", ".join(f"{k} {v}" for k, v in summary["versions"].items()))};
+scenario {summary["scenario_hash"]} in <code>scenario.json</code>; all figures in
+<code>summary.json</code>, all samples in <code>record.arrow</code>, the motion in
+<code>run.rrd</code> (<code>nsaid view {html.escape(str(run.folder))}</code>).</p></html>
+"""
+    path = run.folder / FILE
+    metrics.write_text(path, page)
+    return path
+
+
+def _figures(summary: dict[str, Any]) -> str:
+    identifiers = {"NS-AID": summary, **summary["rivals"]}
+    rows = [
+        ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at first", "theta_perp_ratio_initial", "{:.3g}"),
+        ("… at the end", "theta_perp_ratio", "{:.3g}"),
+        ("direction of the plant alone, error", "plant_direction_error", "{:.3%}"),
+        ("largest error of an actuator's share", "actuator_ratio_error", "{:.3%}"),
+        ("force residual on another trajectory", "force_residual_ratio", "{:.3%}"),
+        ("rms Δv over the last tenth", "velocity_error_rms", "{:.2g}"),
+    ]
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in identifiers)
+    body = "".join(
+        f"<tr><td>{label}</td>"
+        + "".join(f"<td>{form.format(s[key])}</td>" for s in identifiers.values())
+        + "</tr>"
+        for label, key, form in rows
+    )
+    drift = summary["conserved_drift"]
+    checks = (
+        f"<p>The Lyapunov function rose beyond the integrator's bound in "
+        f"{summary['lyapunov_violations']} steps; the conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by "
+        f"{'–' if drift is None else f'{drift:.1e}'}. Excitation: ε₀ of (75) at least "
+        f"{summary['pe_level_perp']:.2g} N·m·s, of (2) {summary['pe_level']:.2g} N·m·s.</p>"
+    )
+    return f"<table><tr><th></th>{head}</tr>{body}</table>{checks}"
+
+
+def _curves(run: Run) -> str:
+    """The run's curves as a PNG in a data URL."""
+    record, system = run.record, run.plant.system
+    k = slice(None, None, max(1, len(record) // _POINTS))
+    t, scale, truth = record["t"][k], system.space.scale, run.plant.truth
+    nullspace = metrics.true_nullspace(run)
+    figure, axes = plt.subplots(2, 2, figsize=(12, 7), sharex=True, constrained_layout=True)
+    (distance, gains), (error, energy) = axes
+    for name, colour in zip(["", *record.rivals], _COLOURS, strict=False):
+        suffix, label = (f"_{name}", name) if name else ("", "NS-AID")
+        theta_s = record[f"theta_hat{suffix}"][k] / scale
+        distance.semilogy(t, nullspace.ratio(theta_s), color=colour, label=label)
+        dv = record[f"v_hat{suffix}"][k] - record["v"][k]
+        error.semilogy(t, np.sqrt(np.mean(dv**2, axis=1)) + 1e-16, color=colour, lw=0.8)
+    distance.set_ylabel("‖θ̄_P⊥‖ / ‖θ̂‖")
+    distance.set_title("distance to the true set")
+    if record.rivals:
+        distance.legend()
+    error.set_ylabel("rms Δv [rad/s or m/s]")
+    error.set_xlabel("t [s]")
+    actuators = system.space.actuators
+    ratio = record["theta_hat"][k][:, actuators] / truth[actuators]
+    gains.plot(t, ratio / ratio.mean(axis=1, keepdims=True), lw=1)
+    gains.set_ylabel("k̂/k over its mean")
+    gains.set_title("actuator gains, up to the common scale: 1 is right")
+    law = run.identifiers[""]
+    V = metrics.lyapunov(system, law, record, truth)[k]
+    energy.semilogy(t, V, color=_COLOURS[0])
+    energy.set_ylabel("Lyapunov function V [J]")
+    energy.set_xlabel("t [s]")
+    for axis in axes.ravel():
+        axis.grid(alpha=0.3)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    plt.close(figure)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
+
+
+def _unobservable(summary: dict[str, Any]) -> str:
+    items = "".join(
+        f"<li>{html.escape(d['direction'])}: {html.escape(d['fix'])}.</li>"
+        for d in summary["unobservable"]
+    )
+    return (
+        f"<p>{summary['p'] - summary['r']} of {summary['p']} directions of θ show in the motion, "
+        f"{summary['r']} do not:</p><ol>{items}</ol>"
+    )
+
+
+def _parameters(summary: dict[str, Any]) -> str:
+    rows = summary["parameters"]
+    true, estimate, scale = (np.array([row[key] for row in rows])
+                             for key in ("true", "estimate", "scale"))  # fmt: skip
+    s, h = true / scale, estimate / scale
+    factor = (s @ h) / (h @ h)
+    body = "".join(
+        f"<tr><td>{html.escape(row['name'])}</td><td>{html.escape(row['unit'])}</td>"
+        f"<td>{row['prior'] * factor:.4g}</td><td>{row['estimate'] * factor:.4g}</td>"
+        f"<td>{row['true']:.4g}</td></tr>"
+        for row in rows
+    )
+    head = "<tr><th>parameter</th><th>unit</th><th>at first</th><th>estimate</th><th>true</th></tr>"
+    return f"<table>{head}{body}</table>"

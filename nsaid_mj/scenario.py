@@ -26,6 +26,8 @@ class Scenario:
         identifier: who identifies it.
         rivals: other identifiers on the same measurements, by name, for comparison.
         initial_error: θ̂(0) is off the truth by up to this share on every parameter.
+        gain_error: assumed actuator gains are off by this share, up and down in turn; None treats
+            them like every other parameter.
         duration: simulated time [s].
         dt: step of plant, controller and identifier [s].
         sensors: `ideal`, or `noisy` with the levels of `noise`.
@@ -41,6 +43,7 @@ class Scenario:
     identifier: IdentifierConfig = field(default_factory=NullspaceAID)
     rivals: Mapping[str, IdentifierConfig] = field(default_factory=dict)
     initial_error: float = 0.3
+    gain_error: float | None = None
     duration: float = 60.0
     dt: float = 1e-3
     sensors: Literal["ideal", "noisy"] = "ideal"
@@ -65,6 +68,9 @@ class Scenario:
                                "Make it longer.")  # fmt: skip
         if not (np.isfinite(self.initial_error) and self.initial_error >= 0):
             raise InvalidInput("initial_error", "a share ≥ 0", self.initial_error, "0.3 is 30 %.")
+        if self.gain_error is not None and not 0 <= self.gain_error < 1:
+            raise InvalidInput("gain_error", "a share in [0, 1), or None", self.gain_error,
+                               "0.2 is 20 %.")  # fmt: skip
         if not (isinstance(self.record_every, int) and self.record_every >= 1):
             raise InvalidInput("record_every", "a whole number ≥ 1", self.record_every, "1 is all.")
         if not (isinstance(self.seed, int) and self.seed >= 0):
@@ -122,5 +128,3 @@ def _decode(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_decode(item) for item in value)
     return value
-
-

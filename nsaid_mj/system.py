@@ -46,9 +46,11 @@ class SecondOrderSystem(ABC):
         n: number of velocities.
         m: number of positions.
         n_u: number of commands.
+        velocity_units: one SI unit for each velocity.
     """
 
     space: ParameterSpace
+    velocity_units: tuple[str, ...]
     n: int
     m: int
     n_u: int
@@ -207,7 +209,9 @@ def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
                 f"shape {array.shape}",
                 "Give one row for each sample.",
             )
-    leading = [a.shape[:-1] if length else a.shape for a, length in zip(arrays, lengths, strict=True)]
+    leading = [
+        a.shape[:-1] if length else a.shape for a, length in zip(arrays, lengths, strict=True)
+    ]
     batch = np.broadcast_shapes(*leading)
     if not batch:
         return function(*arrays)

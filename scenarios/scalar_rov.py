@@ -4,8 +4,8 @@ from nsaid_mj import MultisineCommand, NullspaceAID, ScalarRovPlant, Scenario, m
 
 scenario = Scenario(
     plant=ScalarRovPlant(),
-    excitation=MultisineCommand(low=0.05, high=0.5, tones=8, amplitude=0.8),
-    identifier=NullspaceAID(K=5.0, gain=0.01),
+    excitation=MultisineCommand(low=0.1, high=1.0, tones=8, amplitude=0.4),
+    identifier=NullspaceAID(K=10.0, gain=0.3),
     initial_error=0.5,
     duration=120.0,
     dt=0.01,

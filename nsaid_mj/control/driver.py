@@ -28,9 +28,7 @@ class DriverConfig(ABC):
     """A driver as data; `build` makes the thing itself."""
 
     @abstractmethod
-    def build(
-        self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator
-    ) -> Driver:
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
 
         Args:

@@ -28,13 +28,9 @@ class MultisineCommand(DriverConfig):
     tones: int = 8
     amplitude: float = 0.8
 
-    def build(
-        self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator
-    ) -> Driver:
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver."""
-        signal = Multisine(
-            system.n_u, self.low, self.high, self.tones, self.amplitude, rng
-        )
+        signal = Multisine(system.n_u, self.low, self.high, self.tones, self.amplitude, rng)
         return _MultisineDriver(system.n, signal)
 
 

@@ -23,12 +23,14 @@ class FourierTracking(DriverConfig):
         harmonics: number of harmonics.
         reach: share of each joint's range and speed that is used, in (0, 1].
         bandwidth: of the tracking loop [Hz].
+        speed: of the fastest moment of every joint [rad/s or m/s]; None asks the data sheet.
     """
 
     fundamental: float = 0.1
     harmonics: int = 5
     reach: float = 0.8
     bandwidth: float = 2.0
+    speed: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.reach <= 1:
@@ -38,9 +40,10 @@ class FourierTracking(DriverConfig):
                 "excitation.bandwidth", "a frequency > 0 Hz", self.bandwidth, "2 Hz will do."
             )
 
-    def build(
-        self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator
-    ) -> Driver:
+        if self.speed is not None and not (np.isfinite(self.speed) and self.speed > 0):
+            raise InvalidInput("excitation.speed", "a speed > 0", self.speed, "None will do.")
+
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
 
         Raises:
@@ -55,7 +58,9 @@ class FourierTracking(DriverConfig):
         trajectory = FourierTrajectory(
             centre - half,
             centre + half,
-            self.reach * system.scales.speed,
+            self.reach * system.scales.speed
+            if self.speed is None
+            else np.full(system.n, self.speed),
             self.fundamental,
             self.harmonics,
             rng,

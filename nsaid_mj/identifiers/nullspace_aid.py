@@ -11,7 +11,7 @@ from numba import njit
 from ..errors import InvalidInput
 from ..kernels import times
 from ..parameters import Array
-from ..system import Instant, Measurement, SecondOrderSystem, checked
+from ..system import Measurement, SecondOrderSystem, checked
 from .base import Identifier, IdentifierConfig, State, Status
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
@@ -51,7 +51,7 @@ class NullspaceAID(IdentifierConfig):
 
     Attributes:
         K: gain of the identification plant, K = K·I [1/s].
-        gain: adaptation gain γ; Γ = γ diag(scale²) [1/(N·m·s)].
+        gain: adaptation gain γ; Γ = γ diag(scale²) [1/J].
         interpolation: the measured state half-way between samples: `hermite`, the cubic through
             both positions and velocities, for exact encoders; `linear`, the mean of both
             velocities, where differences of positions are noise; `auto` chooses by the sensors.
@@ -130,7 +130,10 @@ class NullspaceIdentifier(Identifier):
         dt = following.t - previous.t
         if not dt > 0:
             raise InvalidInput(
-                "t", f"a time after {previous.t!r} s", repr(following.t), "Sort the samples by time."
+                "t",
+                f"a time after {previous.t!r} s",
+                repr(following.t),
+                "Sort the samples by time.",
             )
         system, u = self.system, previous.u
         first = state.instant.commanded(previous.t, u)
@@ -140,8 +143,11 @@ class NullspaceIdentifier(Identifier):
         n, start = system.n, np.concatenate(state[1:3])
         z, end, smallest = start, start.copy(), np.inf
         for instant, weight, reach in (
-            (first, dt / 6, dt / 2), (middle, dt / 3, dt / 2), (middle, dt / 3, dt), (last, dt / 6, 0.0)
-        ):  # fmt: skip
+            (first, dt / 6, dt / 2),
+            (middle, dt / 3, dt / 2),
+            (middle, dt / 3, dt),
+            (last, dt / 6, 0.0),
+        ):
             a_hat, W, pivot = instant.evaluate(z[:n], z[n:])  # (29), (10, 31)
             if not pivot > 0:
                 return state._replace(pivot=pivot, status=Status.estimate_not_positive_definite)
@@ -169,9 +175,7 @@ class NullspaceIdentifier(Identifier):
         return self.system.integrate(previous.q, half), v
 
 
-def positive_gain(
-    name: str, value: Array, size: int, moving: np.ndarray | None = None
-) -> Array:
+def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None = None) -> Array:
     """A gain given by its diagonal (size,) or whole (size, size), checked positive definite.
 
     Raises:

@@ -110,6 +110,8 @@ class Arm(Plant):
         EnginesDisagree: the two engines compute different dynamics.
     """
 
+    system: Multibody
+
     def __init__(self, robot: Robot, system: Multibody, hidden: HiddenJoints, dt: float):
         self.robot, self.system, self._hidden = robot, system, hidden
         spec = arm_spec(robot.model, hidden, dt)
@@ -154,17 +156,19 @@ class Arm(Plant):
 
     def visuals(self) -> list[VisualMesh]:
         """The robot's own meshes, where its description has any."""
-        return [
-            mesh
-            for geometry in self.robot.visual.geometryObjects
-            if (mesh := _mesh(geometry)) is not None
-        ]
+        return list(self._meshes.values())
+
+    @cached_property
+    def _meshes(self) -> dict[int, VisualMesh]:
+        """What can be drawn, by its index in Pinocchio's visual geometry."""
+        meshes = ((i, _mesh(g)) for i, g in enumerate(self.robot.visual.geometryObjects))
+        return {i: mesh for i, mesh in meshes if mesh is not None}
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m)."""
         visual = self.robot.visual
         data, geometry = self.robot.model.createData(), visual.createData()
-        drawn = [i for i, g in enumerate(visual.geometryObjects) if _mesh(g) is not None]
+        drawn = list(self._meshes)
         translations = np.zeros((len(q), len(drawn), 3))
         quaternions = np.zeros((len(q), len(drawn), 4))
         for k, configuration in enumerate(q):
@@ -249,9 +253,7 @@ def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float) -> Any:
         )
         joint.damping = [hidden.viscous[k], 0, 0]
         joint.armature = hidden.rotor[k] if hidden.rotor is not None else 0.0
-        motor = spec.add_actuator(
-            name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
-        )
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gainprm[0] = hidden.gain[k]
     return spec
 

@@ -113,7 +113,7 @@ class Plant(ABC):
     def running(self) -> Iterator[None]:
         """Installs what the plant needs in MuJoCo, and silences MuJoCo's repeated warnings."""
         handler = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(lambda message: None)  # `diverged` tells it, once
+        mujoco.set_mju_user_warning(lambda _: None)  # `diverged` tells it, once
         try:
             with installed(self.passive):
                 yield

@@ -76,9 +76,13 @@ def _load_file(path: Path) -> tuple[pin.Model, Any]:
     try:
         model = pin.buildModelFromUrdf(str(path))
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
-        raise BadRobot(str(path), "", f"Pinocchio cannot read it: {error}", "Mend the URDF.") from error
+        raise BadRobot(
+            str(path), "", f"Pinocchio cannot read it: {error}", "Mend the URDF."
+        ) from error
     try:
-        visual = pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.VISUAL, [str(path.parent)])
+        visual = pin.buildGeomFromUrdf(
+            model, str(path), pin.GeometryType.VISUAL, [str(path.parent)]
+        )
     except ValueError:  # meshes that are not there: the dynamics do not need them
         visual = pin.GeometryModel()
     return model, visual

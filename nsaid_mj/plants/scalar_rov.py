@@ -29,14 +29,16 @@ class ScalarRovPlant(PlantConfig):
 
     mass: float = 32.18
     drag: float = 190.0
-    net_weight: float = 4.0
+    net_weight: float = 20.0
     gain: float = 160.0
     spread: float = 0.2
 
     def __post_init__(self) -> None:
         for name in ("mass", "drag", "gain"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InvalidInput(f"plant.{name}", "a number > 0", getattr(self, name), "Give one.")
+                raise InvalidInput(
+                    f"plant.{name}", "a number > 0", getattr(self, name), "Give one."
+                )
         if not (np.isfinite(self.net_weight) and self.net_weight != 0):
             raise InvalidInput("plant.net_weight", "a number that is not 0", self.net_weight,
                                "A neutral vehicle has no net weight to identify.")  # fmt: skip

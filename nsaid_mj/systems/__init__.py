@@ -1,0 +1,1 @@
+"""The structure an identifier knows. Never imports mujoco, holds no true value."""

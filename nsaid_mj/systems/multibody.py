@@ -80,8 +80,14 @@ class Multibody(SecondOrderSystem):
         self._viscous = self.space["viscous friction"].start
         self._coulomb = self.space["Coulomb friction"].start
         self._gain = self.space["motor gain"].start
-        self._at = (-1 if self._rotor is None else self._rotor, self._viscous, self._coulomb, self._gain)
+        self._at = (
+            -1 if self._rotor is None else self._rotor,
+            self._viscous,
+            self._coulomb,
+            self._gain,
+        )
         self._smallest_mass = 1e-6 * scales.mass
+        self._parents = np.array([parent - 1 for parent in list(self.model.parents)[1:]])
         self._plain = self.m == self.n  # no continuous joint: positions add
 
     # -- regressors ----------------------------------------------------------------------------
@@ -164,7 +170,7 @@ class Multibody(SecondOrderSystem):
         if self._plain:
             return np.array(coordinates, dtype=np.float64)
         coordinates = np.asarray(coordinates, dtype=np.float64)
-        q = np.zeros(coordinates.shape[:-1] + (self.m,))
+        q = np.zeros((*coordinates.shape[:-1], self.m))
         for joint in list(self.model.joints)[1:]:
             c = coordinates[..., joint.idx_v]
             if joint.nq == 2:
@@ -172,6 +178,11 @@ class Multibody(SecondOrderSystem):
             else:
                 q[..., joint.idx_q] = c
         return q
+
+    @cached_property
+    def velocity_units(self) -> tuple[str, ...]:
+        """One unit for each velocity: rad/s, or m/s for a prismatic joint."""
+        return tuple("m/s" if slides else "rad/s" for slides in _slides(self.model))
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a configuration within the limits, speeds and commands of operation."""
@@ -183,8 +194,9 @@ class Multibody(SecondOrderSystem):
 class _ArmInstant(Instant):
     """An arm at one state: M(q, θ̂) by the composite rigid body algorithm under θ̂'s inertias.
 
-    That is four times cheaper than n regressors, but Pinocchio stores centres of mass, h/m: with
-    a link's mass near 0 it would lose digits, and the base class's regressors take over.
+    That is four times cheaper than n regressors, but Pinocchio stores centres of mass, h/m, and
+    adds inertias by dividing by the sum of their masses: where a link's mass is near 0, or what
+    a joint carries is not heavier than 0, the base class's regressors take over.
     """
 
     system: Multibody
@@ -192,7 +204,7 @@ class _ArmInstant(Instant):
     def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
         """As in the base class."""
         arm, q, v, zero = self.system, self.q, self.v, self.system._zero
-        massive, plus, minus = _prepare(v, w, theta, arm._smallest_mass)
+        massive, plus, minus = _prepare(v, w, theta, arm._smallest_mass, arm._parents)
         if not massive:
             return super().evaluate(w, theta)
         model, data, weightless, data_0 = arm.model, arm._data, arm._weightless, arm._data_0
@@ -215,11 +227,18 @@ class _ArmInstant(Instant):
 
 
 @njit(cache=True)
-def _prepare(v, w, theta, smallest):
-    """Whether no link's mass is within ±smallest (n,) of 0; (v + w)/2; (v − w)/2."""
-    for i in range(smallest.shape[0]):
-        if not abs(theta[10 * i]) >= smallest[i]:
+def _prepare(v, w, theta, smallest, parents):
+    """Whether all masses are fit for Pinocchio's inertias; (v + w)/2; (v − w)/2.
+
+    Fit is: no link is within ±smallest (n,) of 0, and no joint carries less than its smallest.
+    """
+    n = smallest.shape[0]
+    carried = theta[: 10 * n : 10].copy()
+    for i in range(n - 1, -1, -1):
+        if not (abs(theta[10 * i]) >= smallest[i] and carried[i] >= smallest[i]):
             return False, v, w
+        if parents[i] >= 0:
+            carried[parents[i]] += carried[i]
     return True, 0.5 * (v + w), 0.5 * (v - w)
 
 
@@ -257,6 +276,11 @@ def _accelerated(W, W_M, a, at):
             W[i, at[0] + i] += a[i]
 
 
+def _slides(model: pin.Model) -> list[bool]:
+    """Which joints are prismatic."""
+    return [joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]]
+
+
 def _space(model: pin.Model, s: JointScales) -> ParameterSpace:
     joints = range(1, model.njoints)
     links = [
@@ -269,10 +293,10 @@ def _space(model: pin.Model, s: JointScales) -> ParameterSpace:
         )
         for i in joints
     ]
-    turning = ["P" not in model.joints[i].shortname().replace("JointModel", "") for i in joints]
+    slides = _slides(model)
 
     def per_joint(name: str, letter: str, turn: str, slide: str, scale: Array, actuator=False):
-        units = tuple(turn if turns else slide for turns in turning)
+        units = tuple(slide if sliding else turn for sliding in slides)
         return Block(
             name, tuple(f"{letter}_{i}" for i in joints), units, scale, "positive", actuator
         )

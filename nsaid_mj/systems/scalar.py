@@ -22,6 +22,7 @@ class ScalarVehicle(SecondOrderSystem):
     """
 
     n, m, n_u = 1, 1, 1
+    velocity_units = ("m/s",)
 
     def __init__(self, scale: Array, speed: float = 1.0):
         m, d, g, a = np.asarray(scale, dtype=np.float64)[:, None]

@@ -1,0 +1,42 @@
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo install test test-all bench lint screenshots store-directions wheel clean
+
+demo: install  ## install, identify a UR5 for a minute, say what was found and where the recording is
+	$(BIN)/nsaid run ur5
+
+install: .venv/installed
+
+.venv/installed: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+test: install  ## everything that a change must pass
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+
+test-all: install  ## with the long studies
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+
+bench: install  ## cost of a step as ratios inside one process
+	OMP_NUM_THREADS=1 $(BIN)/python scripts/benchmark.py
+
+lint: install
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pyright
+
+screenshots: install  ## docs/*.png from real recordings (needs a Vulkan driver)
+	$(BIN)/python scripts/screenshots.py
+
+store-directions: install  ## accept the directions that the scenarios now converge to
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.recovery.store
+
+wheel: install
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+
+clean:
+	rm -rf .venv dist runs

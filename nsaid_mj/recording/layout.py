@@ -1,0 +1,173 @@
+"""How the viewer arranges a run: pages as tabs, the first one tells the story without a click."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ..parameters import ParameterSpace
+from .scene import ROBOT, Camera
+from .series import path
+from .text import drawable
+
+_LINKS_ON_A_PAGE = 6
+
+
+def blueprint(
+    space: ParameterSpace,
+    camera: Camera | None,
+    *,
+    farthest: float,
+    shared: str = "",
+    rivals: bool = False,
+    conserves: bool = False,
+) -> rrb.Blueprint:
+    """The arrangement of a run that has ended.
+
+    Args:
+        space: the parameters.
+        camera: where the robot is seen from; None leaves the 3D view out.
+        farthest: the largest ‖θ̄_P⊥‖/‖θ̂‖ there is to see.
+        shared: what the shares are of ("motor gain"), "" where there are none.
+        rivals: whether there are rivals to compare with.
+        conserves: whether the law's quantity is conserved.
+    """
+    log_distance = plot("log_distance", "Distance to the true set  log₁₀ (‖θ̄_P⊥‖ / ‖θ̂‖)")
+    story = [
+        plot("distance", "Distance to the true set  ‖θ̄_P⊥‖ / ‖θ̂‖  [1]", (0.0, 1.05 * farthest))
+    ]
+    if shared:
+        story.append(plot("share", f"Share of each {shared}, estimate / truth  (1 = right)"))
+    if shared and rivals:
+        story.append(plot("share_error", f"Largest error of a {shared}'s share  [%]"))
+    elif len(space.actuators) > 1:
+        story += [_estimate(block.name) for block, _ in space if block.actuator][:1]
+    else:
+        story.append(log_distance)
+    story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
+    left: list[rrb.View | rrb.Container] = [result()]
+    if camera is not None:
+        left.insert(0, robot(camera))
+    overview = rrb.Horizontal(
+        rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
+        rrb.Grid(*story, grid_columns=2 if len(story) > 3 else 1),
+        column_shares=[2, 3],
+        name="Overview",
+    )
+    certificates = rrb.Grid(
+        log_distance,
+        plot("theta_perp", "Components  θ̄_P⊥  (40)", legend=False),
+        plot("lyapunov", "Lyapunov function  V  (66)  [J]"),
+        *(
+            [plot("conserved", "Drift of the conserved  ‖θ̂‖² under Γ⁻¹  (30), relative, log₁₀")]
+            if conserves
+            else []
+        ),
+        plot("velocity_rms", "Velocity error, rms over the velocities"),
+        plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
+        plot("velocity", "Measured velocity  v"),
+        plot("command", "Command  u"),
+        grid_columns=2,
+        name="Proof and excitation",
+    )
+    return _whole(overview, *estimates(space), certificates)
+
+
+def live_blueprint(space: ParameterSpace, camera: Camera | None) -> rrb.Blueprint:
+    """The arrangement of a run that goes on: what can be known without the truth."""
+    plots = [
+        plot("velocity_error", "Velocity error  Δv = v̂ − v"),
+        *[_estimate(block.name, False) for block, _ in space if block.actuator][:2],
+        plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
+    ]
+    views = [rrb.Vertical(*plots)]
+    overview = rrb.Horizontal(*([robot(camera)] if camera else []), *views, name="Overview")
+    return _whole(overview, *estimates(space, judged=False), play_state="following")
+
+
+def estimates(space: ParameterSpace, judged: bool = True) -> list[rrb.Grid]:
+    """Pages of θ̂ by block: actuators first, then the joints, then the links.
+
+    Args:
+        space: the parameters.
+        judged: whether the true direction is shown beside them.
+    """
+    blocks = sorted(space, key=lambda item: not item[0].actuator)
+    joints = [_estimate(b.name, judged) for b, _ in blocks if b.geometry != "pseudo_inertia"]
+    links = [_estimate(b.name, judged) for b, _ in blocks if b.geometry == "pseudo_inertia"]
+    pages = [rrb.Grid(*joints, grid_columns=2, name="Estimate")] if joints else []
+    for start in range(0, len(links), _LINKS_ON_A_PAGE):
+        some = links[start : start + _LINKS_ON_A_PAGE]
+        name = f"Links {start + 1} – {start + len(some)}" if len(links) > len(some) else "Links"
+        pages.append(rrb.Grid(*some, grid_columns=2, name=name))
+    return pages
+
+
+def plot(
+    entity: str, title: str, span: tuple[float, float] | None = None, legend: bool = True
+) -> rrb.TimeSeriesView:
+    """One plot over the time of the run; `span` is what its axis shows, None what there is."""
+    return rrb.TimeSeriesView(
+        origin=f"/{entity}",
+        name=drawable(title),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
+        axis_y=rrb.ScalarAxis(range=span) if span else None,
+        axis_x=rr.blueprint.archetypes.TimeAxis(link="LinkToGlobal"),
+    )
+
+
+def robot(camera: Camera) -> rrb.Spatial3DView:
+    """The robot, on its ground."""
+    return rrb.Spatial3DView(
+        origin="/",
+        contents=f"/{ROBOT}/**",
+        name="Robot, as MuJoCo moves it",
+        background=rrb.Background(color=(27, 32, 41)),
+        line_grid=rrb.LineGrid3D(
+            visible=True,
+            spacing=_round(camera.size / 5),
+            plane=rr.components.Plane3D.XY.with_distance(camera.ground),
+            stroke_width=1.0,
+            color=(90, 100, 120, 120),
+        ),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=camera.position,
+            look_target=camera.target,
+            tracking_entity=camera.follows or None,
+        ),
+    )
+
+
+def result() -> rrb.TextDocumentView:
+    """What came out, in words."""
+    return rrb.TextDocumentView(origin="/result", name="Result")
+
+
+def _estimate(block: str, judged: bool = True) -> rrb.TimeSeriesView:
+    beside = " and its true direction (pale)" if judged else ""
+    return plot(path("estimate", block), f"Estimate of {block}{beside}, / scale")
+
+
+def _round(length: float) -> float:
+    """The nearest of 1, 2, 5 · 10ⁿ [m]."""
+    n = 10.0 ** math.floor(math.log10(length))
+    return min((n, 2 * n, 5 * n, 10 * n), key=lambda step: abs(math.log(step / length)))
+
+
+def _whole(
+    *pages: rrb.Container, play_state: Literal["playing", "following"] = "playing"
+) -> rrb.Blueprint:
+    return rrb.Blueprint(
+        rrb.Tabs(*pages, active_tab=0),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed", timeline="sim_time", play_state=play_state, loop_mode="all"
+        ),
+        auto_views=False,
+        auto_layout=False,
+    )

@@ -1,0 +1,196 @@
+"""A run as it goes on, in the viewer. It sees what the identifier sees, and no true value."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import rerun as rr
+
+from ..experiment import Observer
+from ..identifiers import State
+from ..plants import Plant
+from ..scenario import Scenario
+from ..system import Measurement
+from .layout import live_blueprint
+from .scene import Scene
+from .series import Curves, estimate_names, excitation, path, velocity_names
+from .text import drawable
+from .viewer import GRPC_PORT, LOCAL, WEB_PORT, free_port, has_display, listening, program, serving
+
+_PERIOD = 0.05  # between two looks, of the wall's clock [s]
+_SHARE = 10  # a robot is drawn so seldom that its poses take a tenth of the time at most
+_PATIENCE = 5.0  # for the viewer to start, and to take what is left at the end [s]
+
+
+class Live(Observer):
+    """Streams a run into a viewer's window, or where there is no display to a browser.
+
+    Whatever happens to the viewer, the run goes on: the first failure is told in one line, and
+    nothing is streamed from then on.
+
+    Args:
+        name: of the run.
+    """
+
+    def __init__(self, name: str):
+        self._name = name
+        self._rec: rr.RecordingStream | None = None
+        self._server: subprocess.Popen[bytes] | None = None
+        self._next = self._next_pose = -np.inf
+
+    def start(self, scenario: Scenario, plant: Plant) -> None:
+        """Starts the viewer and shows the robot."""
+        try:
+            self._start(plant)
+        except Exception as error:  # whatever a viewer raises, the run matters more
+            self._give_up(error)
+
+    def see(
+        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
+    ) -> None:
+        """Streams Δv, θ̂ by block, the levels of excitation and the robot, 20 times a second."""
+        now = time.perf_counter()
+        if self._rec is None or now < self._next:
+            return
+        self._next = now + _PERIOD
+        try:
+            self._see(self._rec, measurement, states[""], levels)
+        except Exception as error:
+            self._give_up(error)
+
+    def stop(self) -> None:
+        """Hands the viewer what is left. A window stays open; a server ends, its pages stay."""
+        rec, self._rec = self._rec, None
+        try:
+            if rec is not None:
+                rec.flush(timeout_sec=_PATIENCE)
+                rec.disconnect()
+        except Exception as error:
+            self._give_up(error)
+        finally:
+            self._end_server()
+
+    def _start(self, plant: Plant) -> None:
+        self._space, self._scene = plant.system.space, Scene(plant)
+        rng = np.random.default_rng(0)  # where the robot may go, as its structure says
+        q = np.array([plant.system.random_state(rng)[0] for _ in range(20)])
+        camera = None if self._scene.empty else self._scene.camera(q)
+        layout = live_blueprint(self._space, camera)
+        rec = rr.RecordingStream(drawable(f"nsaid_mj {self._name} live"))
+        rec.connect_grpc(self._open() if has_display() else self._serve(), default_blueprint=layout)
+        self._scene.log_shapes(rec, camera)
+        for curve in _curves(plant):
+            curve.log_style(rec)
+        self._rec = rec
+
+    def _open(self) -> str:
+        """Opens a window, which outlives the run; returns where to send the data."""
+        port = free_port(GRPC_PORT)
+        flags = [*listening(port), "--hide-welcome-screen", "--expect-data-soon"]
+        viewer = _launch(flags, start_new_session=True)
+        _wait_for(viewer, port)
+        return _target(port)
+
+    def _serve(self) -> str:
+        """Starts a web server for this machine only; returns where to send the data.
+
+        `RecordingStream.serve_grpc` and `serve_web_viewer` would do it within this process, but
+        listen to the whole network.
+        """
+        port, web = free_port(GRPC_PORT), free_port(WEB_PORT)
+        self._server = _launch(serving(port, web))
+        _wait_for(self._server, port)
+        _wait_for(self._server, web)
+        page = f"http://{LOCAL}:{web}?url={_target(port).replace('+', '%2B')}"
+        print(f"nsaid: no display here; watch the run at {page}", file=sys.stderr)
+        return _target(port)
+
+    def _see(
+        self,
+        rec: rr.RecordingStream,
+        measurement: Measurement,
+        state: State,
+        levels: tuple[float, float],
+    ) -> None:
+        rec.set_time("sim_time", duration=measurement.t)
+        rec.log("velocity_error", rr.Scalars(state.v_hat - measurement.v))
+        theta_s = state.theta_hat / self._space.scale
+        for block, place in self._space:
+            rec.log(path("estimate", block.name, "estimated"), rr.Scalars(theta_s[place]))
+        rec.log("excitation/all", rr.Scalars(levels[0]))
+        rec.log("excitation/perpendicular", rr.Scalars(levels[1]))
+        begin = time.perf_counter()
+        if begin >= self._next_pose:
+            self._scene.log_poses(rec, np.array([measurement.t]), measurement.q[None])
+            self._next_pose = begin + _SHARE * (time.perf_counter() - begin)
+
+    def _give_up(self, error: Exception) -> None:
+        self._rec = None
+        self._end_server()
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        print(f"nsaid: the run goes on without a viewer: {reason}", file=sys.stderr)
+
+    def _end_server(self) -> None:
+        server, self._server = self._server, None
+        if server is not None:
+            server.terminate()
+            try:
+                server.wait(timeout=_PATIENCE)
+            except subprocess.TimeoutExpired:
+                server.kill()
+                server.wait()
+
+
+def _launch(flags: list[str], start_new_session: bool = False) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [*program(), *flags],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=start_new_session,
+    )
+
+
+def _wait_for(viewer: subprocess.Popen[bytes], port: int) -> None:
+    """Waits until the viewer listens.
+
+    Raises:
+        ConnectionError: it has ended.
+        TimeoutError: it does not answer.
+    """
+    end = time.monotonic() + _PATIENCE
+    while time.monotonic() < end:
+        if viewer.poll() is not None:
+            raise ConnectionError(f"Rerun's viewer ended with code {viewer.returncode}")
+        try:
+            socket.create_connection((LOCAL, port), timeout=0.2).close()
+            return
+        except OSError:
+            time.sleep(0.05)
+    raise TimeoutError(f"Rerun's viewer did not answer within {_PATIENCE:g} s")
+
+
+def _target(port: int) -> str:
+    return f"rerun+http://{LOCAL}:{port}/proxy"
+
+
+def _curves(plant: Plant) -> list[Curves]:
+    """What is streamed, without values."""
+
+    def empty(width: int) -> np.ndarray:
+        return np.zeros((0, width))
+
+    n = plant.system.n
+    found = [Curves("velocity_error", velocity_names(plant), empty(n))]
+    found += excitation(empty(1), empty(1))
+    for block, _ in plant.system.space:
+        found.append(
+            Curves(
+                path("estimate", block.name, "estimated"), estimate_names(block), empty(len(block))
+            )
+        )
+    return found

@@ -1,0 +1,72 @@
+"""Rerun's own program: where it is, whether it can be seen, how it is started."""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+from pathlib import Path
+
+import rerun_cli
+
+from ..errors import BadRun
+
+LOCAL = "127.0.0.1"
+GRPC_PORT, WEB_PORT = 9876, 9090  # Rerun's own; taken where they are free
+
+
+def viewer_command(file: Path, web: bool) -> list[str]:
+    """The command line that opens a recording.
+
+    Args:
+        file: the recording.
+        web: serve it to browsers of this machine instead of opening a window.
+
+    Raises:
+        BadRun: a window is wanted and there is no display.
+    """
+    if not web:
+        if not has_display():
+            raise BadRun(
+                file, "there is no display for a window", "Add --web to serve it to a browser"
+            )
+        return [*program(), str(file), *listening(free_port(GRPC_PORT))]
+    return [*program(), str(file), *serving(free_port(GRPC_PORT), free_port(WEB_PORT))]
+
+
+def listening(port: int) -> list[str]:
+    """Flags for a viewer that this machine alone can reach; Rerun's default is the whole net."""
+    return ["--bind", LOCAL, "--port", str(port)]
+
+
+def serving(port: int, web_port: int) -> list[str]:
+    """Flags that serve the viewer to browsers of this machine alone."""
+    return ["--serve-web", *listening(port), "--web-viewer-port", str(web_port)]
+
+
+def program() -> list[str]:
+    """Rerun's program itself: ending its console script would leave the program behind."""
+    folder = Path(rerun_cli.__file__).parent
+    for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe"):
+        if (folder / name).is_file():
+            return [str(folder / name)]
+    return [sys.executable, "-m", "rerun_cli"]
+
+
+def has_display() -> bool:
+    """Whether a window can be opened: always on a Mac or Windows, else where X or Wayland runs."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def free_port(wish: int) -> int:
+    """The wished port of this machine, or any other where that one is taken."""
+    for port in (wish, 0):
+        with socket.socket() as probe:
+            try:
+                probe.bind((LOCAL, port))
+            except OSError:
+                continue
+            return probe.getsockname()[1]
+    return wish

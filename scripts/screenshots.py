@@ -1,0 +1,157 @@
+"""Pictures for the README, from real recordings: runs scenarios and photographs the viewer.
+
+    python scripts/screenshots.py                       # the default scenarios, into docs/
+    python scripts/screenshots.py ur5 --duration 20
+    python scripts/screenshots.py --file runs/ur5/run.rrd --out /tmp
+
+The viewer needs a Vulkan driver; without a graphics card, Debian's mesa-vulkan-drivers is one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from PIL import Image
+from rerun.experimental import ViewerClient
+
+from nsaid_mj import cli, finish
+from nsaid_mj.errors import NsaidError
+from nsaid_mj.experiment import run
+from nsaid_mj.recording import FILE
+from nsaid_mj.recording.viewer import LOCAL, free_port, listening, program
+from nsaid_mj.resources import scenarios
+
+SCENARIOS = ("ur5", "double_pendulum", "scalar_rov", "wrong_gains")
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+SIZE = (1600, 1000)
+MENU = 33  # height of the viewer's own menu, which is cut off [pixels]
+LARGEST = 300_000  # of a picture [bytes]
+PATIENCE = 60.0  # for the viewer [s]
+TOASTS = 10.0  # until the viewer's messages of its start have gone [s]
+
+
+class PhotographError(NsaidError):
+    """The viewer could not be photographed."""
+
+
+def photograph(recording: Path, picture: Path, at: float) -> None:
+    """Opens a recording without a window and stores what a user would see.
+
+    Args:
+        recording: the .rrd file.
+        picture: the PNG to write.
+        at: where the time cursor stands [s].
+
+    Raises:
+        PhotographError: the viewer does not start, cannot render, or does not load the file.
+    """
+    port = free_port(19876)
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "log"
+        shot = Path(folder) / "shot.png"
+        with log.open("wb") as stream:
+            viewer = subprocess.Popen(
+                [*program(), "--headless", *listening(port), "--window-size",
+                 "{}x{}".format(*SIZE), "--hide-welcome-screen", str(recording.resolve())],
+                stdin=subprocess.DEVNULL, stdout=stream, stderr=stream,
+            )  # fmt: skip
+        try:
+            client = connect(viewer, port)
+            show(client, at)
+            client.save_screenshot(str(shot))
+        except Exception as error:  # whatever the viewer does, say what it said
+            said = log.read_text(errors="replace")
+            cause = said.partition("panicked at")[2].partition("stack backtrace")[0].strip()
+            raise PhotographError(
+                f"the viewer could not show {recording}: {error}. It needs a Vulkan driver "
+                f"(Debian: apt-get install mesa-vulkan-drivers). It said: {cause or said[-500:]}"
+            ) from error
+        finally:
+            viewer.terminate()
+            viewer.wait()
+        reduce(shot, picture)
+
+
+def connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
+    """Waits for a viewer that is starting."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        if viewer.poll() is not None:
+            raise RuntimeError(f"it ended with code {viewer.returncode}")
+        try:
+            client = ViewerClient.connect(f"rerun+http://{LOCAL}:{port}/proxy")
+            client.get_state()
+            return client
+        except Exception:  # not there yet
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.2)
+
+
+def show(client: ViewerClient, at: float) -> None:
+    """Waits for the recording, and puts the time cursor where it should stand."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            client.set_time("sim_time", duration=at, play_state="paused")
+            break
+        except Exception:  # still loading
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.2)
+    time.sleep(TOASTS)
+
+
+def reduce(shot: Path, picture: Path) -> None:
+    """Halves a screenshot's pixels and colours until it is small enough to be committed."""
+    image = Image.open(shot).convert("RGB")
+    image = image.resize(SIZE, Image.Resampling.LANCZOS).crop((0, MENU, *SIZE))
+    for colors in (256, 128, 64, 32):
+        image.quantize(colors, dither=Image.Dither.NONE).save(picture, optimize=True)
+        if picture.stat().st_size < LARGEST:
+            return
+
+
+def main() -> int:
+    """Does what the command line says."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", help=f"scenarios (default: {' '.join(SCENARIOS)})")
+    parser.add_argument("--duration", type=float, help="simulate so many seconds instead")
+    parser.add_argument("--at", type=float, help="time of the cursor [s] (default: half-way)")
+    parser.add_argument("--out", type=Path, default=DOCS, help="folder of the pictures")
+    parser.add_argument("--file", type=Path, help="photograph this recording instead")
+    chosen = parser.parse_args()
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    try:
+        if chosen.file:
+            picture = chosen.out / f"{chosen.file.resolve().parent.name}.png"
+            photograph(chosen.file, picture, chosen.at or 0.0)
+            print(f"{picture}  {picture.stat().st_size // 1000} kB")
+            return 0
+        for name in chosen.names or [n for n in SCENARIOS if n in scenarios()]:
+            scenario = cli.load(name)
+            if chosen.duration:
+                scenario = dataclasses.replace(scenario, duration=chosen.duration)
+            with tempfile.TemporaryDirectory() as folder:
+                result = run(scenario, Path(folder) / name)
+                finish.finish(result)
+                picture = chosen.out / f"{name}.png"
+                at = chosen.at if chosen.at is not None else scenario.duration / 2
+                photograph(result.folder / FILE, picture, at)
+            print(f"{picture}  {picture.stat().st_size // 1000} kB")
+    except NsaidError as error:
+        print(f"screenshots: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

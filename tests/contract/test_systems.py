@@ -1,0 +1,426 @@
+"""One contract over all systems: (3), (4), (8–10), (29), Ṁ − 2C skew, and no true value inside."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nsaid_mj.errors import InvalidInput
+from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
+from nsaid_mj.system import Measurement, checked
+from nsaid_mj.systems.multibody import Multibody
+
+FEW = settings(deadline=None, max_examples=10)
+seeds = st.integers(0, 2**32 - 1)
+ARMS = ["ur5", "kinova", "panda", "double_pendulum", "talos_arm", "solo12"]
+PLANTS = {"scalar": ScalarRovPlant()} | {name: ArmPlant(robot=name) for name in ARMS}
+systems = pytest.mark.parametrize("name", PLANTS)
+arms = pytest.mark.parametrize("name", ARMS)
+
+
+@cache
+def plant(name: str) -> Plant:
+    return PLANTS[name].build(1e-4, 7)
+
+
+def draw(system, rng, batch=()):
+    """(t, x, w, a, u) of the size seen in operation, with leading axes `batch`."""
+    count = int(np.prod(batch))
+    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(count)),
+                                              strict=True))  # fmt: skip
+    w, a = rng.standard_normal((2, count, system.n)) * np.abs(v).max()
+    parts = rng.uniform(0, 9, count), np.hstack([q, v]), w, a, u
+    return tuple(part.reshape(batch + part.shape[1:]) for part in parts)
+
+
+def near(one, other, tolerance=1e-11):
+    """Equal relative to the largest entry."""
+    size = max(np.abs(one).max(), np.abs(other).max(), 1e-300)
+    assert np.abs(one - other).max() <= tolerance * size
+
+
+# -- shapes ------------------------------------------------------------------------------------
+
+
+@systems
+@pytest.mark.parametrize("batch", [(), (1,), (3,), (2, 3)])
+def test_every_answer_has_its_shape_and_a_batch_is_a_loop(name, batch):
+    system, theta = plant(name).system, plant(name).truth
+    n, p = system.n, system.p
+    t, x, w, a, u = draw(system, np.random.default_rng(1), batch)
+    calls = {
+        system.W_M: ((x, a), (n, p)),
+        system.W_C: ((x, w), (n, p)),
+        system.F: ((t, x, u), (n, p)),
+        system.regressor: ((t, x, w, a, u), (n, p)),
+        lambda x: system.mass_matrix(x, theta): ((x,), (n, n)),
+        lambda x: system.coriolis_matrix(x, theta): ((x,), (n, n)),
+        lambda *given_: system.acceleration(*given_, theta): ((t, x, w, u), (n,)),
+    }
+    for call, (arguments, shape) in calls.items():
+        whole = call(*arguments)
+        assert whole.shape == batch + shape
+        for k in np.ndindex(batch):
+            np.testing.assert_allclose(whole[k], call(*(part[k] for part in arguments)), rtol=1e-13)
+
+
+@systems
+def test_leading_axes_broadcast(name):
+    system = plant(name).system
+    t, x, w, a, u = draw(system, np.random.default_rng(2), (4,))
+    tiled = system.regressor(t, x, np.tile(w[0], (4, 1)), np.tile(a[0], (4, 1)), u)
+    assert (system.regressor(t, x, w[0], a[0], u) == tiled).all()
+    crossed = system.regressor(t[:, None], x[:, None], w, a, u)
+    assert crossed.shape == (4, 4, system.n, system.p)
+    assert (crossed[1, 2] == system.regressor(t[1], x[1], w[2], a[2], u[2])).all()
+
+
+@pytest.mark.parametrize("name", ["scalar", "double_pendulum"])
+def test_an_empty_batch_has_an_empty_answer(name):
+    system = plant(name).system
+    x, a = np.zeros((0, system.m + system.n)), np.zeros((0, system.n))
+    assert system.W_M(x, a).shape == (0, system.n, system.p)
+
+
+@systems
+@pytest.mark.parametrize("call,wrong", [("W_M", 0), ("W_M", 1), ("W_C", 0), ("W_C", 1), ("F", 1),
+                                        ("F", 2), ("regressor", 1), ("regressor", 2),
+                                        ("regressor", 3), ("regressor", 4)])  # fmt: skip
+@pytest.mark.parametrize("change", [lambda x: x[:-1], lambda x: np.append(x, 0.0),
+                                    lambda x: np.float64(1.0)])  # fmt: skip
+def test_a_wrong_shape_is_refused_with_the_remedy(name, call, wrong, change):
+    system = plant(name).system
+    t, x, w, a, u = draw(system, np.random.default_rng(3))
+    arguments = {"W_M": [x, a], "W_C": [x, w], "F": [t, x, u], "regressor": [t, x, w, a, u]}[call]
+    arguments[wrong] = change(arguments[wrong])
+    with pytest.raises(InvalidInput) as caught:
+        getattr(system, call)(*arguments)
+    assert caught.value.remedy and str(np.shape(arguments[wrong])) in str(caught.value.got)
+
+
+@pytest.mark.parametrize("name", ["scalar", "double_pendulum"])
+@pytest.mark.parametrize("call", ["mass_matrix", "coriolis_matrix", "acceleration"])
+def test_a_theta_of_the_wrong_shape_is_refused(name, call):
+    system, theta = plant(name).system, plant(name).truth
+    t, x, w, _, u = draw(system, np.random.default_rng(3))
+    arguments = (t, x, w, u) if call == "acceleration" else (x,)
+    for bad in (theta[:-1], np.append(theta, 0.0)):
+        with pytest.raises(InvalidInput):
+            getattr(system, call)(*arguments, bad)
+
+
+@systems
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_measurement_or_estimate_that_is_not_finite_is_refused(name, bad):
+    system = plant(name).system
+    q, v, u = system.random_state(np.random.default_rng(4))
+    good = Measurement(0.0, q, v, u)
+    for field in ("q", "v", "u"):
+        broken = getattr(good, field).copy()
+        broken[-1] = bad
+        for value in (broken, getattr(good, field)[:-1]):
+            with pytest.raises(InvalidInput) as caught:
+                checked(system, good._replace(**{field: value}))
+            assert caught.value.name == field and caught.value.remedy
+    with pytest.raises(InvalidInput, match="finite"):
+        checked(system, good._replace(t=bad))
+    with pytest.raises(InvalidInput, match="finite"):
+        system.space.check(np.full(system.p, bad))
+
+
+# -- the equations -----------------------------------------------------------------------------
+
+
+@systems
+@FEW
+@given(seeds, st.floats(-3, 3), st.floats(-3, 3))
+def test_the_regressors_are_linear(name, seed, alpha, beta):
+    system, rng = plant(name).system, np.random.default_rng(seed)
+    _, x, w, a, _ = draw(system, rng)
+    theta, other = system.space.scale * rng.standard_normal((2, system.p))
+    for linear, one, two in (
+        (lambda a: system.W_M(x, a), a, w),
+        (lambda w: system.W_C(x, w), w, a),
+        (lambda theta: system.mass_matrix(x, theta), theta, other),
+    ):
+        both, first, second = linear(alpha * one + beta * two), linear(one), linear(two)
+        size = max(np.abs(first).max(), np.abs(second).max())
+        assert np.abs(both - alpha * first - beta * second).max() <= 1e-13 * size
+
+
+@systems
+@FEW
+@given(seeds)
+def test_w_is_w_m_plus_w_c_minus_f(name, seed):
+    system, rng = plant(name).system, np.random.default_rng(seed)
+    t, x, w, a, u = draw(system, rng)
+    theta = system.space.scale * rng.standard_normal(system.p)
+    W = system.regressor(t, x, w, a, u)
+    assert np.array_equal(W, system.W_M(x, a) + system.W_C(x, w) - system.F(t, x, u))  # (10)
+    forces = (
+        system.mass_matrix(x, theta) @ a
+        + system.coriolis_matrix(x, theta) @ w
+        - system.F(t, x, u) @ theta
+    )
+    assert np.abs(W @ theta - forces).max() <= 1e-11 * (np.abs(W) @ np.abs(theta)).max()  # (4)
+
+
+@systems
+@FEW
+@given(seeds)
+def test_the_acceleration_solves_the_equation(name, seed):
+    system, theta = plant(name).system, plant(name).truth
+    t, x, w, _, u = draw(system, np.random.default_rng(seed))
+    a = system.acceleration(t, x, w, u, theta)  # (29)
+    W = system.regressor(t, x, w, a, u)
+    assert np.abs(W @ theta).max() <= 1e-11 * (np.abs(W) @ np.abs(theta)).max()  # (30)
+
+
+@systems
+@FEW
+@given(seeds)
+def test_an_instant_says_what_the_system_says(name, seed):
+    system, theta = plant(name).system, plant(name).truth
+    t, x, w, _, u = draw(system, np.random.default_rng(seed))
+    q, v = system.split(x)
+    a, W, pivot = system.at(t, q, v, u).evaluate(w, theta)
+    expected = system.acceleration(t, x, w, u, theta)
+    near(a, expected, 1e-8)
+    near(W, system.regressor(t, x, w, a, u))
+    L = np.linalg.cholesky(system.mass_matrix(x, theta))
+    assert pivot == pytest.approx((np.diag(L) ** 2).min(), rel=1e-6)
+    again = system.at(0.0, q, v, 0 * u).commanded(t, u).evaluate(w, theta)
+    for one, other in zip((a, W, pivot), again, strict=True):
+        assert np.array_equal(one, other)
+
+
+@systems
+def test_an_instant_takes_estimates_that_no_body_could_have(name):
+    """Massless and negative links, as an estimate passes them: no exception, no wrong number."""
+    system, truth = plant(name).system, plant(name).truth
+    t, x, w, _, u = draw(system, np.random.default_rng(8))
+    q, v = system.split(x)
+    massless, negative = truth.copy(), -truth
+    massless[0] = 0.0
+    for theta in (massless, negative, 0 * truth):
+        a, W, pivot = system.at(t, q, v, u).evaluate(w, theta)
+        M = system.mass_matrix(x, theta)
+        if np.linalg.eigvalsh(M)[0] > 1e-9 * np.abs(M).max():
+            assert pivot > 0
+            near(a, system.acceleration(t, x, w, u, theta), 1e-8)
+        else:
+            assert not pivot > 0 and np.isnan(a).all()
+            assert np.isfinite(W).all()
+
+
+@systems
+@FEW
+@given(seeds)
+def test_the_mass_matrix_is_symmetric_positive_definite(name, seed):
+    system, theta = plant(name).system, plant(name).truth
+    _, x, _, a, _ = draw(system, np.random.default_rng(seed))
+    M = system.mass_matrix(x, theta)
+    near(M, M.T, 1e-13)
+    assert np.linalg.eigvalsh(M)[0] > 0
+    near(system.W_M(x, a) @ theta, M @ a)  # (8)
+
+
+@systems
+@FEW
+@given(seeds)
+def test_m_dot_minus_2c_is_skew(name, seed):
+    system, theta = plant(name).system, plant(name).truth
+    _, x, w, _, _ = draw(system, np.random.default_rng(seed))
+    q, v = system.split(x)
+    h = 1e-5
+
+    def mass(step):
+        return system.mass_matrix(np.r_[system.integrate(q, step * v), v], theta)
+
+    M_dot = (mass(h) - mass(-h)) / (2 * h)
+    C = system.coriolis_matrix(x, theta)
+    near(system.W_C(x, w) @ theta, C @ w)  # (9)
+    size = max(np.abs(C).max(), np.abs(mass(0)).max())
+    assert np.abs(M_dot - C - C.T).max() <= 1e-6 * size
+
+
+# -- kinematics --------------------------------------------------------------------------------
+
+
+@systems
+@FEW
+@given(seeds)
+def test_integrate_and_difference_are_inverse(name, seed):
+    system, rng = plant(name).system, np.random.default_rng(seed)
+    q0, q1 = system.random_state(rng)[0], system.random_state(rng)[0]
+    step = rng.uniform(-1, 1, system.n)
+    near(system.difference(q0, system.integrate(q0, step)), step, 1e-11)
+    near(system.integrate(q0, system.difference(q0, q1)), q1, 1e-11)
+    near(system.integrate(q0, 0 * step), q0, 1e-14)
+    assert np.abs(system.difference(q0, q0)).max() <= 1e-12
+    near(system.integrate(system.integrate(q0, step), step), system.integrate(q0, 2 * step), 1e-12)
+
+
+@systems
+@FEW
+@given(seeds)
+def test_j_is_the_derivative_of_integrate(name, seed):
+    system, rng = plant(name).system, np.random.default_rng(seed)
+    q = system.random_state(rng)[0]
+    v, h = rng.standard_normal(system.n), 1e-6
+    slope = (system.integrate(q, h * v) - system.integrate(q, -h * v)) / (2 * h)
+    J = system.J(q)
+    assert J.shape == (system.m, system.n)
+    np.testing.assert_allclose(J @ v, slope, atol=1e-8)  # (3)
+
+
+@systems
+def test_a_random_state_is_of_operation_and_seeded(name):
+    system = plant(name).system
+    states = [system.random_state(np.random.default_rng(seed)) for seed in range(200)]
+    for part, size in zip(states[0], (system.m, system.n, system.n_u), strict=True):
+        assert part.shape == (size,)
+    q, v, u = (np.array(part) for part in zip(*states, strict=True))
+    assert np.isfinite(q).all() and (v.std(0) > 0).all() and (u.std(0) > 0).all()
+    again = system.random_state(np.random.default_rng(0))
+    assert all((one == other).all() for one, other in zip(states[0], again, strict=True))
+
+
+@arms
+def test_a_random_configuration_is_within_the_limits(name):
+    system = plant(name).system
+    low, high = system.limits
+    assert (low < high).all()
+    model = plant(name).robot.model
+    for seed in range(200):
+        q, v, u = system.random_state(np.random.default_rng(seed))
+        for joint in list(model.joints)[1:]:
+            place = slice(joint.idx_q, joint.idx_q + joint.nq)
+            if joint.nq == 2:
+                assert np.linalg.norm(q[place]) == pytest.approx(1, abs=1e-14)
+            else:
+                assert low[joint.idx_v] <= q[joint.idx_q] <= high[joint.idx_v]
+                if model.lowerPositionLimit[place] < model.upperPositionLimit[place]:
+                    assert model.lowerPositionLimit[place] <= q[place]
+                    assert q[place] <= model.upperPositionLimit[place]
+        assert (np.abs(v) <= system.scales.speed).all()
+        assert (np.abs(u) <= system.scales.command).all()
+
+
+@arms
+def test_a_position_has_one_number_for_each_joint(name):
+    system, rng = plant(name).system, np.random.default_rng(5)
+    numbers, step = rng.uniform(*system.limits, (2, 4, system.n)), 0.1 * np.ones(system.n)
+    q = system.position(numbers)
+    assert q.shape == (2, 4, system.m)
+    near(system.difference(q[1, 2], system.position(numbers[1, 2] + step)), step, 1e-11)
+
+
+# -- θ -------------------------------------------------------------------------------------------
+
+
+@systems
+def test_every_parameter_has_a_name_a_unit_and_a_scale(name):
+    system, theta = plant(name).system, plant(name).truth
+    space = system.space
+    assert system.p == len(space) == len(theta)
+    assert len(space.names) == len(set(space.names)) == len(space.units) == system.p
+    assert all(space.names) and all(space.units)
+    assert (space.scale > 0).all() and space.scale.shape == (system.p,)
+    assert len(space.actuators) == system.n_u
+    for block, place in space:
+        if block.geometry == "positive":
+            assert (theta[place] > 0).all()
+            ratio = theta[place] / space.scale[place]
+            assert (ratio > 0.3).all() and (ratio < 3).all()  # a guess of its size
+
+
+def test_a_sliding_joint_is_told_in_newtons():
+    space = plant("panda").system.space
+    units = dict(zip(space.names, space.units, strict=True))
+    assert (units["gain_8"], units["viscous_8"], units["rotor_9"]) == ("N/unit", "N·s/m", "kg")
+    assert (units["gain_1"], units["viscous_1"], units["rotor_1"]) == (
+        "N·m/unit", "N·m·s/rad", "kg·m²"
+    )  # fmt: skip
+
+
+@systems
+@FEW
+@given(seeds)
+def test_every_parameter_moves_what_it_is_said_to_move(name, seed):
+    """A motor's column is its own command; no parameter of an actuator acts without one."""
+    system = plant(name).system
+    t, x, _, _, u = draw(system, np.random.default_rng(seed))
+    k = system.space.actuators
+    F = system.F(t, x, u)
+    assert np.any(F[:, k] != 0)
+    assert (system.F(t, x, 0 * u)[:, k] == 0).all()
+    others = np.setdiff1d(np.arange(system.p), k)
+    assert (system.F(t, x, 0 * u)[:, others] == F[:, others]).all()
+
+
+# -- no true value inside ------------------------------------------------------------------------
+
+
+def models(system: Multibody):
+    """Every Pinocchio model a system holds."""
+    found = [value for value in vars(system).values() if isinstance(value, pin.Model)]
+    assert len(found) >= 2
+    return found
+
+
+def inertias(model):
+    return np.array([model.inertias[i].toDynamicParameters() for i in range(model.njoints)])
+
+
+@arms
+def test_a_system_is_built_without_any_inertia(name):
+    robot, old = plant(name).robot, plant(name).system
+    system = Multibody(robot.model, old.scales, old.friction_speed)
+    for model in models(system):
+        assert (inertias(model) == 0).all()
+        assert (np.array(model.armature) == 0).all()
+    assert np.abs(inertias(robot.model)[1:]).max() > 0, "the plant has lost its own"
+
+
+@arms
+def test_evaluate_writes_estimates_only(name):
+    robot, old = plant(name).robot, plant(name).system
+    system = Multibody(robot.model, old.scales, old.friction_speed)
+    rng = np.random.default_rng(9)
+    theta = plant(name).truth * (1 + 0.2 * rng.uniform(-1, 1, system.p))
+    t, x, w, _, u = draw(system, rng)
+    q, v = system.split(x)
+    before = system.regressor(t, x, w, w, u)
+    system.at(t, q, v, u).evaluate(w, theta)
+    links = theta[: 10 * system.n].reshape(-1, 10)
+    for model in models(system):
+        held = inertias(model)[1:]
+        if (held != 0).any():
+            near(held, links, 1e-12)
+    assert (system.regressor(t, x, w, w, u) == before).all()
+
+
+@arms
+def test_other_true_inertias_leave_the_system_bit_identical(name):
+    robot, old = plant(name).robot, plant(name).system
+    other = pin.Model(robot.model)
+    for i in range(1, other.njoints):
+        numbers = 1.7 * robot.model.inertias[i].toDynamicParameters()
+        other.inertias[i] = pin.Inertia.FromDynamicParameters(numbers)
+    other.armature[:] = 3.0
+    t, x, w, a, u = draw(old, np.random.default_rng(10), (3,))
+    answers = []
+    for model in (robot.model, other):
+        system = Multibody(model, old.scales, old.friction_speed)
+        theta = plant(name).truth
+        q, v = system.split(x[0])
+        seen = system.at(t[0], q, v, u[0]).evaluate(w[0], theta)
+        drawn = system.random_state(np.random.default_rng(0))
+        answers.append((system.regressor(t, x, w, a, u), system.mass_matrix(x, theta), *seen,
+                        *drawn, *system.limits, system.space.scale))  # fmt: skip
+    for one, two in zip(*answers, strict=True):
+        assert np.array_equal(one, two)

@@ -1,0 +1,256 @@
+"""Bad input gets a typed error, with what was expected, what came and the remedy, before step 0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID, Scenario
+from nsaid_mj.errors import BadRobot, BadRun, InvalidInput, UnknownName
+from nsaid_mj.experiment import run
+from nsaid_mj.finish import rebuild
+from nsaid_mj.identifiers import State, Status
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.record import Record
+from nsaid_mj.system import Measurement
+from tests.faults.common import PENDULUM, ROV, flat, shell
+
+# -- on the command line -------------------------------------------------------------------------
+
+WORDS = {  # what is typed: expected, got, remedy
+    "scalar_rov --dt nan": ("a finite time > 0 s", "got nan", "1e-3 s suits arms"),
+    "scalar_rov --dt 0": ("a finite time > 0 s", "got 0", "1e-3 s suits arms"),
+    "scalar_rov --duration inf": ("a finite time > 0 s", "got inf", "60 is a minute"),
+    "scalar_rov --duration -1": ("a finite time > 0 s", "got -1", "60 is a minute"),
+    "scalar_rov --duration 0.01": ("at least two steps", "got 0.01", "longer"),
+    "scalar_rov --held-out 0": ("a finite time > 0 s", "got 0", "5 s will do"),
+    "scalar_rov --pe-window nan": ("a finite time > 0 s", "got nan", "2 s will do"),
+    "scalar_rov --initial-error -1": ("a share ≥ 0", "got -1", "0.3 is 30 %"),
+    "scalar_rov --gain-error 2": ("a share in [0, 1)", "got 2", "0.2 is 20 %"),
+    "scalar_rov --record-every 0": ("a whole number ≥ 1", "got 0", "1 is all"),
+    "scalar_rov --seed -1": ("a whole number ≥ 0", "got -1", "0 will do"),
+    "scalar_rov --noise.position nan": ("a finite number ≥ 0", "got nan", "0 means none"),
+    "scalar_rov --plant.mass -3": ("a number > 0", "got -3", "Give"),
+    "scalar_rov --plant.spread 1": ("a number in [0, 1)", "got 1", "0.2 is 20 %"),
+    "scalar_rov --amplitude nan": ("expected", "got nan", "."),
+    "scalar_rov --amplitude inf": ("expected", "got inf", "."),
+    "scalar_rov --low 2 --high 1": ("0 < low < high", "2.0 … 1.0", "0.05 … 0.5 Hz"),
+    "scalar_rov --tones 0": ("a whole number ≥ 1", "got 0", "Two for each parameter"),
+    "scalar_rov --identifier.K 300": ("λ_max(K)·dt ≤ 2.5", "300/s · 0.01 s = 3", "K ≤ 250/s"),
+    "scalar_rov --identifier.K nan": ("K: expected finite", "NaN", "Check how"),
+    "scalar_rov --identifier.K -1": ("a positive definite gain", "eigenvalue -1", "Make it > 0"),
+    "scalar_rov --identifier.gain 0": ("a positive definite gain", "eigenvalue 0", "Make it > 0"),
+    "scalar_rov --identifier.gain inf": ("Gamma: expected finite", "infinity", "Check how"),
+    "ur5 --identifier.gain -2": ("a positive definite gain", "eigenvalue -", "Make it > 0"),
+    "ur5 --reach 2": ("a share in (0, 1]", "got 2", "0.8 will do"),
+    "ur5 --bandwidth nan": ("a frequency > 0 Hz", "got nan", "2 Hz will do"),
+    "ur5 --fundamental 0": ("a frequency > 0 Hz", "got 0", "0.1 suits arms"),
+    "ur5 --harmonics 0": ("a whole number ≥ 1", "got 0", "5 suits arms"),
+    "ur5 --friction 0": ("a number > 0", "got 0", "None suits the robot's size"),
+    "ur5 --dt 0.05": ("joint", "too fast for steps of 0.05 s", "Take dt ≤"),
+    "arm --robot ur55": ("no robot is called 'ur55'", "Did you mean", "ending in .urdf"),
+    "arm --robot no/such.urdf": ("no/such.urdf", "no such file", "Give the path"),
+    "arm --robot weightless.urdf": ("link of joint", "its mass is 0 kg", "Give it an <inertial>"),
+    "arm --robot impossible.urdf": ("link of joint j1", "no body has", "mend <inertia>"),
+    "arm --robot sentence.urdf": ("sentence.urdf", "cannot read it", "Mend the URDF"),
+    "scalar_rv": ("no scenario is called 'scalar_rv'", "Did you mean scalar_rov", "ending in .py"),
+    "sentence.urdf": ("no scenario is called 'sentence.urdf'", "Known:", "ending in .py"),
+    "empty.py": ("defines `scenario = Scenario(…)`", "got NoneType", "See scenarios/"),
+}
+
+LINK = """<link name="l1"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+<inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+URDF = """<robot name="r"><link name="base"/>{}
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with broken files, to run in."""
+    (tmp_path / "weightless.urdf").write_text(URDF.format('<link name="l1"/>'))
+    (tmp_path / "impossible.urdf").write_text(URDF.format(LINK.format(1, 1, 5)))
+    (tmp_path / "possible.urdf").write_text(URDF.format(LINK.format(0.1, 0.1, 0.1)))
+    (tmp_path / "sentence.urdf").write_text("this is no robot")
+    (tmp_path / "empty.py").write_text('"""Nothing here."""\n')
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("typed", WORDS)
+def test_a_command_that_cannot_be_run_is_told_why(typed: str, desk: Path) -> None:
+    before = sorted(desk.rglob("*"))
+    code, said = shell("run", *typed.split(), "--out", "out", "--quiet")
+    told = flat(said.err)
+    assert code == 2
+    for words in WORDS[typed]:
+        assert words in told
+    assert "Traceback" not in told and said.out == ""
+    assert sorted(desk.rglob("*")) == before
+
+
+def test_the_robot_that_the_broken_ones_are_made_of_is_good(desk: Path) -> None:
+    code, said = shell("run", "arm", "--robot", "possible.urdf", "--duration", 0.05, "--held-out",
+                       0.05, "--quiet", "--out", "out")  # fmt: skip
+    assert (code, said.err) == (0, "")
+
+
+@pytest.mark.parametrize("typed", ["view nowhere", "view .", "view empty.py/run", "view . --rebuild"])
+def test_what_is_no_run_cannot_be_viewed(typed: str, desk: Path) -> None:
+    before = sorted(desk.rglob("*"))
+    code, said = shell(*typed.split())
+    assert code == 2
+    assert said.err.startswith("nsaid: ") and "Give the folder" in said.err
+    assert sorted(desk.rglob("*")) == before
+
+
+# -- in Python -----------------------------------------------------------------------------------
+
+NAN, INF = float("nan"), float("inf")
+SYSTEM = ROV.plant.build(ROV.dt, 0).system
+ARM = PENDULUM.plant.build(PENDULUM.dt, 0).system
+THETA = np.ones(SYSTEM.p)
+FIRST = Measurement(0.0, np.zeros(1), np.zeros(1), np.zeros(1))
+NEXT = Measurement(0.01, np.zeros(1), np.zeros(1), np.zeros(1))
+
+
+def law(system=SYSTEM, K=None, Gamma=None, prior=None, dt=0.01) -> NullspaceIdentifier:  # noqa: ANN001
+    return NullspaceIdentifier(
+        system,
+        np.ones(system.n) if K is None else np.asarray(K),
+        system.space.scale**2 if Gamma is None else np.asarray(Gamma),
+        np.ones(system.p) if prior is None else np.asarray(prior),
+        dt,
+    )
+
+
+def follow(following: Measurement) -> State:
+    one = law(prior=THETA)
+    return one.step(one.init(FIRST), FIRST, following)
+
+
+def crossed(size: int, value: float) -> np.ndarray:
+    """The identity with one pair of entries off the diagonal."""
+    matrix = np.eye(size)
+    matrix[0, 1] = matrix[1, 0] = value
+    return matrix
+
+
+def lopsided(size: int) -> np.ndarray:
+    matrix = np.eye(size)
+    matrix[0, 1] = 0.1
+    return matrix
+
+
+BAD: dict[str, tuple[str, Callable[[], object]]] = {
+    "Γ too short": ("Gamma", lambda: law(Gamma=np.ones(3))),
+    "Γ not square": ("Gamma", lambda: law(Gamma=np.ones((4, 3)))),
+    "Γ a number": ("Gamma", lambda: law(Gamma=1.0)),
+    "Γ with a NaN": ("Gamma", lambda: law(Gamma=[1, 1, NAN, 1])),
+    "Γ infinite": ("Gamma", lambda: law(Gamma=[1, 1, INF, 1])),
+    "Γ with a zero": ("Gamma", lambda: law(Gamma=[1, 1, 0, 1])),
+    "Γ negative": ("Gamma", lambda: law(Gamma=[1, 1, -1, 1])),
+    "Γ indefinite": ("Gamma", lambda: law(Gamma=crossed(4, 1.5))),
+    "Γ singular": ("Gamma", lambda: law(Gamma=np.diag([1, 1, 0, 1]))),
+    "Γ not symmetric": ("Gamma", lambda: law(Gamma=lopsided(4))),
+    "K too long": ("K", lambda: law(K=np.ones(2))),
+    "K with a NaN": ("K", lambda: law(K=[NAN])),
+    "K zero": ("K", lambda: law(K=[0.0])),
+    "K indefinite": ("K", lambda: law(ARM, K=crossed(2, 1.5))),
+    "K not symmetric": ("K", lambda: law(ARM, K=lopsided(2))),
+    "K too fast": ("K", lambda: law(K=[251.0])),
+    "K too fast by its eigenvalue": ("K", lambda: law(ARM, K=100 * crossed(2, 0.9), dt=0.0141)),
+    "θ̂(0) too short": ("prior", lambda: law(prior=np.ones(3))),
+    "θ̂(0) a matrix": ("prior", lambda: law(prior=np.ones((1, 4)))),
+    "θ̂(0) with a NaN": ("prior", lambda: law(prior=[1, NAN, 1, 1])),
+    "θ̂(0) infinite": ("prior", lambda: law(prior=[1, -INF, 1, 1])),
+    "t NaN at first": ("t", lambda: law().init(FIRST._replace(t=NAN))),
+    "q NaN at first": ("q", lambda: law().init(FIRST._replace(q=np.array([NAN])))),
+    "v infinite at first": ("v", lambda: law().init(FIRST._replace(v=np.array([INF])))),
+    "u NaN at first": ("u", lambda: law().init(FIRST._replace(u=np.array([NAN])))),
+    "q too long at first": ("q", lambda: law().init(FIRST._replace(q=np.zeros(2)))),
+    "v a number at first": ("v", lambda: law().init(FIRST._replace(v=np.float64(0)))),
+    "u missing at first": ("u", lambda: law().init(FIRST._replace(u=np.zeros(0)))),
+    "time stands still": ("t", lambda: follow(NEXT._replace(t=0.0))),
+    "time runs back": ("t", lambda: follow(NEXT._replace(t=-0.01))),
+    "time NaN": ("t", lambda: follow(NEXT._replace(t=NAN))),
+    "time infinite": ("t", lambda: follow(NEXT._replace(t=INF))),
+    "q too long later": ("q", lambda: follow(NEXT._replace(q=np.zeros(2)))),
+    "v too long later": ("v", lambda: follow(NEXT._replace(v=np.zeros(2)))),
+    "u too long later": ("u", lambda: follow(NEXT._replace(u=np.zeros(2)))),
+}
+
+
+@pytest.mark.parametrize("which", BAD)
+def test_an_identifier_refuses_with_a_reason(which: str) -> None:
+    name, action = BAD[which]
+    with pytest.raises(InvalidInput) as caught:
+        action()
+    error = caught.value
+    assert error.name == name
+    for part in (error.expected, str(error.got), error.remedy):
+        assert part and part in str(error)
+
+
+def test_what_the_refused_ones_are_made_of_is_good() -> None:
+    assert follow(NEXT).status is Status.completed
+    law(ARM, K=100 * crossed(2, 0.9), dt=0.0131)  # λ_max = 190/s, 2.49 with this dt
+    law(K=[250.0])
+    law(Gamma=crossed(4, 0.5))
+
+
+@pytest.mark.parametrize("signal", ["q", "v"])
+@pytest.mark.parametrize("value", [NAN, INF])
+def test_a_later_measurement_that_is_not_finite_never_passes_for_an_estimate(
+    signal: str, value: float
+) -> None:
+    with np.errstate(all="ignore"):
+        try:
+            state = follow(NEXT._replace(**{signal: np.array([value])}))
+        except InvalidInput as error:
+            assert error.name == signal
+            return
+    assert state.status is not Status.completed
+    assert np.isfinite(state.theta_hat).all() and np.isfinite(state.v_hat).all()
+
+
+SCENARIOS: dict[str, tuple[type[NsaidError], Callable[[], Scenario]]] = {
+    "K too fast": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(K=251.0))),
+    "Γ negative": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(gain=-1.0))),
+    "a rival's K too fast": (InvalidInput, lambda: replace(ROV, rivals={"r": NullspaceAID(K=251.0)})),
+    "everything known": (InvalidInput, lambda: replace(
+        ROV, rivals={"r": ConventionalAID(known=SYSTEM.space.names)})),
+    "an unknown known": (UnknownName, lambda: replace(
+        ROV, rivals={"r": ConventionalAID(known=("mas",))})),
+    "a vehicle cannot track": (InvalidInput, lambda: replace(ROV, excitation=FourierTracking())),
+    "no such robot": (UnknownName, lambda: replace(
+        PENDULUM, plant=replace(PENDULUM.plant, robot="dobule_pendulum"))),
+    "a legged file that is not there": (BadRobot, lambda: replace(
+        PENDULUM, plant=replace(PENDULUM.plant, robot="legs/none.urdf"))),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("which", SCENARIOS)
+def test_a_scenario_that_cannot_start_writes_nothing(which: str, tmp_path: Path) -> None:
+    kind, make = SCENARIOS[which]
+    with pytest.raises(kind):
+        run(make(), tmp_path / "a" / "run")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scenario_that_cannot_start_leaves_the_run_that_was_there(tmp_path: Path) -> None:
+    (tmp_path / "record.arrow").write_bytes(b"dear")
+    with pytest.raises(InvalidInput):
+        run(replace(ROV, identifier=NullspaceAID(K=251.0)), tmp_path)
+    assert (tmp_path / "record.arrow").read_bytes() == b"dear"
+
+
+@pytest.mark.parametrize("read", [Record.read, rebuild])
+def test_a_folder_without_a_record_is_no_run(read: Callable[[Path], object], tmp_path: Path) -> None:
+    with pytest.raises(BadRun, match="record"):
+        read(tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,19 @@
+"""Systems to test on, by name."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.paper.bench import ARMS, BENCHES, Bench, bench
+
+
+@pytest.fixture(params=list(BENCHES))
+def table(request: pytest.FixtureRequest) -> Bench:
+    """Every system in turn."""
+    return bench(request.param)
+
+
+@pytest.fixture(params=ARMS)
+def arm(request: pytest.FixtureRequest) -> Bench:
+    """Every arm in turn."""
+    return bench(request.param)

@@ -1,0 +1,91 @@
+"""(32–36, 39, 40): the split of parameter space, and its dimension by other ways of counting."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from nsaid_mj.nullspace import structural
+from nsaid_mj.plants.arm import Arm
+from tests.paper.bench import Bench, TwoVehicles, bench
+
+
+def test_36_Q_is_orthogonal(table: Bench):
+    """(33, 35, 36) Q = [P̄ P̄_⊥] is square and orthogonal, and holds a basis of all of θ."""
+    nullspace, p = table.nullspace, table.system.p
+    assert nullspace.P.shape == (p, nullspace.r)
+    assert nullspace.P_perp.shape == (p, p - nullspace.r)
+    assert np.abs(nullspace.Q.T @ nullspace.Q - np.eye(p)).max() < 1e-13
+
+
+def test_34_P_is_in_the_nullspace_at_fresh_states(table: Bench):
+    """(34) W(t, x, v, θ) P̄ = 0 at states P̄ was not computed from; no column of P̄_⊥ has that."""
+    system, nullspace = table.system, table.nullspace
+    t, x, v, u = table.states(50, seed=16)
+    a = system.acceleration(t, x, v, u, table.truth)
+    W = system.regressor(t, x, v, a, u) * system.space.scale
+    W = (W / np.linalg.norm(W, axis=-1, keepdims=True)).reshape(-1, system.p)
+    assert np.abs(W @ nullspace.P).max() < 1e-11  # ≤ 6e-13 · √rows on the stack it came from
+    assert (np.abs(W @ nullspace.P_perp).max(axis=0) > 1e-6).all()
+
+
+def test_32_the_truth_is_in_P(table: Bench):
+    """(32) θ itself is in P_s(θ)."""
+    assert table.nullspace.ratio(table.truth / table.system.space.scale) < 1e-9
+
+
+def test_40_decomposition_round_trip(table: Bench):
+    """(39, 40) θ̂ = P̄_⊥ θ̄_P⊥ + P̄ θ̄_P, with the lengths of a right-angled triangle."""
+    nullspace = table.nullspace
+    theta_s = np.random.default_rng(17).standard_normal((3, table.system.p))
+    along, across = nullspace.coordinates(theta_s)
+    again = along @ nullspace.P.T + across @ nullspace.P_perp.T
+    assert np.abs(again - theta_s).max() < 1e-13
+    lengths = np.linalg.norm(along, axis=1) ** 2 + np.linalg.norm(across, axis=1) ** 2
+    assert lengths == pytest.approx(np.sum(theta_s**2, axis=1), rel=1e-13)
+    sine = np.linalg.norm(across, axis=1) / np.linalg.norm(theta_s, axis=1)
+    assert nullspace.ratio(theta_s) == pytest.approx(sine, rel=1e-13)
+
+
+def test_r_of_an_arm_by_inverse_dynamics(arm: Bench):
+    """r = dim P_s(θ), counted without v̇(θ), `structural` or our regressors.
+
+    Motors free us to choose v̇ at will, and u_j = τ_j/k_j. So θ* is in P_s(θ) exactly where, for
+    every joint, Y_j φ* = (k*_j/k_j) τ_j over random (q, v, v̇), with Y and τ Pinocchio's inverse
+    dynamics and φ all parameters but the gains: r is the nullity of [Y, −diag(τ)].
+    """
+    plant, system = arm.plant, arm.system
+    assert isinstance(plant, Arm)
+    model, data = plant.robot.model, plant.robot.model.createData()
+    model = pin.Model(model)
+    model.armature[:] = 0
+    n, rng, rows = system.n, np.random.default_rng(18), []
+    friction = arm.truth[10 * n : -n].reshape(-1, n)  # rotor inertia, viscous, Coulomb
+    for _ in range(10 * system.p // n):
+        q, v, _ = system.random_state(rng)
+        a = rng.uniform(-5, 5, n)
+        by_joint = [np.diag(x) for x in (a, v, np.tanh(v / 0.05))]
+        Y = np.hstack([pin.computeJointTorqueRegressor(model, data, q, v, a), *by_joint])
+        tau = pin.rnea(model, data, q, v, a) + friction[0] * a + friction[1] * v
+        tau += friction[2] * np.tanh(v / 0.05)
+        rows.append(np.hstack([Y * system.space.scale[:-n], -np.diag(tau)]))
+    stack = np.vstack(rows)
+    stack /= np.linalg.norm(stack, axis=1, keepdims=True)
+    assert system.p - np.linalg.matrix_rank(stack, tol=1e-8) == arm.nullspace.r
+
+
+def test_r_by_hand():
+    """r from textbooks: parameters less base parameters, and one for the common scale.
+
+    Double pendulum, 28 parameters: 6 inertial base parameters of a planar 2R in gravity (a moment
+    and two first moments for each link), rotor 2 (rotor 1 turns with link 1), 2·3 of friction and
+    gain, so 28 − 13 + 1 = 16. UR5, 84: 36 inertial base parameters, rotors 3 to 6 (axis 1 is
+    vertical and axis 2 horizontal, so that rotor 1 adds to Izz₁ and rotor 2 to Izz₂), 6·3, so
+    84 − 58 + 1 = 27. The vehicle (16): its scale. Two of them: two scales.
+    """
+    assert bench("scalar_rov").nullspace.r == 1
+    assert bench("double_pendulum").nullspace.r == 28 - (6 + 1 + 6) + 1
+    assert bench("ur5").nullspace.r == 84 - (36 + 4 + 18) + 1
+    truth = np.array([2.0, 1.5, 0.3, 3.0, 1.0, 0.8, -0.2, 2.0])
+    assert structural(TwoVehicles(), truth, np.random.default_rng(0)).r == 2

@@ -1,0 +1,112 @@
+"""Theorem 1: V falls along every run, at the rate (69); Δv → 0. And where it says too much."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_simpson
+
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.system import Measurement
+from tests.paper.bench import bench, columns, estimates, identify, lyapunov, order, swing
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds"), [("scalar_rov", 60.0), ("double_pendulum", 4.0), ("ur5", 2.0)]
+)
+def test_69_V_never_rises(name: str, seconds: float):
+    """(66, 69) along MuJoCo's plant: V falls in every step, but for RK4's own error.
+
+    That error is seen in θ̂ᵀ Γ⁻¹ θ̂, which the exact flow would hold (30, 45). V itself falls by
+    far more than the error could explain.
+    """
+    table = bench(name)
+    system, prior = table.system, table.prior(0.3)
+    samples = table.drive(seconds, prior=prior)
+    law = table.law.build(system, prior, table.dt, True)
+    states = identify(law, samples)
+    V = lyapunov(system, table.truth, law.Gamma, samples, states)
+    conserved = law.conserved(estimates(states)[1])
+    bound = np.abs(np.diff(conserved)).max() + 8 * np.finfo(float).eps * conserved[0]
+    assert np.diff(V).max() <= bound
+    assert V[0] - V[-1] > 1e3 * bound
+    assert V[-1] < 0.99 * V[0]
+
+
+def test_69_rate_of_V():
+    """(69) V̇ = −Δvᵀ M K Δv: what V loses over a motion is the integral of that, order 4 in dt."""
+    table, motion = swing()
+    system, prior = table.system, table.prior(0.3)
+    counts, errors = np.array([100, 200, 400, 800]), []
+    for count in counts:
+        dt, samples = motion.seconds / count, motion.samples(count)
+        law = table.law.build(system, prior, dt, True)
+        states = identify(law, samples)
+        V = lyapunov(system, table.truth, law.Gamma, samples, states)
+        t, x, v, _ = columns(samples)
+        dv = estimates(states)[0] - v
+        loss = np.einsum("ki,kij,kj->k", dv, system.mass_matrix(x, table.truth) * 20.0, dv)
+        lost = cumulative_simpson(loss, x=t, initial=0.0)
+        errors.append(np.abs(V - V[0] + lost)[:: count // 50].max() / lost[-1])
+    assert errors[-1] < 1e-6
+    assert 3.5 < order(1 / counts, np.array(errors)) < 5.5
+
+
+def rise(K: np.ndarray, dv: np.ndarray, dt: float) -> tuple[float, float]:
+    """V(dt) − V(0) of a step from θ̂ = θ and the given Δv, simulated and by (69)."""
+    table, motion = swing()
+    system = table.system
+    samples = [Measurement(t, *system.split(motion.x(t)), motion.u) for t in (0.0, dt)]
+    law = NullspaceIdentifier(system, K, 1e-6 * system.space.scale**2, table.truth, dt)
+    states = identify(law, samples, lambda s: s._replace(v_hat=s.v_hat + dv))
+    V = lyapunov(system, table.truth, law.Gamma, samples, states)
+    M = system.mass_matrix(motion.x(0), table.truth)
+    return (V[1] - V[0]) / dt, float(-dv @ M @ K @ dv)
+
+
+def bad_gain() -> tuple[np.ndarray, np.ndarray]:
+    """A diagonal K, positive definite, and a Δv with Δvᵀ M K Δv < 0 at the swing's start."""
+    table, motion = swing()
+    M = table.system.mass_matrix(motion.x(0), table.truth)
+    K = np.diag([1.0, 400.0])
+    eigenvalues, vectors = np.linalg.eigh(M @ K + K @ M)
+    assert eigenvalues[0] < 0 < eigenvalues[1]
+    return K, vectors[:, 0]
+
+
+def test_69_V_may_rise_for_a_general_K():
+    """(69) says "negative definite in Δv" of −Δvᵀ M K Δv, for any positive definite K: not so.
+
+    M K is no symmetric matrix, and MK + KM may be indefinite: even a diagonal K makes V rise, at
+    the rate (69) gives. Theorem 1 needs K = k I, or MK + KM ≻ 0 for all x.
+    """
+    K, dv = bad_gain()
+    assert (np.linalg.eigvalsh(K) > 0).all()
+    simulated, predicted = rise(K, dv, 1e-5)
+    assert predicted > 0
+    assert simulated == pytest.approx(predicted, rel=0.05)
+
+
+def test_69_V_falls_for_a_multiple_of_the_identity():
+    """K = k I is safe: −k Δvᵀ M Δv < 0 for every Δv, the one above and the axes among them."""
+    _, bad = bad_gain()
+    rng = np.random.default_rng(21)
+    for dv in (bad, [1.0, 0.0], [0.0, 1.0], *rng.standard_normal((5, 2))):
+        simulated, predicted = rise(20.0 * np.eye(2), np.asarray(dv), 1e-5)
+        assert predicted < 0
+        assert simulated == pytest.approx(predicted, rel=0.05)
+
+
+def test_70_velocity_error_vanishes_and_estimates_settle():
+    """(70) Δv → 0, and with it θ̂'s rate, by (45)."""
+    table = bench("scalar_rov")
+    prior = table.prior(0.5)
+    samples = table.drive(100.0)
+    v_hat, theta_hat = estimates(
+        identify(table.law.build(table.system, prior, table.dt, True), samples)
+    )
+    dv = np.abs(v_hat - columns(samples)[2]).max(axis=1)
+    rate = np.abs(np.diff(theta_hat, axis=0) / table.system.space.scale).max(axis=1) / table.dt
+    tenth = len(dv) // 10
+    assert dv[-tenth:].max() < 1e-3 * dv[:tenth].max()
+    assert rate[-tenth:].max() < 1e-3 * rate[:tenth].max()

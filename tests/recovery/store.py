@@ -1,0 +1,28 @@
+"""`make store-directions`: accepts what the scenarios now converge to, and says what moved.
+
+Give names to store only those: `python -m tests.recovery.store ur5 panda`.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+from nsaid_mj.resources import scenarios
+from tests.recovery import direction
+
+
+def main(names: list[str]) -> None:
+    """Runs the scenarios, prints names, old and new values, stores the new ones."""
+    for name in names or list(scenarios()):
+        with tempfile.TemporaryDirectory() as folder:
+            _, new = direction.converge(name, Path(folder))
+        moved = direction.changes(direction.stored(name), new)
+        print(f"{name}: {len(moved)} of {len(new)} entries moved")
+        for line in moved:
+            print(f"  {line}")
+        if moved:
+            direction.store(name, new)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,56 @@
+"""Every scenario recovers what it promises, and moves only when somebody says so.
+
+Plain (45) is a gradient: on arms of six joints and more its weak directions stay slow, so what is
+promised there is the force on another trajectory, not the distance to the true set.
+"""
+
+import pytest
+
+from nsaid_mj.metrics import summarize
+from nsaid_mj.resources import scenarios
+from tests.recovery import direction
+
+BARS = {
+    "scalar_rov": {"theta_perp_ratio": 1e-6},
+    "double_pendulum": {"theta_perp_ratio": 0.01, "actuator_ratio_error": 0.01},
+    "ur5": {"force_residual_ratio": 0.03, "conserved_drift": 1e-8},
+    "panda": {"force_residual_ratio": 0.03, "conserved_drift": 1e-8},
+    "arm": {"force_residual_ratio": 0.03, "conserved_drift": 1e-8},
+    "wrong_gains": {"theta_perp_ratio": 0.01, "plant_direction_error": 0.01},
+}
+
+
+@pytest.fixture(scope="module", params=list(scenarios()))
+def recovered(request, tmp_path_factory):
+    name = request.param
+    result, found = direction.converge(name, tmp_path_factory.mktemp(name))
+    return name, found, summarize(result)
+
+
+def test_every_scenario_has_a_bar():
+    assert set(BARS) == set(scenarios())
+
+
+def test_estimate_is_within_the_scenarios_bars(recovered):
+    name, _, summary = recovered
+    assert summary["status"] == "completed"
+    assert summary["lyapunov_violations"] == 0
+    assert summary["theta_perp_ratio"] < summary["theta_perp_ratio_initial"]
+    for key, bar in BARS[name].items():
+        assert summary[key] <= bar, f"{name}: {key}"
+
+
+def test_direction_is_the_stored_one(recovered):
+    name, found, _ = recovered
+    moved = direction.changes(direction.stored(name), found)
+    assert not moved, "moved (`make store-directions` accepts it):\n" + "\n".join(moved)
+
+
+def test_wrong_gains_ruin_the_conventional_plant_only(recovered):
+    name, _, summary = recovered
+    if name != "wrong_gains":
+        return
+    conventional = summary["rivals"]["conventional"]
+    assert conventional["actuator_ratio_error"] == pytest.approx(0.2, abs=1e-9)
+    assert conventional["plant_direction_error"] > 10 * summary["plant_direction_error"]
+    assert conventional["force_residual_ratio"] > 10 * summary["force_residual_ratio"]

@@ -1,0 +1,157 @@
+"""The house's rules: who may import whom, and who may read the truth."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import nsaid_mj
+
+PACKAGE = Path(nsaid_mj.__file__).parent
+FILES = {
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if path != PACKAGE / "__init__.py"
+}
+HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"}
+SHOWING = {"cli", "finish", "metrics", "options", "progress", "recording", "report"}
+RUNNING = {"plants", "scenario", "experiment", "record"} | SHOWING
+
+
+def part(module: str) -> str:
+    """The top-level module or package of a module of ours."""
+    return module.partition(".")[0]
+
+
+def imported(statement: str) -> set[str]:
+    """What a fresh process has in sys.modules after a statement."""
+    code = f"import sys; {statement}; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
+    return set(done.stdout.split())
+
+
+def ours(modules: set[str]) -> set[str]:
+    prefix = "nsaid_mj."
+    return {m.removeprefix(prefix) for m in modules if m.startswith(prefix)}
+
+
+def written(path: Path) -> set[str]:
+    """Top-level packages a file imports anywhere; `.` for this one."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add("." if node.level else str(node.module).split(".")[0])
+    return found
+
+
+def test_the_package_itself_is_weightless():
+    modules = imported("import nsaid_mj")
+    assert ours(modules) == set()
+    assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
+
+
+@pytest.mark.parametrize(
+    "module,allowed",
+    [
+        ("errors", {"errors"}),
+        ("parameters", {"errors", "parameters"}),
+        ("kernels", {"kernels"}),
+        ("system", {"errors", "parameters", "kernels", "system"}),
+        ("excitation", {"errors", "parameters", "excitation"}),
+        ("persistence", {"errors", "parameters", "persistence"}),
+        ("nullspace", {"errors", "parameters", "kernels", "system", "nullspace"}),
+        ("identifiers", {"errors", "parameters", "kernels", "system", "identifiers"}),
+    ],
+)
+def test_the_lower_parts_know_arrays_and_the_protocol_only(module, allowed):
+    modules = imported(f"import nsaid_mj.{module}")
+    assert {part(m) for m in ours(modules)} <= allowed
+    assert not modules & HEAVY
+
+
+@pytest.mark.parametrize("module", [m for m in FILES if part(m) == "systems"])
+def test_a_system_knows_no_world(module):
+    modules = imported(f"import nsaid_mj.{module}")
+    assert {part(m) for m in ours(modules)} <= {"errors", "parameters", "kernels", "system",
+                                                "systems"}  # fmt: skip
+    assert not modules & (HEAVY - {"pinocchio"})
+
+
+@pytest.mark.parametrize(
+    "module,forbidden",
+    [
+        ("control", RUNNING | {"identifiers"}),
+        ("plants", {"identifiers", "control", "scenario", "experiment", "record"} | SHOWING),
+        ("scenario", SHOWING | {"experiment", "record"}),
+        ("experiment", SHOWING),
+        ("record", RUNNING - {"record"} | {"system", "identifiers", "control"}),
+        ("cli", RUNNING - {"cli"} | {"system", "identifiers", "control"}),
+    ],
+)
+def test_the_upper_parts_import_one_way(module, forbidden):
+    modules = imported(f"import nsaid_mj.{module}")
+    assert not {part(m) for m in ours(modules)} & forbidden
+    world = {"mujoco"} if module in {"plants", "scenario", "experiment"} else set()
+    assert "mujoco" not in modules - world
+    assert not modules & {"rerun", "tyro", "matplotlib"}
+
+
+@pytest.mark.parametrize(
+    "package,homes",
+    [
+        ("mujoco", {"plants"}),
+        ("rerun", {"recording"}),
+        ("tyro", {"options", "cli"}),
+        ("pinocchio", {"plants", "systems", "recording"}),
+        ("matplotlib", {"report"}),
+        ("pyarrow", {"record", "recording"}),
+    ],
+)
+def test_a_heavy_package_has_its_home(package, homes):
+    assert {part(m) for m, path in FILES.items() if package in written(path)} <= homes
+
+
+def test_identifiers_are_numpy_and_numba():
+    for module, path in FILES.items():
+        if part(module) == "identifiers":
+            foreign = written(path) - set(sys.stdlib_module_names) - {"."}
+            assert foreign <= {"numpy", "numba"}, module
+
+
+# -- the wall --------------------------------------------------------------------------------
+
+
+def readers_of_truth(path: Path) -> set[str]:
+    """The functions of a file that read an attribute called `truth`."""
+    tree, found = ast.parse(path.read_text(encoding="utf-8")), set()
+
+    def visit(node: ast.AST, function: str) -> None:
+        nonlocal found
+        if isinstance(node, ast.FunctionDef):
+            function = function or node.name
+        if isinstance(node, ast.Attribute) and node.attr == "truth":
+            attribute = ast.unparse(node)  # `seeds.truth` is a stream of seeds, no true number
+            found |= set() if attribute == "seeds.truth" else {function}
+        if isinstance(node, ast.Constant) and node.value == "truth":  # getattr(plant, "truth")
+            found.add(function)
+        for child in ast.iter_child_nodes(node):
+            visit(child, function)
+
+    visit(tree, "")
+    return found
+
+
+def test_the_truth_is_read_after_the_fact_only():
+    after = {"metrics", "recording", "report"}
+    readers = {m for m, path in FILES.items() if readers_of_truth(path)}
+    assert {part(m) for m in readers} <= {"plants", "experiment"} | after
+
+
+def test_the_experiment_reads_the_truth_for_the_prior_only():
+    assert readers_of_truth(FILES["experiment"]) == {"prepare"}
