@@ -49,6 +49,7 @@ class FourierTrajectory:
             np.abs(position).max(axis=1) / (0.5 * (high - low)),
             np.abs(velocity).max(axis=1) / speed,
         )
+        reach /= np.cos(np.pi / 40)  # a peak between samples is higher by at most this
         self._a /= reach[:, None]
         self._b /= reach[:, None]
 
@@ -92,6 +93,8 @@ class Multisine:
     ):
         if not (0 < low < high and np.isfinite(high)):
             raise InvalidInput("band", "0 < low < high [Hz]", f"{low} … {high}", "0.05 … 0.5 Hz?")
+        if not (np.isfinite(amplitude) and amplitude > 0):
+            raise InvalidInput("amplitude", "a finite number > 0", amplitude, "0.4 will do.")
         if tones < 1:
             raise InvalidInput("tones", "a whole number ≥ 1", tones, "Two for each parameter.")
         steps = (np.arange(tones) + rng.uniform(0, 1, (channels, tones))) / tones

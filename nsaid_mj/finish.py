@@ -56,11 +56,13 @@ def _recall_ending(run: Run) -> None:
     except (OSError, ValueError):  # a run that was killed has none
         return
     scenario, end = run.scenario, float(run.record["t"][-1])
-    since = summary["status_time"] - end
-    same = summary["scenario_hash"] == scenario.hash and (
-        -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
-    )
-    if not (same and run.record.complete):
+    try:
+        since = summary["status_time"] - end
+        same = summary["scenario_hash"] == scenario.hash
+    except (KeyError, TypeError):  # not a summary of ours
+        return
+    near = -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
+    if not (same and near and run.record.complete):
         return
     words = {status.words: status for status in Status}
     run.ending = Ending(words[summary["status"]], summary["status_time"], summary["status_signal"])
@@ -85,20 +87,14 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
         at = f"at t = {summary['status_time']:.4g} s"
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
         console.print(f"  [red]ended early[/red] {at}{signal}. {summary['status_remedy']}")
-    identifiers = {"NS-AID": summary, **summary["rivals"]}
+    identifiers = {metrics.OWN: summary, **summary["rivals"]}
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     table.add_column("")
     for identifier in identifiers:
         table.add_column(identifier, justify="right")
-    for label, key, digits in (
-        ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at first", "theta_perp_ratio_initial", "{:.3g}"),
-        ("… at the end", "theta_perp_ratio", "{:.3g}"),
-        ("direction of the plant alone, error", "plant_direction_error", "{:.2%}"),
-        ("largest error of an actuator's share", "actuator_ratio_error", "{:.2%}"),
-        ("force residual on another trajectory", "force_residual_ratio", "{:.2%}"),
-        ("rms Δv over the last tenth", "velocity_error_rms", "{:.2g}"),
-    ):
-        table.add_row("  " + label, *(digits.format(s[key]) for s in identifiers.values()))
+    for label, key, unit in metrics.FIGURES:
+        cells = (metrics.figure(s[key], unit) for s in identifiers.values())
+        table.add_row("  " + label, *cells)
     console.print(table)
     r, p = summary["r"], summary["p"]
     console.print(f"  {p - r} of {p} directions of θ can be known; {r} cannot, among them:")

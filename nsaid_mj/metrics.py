@@ -23,6 +23,24 @@ _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
 _ROWS = 2000  # how many rows of a trajectory judge a force residual
 _WINDOW_ROWS = 100  # how many regressors judge one window's excitation
 
+OWN = "NS-AID"
+"""What a scenario's own identifier is called beside its rivals."""
+
+FIGURES = (
+    ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at first", "theta_perp_ratio_initial", ""),
+    ("… at the end", "theta_perp_ratio", ""),
+    ("direction of the plant alone, error", "plant_direction_error", "%"),
+    ("largest error of an actuator's share", "actuator_ratio_error", "%"),
+    ("force residual on another trajectory", "force_residual_ratio", "%"),
+    ("rms Δv over the last tenth [SI]", "velocity_error_rms", ""),
+)
+"""What terminal, report and recording tell of every identifier: label, key, unit."""
+
+
+def figure(value: float, unit: str) -> str:
+    """A figure with three digits, as a percentage where its unit is %."""
+    return f"{100 * value:.3g} %" if unit == "%" else f"{value:.3g}"
+
 
 def summarize(run: Run) -> dict[str, Any]:
     """Every key of a run's summary.json.
@@ -179,7 +197,7 @@ def lyapunov_rises(V: Array, law: Identifier, record: Record) -> tuple[Array, Ar
 
 
 def persistence_levels(run: Run, nullspace: Nullspace) -> tuple[float, float]:
-    """Smallest ε₀ of (2) for W(t, x, v̂, θ̂) and of (75) over the run's full windows; 0 without one."""
+    """Smallest ε₀ of (2) for W(t, x, v̂, θ̂) and of (75) over the run's whole windows, or 0."""
     scenario, record, system = run.scenario, run.record, run.plant.system
     rows = round(scenario.pe_window / (scenario.dt * scenario.record_every))
     stride = max(1, rows // _WINDOW_ROWS)

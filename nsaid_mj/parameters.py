@@ -71,6 +71,8 @@ class Block:
             raise InvalidInput("scale", "values > 0", f"{scale.min()}", remedy)
         if self.geometry not in get_args(Geometry):
             raise UnknownName("geometry", self.geometry, get_args(Geometry))
+        if self.geometry == "spd" and (order := round((2 * k) ** 0.5)) * (order + 1) != 2 * k:
+            raise InvalidInput("names", "1, 3, 6, 10, 15, 21 … names for spd", k, remedy)
         if k != _SIZES.get(self.geometry, k):
             raise InvalidInput(
                 "names", f"{_SIZES[self.geometry]} names for {self.geometry}", k, remedy

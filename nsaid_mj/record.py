@@ -43,7 +43,8 @@ class RecordWriter:
         )
         self._file = path.open("wb")
         self._stream = pa.ipc.new_stream(self._file, self._schema)
-        self._file.flush()
+        self._stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
+        self._file.flush()  # Arrow writes the schema with the first batch only: here, an empty one
         self._buffers = {
             name: np.zeros((self._batch, max(width, 1))) for name, width in widths.items()
         }
@@ -128,13 +129,15 @@ class Record:
                 except (pa.ArrowInvalid, OSError):
                     complete = False  # cut in the middle of a batch: what came before is good
                 table = pa.Table.from_batches(batches, schema)
-                columns = {name: _column(table.column(name), schema.field(name).type) for name in
-                           schema.names}  # fmt: skip
-        except pa.ArrowInvalid as error:
+                columns = {field.name: _column(table.column(field.name), field.type)
+                           for field in schema}  # fmt: skip
+            metadata = json.loads((schema.metadata or {})[b"nsaid"])
+        except (pa.ArrowException, OSError) as error:
             raise BadRun(
                 file, f"not an Arrow stream ({error})", "Run the scenario again"
             ) from error
-        metadata = json.loads(schema.metadata[b"nsaid"])
+        except (KeyError, ValueError) as error:
+            raise BadRun(file, "an Arrow stream, but not a run's", "Give a run's folder") from error
         return Record(columns, metadata, complete)
 
 

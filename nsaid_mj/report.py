@@ -23,12 +23,14 @@ _POINTS = 1500  # of a curve
 _COLOURS = ("#0b6e99", "#d9480f", "#5f3dc4", "#2b8a3e", "#c2255c")
 
 _STYLE = """
-body{font:15px/1.5 system-ui,sans-serif;color:#1c2733;max-width:68rem;margin:2rem auto;padding:0 1rem}
+body{font:15px/1.5 system-ui,sans-serif;color:#1c2733;max-width:68rem;
+margin:2rem auto;padding:0 1rem}
 h1{margin-bottom:0}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde5;padding-bottom:.2rem}
 .lead{color:#51606f;margin-top:.2rem}table{border-collapse:collapse;font-variant-numeric:tabular-nums}
 td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #e6ecf1}
 td:first-child,th:first-child{text-align:left}img{width:100%}.bad{color:#c92a2a;font-weight:600}
-code{background:#f0f4f7;padding:.1rem .3rem;border-radius:3px}.scroll{max-height:32rem;overflow:auto}
+code{background:#f0f4f7;padding:.1rem .3rem;border-radius:3px}
+.scroll{max-height:32rem;overflow:auto}
 .scroll th{position:sticky;top:0;background:#fff}
 """
 
@@ -41,6 +43,7 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
         f'{summary["status_time"]:.4g} s {html.escape(summary["status_signal"])}. '
         f'{html.escape(summary["status_remedy"])}</p>'
     )  # fmt: skip
+    versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())
     page = f"""<!doctype html><html lang="en"><meta charset="utf-8">
 <meta name="viewport" content="width=device-width"><title>{name}</title><style>{_STYLE}</style>
 <h1>{name}</h1>
@@ -53,7 +56,7 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
 <h2>Parameters</h2><p>An estimate is right up to the directions above; for comparison it is
 scaled by the one factor that brings it nearest to the truth in θ/scale.</p>
 <div class="scroll">{_parameters(summary)}</div>
-<h2>To run it again</h2><p>{html.escape(", ".join(f"{k} {v}" for k, v in summary["versions"].items()))};
+<h2>To run it again</h2><p>{html.escape(versions)};
 scenario {summary["scenario_hash"]} in <code>scenario.json</code>; all figures in
 <code>summary.json</code>, all samples in <code>record.arrow</code>, the motion in
 <code>run.rrd</code> (<code>nsaid view {html.escape(str(run.folder))}</code>).</p></html>
@@ -64,21 +67,13 @@ scenario {summary["scenario_hash"]} in <code>scenario.json</code>; all figures i
 
 
 def _figures(summary: dict[str, Any]) -> str:
-    identifiers = {"NS-AID": summary, **summary["rivals"]}
-    rows = [
-        ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at first", "theta_perp_ratio_initial", "{:.3g}"),
-        ("… at the end", "theta_perp_ratio", "{:.3g}"),
-        ("direction of the plant alone, error", "plant_direction_error", "{:.3%}"),
-        ("largest error of an actuator's share", "actuator_ratio_error", "{:.3%}"),
-        ("force residual on another trajectory", "force_residual_ratio", "{:.3%}"),
-        ("rms Δv over the last tenth", "velocity_error_rms", "{:.2g}"),
-    ]
+    identifiers = {metrics.OWN: summary, **summary["rivals"]}
     head = "".join(f"<th>{html.escape(name)}</th>" for name in identifiers)
     body = "".join(
         f"<tr><td>{label}</td>"
-        + "".join(f"<td>{form.format(s[key])}</td>" for s in identifiers.values())
+        + "".join(f"<td>{metrics.figure(s[key], unit)}</td>" for s in identifiers.values())
         + "</tr>"
-        for label, key, form in rows
+        for label, key, unit in metrics.FIGURES
     )
     drift = summary["conserved_drift"]
     checks = (
@@ -99,7 +94,7 @@ def _curves(run: Run) -> str:
     figure, axes = plt.subplots(2, 2, figsize=(12, 7), sharex=True, constrained_layout=True)
     (distance, gains), (error, energy) = axes
     for name, colour in zip(["", *record.rivals], _COLOURS, strict=False):
-        suffix, label = (f"_{name}", name) if name else ("", "NS-AID")
+        suffix, label = (f"_{name}", name) if name else ("", metrics.OWN)
         theta_s = record[f"theta_hat{suffix}"][k] / scale
         distance.semilogy(t, nullspace.ratio(theta_s), color=colour, label=label)
         dv = record[f"v_hat{suffix}"][k] - record["v"][k]

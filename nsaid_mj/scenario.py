@@ -15,6 +15,9 @@ from .errors import InvalidInput
 from .identifiers import IdentifierConfig, NullspaceAID
 from .plants import ArmPlant, PlantConfig, SensorNoise
 
+_TYPE = "$type"  # in JSON; no field or rival can be called so
+_OTHER = "Is it from another version of nsaid-mj?"
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -75,7 +78,9 @@ class Scenario:
             raise InvalidInput("record_every", "a whole number ≥ 1", self.record_every, "1 is all.")
         if not (isinstance(self.seed, int) and self.seed >= 0):
             raise InvalidInput("seed", "a whole number ≥ 0", self.seed, "0 will do.")
-        if "" in self.rivals or any(not name.isidentifier() for name in self.rivals):
+        if self.sensors not in ("ideal", "noisy"):
+            raise InvalidInput("sensors", "ideal or noisy", self.sensors, "ideal is exact.")
+        if any(not name.isidentifier() for name in self.rivals):
             raise InvalidInput("rivals", "names like `conventional`", list(self.rivals), "Rename.")
 
     @property
@@ -92,9 +97,17 @@ class Scenario:
         """The scenario that `to_json` wrote.
 
         Raises:
-            InvalidInput: it names a type this package does not have.
+            InvalidInput: it is not a scenario's JSON, or of another version of this package.
         """
-        return _decode(json.loads(text))
+        try:
+            found = _decode(json.loads(text))
+        except (ValueError, TypeError) as error:
+            if isinstance(error, InvalidInput):
+                raise
+            raise InvalidInput("scenario", "what `to_json` writes", f"{error}", _OTHER) from error
+        if not isinstance(found, Scenario):
+            raise InvalidInput("scenario", "a Scenario", type(found).__name__, _OTHER)
+        return found
 
     @property
     def hash(self) -> str:
@@ -104,8 +117,12 @@ class Scenario:
 
 def _encode(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
-        return {"type": type(value).__name__} | {
-            f.name: _encode(getattr(value, f.name)) for f in fields(value)
+        return {_TYPE: type(value).__name__} | {
+            f.name: float(item)
+            if str(f.type).startswith("float") and type(item) is int
+            else _encode(item)
+            for f in fields(value)
+            for item in (getattr(value, f.name),)
         }
     if isinstance(value, Mapping):
         return {key: _encode(item) for key, item in value.items()}
@@ -118,12 +135,12 @@ def _decode(value: Any) -> Any:
     import nsaid_mj
 
     if isinstance(value, dict):
-        parts = {key: _decode(item) for key, item in value.items() if key != "type"}
-        if "type" not in value:
+        parts = {key: _decode(item) for key, item in value.items() if key != _TYPE}
+        if _TYPE not in value:
             return parts
-        cls = getattr(nsaid_mj, value["type"], None)
+        cls = getattr(nsaid_mj, str(value[_TYPE]), None)
         if not (isinstance(cls, type) and is_dataclass(cls)):
-            raise InvalidInput("scenario", "types of nsaid_mj", value["type"], "Was it renamed?")
+            raise InvalidInput("scenario", "types of nsaid_mj", value[_TYPE], _OTHER)
         return cls(**parts)
     if isinstance(value, list):
         return tuple(_decode(item) for item in value)

@@ -79,7 +79,7 @@ class SecondOrderSystem(ABC):
 
     @abstractmethod
     def J(self, q: Array) -> Array:
-        """(m, n) the kinematics q̇ = J(q) v (3)."""
+        """(m, n) of the kinematics, where q̇ is this times v (3)."""
 
     @abstractmethod
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -136,18 +136,22 @@ class SecondOrderSystem(ABC):
     def mass_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) M(x, θ), the matrix of (8)."""
         q, _ = self.split(x)
+        theta = self.space.check(theta)
         return _each(lambda q: self._mass_tensor(q) @ theta, (self.m,), q)
 
     def coriolis_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) C(x, θ), the matrix of (9)."""
+        theta = self.space.check(theta)
         columns = [self.W_C(x, np.broadcast_to(e, np.shape(x)[:-1] + e.shape)) @ theta
                    for e in np.eye(self.n)]  # fmt: skip
         return np.stack(columns, axis=-1)
 
     def acceleration(self, t: Array | float, x: Array, w: Array, u: Array, theta: Array) -> Array:
         """(..., n) v̇(t, x, w, θ) = M(x, θ)⁻¹ [−W_C(x, w) + F(t, x)] θ (29)."""
+        theta = self.space.check(theta)
         force = (self.F(t, x, u) - self.W_C(x, w)) @ theta
-        return np.linalg.solve(self.mass_matrix(x, theta), force[..., None])[..., 0]
+        a = np.linalg.solve(self.mass_matrix(x, theta), force[..., None])[..., 0]
+        return np.asarray(a, dtype=np.float64)
 
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
         """The system at one measured state and command."""
@@ -221,6 +225,9 @@ def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
         )
         for a, length in zip(arrays, lengths, strict=True)
     ]
+    if not len(spread[0]):
+        one = function(*(np.zeros(length) if length else np.zeros(()) for length in lengths))
+        return np.zeros(batch + one.shape)
     results = np.stack([function(*sample) for sample in zip(*spread, strict=True)])
     return results.reshape(batch + results.shape[1:])
 

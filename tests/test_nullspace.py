@@ -203,6 +203,12 @@ def test_a_told_trade_is_in_P_and_all_are_independent(name):
 
 
 @plants
+def test_a_trade_is_told_with_few_parameters(name):
+    system, _, found = built(name)
+    assert all(len(d.parameters) <= 8 for d in directions(found, system.space) if d.weights)
+
+
+@plants
 def test_a_common_scale_moves_its_parameters_by_one_factor(name):
     system, truth, found = built(name)
     scales = [d for d in directions(found, system.space) if not d.weights]

@@ -110,7 +110,7 @@ SCALAR = Scenario(plant=ScalarRovPlant(), excitation=MultisineCommand(), identif
 @pytest.mark.parametrize("scenario", [WHOLE, SCALAR], ids=["arm", "scalar"])
 def test_the_hash_changes_with_any_field(scenario):
     others = list(changed(scenario, ""))
-    leaves = scenario.to_json().count('": ') - scenario.to_json().count('"type": ')
+    leaves = scenario.to_json().count('": ') - scenario.to_json().count('"$type": ')
     assert len(others) >= leaves - 8  # at least one for each number (the rest are containers)
     for other in others:
         assert other != scenario
@@ -130,13 +130,13 @@ def test_the_hash_tells_types_apart():
 @pytest.mark.parametrize("name", ["Nothing", "main", "run", "Measurement", "__version__", 7, None])
 def test_a_foreign_type_is_refused(name):
     tree = json.loads(WHOLE.to_json())
-    tree["plant"]["type"] = name
+    tree["plant"]["$type"] = name
     with pytest.raises(InvalidInput):
         Scenario.from_json(json.dumps(tree))
 
 
-@pytest.mark.parametrize("text", ["[]", "{}", "3", "not json", '{"type": "SensorNoise"}',
-                                  '{"type": "Scenario", "colour": "red"}'])  # fmt: skip
+@pytest.mark.parametrize("text", ["[]", "{}", "3", "not json", '{"$type": "SensorNoise"}',
+                                  '{"$type": "Scenario", "colour": "red"}'])  # fmt: skip
 def test_what_is_no_scenario_is_refused(text):
     with pytest.raises(InvalidInput):
         Scenario.from_json(text)

@@ -61,6 +61,12 @@ class NullspaceAID(IdentifierConfig):
     gain: float = 1.0
     interpolation: Literal["auto", "hermite", "linear"] = "auto"
 
+    def __post_init__(self) -> None:
+        if self.interpolation not in ("auto", "hermite", "linear"):
+            raise InvalidInput(
+                "interpolation", "auto, hermite or linear", self.interpolation, "auto will do."
+            )
+
     def build(self, system: SecondOrderSystem, prior: Array, dt: float, quiet: bool) -> Identifier:
         """Makes the identifier with K = K·I and Γ = γ diag(scale²)."""
         return NullspaceIdentifier(
@@ -150,7 +156,13 @@ class NullspaceIdentifier(Identifier):
         ):
             a_hat, W, pivot = instant.evaluate(z[:n], z[n:])  # (29), (10, 31)
             if not pivot > 0:
-                return state._replace(pivot=pivot, status=Status.estimate_not_positive_definite)
+                finite = all(np.isfinite(part).all() for part in (*previous[1:], *following[1:]))
+                status = (
+                    Status.estimate_not_positive_definite
+                    if finite
+                    else Status.measurement_not_finite
+                )
+                return state._replace(pivot=pivot, status=status)
             smallest = min(smallest, pivot)
             z = stage(z, end, instant.v, a_hat, W, self.K, self.Gamma, weight, start, reach)
         return State(following.t, end[:n], end[n:], smallest, Status.completed, last)

@@ -57,8 +57,8 @@ class ArmPlant(PlantConfig):
                 raise InvalidInput(
                     f"plant.{name}", f"a number {smallest}", value, "None suits the robot's size."
                 )
-        if not (np.isfinite(self.gain) and self.gain != 0):
-            raise InvalidInput("plant.gain", "a number that is not 0", self.gain, "1.0 will do.")
+        if not (np.isfinite(self.gain) and self.gain > 0):
+            raise InvalidInput("plant.gain", "a number > 0", self.gain, "1.0 will do.")
         if not 0 <= self.spread < 1:
             raise InvalidInput("plant.spread", "a number in [0, 1)", self.spread, "0.2 is 20 %.")
         if not (np.isfinite(self.friction_speed) and self.friction_speed > 0):
@@ -192,16 +192,18 @@ class Arm(Plant):
             mujoco.mj_forward(self.model, self.data)
             M = pin.crba(model, data, q) + np.diag(rotor - model.armature)
             bias = pin.nonLinearEffects(model, data, q, v)
-            for quantity, ours, theirs in (
-                ("mass matrix", self.joints.mass_matrix(self.model, self.data), M),
-                ("bias force", self.joints.bias(self.data), bias),
+            force = max(np.abs(bias).max(), np.abs(M).max())  # also where a balanced robot has none
+            for quantity, difference in (
+                ("mass matrix", self.joints.mass_matrix(self.model, self.data) - M),
+                ("bias force", self.joints.bias(self.data) - bias),
             ):
-                difference = np.abs(ours - theirs) / max(np.abs(theirs).max(), 1e-9)
-                if not difference.max() <= AGREEMENT:
-                    joint = np.unravel_index(np.argmax(difference), difference.shape)[0]
-                    link = f"link of joint {model.names[1 + int(joint)]}"
+                relative = np.abs(difference) / (np.abs(M).max() if difference.ndim == 2 else force)
+                if not relative.max() <= AGREEMENT:
+                    own = np.diag(relative) if relative.ndim == 2 else relative
+                    last = int(np.flatnonzero(~(own <= AGREEMENT))[-1:].sum())  # ancestors follow
+                    link = f"link of joint {model.names[1 + last]}"
                     raise EnginesDisagree(
-                        self.robot.name, link, quantity, float(difference.max()), AGREEMENT
+                        self.robot.name, link, quantity, float(relative.max()), AGREEMENT
                     )
 
     def _check_stiffness(self, dt: float) -> None:
@@ -244,7 +246,8 @@ def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float) -> Any:
         axes[:, 2] *= np.sign(np.linalg.det(axes))
         body.iquat, body.inertia = _wxyz(axes), moments
         k = model.joints[i].idx_v
-        subspace = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)[:, k]
+        jacobian = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)
+        subspace = jacobian.reshape(6, -1)[:, k]  # Pinocchio squeezes a single column
         slides = np.linalg.norm(subspace[:3]) > np.linalg.norm(subspace[3:])
         joint = body.add_joint(
             name=name,
@@ -259,7 +262,7 @@ def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float) -> Any:
 
 
 def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
-    """What an engineer would guess from the catalogue: sizes to a factor of two, data-sheet numbers.
+    """What an engineer would guess: sizes to a factor of two, and the data sheet's numbers.
 
     Masses and lengths are rounded to powers of two, so that the scale of θ is a guess and not the
     truth in disguise.
@@ -279,9 +282,9 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
         length=length,
         viscous=damping,
         coulomb=friction,
-        gain=np.full(model.nv, abs(config.gain)),
+        gain=np.full(model.nv, config.gain),
         speed=speed,
-        command=torque / abs(config.gain),
+        command=torque / config.gain,
         rotor=armature if armature.any() else None,
     )
 

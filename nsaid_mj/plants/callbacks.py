@@ -27,7 +27,7 @@ _PROBE = """<mujoco><size nuserdata="3"/><worldbody><body><joint name="j"/>
 
 
 @intrinsic
-def _as_pointer(typing_context, address):  # noqa: ARG001 (numba's signature)
+def _as_pointer(typing_context: Any, address: Any = None) -> Any:  # noqa: ARG001 (numba's)
     def generate(context, builder, signature, arguments):  # noqa: ARG001
         return builder.inttoptr(arguments[0], cgutils.voidptr_t)
 
@@ -72,17 +72,23 @@ def coulomb_friction() -> Any:
     return passive
 
 
+_in_use = False  # a plant without a callback, too, must not meet another's
+
+
 @contextmanager
 def installed(passive: Any | None) -> Iterator[None]:
     """Holds a compiled passive-force callback in MuJoCo; removes it whatever happens.
 
     Raises:
-        RuntimeError: another one is installed; it would act on this plant, or this on that.
+        RuntimeError: another plant is running; its callback would act on this one, or this on it.
     """
-    if mujoco.get_mjcb_passive() is not None:
-        raise RuntimeError("another plant's callback is installed; run plants one after another")
+    global _in_use  # noqa: PLW0603 (as global as MuJoCo's own)
+    if _in_use or mujoco.get_mjcb_passive() is not None:
+        raise RuntimeError("another plant is running in this process; run plants one after another")
+    _in_use = True
     try:
         mujoco.set_mjcb_passive(passive.ctypes if passive is not None else None)
         yield
     finally:
         mujoco.set_mjcb_passive(None)
+        _in_use = False

@@ -130,6 +130,7 @@ _DIVERGENCES = (
     (mujoco.mjtWarning.mjWARN_BADQPOS, "qpos"),
     (mujoco.mjtWarning.mjWARN_BADQVEL, "qvel"),
     (mujoco.mjtWarning.mjWARN_BADQACC, "qacc"),
+    (mujoco.mjtWarning.mjWARN_BADCTRL, "ctrl"),  # beyond 1e10, and then MuJoCo applies none
 )
 
 

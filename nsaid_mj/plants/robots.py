@@ -81,9 +81,9 @@ def _load_file(path: Path) -> tuple[pin.Model, Any]:
         ) from error
     try:
         visual = pin.buildGeomFromUrdf(
-            model, str(path), pin.GeometryType.VISUAL, [str(path.parent)]
+            model, str(path), pin.GeometryType.VISUAL, package_dirs=[str(path.parent)]
         )
-    except ValueError:  # meshes that are not there: the dynamics do not need them
+    except (ValueError, RuntimeError):  # meshes that are not there: the dynamics do not need them
         visual = pin.GeometryModel()
     return model, visual
 

@@ -10,11 +10,11 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from ..experiment import Run
-from ..metrics import lyapunov
+from ..metrics import OWN, lyapunov
 from ..nullspace import Nullspace
 from ..parameters import Array, Block, ParameterSpace
 from ..plants import Plant
-from .text import OWN, drawable
+from .text import drawable
 
 Indices = NDArray[np.intp]
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..experiment import Run
-
-OWN = "NS-AID"
-"""What the scenario's own identifier is called beside its rivals."""
+from ..metrics import FIGURES, OWN, figure
 
 _SPELLED = {"θ̄": "θ", "θ̂": "θ^", "_P⊥": "_perp", "P⊥": "P_perp", "⊥": "perp", "ᵀ": "'"}
 _FONT = (  # of Inter, the viewer's font, what a robot's names and units may need
@@ -16,14 +14,6 @@ _FONT = (  # of Inter, the viewer's font, what a robot's names and units may nee
     (0x2074, 0x208E), (0x2190, 0x2199), (0x2202, 0x2202), (0x2206, 0x2206), (0x2211, 0x2212),
     (0x221A, 0x221A), (0x221E, 0x221E), (0x2248, 0x2248), (0x2260, 0x2260), (0x2264, 0x2265),
 )  # fmt: skip
-_FIGURES = (
-    ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at first", "theta_perp_ratio_initial", ""),
-    ("… at the end", "theta_perp_ratio", ""),
-    ("direction of the plant alone, error", "plant_direction_error", "%"),
-    ("largest error of an actuator's share", "actuator_ratio_error", "%"),
-    ("force residual on another trajectory", "force_residual_ratio", "%"),
-    ("rms Δv over the last tenth [SI]", "velocity_error_rms", ""),
-)
 
 
 def result(run: Run, summary: dict[str, Any]) -> str:
@@ -44,8 +34,8 @@ def result(run: Run, summary: dict[str, Any]) -> str:
         f"| | {' | '.join(identifiers)} |",
         "|---|" + "---|" * len(identifiers),
     ]
-    for label, key, unit in _FIGURES:
-        cells = " | ".join(_figure(s[key], unit) for s in identifiers.values())
+    for label, key, unit in FIGURES:
+        cells = " | ".join(figure(s[key], unit) for s in identifiers.values())
         lines.append(f"| {label} | {cells} |")
     if summary["status"] != "completed":
         lines[2:2] = [
@@ -56,10 +46,6 @@ def result(run: Run, summary: dict[str, Any]) -> str:
     lines += ["", "### What motion cannot tell, and what would", ""]
     lines += [f"- **{d['direction']}**: {d['fix']}" for d in summary["unobservable"]]
     return drawable("\n".join(lines) + "\n")
-
-
-def _figure(value: float, unit: str) -> str:
-    return f"{100 * value:.2g} %" if unit else f"{value:.3g}"
 
 
 def drawable(text: str) -> str:

@@ -1,0 +1,336 @@
+"""A run that cannot go on ends by its own name, and what it has recorded stays readable."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from nsaid_mj import ConventionalAID, MultisineCommand, NullspaceAID, Scenario, finish
+from nsaid_mj.control import multisine, tracking
+from nsaid_mj.experiment import Observer, run
+from nsaid_mj.identifiers import Status
+from nsaid_mj.plants import SensorNoise
+from nsaid_mj.record import Record
+from tests.faults.common import FILES, PENDULUM, ROV, Heard, heard, script, strict
+
+Patch = Callable[[pytest.MonkeyPatch], None]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong, and how the run must end.
+
+    Attributes:
+        scenario: what is run.
+        status: how it must end.
+        patch: what breaks on the way.
+        time: when it must end [s]; None: some time before it would have.
+        signal: what must have shown it.
+        code: what the command must exit with.
+    """
+
+    scenario: Scenario
+    status: Status
+    patch: Patch = lambda patch: None
+    time: float | None = None
+    signal: str = ""
+    code: int = 1
+
+
+def commanded(driver: type, when: float, command: Callable[[], float]) -> Patch:
+    """A driver that from `when` on commands something else."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        real = driver.command
+
+        def broken(self, t, q, v):  # noqa: ANN001, ANN202
+            u = real(self, t, q, v)
+            return np.full_like(u, command()) if t > when - 1e-9 else u
+
+        monkeypatch.setattr(driver, "command", broken)
+
+    return patch
+
+
+def ctrl_c() -> float:
+    raise KeyboardInterrupt
+
+
+def sensed(signal: str, sample: int, value: float) -> Patch:
+    """A sensor that says `value` at one sample."""
+
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        real, count = SensorNoise.corrupt, iter(range(10**9))
+
+        def broken(self, q, v, rng):  # noqa: ANN001, ANN202
+            q, v = real(self, q, v, rng)
+            if next(count) == sample:
+                (q if signal == "q" else v)[-1] = value
+            return q, v
+
+        monkeypatch.setattr(SensorNoise, "corrupt", broken)
+
+    return patch
+
+
+def gained(gain: float) -> Scenario:
+    return replace(ROV, identifier=NullspaceAID(K=10.0, gain=gain))
+
+
+BLIND_ROV, BLIND_ARM = replace(ROV, sensors="noisy"), replace(PENDULUM, sensors="noisy")
+SINE, TORQUE = multisine._MultisineDriver, tracking._ComputedTorque
+
+FAULTS = {
+    "vehicle diverges": Fault(
+        ROV, Status.plant_diverged, commanded(SINE, 1.0, lambda: 5e9), 1.01, "qacc"
+    ),
+    "arm diverges": Fault(
+        PENDULUM, Status.plant_diverged, commanded(TORQUE, 0.3, lambda: -5e9), 0.301, "qacc"
+    ),
+    "command beyond what MuJoCo takes": Fault(
+        ROV, Status.plant_diverged, commanded(SINE, 1.0, lambda: 1e12), 1.01, "ctrl"
+    ),
+    "gain too large": Fault(
+        gained(300.0), Status.estimate_not_positive_definite, signal="pivot -"
+    ),
+    "prior too wrong": Fault(
+        replace(PENDULUM, initial_error=3.0), Status.estimate_not_positive_definite,
+        signal="pivot -",
+    ),
+    "adaptation too fast": Fault(
+        gained(1000.0), Status.adaptation_too_fast, signal="theta_hat"
+    ),
+    "position NaN": Fault(
+        BLIND_ROV, Status.measurement_not_finite, sensed("q", 120, math.nan), 1.2, "q"
+    ),
+    "velocity infinite": Fault(
+        BLIND_ROV, Status.measurement_not_finite, sensed("v", 120, -math.inf), 1.2, "v"
+    ),
+    "arm's position NaN": Fault(
+        BLIND_ARM, Status.measurement_not_finite, sensed("q", 250, math.nan), 0.25, "q"
+    ),
+    "arm's velocity NaN": Fault(
+        BLIND_ARM, Status.measurement_not_finite, sensed("v", 250, math.nan), 0.25, "v"
+    ),
+    "command NaN": Fault(
+        ROV, Status.measurement_not_finite, commanded(SINE, 1.0, lambda: math.nan), 1.0, "u"
+    ),
+    "Ctrl-C": Fault(ROV, Status.interrupted, commanded(SINE, 1.5, ctrl_c), code=130),
+}  # fmt: skip
+AT_ONCE = {
+    "lost in the first step": Fault(
+        gained(1e8), Status.estimate_not_positive_definite, time=0.01, signal="pivot -"
+    ),
+    "diverges in the first step": Fault(
+        ROV, Status.plant_diverged, commanded(SINE, 0.0, lambda: 5e9), 0.01, "qacc"
+    ),
+    "NaN at first": Fault(
+        BLIND_ROV, Status.measurement_not_finite, sensed("q", 0, math.nan), 0.0, "q"
+    ),
+    "Ctrl-C at first": Fault(
+        ROV, Status.interrupted, commanded(SINE, 0.0, ctrl_c), 0.0, code=130
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A fault that has been run by its script, with --json."""
+
+    fault: Fault
+    folder: Path
+    desk: Path
+    code: int
+    said: Heard
+
+    @property
+    def summary(self) -> dict:
+        return strict((self.folder / finish.SUMMARY).read_text(encoding="utf-8"))
+
+
+def provoke(fault: Fault, desk: Path) -> Ended:
+    folder, before = desk / "out", Path.cwd()
+    os.chdir(desk)
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            fault.patch(patch)
+            code, said = script(fault.scenario, "--out", folder, "--json")
+    finally:
+        os.chdir(before)
+    return Ended(fault, folder, desk, code, said)
+
+
+@pytest.fixture(scope="module", params=FAULTS)
+def ended(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Ended:
+    return provoke(FAULTS[request.param], tmp_path_factory.mktemp("fault"))
+
+
+def assert_told(ended: Ended) -> None:
+    fault, summary = ended.fault, ended.summary
+    assert ended.code == fault.code
+    assert summary["status"] == fault.status.words
+    assert summary["status_remedy"] == fault.status.remedy != ""
+    assert summary["status_signal"].startswith(fault.signal)
+    assert bool(summary["status_signal"]) == bool(fault.signal)
+    if fault.time is not None:
+        assert summary["status_time"] == pytest.approx(fault.time, abs=1e-9)
+
+
+def assert_quiet(ended: Ended) -> None:
+    assert ended.said.err == ""
+    assert ended.said.warned == []
+    assert not (ended.desk / "MUJOCO_LOG.TXT").exists()
+    assert [path.name for path in ended.desk.iterdir()] == ["out"]
+
+
+def test_it_ends_with_its_own_status_time_and_signal(ended: Ended) -> None:
+    assert_told(ended)
+    dt, time = ended.fault.scenario.dt, ended.summary["status_time"]
+    assert dt < time < ended.fault.scenario.duration
+    assert time / dt == pytest.approx(round(time / dt), abs=1e-6)
+
+
+def test_its_record_is_whole_until_then(ended: Ended) -> None:
+    record, scenario = Record.read(ended.folder), ended.fault.scenario
+    last = ended.summary["status_time"]
+    if ended.fault.status not in (Status.adaptation_too_fast, Status.interrupted):  # a bad row
+        last -= scenario.dt
+    assert record.complete
+    assert record["t"] == pytest.approx(scenario.dt * np.arange(round(last / scenario.dt) + 1))
+    assert all(np.isfinite(values).all() for values in record.columns.values())
+    assert ended.summary["sim_s"] == record["t"][-1]
+
+
+def test_the_same_is_on_stdout(ended: Ended) -> None:
+    assert strict(ended.said.out) == ended.summary
+
+
+def test_nothing_else_is_said_and_mujoco_leaves_no_log(ended: Ended) -> None:
+    assert_quiet(ended)
+
+
+def test_it_has_all_its_files(ended: Ended) -> None:
+    assert sorted(path.name for path in ended.folder.iterdir()) == sorted(FILES)
+    told = Scenario.from_json((ended.folder / finish.SCENARIO).read_text(encoding="utf-8"))
+    assert told.hash == ended.fault.scenario.hash == ended.summary["scenario_hash"]
+    page = (ended.folder / "report.html").read_text(encoding="utf-8")
+    assert ended.fault.status.words in page and ended.fault.status.remedy in page
+    entities = {str(chunk.entity_path) for chunk in RrdReader(ended.folder / "run.rrd").stream()}
+    assert "/result" in entities and "/velocity_error" in {"/" + e.split("/")[1] for e in entities}
+
+
+def test_rebuilt_it_has_not_forgotten_how_it_ended(ended: Ended, capfd: object) -> None:
+    before = ended.summary
+    with pytest.MonkeyPatch.context() as patch:
+        ended.fault.patch(patch)
+        if ended.fault.status is Status.interrupted:
+            patch.undo()  # it would interrupt the held-out trajectory too
+        after = finish.rebuild(ended.folder)
+    keys = ("status", "status_time", "status_signal", "status_remedy", "sim_s", "wall_s", "rivals",
+            "theta_perp_ratio", "scenario_hash")  # fmt: skip
+    assert {key: after[key] for key in keys} == {key: before[key] for key in keys}
+
+
+@pytest.mark.parametrize("which", AT_ONCE)
+def test_what_ends_at_once_is_told_all_the_same(which: str, tmp_path: Path) -> None:
+    ended = provoke(AT_ONCE[which], tmp_path)
+    assert_told(ended)
+    assert_quiet(ended)
+    record = Record.read(ended.folder)
+    assert record.complete and len(record) == round(ended.summary["status_time"] / ROV.dt)
+    assert strict(ended.said.out) == ended.summary
+
+
+def test_a_person_is_told_when_why_and_what_to_do(tmp_path: Path) -> None:
+    code, said = script(gained(300.0), "--out", tmp_path / "out")
+    told = " ".join(said.out.split())
+    status = Status.estimate_not_positive_definite
+    assert code == 1
+    assert status.words in told and status.remedy in told
+    assert "ended early at t = " in told and "(pivot -" in told
+
+
+def test_an_adaptation_too_fast_at_the_very_end_is_told_too(tmp_path: Path) -> None:
+    scenario = replace(gained(1000.0), duration=0.45)
+    result = run(scenario, tmp_path)
+    assert result.ending.status is Status.adaptation_too_fast
+    kept = result.identifiers[""].conserved(result.record["theta_hat"])
+    assert np.abs(kept / kept[0] - 1).max() > 1e-3
+
+
+def test_a_rival_that_is_lost_ends_no_run(tmp_path: Path) -> None:
+    rivals = {"fast": NullspaceAID(K=10.0, gain=300.0), "known": ConventionalAID(K=10.0, gain=1.0)}
+    result = run(replace(ROV, rivals=rivals), tmp_path)
+    summary = finish.finish(result)
+    assert summary["status"] == "completed" and len(result.record) == ROV.steps + 1
+    assert summary["rivals"]["fast"]["status"] == Status.estimate_not_positive_definite.words
+    assert summary["rivals"]["known"]["status"] == "completed"
+    still = result.record["theta_hat_fast"]
+    assert np.array_equal(still[-1], still[-10]) and not np.array_equal(still[0], still[-1])
+
+
+class CtrlC(Observer):
+    """Somebody who watches until `when`, and then stops it."""
+
+    def __init__(self, when: float):
+        self.when, self.stopped = when, False
+
+    def see(self, measurement, states, levels) -> None:  # noqa: ANN001
+        if measurement.t > self.when - 1e-9:
+            raise KeyboardInterrupt
+
+    def stop(self) -> None:
+        self.stopped = True
+
+
+def test_ctrl_c_from_an_observer_ends_at_that_row(tmp_path: Path) -> None:
+    watcher = CtrlC(1.5)
+    result = run(ROV, tmp_path, watcher)
+    assert watcher.stopped
+    assert result.ending.status is Status.interrupted
+    assert result.ending.time == result.record["t"][-1] == pytest.approx(1.5)
+    assert len(result.record) == 151 and result.record.complete
+    assert finish.finish(result)["status"] == "interrupted"
+
+
+def test_after_any_ending_the_next_run_is_not_affected(tmp_path: Path) -> None:
+    clean = run(PENDULUM, tmp_path / "first").record
+    for which in ("arm diverges", "arm's velocity NaN"):
+        with pytest.MonkeyPatch.context() as patch, heard():
+            FAULTS[which].patch(patch)
+            run(FAULTS[which].scenario, tmp_path / "broken")
+    with pytest.raises(KeyboardInterrupt), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TORQUE, "start", lambda self: ctrl_c())
+        result = run(PENDULUM, tmp_path / "stopped")
+        raise KeyboardInterrupt if result.ending.status is Status.interrupted else AssertionError
+    run(PENDULUM, tmp_path / "second")
+    first, second = ((tmp_path / x / "record.arrow").read_bytes() for x in ("first", "second"))
+    assert first == second and len(clean) == PENDULUM.steps + 1
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        replace(ROV, excitation=MultisineCommand(amplitude=0.0)),
+        replace(ROV, record_every=500),
+        replace(ROV, pe_window=0.001),
+        replace(ROV, held_out=0.001),
+        replace(ROV, initial_error=0.0),
+        replace(ROV, plant=replace(ROV.plant, spread=0.0)),
+        replace(ROV, duration=0.02),
+    ],
+    ids=["never driven", "one row", "window of no row", "held out for a step", "prior exact",
+         "as in the data sheet", "two steps"],
+)  # fmt: skip
+def test_what_may_be_asked_for_is_answered(scenario: Scenario, tmp_path: Path) -> None:
+    code, said = script(scenario, "--out", tmp_path / "out", "--json")
+    assert code == 0 and said.err == ""
+    assert strict(said.out)["status"] == "completed"
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(FILES)

@@ -1,0 +1,127 @@
+"""Where a run writes, and what is not there to be written or shown to."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj import NsaidError, finish, recording
+from nsaid_mj.experiment import run
+from nsaid_mj.record import FILE, Record
+from nsaid_mj.recording import live
+from tests.faults.common import FILES, ROV, script, strict
+
+SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
+
+
+def test_a_run_replaces_the_one_that_was_there(tmp_path: Path) -> None:
+    finish.finish(run(replace(SHORT, seed=1, duration=0.7), tmp_path))
+    before = {name: (tmp_path / name).read_bytes() for name in FILES}
+    finish.finish(run(replace(SHORT, seed=2), tmp_path))
+    after = {name: (tmp_path / name).read_bytes() for name in FILES}
+    assert all(before[name] != after[name] for name in FILES)
+    assert strict(after[finish.SUMMARY].decode())["seed"] == 2
+    assert strict(after[finish.SCENARIO].decode())["seed"] == 2
+    assert Record.read(tmp_path)["t"] == pytest.approx(0.01 * np.arange(51))
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
+
+
+def test_what_else_is_in_the_folder_stays(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    finish.finish(run(SHORT, tmp_path))
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_rebuilt_run_says_what_it_said(tmp_path: Path) -> None:
+    before = finish.finish(run(SHORT, tmp_path))
+    record = (tmp_path / FILE).read_bytes()
+    for name in FILES:
+        if name not in (FILE, finish.SUMMARY):
+            (tmp_path / name).unlink()
+    after = finish.rebuild(tmp_path)
+    assert after["status"] == "completed"
+    cost = ("wall_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step")
+    assert {key: after[key] for key in cost} == pytest.approx({key: before[key] for key in cost})
+    assert {k: v for k, v in after.items() if k not in cost} == {
+        k: v for k, v in before.items() if k not in cost
+    }
+    assert (tmp_path / FILE).read_bytes() == record
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
+
+
+def test_without_its_summary_a_whole_record_is_a_completed_run(tmp_path: Path) -> None:
+    run(SHORT, tmp_path)
+    assert finish.rebuild(tmp_path)["status"] == "completed"
+
+
+@pytest.mark.parametrize("summary", ["", "not JSON", '{"status": "plant diverged"}', "[]"])
+def test_a_foreign_summary_is_not_believed(summary: str, tmp_path: Path) -> None:
+    run(SHORT, tmp_path)
+    (tmp_path / finish.SUMMARY).write_text(summary)
+    assert finish.rebuild(tmp_path)["status"] == "completed"
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_a_former_runs_summary_does_not_say_how_this_one_ended(seed: int, tmp_path: Path) -> None:
+    finish.finish(run(replace(SHORT, seed=seed), tmp_path))
+    whole = (tmp_path / FILE).read_bytes()
+    run(replace(SHORT, duration=5.0), tmp_path)
+    (tmp_path / FILE).write_bytes((tmp_path / FILE).read_bytes()[: len(whole)])
+    assert finish.rebuild(tmp_path)["status"] == "interrupted"
+
+
+@pytest.mark.parametrize("out", ["file", "file/below", "folder"])
+def test_a_folder_that_cannot_be_written_is_told(out: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "folder" / FILE).mkdir(parents=True)
+    with pytest.raises(NsaidError, match=out):
+        run(SHORT, tmp_path / out)
+    code, said = script(SHORT, "--out", tmp_path / out, "--quiet")
+    assert code == 2
+    assert said.err.startswith("nsaid: ") and out in said.err and "Traceback" not in said.err
+    assert len(said.err.splitlines()) == 1
+    assert (tmp_path / "file").read_text() == "in the way"
+
+
+# -- no display ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.usefixtures("no_display")
+def test_live_without_a_display_goes_on_with_one_line(tmp_path: Path) -> None:
+    code, said = script(SHORT, "--out", tmp_path, "--live", "--json")
+    assert code == 0
+    lines = said.err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("nsaid: no display here; watch the run at http://127.0.0.1:")
+    assert strict(said.out)["status"] == "completed"
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
+
+
+@pytest.mark.usefixtures("no_display")
+def test_live_without_any_viewer_goes_on_with_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "program", lambda: [str(tmp_path / "no" / "such" / "program")])
+    code, said = script(SHORT, "--out", tmp_path, "--live", "--json")
+    assert code == 0
+    lines = said.err.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("nsaid: the run goes on without a viewer: ")
+
+
+def test_a_watched_run_is_the_same_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "program", lambda: ["/no/such/program"])
+    run(SHORT, tmp_path / "alone")
+    run(SHORT, tmp_path / "watched", recording.Live("x"))
+    one, two = ((tmp_path / name / FILE).read_bytes() for name in ("alone", "watched"))
+    assert one == two
