@@ -39,31 +39,33 @@ class FourierTrajectory:
         if harmonics < 1:
             raise InvalidInput("harmonics", "a whole number ≥ 1", harmonics, "5 suits arms.")
         self._omega = 2 * np.pi * fundamental * np.arange(1, harmonics + 1)
-        n = len(low)
-        self._a = rng.standard_normal((n, harmonics)) / np.arange(1, harmonics + 1)
-        self._b = rng.standard_normal((n, harmonics)) / np.arange(1, harmonics + 1)
+        self._rates = np.concatenate([self._omega, -self._omega])  # of sines, of cosines
+        self._coefficients = rng.standard_normal((len(low), 2 * harmonics)) / np.tile(
+            np.arange(1, harmonics + 1), 2
+        )
         self._centre = 0.5 * (low + high)
         period = np.linspace(0, 1 / fundamental, 40 * harmonics, endpoint=False)
-        position, velocity, _ = np.array([self._series(t) for t in period]).transpose(1, 2, 0)
+        position, velocity, _ = np.array([self._series(t) for t in period]).transpose(2, 1, 0)
         reach = np.maximum(
             np.abs(position).max(axis=1) / (0.5 * (high - low)),
             np.abs(velocity).max(axis=1) / speed,
         )
         reach /= np.cos(np.pi / 40)  # a peak between samples is higher by at most this
-        self._a /= reach[:, None]
-        self._b /= reach[:, None]
+        self._coefficients /= reach[:, None]
 
-    def _series(self, t: float) -> tuple[Array, Array, Array]:
-        s, c, w = np.sin(self._omega * t), np.cos(self._omega * t), self._omega
-        return (
-            self._a @ s + self._b @ c,
-            self._a @ (w * c) - self._b @ (w * s),
-            -(self._a @ (w * w * s) + self._b @ (w * w * c)),
-        )
+    def _series(self, t: float) -> Array:
+        """(n, 3) position, velocity and acceleration about the centre."""
+        phase = self._omega * t
+        s, c = np.sin(phase), np.cos(phase)
+        basis = np.empty((len(self._rates), 3))
+        basis[:, 0] = np.concatenate([s, c])
+        basis[:, 1] = self._rates * np.concatenate([c, s])
+        basis[:, 2] = -(self._rates**2) * basis[:, 0]
+        return self._coefficients @ basis
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """(n,) position, velocity and acceleration at time t [s]."""
-        position, velocity, acceleration = self._series(t)
+        position, velocity, acceleration = self._series(t).T
         return self._centre + position, velocity, acceleration
 
 

@@ -7,6 +7,7 @@ again until the run has ended.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -321,11 +322,12 @@ class _Loop:
         if signal:
             self._end(Status.plant_diverged, signal)
             return True
-        for name, value in (("u", now.u), ("q", now.q), ("v", now.v)):
-            if not np.isfinite(value.sum()):
-                self._end(Status.measurement_not_finite, name)
-                return True
-        return False
+        if math.isfinite(now.q.sum() + now.v.sum() + now.u.sum()):
+            return False
+        parts = {"q": now.q, "v": now.v, "u": now.u}  # u comes last: it follows from q and v
+        bad = next(name for name, value in parts.items() if not np.isfinite(value).all())
+        self._end(Status.measurement_not_finite, bad)
+        return True
 
     def _end(self, status: Status, signal: str) -> None:
         self.ending.status, self.ending.signal = status, signal

@@ -69,6 +69,10 @@ class SecondOrderSystem(ABC):
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
         """(n, p) with F θ = all forces: gravity, dissipation, actuation."""
 
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        """(n, p) combined regressor (10); override where that is cheaper than its parts."""
+        return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
+
     @abstractmethod
     def integrate(self, q: Array, dq: Array) -> Array:
         """(m,) the position reached from q by the tangent step dq (n,)."""
@@ -131,7 +135,12 @@ class SecondOrderSystem(ABC):
 
     def regressor(self, t: Array | float, x: Array, w: Array, a: Array, u: Array) -> Array:
         """(..., n, p) combined regressor W = W_M + W_C − F (10)."""
-        return self.W_M(x, a) + self.W_C(x, w) - self.F(t, x, u)
+        q, v = self.split(x)
+        return _each(
+            lambda t, q, v, w, a, u: self._W(float(t), q, v, w, a, u),
+            (0, self.m, self.n, self.n, self.n, self.n_u),
+            *(t, q, v, w, a, u),
+        )
 
     def mass_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) M(x, θ), the matrix of (8)."""
@@ -213,12 +222,12 @@ def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
                 f"shape {array.shape}",
                 "Give one row for each sample.",
             )
+    if all(array.ndim == (length > 0) for array, length in zip(arrays, lengths, strict=True)):
+        return function(*arrays)  # one sample, as a controller asks a thousand times a second
     leading = [
         a.shape[:-1] if length else a.shape for a, length in zip(arrays, lengths, strict=True)
     ]
     batch = np.broadcast_shapes(*leading)
-    if not batch:
-        return function(*arrays)
     spread = [
         np.broadcast_to(a, batch + (a.shape[-1:] if length else ())).reshape(
             (-1,) + (a.shape[-1:] if length else ())

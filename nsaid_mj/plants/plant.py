@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import mujoco
@@ -104,10 +105,15 @@ class Plant(ABC):
     @property
     def diverged(self) -> str:
         """Which signal MuJoCo found bad, "" while all is well."""
-        for warning, signal in _DIVERGENCES:
-            if self.data.warning[warning].number:
+        for counter, signal in self._counters:
+            if counter.number:
                 return signal
         return ""
+
+    @cached_property
+    def _counters(self) -> list[tuple[Any, str]]:
+        """MuJoCo's own counters of what diverged, looked up once."""
+        return [(self.data.warning[warning], signal) for warning, signal in _DIVERGENCES]
 
     @contextmanager
     def running(self) -> Iterator[None]:

@@ -121,9 +121,25 @@ class Multibody(SecondOrderSystem):
         return W
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        F = np.zeros((self.n, self.p))
+        F = self._joint_forces(v, u)
         weight = pin.computeJointTorqueRegressor(self.model, self._data, q, self._zero, self._zero)
         np.negative(weight, out=F[:, : self._links])
+        return F
+
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        W = -self._joint_forces(v, u)
+        np.subtract(
+            pin.computeJointTorqueRegressor(self.model, self._data, q, 0.5 * (v + w), a),
+            self._torque_regressor(q, 0.5 * (v - w), self._zero),
+            out=W[:, : self._links],
+        )
+        if self._rotor is not None:
+            W[self._joint, self._rotor + self._joint] = a
+        return W
+
+    def _joint_forces(self, v: Array, u: Array) -> Array:
+        """(n, p) columns of friction and motors; those of the links are 0."""
+        F = np.zeros((self.n, self.p))
         F[self._joint, self._viscous + self._joint] = -v
         F[self._joint, self._coulomb + self._joint] = -np.tanh(v / self.friction_speed)
         F[self._joint, self._gain + self._joint] = u

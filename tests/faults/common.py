@@ -110,15 +110,18 @@ def _code_of(action: Any) -> tuple[int, Heard]:
 
 def start(*arguments: object, cwd: Path, **more: str) -> subprocess.Popen[str]:
     """A real `nsaid …` in its own process, which Ctrl-C reaches even where tests run behind."""
-    return subprocess.Popen(
-        [str(NSAID), *map(str, arguments)],
-        cwd=cwd,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1", **more},
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # never inherit SIG_IGN
+    try:
+        return subprocess.Popen(
+            [str(NSAID), *map(str, arguments)],
+            cwd=cwd,
+            env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1", **more},
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 def flat(text: str) -> str:

@@ -36,8 +36,9 @@ WORDS = {  # what is typed: expected, got, remedy
     "scalar_rov --noise.position nan": ("a finite number ≥ 0", "got nan", "0 means none"),
     "scalar_rov --plant.mass -3": ("a number > 0", "got -3", "Give"),
     "scalar_rov --plant.spread 1": ("a number in [0, 1)", "got 1", "0.2 is 20 %"),
-    "scalar_rov --amplitude nan": ("expected", "got nan", "."),
-    "scalar_rov --amplitude inf": ("expected", "got inf", "."),
+    "scalar_rov --amplitude nan": ("a finite number > 0", "got nan", "full command"),
+    "scalar_rov --amplitude inf": ("a finite number > 0", "got inf", "full command"),
+    "scalar_rov --amplitude 0": ("a finite number > 0", "got 0", "full command"),
     "scalar_rov --low 2 --high 1": ("0 < low < high", "2.0 … 1.0", "0.05 … 0.5 Hz"),
     "scalar_rov --tones 0": ("a whole number ≥ 1", "got 0", "Two for each parameter"),
     "scalar_rov --identifier.K 300": ("λ_max(K)·dt ≤ 2.5", "300/s · 0.01 s = 3", "K ≤ 250/s"),
@@ -99,7 +100,9 @@ def test_the_robot_that_the_broken_ones_are_made_of_is_good(desk: Path) -> None:
     assert (code, said.err) == (0, "")
 
 
-@pytest.mark.parametrize("typed", ["view nowhere", "view .", "view empty.py/run", "view . --rebuild"])
+@pytest.mark.parametrize(
+    "typed", ["view nowhere", "view .", "view empty.py/run", "view . --rebuild"]
+)
 def test_what_is_no_run_cannot_be_viewed(typed: str, desk: Path) -> None:
     before = sorted(desk.rglob("*"))
     code, said = shell(*typed.split())
@@ -118,7 +121,7 @@ FIRST = Measurement(0.0, np.zeros(1), np.zeros(1), np.zeros(1))
 NEXT = Measurement(0.01, np.zeros(1), np.zeros(1), np.zeros(1))
 
 
-def law(system=SYSTEM, K=None, Gamma=None, prior=None, dt=0.01) -> NullspaceIdentifier:  # noqa: ANN001
+def law(system=SYSTEM, K=None, Gamma=None, prior=None, dt=0.01) -> NullspaceIdentifier:
     return NullspaceIdentifier(
         system,
         np.ones(system.n) if K is None else np.asarray(K),
@@ -221,9 +224,10 @@ def test_a_later_measurement_that_is_not_finite_never_passes_for_an_estimate(
 SCENARIOS: dict[str, tuple[type[NsaidError], Callable[[], Scenario]]] = {
     "K too fast": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(K=251.0))),
     "Γ negative": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(gain=-1.0))),
-    "a rival's K too fast": (InvalidInput, lambda: replace(ROV, rivals={"r": NullspaceAID(K=251.0)})),
+    "a rival's K too fast": (InvalidInput, lambda: replace(
+        ROV, rivals={"r": NullspaceAID(K=251.0)})),
     "everything known": (InvalidInput, lambda: replace(
-        ROV, rivals={"r": ConventionalAID(known=SYSTEM.space.names)})),
+        ROV, rivals={"r": ConventionalAID(known=tuple(SYSTEM.space.names))})),
     "an unknown known": (UnknownName, lambda: replace(
         ROV, rivals={"r": ConventionalAID(known=("mas",))})),
     "a vehicle cannot track": (InvalidInput, lambda: replace(ROV, excitation=FourierTracking())),
@@ -250,7 +254,9 @@ def test_a_scenario_that_cannot_start_leaves_the_run_that_was_there(tmp_path: Pa
 
 
 @pytest.mark.parametrize("read", [Record.read, rebuild])
-def test_a_folder_without_a_record_is_no_run(read: Callable[[Path], object], tmp_path: Path) -> None:
+def test_a_folder_without_a_record_is_no_run(
+    read: Callable[[Path], object], tmp_path: Path
+) -> None:
     with pytest.raises(BadRun, match="record"):
         read(tmp_path)
     assert not list(tmp_path.iterdir())
