@@ -98,10 +98,11 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
     console.print(table)
     r, p = summary["r"], summary["p"]
     console.print(f"  {p - r} of {p} directions of θ can be known; {r} cannot, among them:")
-    for line in summary["unobservable"][:3]:
-        console.print(f"    {line['direction']}", soft_wrap=True)
-    if r > 3:
-        console.print(f"    … and {r - 3} more, in {folder / SUMMARY}")
+    lines = metrics.unobservable_lines(summary)
+    for what, fix in lines[:3]:
+        console.print(f"    {what}\n      {fix}", soft_wrap=True)
+    if len(lines) > 3:
+        console.print(f"    … all of them in {folder / report.FILE}")
     console.print(
         f"  recording  {folder / recording.FILE}   (nsaid view {folder})\n"
         f"  report     {folder / report.FILE}"

@@ -89,7 +89,9 @@ def summarize(run: Run) -> dict[str, Any]:
         "law": "paper",
         "gamma": "scale",
         "sensors": scenario.sensors,
-        "unobservable": [{"direction": d.words, "fix": d.fix} for d in told],
+        "unobservable": [
+            {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)} for d in told
+        ],
         "rivals": {
             name: judge(run, name, nullspace, later) | {"status": run.statuses[name].words}
             for name in record.rivals
@@ -109,6 +111,17 @@ def summarize(run: Run) -> dict[str, Any]:
         "versions": versions(),
         "scenario_hash": scenario.hash,
     }  # fmt: skip
+
+
+def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """(what, remedy) of the unobservable directions; those of one parameter each in one line."""
+    lines = summary["unobservable"]
+    alone = [line["parameters"][0] for line in lines if len(line["parameters"]) == 1]
+    told = [(line["direction"], line["fix"]) for line in lines if len(line["parameters"]) > 1]
+    if alone:
+        what = f"{', '.join(alone)}: without effect on the motion, each alone"
+        told.insert(1, (what, "nothing but knowing them"))
+    return told
 
 
 def true_nullspace(run: Run) -> Nullspace:

@@ -8,13 +8,14 @@ Gramian WᵀW would square the condition number, and are not used for rank.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 
 from .errors import InvalidInput
-from .parameters import Array, Indices, ParameterSpace
+from .parameters import Array, Block, Indices, ParameterSpace
 from .system import SecondOrderSystem
 
 TOLERANCE = 1e-8
@@ -144,7 +145,7 @@ def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
     found: list[Direction] = []
     groups = _groups(P, space.actuators)
     for group in groups:
-        found.append(_scale(group, space))
+        found.append(_scale(group, len(groups) == 1, space))
     held: Indices = np.concatenate(groups) if groups else np.zeros(0, dtype=np.intp)
     rest = P @ _null(P[held]) if len(held) else P
     pivots = _pivots(rest, _preference(space))
@@ -230,32 +231,56 @@ def _cost(column: Array) -> tuple[int, int]:
     return len(involved), int(involved.sum())
 
 
-def _scale(group: Indices, space: ParameterSpace) -> Direction:
+def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
+    """The common scale of a group, or of all of θ where there is only one group."""
     chosen = set(group.tolist())
-    parts = []
+    kinds, parts = [], []
     for block, place in space:
         inside = [i for i in range(place.start, place.stop) if i in chosen]
-        if len(inside) == len(block):
-            parts.append(f"{block.name}s" if len(block) > 1 and block.geometry != "pseudo_inertia"
-                         else block.name)  # fmt: skip
-        elif inside:
-            parts.append(", ".join(space.names[i] for i in inside))
+        kind = "link inertias" if block.geometry == "pseudo_inertia" else _plural(block)
+        if whole or inside:
+            kinds.append(kind)
+        if inside:
+            all_inside = len(inside) == len(block) > 1
+            parts.append(kind if all_inside else ", ".join(space.names[i] for i in inside))
     names = tuple(space.names[i] for i in group)
     return Direction(
-        f"common scale of {'; '.join(parts)} ({len(group)} of {len(space)} parameters)",
+        f"common scale of {'everything: ' if whole else ''}{_listed(dict.fromkeys(kinds))}",
         names,
         (),
-        f"one known number among these, e.g. {names[-1]}, fixes all {len(names)}",
+        f"one known number, e.g. {names[-1]}, fixes it, and with it these {len(names)}: "
+        f"{', '.join(parts)}",
     )
+
+
+def _plural(block: Block) -> str:
+    if len(block) == 1 or block.name.endswith("friction"):
+        return block.name
+    return f"{block.name}s"
+
+
+def _listed(words: Iterable[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _trade(weights: Array, pivot: int, space: ParameterSpace) -> Direction:
     others = [i for i in np.argsort(-np.abs(weights)) if i != pivot and abs(weights[i]) > _SMALL]
     lead = space.names[pivot]
     names = (lead, *(space.names[i] for i in others))
+    told = f"{lead}{_gloss(pivot, space)}"
     if not others:
-        words, fix = f"{lead} alone: it has no effect on the motion", f"only knowing {lead} itself"
+        words, fix = f"{told} alone: it has no effect on the motion", f"only knowing {lead} itself"
     else:
-        words = f"{lead} against {', '.join(names[1:])}"
+        words = f"{told} against {', '.join(names[1:])}"
         fix = f"one known number among these, e.g. {lead}, fixes this trade"
     return Direction(words, names, (1.0, *(float(weights[i]) for i in others)), fix)
+
+
+def _gloss(i: int, space: ParameterSpace) -> str:
+    """What an inertial parameter's symbol means."""
+    block, place = next((b, s) for b, s in space if s.start <= i < s.stop)
+    if block.geometry != "pseudo_inertia":
+        return ""
+    kind = ("mass", *["first moment"] * 3, *["moment of inertia"] * 6)[i - place.start]
+    return f" ({kind} of {block.name})"

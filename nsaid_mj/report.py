@@ -98,7 +98,7 @@ def _curves(run: Run) -> str:
         theta_s = record[f"theta_hat{suffix}"][k] / scale
         distance.semilogy(t, nullspace.ratio(theta_s), color=colour, label=label)
         dv = record[f"v_hat{suffix}"][k] - record["v"][k]
-        error.semilogy(t, np.sqrt(np.mean(dv**2, axis=1)) + 1e-16, color=colour, lw=0.8)
+        error.semilogy(t[1:], np.sqrt(np.mean(dv[1:] ** 2, axis=1)), color=colour, lw=0.8)
     distance.set_ylabel("‖θ̄_P⊥‖ / ‖θ̂‖")
     distance.set_title("distance to the true set")
     if record.rivals:
@@ -125,12 +125,12 @@ def _curves(run: Run) -> str:
 
 def _unobservable(summary: dict[str, Any]) -> str:
     items = "".join(
-        f"<li>{html.escape(d['direction'])}: {html.escape(d['fix'])}.</li>"
-        for d in summary["unobservable"]
+        f"<li>{html.escape(what)}: {html.escape(fix)}.</li>"
+        for what, fix in metrics.unobservable_lines(summary)
     )
     return (
         f"<p>{summary['p'] - summary['r']} of {summary['p']} directions of θ show in the motion, "
-        f"{summary['r']} do not:</p><ol>{items}</ol>"
+        f"{summary['r']} do not:</p><ul>{items}</ul>"
     )
 
 

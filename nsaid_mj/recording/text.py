@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..experiment import Run
-from ..metrics import FIGURES, OWN, figure
+from ..metrics import FIGURES, OWN, figure, unobservable_lines
 
 _SPELLED = {"θ̄": "θ", "θ̂": "θ^", "_P⊥": "_perp", "P⊥": "P_perp", "⊥": "perp", "ᵀ": "'"}
 _FONT = (  # of Inter, the viewer's font, what a robot's names and units may need
@@ -44,7 +44,7 @@ def result(run: Run, summary: dict[str, Any]) -> str:
             "",
         ]
     lines += ["", "### What motion cannot tell, and what would", ""]
-    lines += [f"- **{d['direction']}**: {d['fix']}" for d in summary["unobservable"]]
+    lines += [f"- **{what}**: {fix}" for what, fix in unobservable_lines(summary)]
     return drawable("\n".join(lines) + "\n")
 
 
