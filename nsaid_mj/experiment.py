@@ -8,8 +8,11 @@ again until the run has ended.
 from __future__ import annotations
 
 import math
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .control import Driver
-from .errors import InvalidInput
+from .errors import BadRun
 from .identifiers import Identifier, State, Status
 from .nullspace import structural
 from .parameters import Array, ParameterSpace
@@ -27,6 +30,7 @@ from .record import BATCH_SECONDS, FILE, Record, RecordWriter
 from .scenario import Scenario
 from .system import Measurement
 
+DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html")
 _PE_SAMPLES = 100  # regressors in a window of the online persistence levels
 _DRIFT = 1e-3  # of the conserved quantity: beyond it RK4 no longer follows the law
 
@@ -186,7 +190,16 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
     system = plant.system
     driver = scenario.excitation.build(system, prior, np.random.default_rng(seeds.excitation))
     r = structural(system, prior, np.random.default_rng(seeds.structure)).r
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for stale in folder.glob("*"):  # of a run that was here: it would pass for this one's
+            if stale.name in DERIVED:
+                stale.unlink()
+        (folder / FILE).open("wb").close()
+    except OSError as error:
+        raise BadRun(
+            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
+        ) from error
     writer = RecordWriter(
         folder / FILE,
         columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals)),
@@ -205,7 +218,8 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
     try:
         for observer in observers:
             observer.start(scenario, plant)
-        loop(seeds.sensors)
+        with _ctrl_c(loop.stop):
+            loop(seeds.sensors)
     except KeyboardInterrupt:
         loop.ending.status = Status.interrupted
     finally:
@@ -216,6 +230,29 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
     statuses = {name: state.status for name, state in loop.states.items()}
     return Run(scenario, folder, Record.read(folder), plant, prior, identifiers, statuses,
                loop.ending, loop.cost)  # fmt: skip
+
+
+@contextmanager
+def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
+    """Makes the first Ctrl-C a request that the loop answers between two steps.
+
+    As an exception it would strike anywhere, and in compiled code be lost or become a SystemError.
+    The second one is an exception again.
+    """
+
+    def asked(number: int, frame: object) -> None:  # noqa: ARG001
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        ask()
+
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield  # somebody else handles it, or it is ignored
+        return
+    signal.signal(signal.SIGINT, asked)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
@@ -272,6 +309,11 @@ class _Loop:
     states: dict[str, State] = field(default_factory=dict)
     ending: Ending = field(default_factory=Ending)
     cost: Cost = field(default_factory=Cost)
+    stopped: bool = False
+
+    def stop(self) -> None:
+        """Asks the loop to end after the step it is in."""
+        self.stopped = True
 
     def __call__(self, sensor_seed: np.random.SeedSequence) -> None:
         scenario, plant, cost = self.scenario, self.plant, self.cost
@@ -308,12 +350,19 @@ class _Loop:
                     self._excite(states[""], excite)
                 if k % scenario.record_every == 0:
                     self._record(now, states)
-                if k % check == 0 and self._drifted(states, conserved):
+                if (
+                    k
+                    and (k % check == 0 or k == scenario.steps)
+                    and self._drifted(states, conserved)
+                ):
                     return
                 if k % watch == 0:
                     levels = self.monitor.level, self.monitor.level_perp
                     for observer in self.observers:
                         observer.see(now, states, levels)
+                if self.stopped:
+                    self._end(Status.interrupted, "")
+                    return
                 previous = now
 
     def _bad(self, now: Measurement) -> bool:
@@ -325,7 +374,7 @@ class _Loop:
         if math.isfinite(now.q.sum() + now.v.sum() + now.u.sum()):
             return False
         parts = {"q": now.q, "v": now.v, "u": now.u}  # u comes last: it follows from q and v
-        bad = next(name for name, value in parts.items() if not np.isfinite(value).all())
+        bad = next((name for name, part in parts.items() if not np.isfinite(part).all()), "u")
         self._end(Status.measurement_not_finite, bad)
         return True
 
@@ -348,7 +397,8 @@ class _Loop:
     def _drifted(self, states: dict[str, State], conserved: dict[str, float]) -> bool:
         for name, law in self.identifiers.items():
             now = float(law.conserved(states[name].theta_hat))
-            if law.conserves and not abs(now / conserved[name] - 1) <= _DRIFT:
+            lost = states[name].status is not Status.completed  # it keeps its own reason
+            if law.conserves and not lost and not abs(now / conserved[name] - 1) <= _DRIFT:
                 states[name] = states[name]._replace(status=Status.adaptation_too_fast)
         if states[""].status is Status.adaptation_too_fast:
             self._end(Status.adaptation_too_fast, "theta_hat")
@@ -356,11 +406,11 @@ class _Loop:
         return False
 
 
-def held_out(run: Run) -> Record:
+def held_out(run: Run) -> Record | None:
     """Drives a run's plant along another trajectory, without identifying.
 
-    Raises:
-        InvalidInput: the plant diverges on it.
+    Returns:
+        What was measured; None where the plant diverges, as it may where the run did.
     """
     scenario, plant = run.scenario, run.plant
     seed = Seeds.of(scenario.seed).held_out
@@ -368,9 +418,8 @@ def held_out(run: Run) -> Record:
     steps = max(2, round(scenario.held_out / scenario.dt))
     with plant.running():
         rows = list(trajectory(plant, driver, steps, None, Cost()))
-        if plant.diverged:
-            raise InvalidInput(
-                "held_out", "a plant that does not diverge", plant.diverged, "Take a smaller dt."
-            )
+    finite = all(np.isfinite(part).all() for row in rows for part in row[1:])
+    if plant.diverged or not finite:
+        return None
     t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))
     return Record({"t": t, "q": q, "v": v, "u": u}, {}, True)

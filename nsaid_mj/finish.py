@@ -29,6 +29,8 @@ def finish(run: Run, progress: bool = False) -> dict[str, Any]:
         summary = metrics.summarize(run)
         metrics.write_json(run.folder / SUMMARY, summary)
         metrics.write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+    if not len(run.record):
+        return summary  # nothing to show
     with Console(stderr=True, quiet=not progress).status("writing recording and report"):
         recording.write(run, summary)
         report.write(run, summary)

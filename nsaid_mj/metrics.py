@@ -36,9 +36,18 @@ FIGURES = (
 )
 """What terminal, report and recording tell of every identifier: label, key, unit."""
 
+_UNKNOWN = (
+    "r_excited", "theta_perp_ratio_initial", "theta_perp_ratio", "plant_direction_error",
+    "actuator_ratio_error", "force_residual_ratio", "velocity_error_rms", "conserved_drift",
+    "lyapunov_violations", "pe_level", "pe_level_perp",
+)  # fmt: skip
+"""What a run that ended before its first row does not know."""
 
-def figure(value: float, unit: str) -> str:
-    """A figure with three digits, as a percentage where its unit is %."""
+
+def figure(value: float | None, unit: str) -> str:
+    """A figure with three digits, as a percentage where its unit is %; – where there is none."""
+    if value is None:
+        return "–"
     return f"{100 * value:.3g} %" if unit == "%" else f"{value:.3g}"
 
 
@@ -48,50 +57,62 @@ def summarize(run: Run) -> dict[str, Any]:
     Args:
         run: a run that has ended, however it did.
     """
-    scenario, record, system = run.scenario, run.record, run.plant.system
-    scale, truth = system.space.scale, run.plant.truth
+    found = _findings(run) if len(run.record) else dict.fromkeys(_UNKNOWN) | {"rivals": {}}
+    ending, cost, system = run.ending, run.cost, run.plant.system
+    sim, steps = float(run.record["t"][-1]) if len(run.record) else 0.0, max(cost.steps, 1)
     nullspace = true_nullspace(run)
-    later = held_out(run)
-    law = run.identifiers[""]
-    own = judge(run, "", nullspace, later)
+    return {
+        "status": ending.status.words,
+        "status_time": ending.time,
+        "status_signal": ending.signal,
+        "status_remedy": ending.status.remedy,
+        "n": system.n,
+        "p": system.p,
+        "r": nullspace.r,
+        "rank_tolerance": nullspace.tolerance,
+        "rank_gap": [float(s) for s in nullspace.gap],
+        **found,
+        "law": "paper",
+        "gamma": "scale",
+        "sensors": run.scenario.sensors,
+        "unobservable": [
+            {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)}
+            for d in directions(nullspace, system.space)
+        ],
+        "wall_s": cost.wall,
+        "sim_s": sim,
+        "real_time_factor": sim / cost.wall if cost.wall else 0.0,
+        "identifier_us_per_step": 1e6 * cost.identifier / steps,
+        "plant_us_per_step": 1e6 * cost.plant / steps,
+        "seed": run.scenario.seed,
+        "versions": versions(),
+        "scenario_hash": run.scenario.hash,
+    }
+
+
+def _findings(run: Run) -> dict[str, Any]:
+    """What a record of at least one row tells, under the truth."""
+    record, system, truth = run.record, run.plant.system, run.plant.truth
+    nullspace, later, law = true_nullspace(run), held_out(run), run.identifiers[""]
     V = lyapunov(system, law, record, truth)
     rises, bound = lyapunov_rises(V, law, record)
     conserved = law.conserved(record["theta_hat"])
     levels = persistence_levels(run, nullspace)
-    excited = excited_nullspace(run)
-    told = directions(nullspace, system.space)
     margin, least_mass = assumption_46(run)
-    cost, sim = run.cost, float(record["t"][-1])
-    steps = max(run.cost.steps, 1)
     return {
-        "status": run.ending.status.words,
-        "status_time": run.ending.time,
-        "status_signal": run.ending.signal,
-        "status_remedy": run.ending.status.remedy,
-        "n": system.n,
-        "p": system.p,
-        "r": nullspace.r,
-        "r_excited": excited.r,
-        "rank_tolerance": nullspace.tolerance,
-        "rank_gap": [float(s) for s in nullspace.gap],
-        **own,
+        "r_excited": excited_nullspace(run).r,
+        **judge(run, "", nullspace, later),
         "conserved_drift": float(np.max(np.abs(conserved / conserved[0] - 1)))
         if law.conserves
         else None,
         "lyapunov_violations": int(np.count_nonzero(rises > bound)),
-        "lyapunov_largest_rise": float(rises.max(initial=0.0) / V[0]),
-        "lyapunov_bound": float(np.max(bound, initial=0.0) / V[0]),
+        "lyapunov_largest_rise": float(rises.max(initial=0.0) / (V[0] or np.inf)),
+        "lyapunov_bound": float(np.max(bound, initial=0.0) / (V[0] or np.inf)),
         "pe_level": levels[0],
         "pe_level_perp": levels[1],
         "assumption_46_margin": margin,
         "least_mass_eigenvalue": least_mass,
-        "least_estimated_pivot": float(record["pivot"][1:].min()),
-        "law": "paper",
-        "gamma": "scale",
-        "sensors": scenario.sensors,
-        "unobservable": [
-            {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)} for d in told
-        ],
+        "least_estimated_pivot": float(record["pivot"][1:].min()) if len(record) > 1 else None,
         "rivals": {
             name: judge(run, name, nullspace, later) | {"status": run.statuses[name].words}
             for name in record.rivals
@@ -99,17 +120,10 @@ def summarize(run: Run) -> dict[str, Any]:
         "parameters": [
             {"name": name, "unit": unit, "scale": float(s), "true": float(t), "prior": float(a),
              "estimate": float(b)}
-            for name, unit, s, t, a, b in zip(system.space.names, system.space.units, scale, truth,
-                                              run.prior, record["theta_hat"][-1], strict=True)
+            for name, unit, s, t, a, b in zip(system.space.names, system.space.units,
+                                              system.space.scale, truth, run.prior,
+                                              record["theta_hat"][-1], strict=True)
         ],
-        "wall_s": cost.wall,
-        "sim_s": sim,
-        "real_time_factor": sim / cost.wall if cost.wall else 0.0,
-        "identifier_us_per_step": 1e6 * cost.identifier / steps,
-        "plant_us_per_step": 1e6 * cost.plant / steps,
-        "seed": scenario.seed,
-        "versions": versions(),
-        "scenario_hash": scenario.hash,
     }  # fmt: skip
 
 
@@ -130,7 +144,7 @@ def true_nullspace(run: Run) -> Nullspace:
     return structural(run.plant.system, run.plant.truth, rng)
 
 
-def judge(run: Run, name: str, nullspace: Nullspace, later: Record) -> dict[str, Any]:
+def judge(run: Run, name: str, nullspace: Nullspace, later: Record | None) -> dict[str, Any]:
     """How near one identifier's last estimate is to the true set, and how well it predicts."""
     suffix = f"_{name}" if name else ""
     record, system, truth = run.record, run.plant.system, run.plant.truth
@@ -170,14 +184,21 @@ def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Ar
 
 
 def force_residual_ratio(
-    system: SecondOrderSystem, later: Record, theta_hat: Array, truth: Array
-) -> float:
-    """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂."""
+    system: SecondOrderSystem, later: Record | None, theta_hat: Array, truth: Array
+) -> float | None:
+    """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂.
+
+    None where the plant has no later trajectory, or is not driven on it.
+    """
+    if later is None:
+        return None
     t, x, v, u = _states(later, max(1, len(later) // _ROWS))
     a = system.acceleration(t, x, v, u, truth)
     residual = system.regressor(t, x, v, a, u) @ theta_hat
     k = system.space.actuators
     force = system.F(t, x, u)[..., k] @ theta_hat[k]
+    if not force.any():
+        return None
     return float(np.sqrt(np.mean(residual**2) / np.mean(force**2)))
 
 
@@ -217,7 +238,7 @@ def persistence_levels(run: Run, nullspace: Nullspace) -> tuple[float, float]:
     dt = stride * scenario.record_every * scenario.dt
     t, x, v, u = _states(record, stride)
     v_hat, theta_hat = record["v_hat"][::stride], record["theta_hat"][::stride]
-    per_window = rows // stride
+    per_window = max(1, rows // stride)
     full: list[float] = []
     perpendicular: list[float] = []
     for start in range(0, len(t) - per_window + 1, per_window):

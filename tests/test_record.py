@@ -16,9 +16,7 @@ METADATA = {"scenario": "{}", "names": ["Trägheit", "θ"], "scale": [1.0, 0.1],
 
 def rows(count: int, seed: int = 0):
     rng = np.random.default_rng(seed)
-    return [
-        (0.1 * k, *(rng.standard_normal(width) for width in (3, 2, 1))) for k in range(count)
-    ]
+    return [(0.1 * k, *(rng.standard_normal(width) for width in (3, 2, 1))) for k in range(count)]
 
 
 def write(path, values, batch=4, close=True):

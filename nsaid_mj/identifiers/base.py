@@ -21,7 +21,8 @@ class Status(Enum):
     )
     estimate_not_positive_definite = (
         "estimated mass matrix not positive definite",
-        "Assumption (46) failed: take a smaller identifier gain, or a better initial estimate.",
+        "The estimate moved too far: take a smaller identifier gain, a better initial estimate, "
+        "or a gentler excitation.",
     )
     adaptation_too_fast = (
         "conserved quantity drifted by more than 1e-3",

@@ -134,13 +134,18 @@ class NullspaceIdentifier(Identifier):
             InvalidInput: time does not increase.
         """
         dt = following.t - previous.t
-        if not dt > 0:
+        if not 0 < dt < np.inf:
             raise InvalidInput(
                 "t",
                 f"a time after {previous.t!r} s",
                 repr(following.t),
                 "Sort the samples by time.",
             )
+        here = state.instant
+        if (following.q.shape, following.v.shape, following.u.shape) != (
+            here.q.shape, here.v.shape, here.u.shape,
+        ):  # fmt: skip
+            checked(self.system, following)  # says which
         system, u = self.system, previous.u
         first = state.instant.commanded(previous.t, u)
         middle = system.at(previous.t + 0.5 * dt, *self._between(previous, following, dt), u)

@@ -345,7 +345,6 @@ def test_a_zero_velocity_error_is_an_equilibrium_of_theta(seed):
 # -- the wall ----------------------------------------------------------------------------------
 
 
-
 RUN = {"duration": 0.25, "pe_window": 0.1, "rivals": {"known": ConventionalAID(5.0, 0.01)}}
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -298,6 +300,34 @@ def test_ctrl_c_from_an_observer_ends_at_that_row(tmp_path: Path) -> None:
     assert result.ending.time == result.record["t"][-1] == pytest.approx(1.5)
     assert len(result.record) == 151 and result.record.complete
     assert finish.finish(result)["status"] == "interrupted"
+
+
+def test_ctrl_c_in_the_middle_of_compiled_code_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An exception cannot pass through C: numba makes it a SystemError, ctypes drops it."""
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    callback = ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGINT))
+    real = SINE.command
+
+    def command(self, t, q, v):
+        if abs(t - 1.5) < 1e-9:
+            callback()
+        return real(self, t, q, v)
+
+    monkeypatch.setattr(SINE, "command", command)
+    try:
+        with heard() as said, pytest.MonkeyPatch.context() as unraisable:
+            unraisable.setattr("sys.unraisablehook", lambda *_: None)
+            result = run(ROV, tmp_path)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    assert result.ending.status is Status.interrupted
+    assert (
+        result.ending.time == pytest.approx(result.record["t"][-1]) == pytest.approx(1.5, abs=0.011)
+    )
+    assert said.err == ""
 
 
 def test_after_any_ending_the_next_run_is_not_affected(tmp_path: Path) -> None:

@@ -60,9 +60,7 @@ class Bench:
         """(t, x, v, u) of fresh random states, none of which `nullspace` has seen."""
         return random_states(self.system, count, seed)
 
-    def drive(
-        self, seconds: float, seed: int = 4, prior: Array | None = None
-    ) -> list[Measurement]:
+    def drive(self, seconds: float, seed: int = 4, prior: Array | None = None) -> list[Measurement]:
         """Measurements of MuJoCo's plant under its driver."""
         prior = self.truth if prior is None else prior
         driver = self.excitation.build(self.system, prior, np.random.default_rng(seed))
@@ -228,9 +226,7 @@ class TwoVehicles(SecondOrderSystem):
         names = [("mass", "drag", "net weight", "thruster gain"), ("kg", "N·s²/m²", "N", "N")]
         self.space = ParameterSpace(
             tuple(
-                Block(
-                    f"{name} {i}", (f"{name} {i}",), (unit,), np.ones(1), actuator="gain" in name
-                )
+                Block(f"{name} {i}", (f"{name} {i}",), (unit,), np.ones(1), actuator="gain" in name)
                 for i in (1, 2)
                 for name, unit in zip(*names, strict=True)
             )

@@ -51,9 +51,7 @@ def test_8_W_M_theta_is_M_a(table: Bench):
         a = rng.standard_normal((5, system.n))
         M = system.mass_matrix(x, theta)
         force = system.W_M(x, a) @ theta
-        assert (
-            np.abs(force - np.einsum("kij,kj->ki", M, a)).max() <= ROUNDING * np.abs(force).max()
-        )
+        assert np.abs(force - np.einsum("kij,kj->ki", M, a)).max() <= ROUNDING * np.abs(force).max()
         assert np.abs(M - M.swapaxes(1, 2)).max() <= ROUNDING * np.abs(M).max()
     assert (np.linalg.eigvalsh(system.mass_matrix(x, table.truth)) > 0).all()
 

@@ -33,9 +33,7 @@ def test_28_parameters_in_P_move_alike(table: Bench):
         distance = np.linalg.norm((theta - table.truth) / system.space.scale)
         assert distance > 0.05 * np.linalg.norm(table.truth / system.space.scale)
         a_star = system.acceleration(t, x, v, u, theta)
-        tolerance = (
-            1e-11 * np.linalg.cond(np.concatenate([M, system.mass_matrix(x, theta)])).max()
-        )
+        tolerance = 1e-11 * np.linalg.cond(np.concatenate([M, system.mass_matrix(x, theta)])).max()
         assert np.abs(a_star - a).max() <= tolerance * np.abs(a).max()
 
 
@@ -48,18 +46,13 @@ def test_28_parameters_off_P_do_not(table: Bench):
     system, scale, nullspace = table.system, table.system.space.scale, table.nullspace
     t, x, v, u = table.states(10 * system.p, seed=12)
     a = system.acceleration(t, x, v, u, table.truth)
-    W = np.linalg.solve(
-        system.mass_matrix(x, table.truth), system.regressor(t, x, v, a, u) * scale
-    )
+    W = np.linalg.solve(system.mass_matrix(x, table.truth), system.regressor(t, x, v, a, u) * scale)
     _, s, directions = np.linalg.svd(
         W.reshape(-1, system.p) @ nullspace.P_perp, full_matrices=False
     )
     for k in (0, -1):
         step = (
-            1e-6
-            * np.linalg.norm(table.truth / scale)
-            * scale
-            * (nullspace.P_perp @ directions[k])
+            1e-6 * np.linalg.norm(table.truth / scale) * scale * (nullspace.P_perp @ directions[k])
         )
         change = system.acceleration(t, x, v, u, table.truth + step) - a
         predicted = 1e-6 * np.linalg.norm(table.truth / scale) * s[k]

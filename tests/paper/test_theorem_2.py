@@ -78,9 +78,7 @@ def two_vehicles(command, seconds: float) -> tuple[list[Measurement], Array, Arr
     system, dt = TwoVehicles(), 0.02
     signs = np.array([1, -1, -1, 1, -1, 1, -1, -1])
     samples = simulate(system, TWO, command, dt, round(seconds / dt))
-    law = NullspaceIdentifier(
-        system, np.full(2, 2.0), np.full(8, 1.0), TWO * (1 + 0.4 * signs), dt
-    )
+    law = NullspaceIdentifier(system, np.full(2, 2.0), np.full(8, 1.0), TWO * (1 + 0.4 * signs), dt)
     return samples, *estimates(identify(law, samples))
 
 

@@ -13,9 +13,9 @@ from tests.paper.bench import bench, estimates, identify, order, swing
 
 def positive_definite(diagonal: Array, rng: np.random.Generator) -> Array:
     """A full positive definite matrix near the given diagonal."""
-    mixing = np.linalg.qr(
-        np.eye(len(diagonal)) + 0.2 * rng.standard_normal((len(diagonal),) * 2)
-    )[0]
+    mixing = np.linalg.qr(np.eye(len(diagonal)) + 0.2 * rng.standard_normal((len(diagonal),) * 2))[
+        0
+    ]
     root = np.sqrt(diagonal)[:, None] * (mixing @ np.diag(rng.uniform(0.7, 1.4, len(diagonal))))
     return root @ root.T
 
