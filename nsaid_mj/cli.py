@@ -98,12 +98,8 @@ def load(name: str) -> Scenario:
     known = scenarios()
     path = Path(name) if name.endswith(".py") or name not in known else known[name]
     if path.suffix != ".py" or not path.is_file():
-        raise UnknownName(
-            "scenario",
-            name,
-            known,
-            "The name comes before all flags; a script is given by its path, ending in .py.",
-        )
+        remedy = "The name comes before all flags; a script is given by its path, ending in .py."
+        raise UnknownName("scenario", name, known, remedy)
     spec = importlib.util.spec_from_file_location(f"_scenario_{path.stem}", path)
     assert spec is not None and spec.loader is not None  # a .py file always has one
     module = importlib.util.module_from_spec(spec)

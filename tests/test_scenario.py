@@ -1,8 +1,10 @@
 """A scenario is data: JSON keeps it whole, its hash tells it, bad fields are named."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -81,9 +83,9 @@ def test_any_identifier_may_name_a_rival(name):
 # -- the hash --------------------------------------------------------------------------------
 
 
-def changed(value, name: str):
+def changed(value: Any, name: str) -> Iterator[Any]:
     """Every value that differs from this one in one number, by the least possible."""
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         for field in fields(value):
             for other in changed(getattr(value, field.name), field.name):
                 yield replace(value, **{field.name: other})

@@ -147,9 +147,7 @@ class Multibody(SecondOrderSystem):
 
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
         """The arm at one measured state and command."""
-        if (
-            self.n == 1
-        ):  # Pinocchio squeezes a single joint's matrices; the base class does not mind
+        if self.n == 1:  # Pinocchio squeezes a single joint's matrices to vectors
             return Instant(self, t, q, v, u)
         return _ArmInstant(self, t, q, v, u)
 

@@ -6,6 +6,7 @@ import types
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -69,7 +70,7 @@ def identify(identifier, seen) -> list[State]:
 def assert_same(one: State, other: State) -> None:
     """Equal to the bit."""
     for a, b in zip(one[:5], other[:5], strict=True):
-        assert np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b
+        assert np.array_equal(np.asarray(a), np.asarray(b))
 
 
 # -- init and step -----------------------------------------------------------------------------
@@ -184,7 +185,7 @@ BAD_GAINS = {
 @pytest.mark.parametrize("bad", BAD_GAINS)
 def test_a_gain_is_positive_definite(name, gain, bad):
     system, prior, _ = motion(name)
-    gains = {"K": np.ones(system.n), "Gamma": np.ones(system.p)}
+    gains: dict[str, Any] = {"K": np.ones(system.n), "Gamma": np.ones(system.p)}
     gains[gain] = BAD_GAINS[bad](len(gains[gain]))
     with pytest.raises(InvalidInput) as caught:
         NullspaceIdentifier(system, **gains, prior=prior, dt=1e-3)

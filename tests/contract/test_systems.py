@@ -58,7 +58,7 @@ def test_every_answer_has_its_shape_and_a_batch_is_a_loop(name, batch):
         system.regressor: ((t, x, w, a, u), (n, p)),
         lambda x: system.mass_matrix(x, theta): ((x,), (n, n)),
         lambda x: system.coriolis_matrix(x, theta): ((x,), (n, n)),
-        lambda *given_: system.acceleration(*given_, theta): ((t, x, w, u), (n,)),
+        lambda t, x, w, u: system.acceleration(t, x, w, u, theta): ((t, x, w, u), (n,)),
     }
     for call, (arguments, shape) in calls.items():
         whole = call(*arguments)
@@ -188,13 +188,13 @@ def test_an_instant_says_what_the_system_says(name, seed):
     system, theta = plant(name).system, plant(name).truth
     t, x, w, _, u = draw(system, np.random.default_rng(seed))
     q, v = system.split(x)
-    a, W, pivot = system.at(t, q, v, u).evaluate(w, theta)
+    a, W, pivot = system.at(float(t), q, v, u).evaluate(w, theta)
     expected = system.acceleration(t, x, w, u, theta)
     near(a, expected, 1e-8)
     near(W, system.regressor(t, x, w, a, u))
     L = np.linalg.cholesky(system.mass_matrix(x, theta))
     assert pivot == pytest.approx((np.diag(L) ** 2).min(), rel=1e-6)
-    again = system.at(0.0, q, v, 0 * u).commanded(t, u).evaluate(w, theta)
+    again = system.at(0.0, q, v, 0 * u).commanded(float(t), u).evaluate(w, theta)
     for one, other in zip((a, W, pivot), again, strict=True):
         assert np.array_equal(one, other)
 
@@ -208,7 +208,7 @@ def test_an_instant_takes_estimates_that_no_body_could_have(name):
     massless, negative = truth.copy(), -truth
     massless[0] = 0.0
     for theta in (massless, negative, 0 * truth):
-        a, W, pivot = system.at(t, q, v, u).evaluate(w, theta)
+        a, W, pivot = system.at(float(t), q, v, u).evaluate(w, theta)
         M = system.mass_matrix(x, theta)
         if np.linalg.eigvalsh(M)[0] > 1e-9 * np.abs(M).max():
             assert pivot > 0
@@ -315,7 +315,7 @@ def test_a_random_configuration_is_within_the_limits(name):
 @arms
 def test_a_position_has_one_number_for_each_joint(name):
     system, rng = plant(name).system, np.random.default_rng(5)
-    numbers, step = rng.uniform(*system.limits, (2, 4, system.n)), 0.1 * np.ones(system.n)
+    numbers, step = rng.uniform(*system.limits, size=(2, 4, system.n)), 0.1 * np.ones(system.n)
     q = system.position(numbers)
     assert q.shape == (2, 4, system.m)
     near(system.difference(q[1, 2], system.position(numbers[1, 2] + step)), step, 1e-11)
@@ -397,7 +397,7 @@ def test_evaluate_writes_estimates_only(name):
     t, x, w, _, u = draw(system, rng)
     q, v = system.split(x)
     before = system.regressor(t, x, w, w, u)
-    system.at(t, q, v, u).evaluate(w, theta)
+    system.at(float(t), q, v, u).evaluate(w, theta)
     links = theta[: 10 * system.n].reshape(-1, 10)
     for model in models(system):
         held = inertias(model)[1:]
