@@ -101,8 +101,11 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         yield {"sensors": "noisy", "interpolation": "linear"}.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1
+    elif value is None:
+        yield 0.5
     else:
-        yield 0.5 if value is None else float(np.nextafter(value, 0.4))
+        assert isinstance(value, float)
+        yield float(np.nextafter(value, 0.4))
 
 
 WHOLE = Scenario(rivals={"known": ConventionalAID()}, plant=ArmPlant(damping=2.0))
