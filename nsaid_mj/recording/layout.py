@@ -106,6 +106,11 @@ def estimates(space: ParameterSpace, judged: bool = True) -> list[rrb.Grid]:
     return pages
 
 
+_WHOLE_RUN = rr.TimeRange(  # by itself a plot shows a minute about the cursor
+    start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
+)
+
+
 def plot(
     entity: str, title: str, span: tuple[float, float] | None = None, legend: bool = True
 ) -> rrb.TimeSeriesView:
@@ -115,7 +120,7 @@ def plot(
         name=drawable(title),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
         axis_y=rrb.ScalarAxis(range=span) if span else None,
-        axis_x=rr.blueprint.archetypes.TimeAxis(link="LinkToGlobal"),
+        axis_x=rr.blueprint.archetypes.TimeAxis(view_range=_WHOLE_RUN),
     )
 
 
