@@ -20,7 +20,8 @@ from .record import Record
 from .system import SecondOrderSystem
 
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
-_ROWS = 2000  # how many rows of a trajectory judge a force residual
+_ROWS = 2000  # how many rows of a trajectory judge a force residual, at most
+_NUMBERS = 20_000_000  # how many numbers of regressors are held at once
 _WINDOW_ROWS = 100  # how many regressors judge one window's excitation
 
 OWN = "NS-AID"
@@ -192,7 +193,7 @@ def force_residual_ratio(
     """
     if later is None:
         return None
-    t, x, v, u = _states(later, max(1, len(later) // _ROWS))
+    t, x, v, u = _states(later, _stride(later, system))
     a = system.acceleration(t, x, v, u, truth)
     residual = system.regressor(t, x, v, a, u) @ theta_hat
     k = system.space.actuators
@@ -209,7 +210,10 @@ def lyapunov(system: SecondOrderSystem, law: Identifier, record: Record, truth: 
     """
     dv = record["v_hat"] - record["v"]
     x = np.hstack([record["q"], record["v"]])
-    kinetic = np.einsum("ki,ki->k", dv, system.W_M(x, dv) @ truth)
+    rows = max(1, _NUMBERS // (system.n * system.p))
+    momentum = [system.W_M(x[k : k + rows], dv[k : k + rows]) @ truth
+                for k in range(0, len(x), rows)]  # fmt: skip
+    kinetic = np.einsum("ki,ki->k", dv, np.concatenate(momentum))
     return 0.5 * kinetic + 0.5 * law.conserved(record["theta_hat"] - truth)
 
 
@@ -257,7 +261,7 @@ def persistence_levels(run: Run, nullspace: Nullspace) -> tuple[float, float]:
 def excited_nullspace(run: Run) -> Nullspace:
     """The directions that this run's own motion has left unexcited."""
     system = run.plant.system
-    t, x, v, u = _states(run.record, max(1, len(run.record) // _ROWS))
+    t, x, v, u = _states(run.record, _stride(run.record, system))
     a = system.acceleration(t, x, v, u, run.plant.truth)
     W = system.regressor(t, x, v, a, u) * system.space.scale
     return split(W.reshape(-1, system.p))
@@ -303,6 +307,12 @@ def write_text(path: Path, text: str) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     partial.replace(path)
+
+
+def _stride(record: Record, system: SecondOrderSystem) -> int:
+    """Every how many rows one is taken, so that not more regressors are held than needed."""
+    rows = min(_ROWS, max(50, _NUMBERS // (system.n * system.p)))
+    return max(1, len(record) // rows)
 
 
 def _states(record: Record, stride: int) -> tuple[Array, Array, Array, Array]:

@@ -132,16 +132,25 @@ def _encode(value: Any) -> Any:
 
 
 def _decode(value: Any) -> Any:
-    import nsaid_mj
-
     if isinstance(value, dict):
         parts = {key: _decode(item) for key, item in value.items() if key != _TYPE}
         if _TYPE not in value:
             return parts
-        cls = getattr(nsaid_mj, str(value[_TYPE]), None)
-        if not (isinstance(cls, type) and is_dataclass(cls)):
+        cls = _parts().get(str(value[_TYPE]))
+        if cls is None:
             raise InvalidInput("scenario", "types of nsaid_mj", value[_TYPE], _OTHER)
         return cls(**parts)
     if isinstance(value, list):
         return tuple(_decode(item) for item in value)
     return value
+
+
+def _parts() -> dict[str, type]:
+    """All types a scenario may be made of, those of a loaded script among them."""
+    found: list[type] = [Scenario, SensorNoise]
+    waiting: list[type] = [PlantConfig, DriverConfig, IdentifierConfig]
+    while waiting:
+        subclasses = waiting.pop().__subclasses__()
+        found += subclasses
+        waiting += subclasses
+    return {cls.__name__: cls for cls in found}
