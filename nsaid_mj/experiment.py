@@ -83,7 +83,7 @@ class Cost:
     steps: int = 0
 
 
-@dataclass
+@dataclass(eq=False)
 class Run:
     """A run that has ended, with what its metrics need.
 

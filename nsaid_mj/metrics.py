@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -139,8 +140,9 @@ def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return told
 
 
+@lru_cache(maxsize=1)
 def true_nullspace(run: Run) -> Nullspace:
-    """P_s(θ) of the run's plant, structural: over all motions."""
+    """P_s(θ) of the run's plant under its true θ, structural: over all motions."""
     rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
     return structural(run.plant.system, run.plant.truth, rng)
 
