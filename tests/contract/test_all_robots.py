@@ -1,0 +1,20 @@
+"""The README's number of robots: all of example-robot-data are built, or refused with a reason."""
+
+import pytest
+
+from nsaid_mj.errors import BadRobot
+from nsaid_mj.plants import ArmPlant
+from nsaid_mj.plants.robots import known_robots
+
+
+@pytest.mark.slow
+def test_58_robots_build_and_the_others_say_why():
+    """Building compares MuJoCo's M and bias forces with Pinocchio's."""
+    built, refused = [], []
+    for name in known_robots():
+        try:
+            ArmPlant(name).build(1e-3, 0)
+            built.append(name)
+        except BadRobot as error:
+            refused.append(str(error))
+    assert len(built) >= 58, refused
