@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -240,7 +241,7 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
     The second one is an exception again.
     """
 
-    def asked(number: int, frame: object) -> None:  # noqa: ARG001
+    def asked(*_: object) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         ask()
 
@@ -320,7 +321,7 @@ class _Loop:
         rng = np.random.default_rng(sensor_seed)
         corrupt = None
         if scenario.sensors == "noisy":
-            corrupt = lambda position, v: scenario.noise.corrupt(position, v, rng)  # noqa: E731
+            corrupt = partial(scenario.noise.corrupt, rng=rng)
         states = self.states
         conserved: dict[str, float] = {}
         watch = max(1, round(0.05 / scenario.dt))

@@ -14,6 +14,7 @@ import numpy as np
 
 from .experiment import Run, Seeds, held_out
 from .identifiers import Identifier
+from .identifiers.nullspace_aid import NullspaceIdentifier
 from .nullspace import Nullspace, directions, regressor_stack, split, structural
 from .parameters import Array
 from .persistence import level
@@ -278,10 +279,10 @@ def assumption_46(run: Run) -> tuple[float | None, float]:
     law, system = run.identifiers[""], run.plant.system
     _, x, _, _ = _states(run.record, max(1, len(run.record) // 200))
     least = float(np.linalg.eigvalsh(system.mass_matrix(x, run.plant.truth)).min())
-    if not law.conserves:
-        return None, least
+    if not (isinstance(law, NullspaceIdentifier) and law.conserves):
+        return None, least  # (46) speaks of a constant Γ of full rank
     error = law.conserved(run.prior - run.plant.truth)
-    gain = getattr(law, "Gamma")  # noqa: B009 (not every law has a constant one)
+    gain = law.Gamma
     largest = gain.max() if gain.ndim == 1 else np.linalg.eigvalsh(gain)[-1]
     return float(least - np.sqrt(largest * error)), least
 

@@ -328,5 +328,5 @@ def _mesh(geometry: Any) -> VisualMesh | None:
     triangles = np.array(
         [[t[0], t[1], t[2]] for t in (shape.tri_indices(i) for i in range(shape.num_tris))]
     )
-    color = tuple(float(c) for c in np.asarray(geometry.meshColor).ravel())
-    return VisualMesh(geometry.name, vertices, triangles, color)  # type: ignore[arg-type]
+    red, green, blue, alpha = np.asarray(geometry.meshColor, dtype=float).ravel().tolist()
+    return VisualMesh(geometry.name, vertices, triangles, (red, green, blue, alpha))

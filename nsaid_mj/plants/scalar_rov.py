@@ -123,5 +123,5 @@ def _box(model: Any, i: int) -> VisualMesh:
         triangles = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
                               [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
                               [1, 5, 7], [1, 7, 3]])  # fmt: skip
-    color = tuple(float(c) for c in model.geom_rgba[i])
-    return VisualMesh(model.geom(i).name, vertices, triangles, color)  # type: ignore[arg-type]
+    red, green, blue, alpha = model.geom_rgba[i].tolist()
+    return VisualMesh(model.geom(i).name, vertices, triangles, (red, green, blue, alpha))

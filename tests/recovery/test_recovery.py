@@ -46,10 +46,9 @@ def test_direction_is_the_stored_one(recovered):
     assert not moved, "moved (`make store-directions` accepts it):\n" + "\n".join(moved)
 
 
+@pytest.mark.parametrize("recovered", ["wrong_gains"], indirect=True)
 def test_wrong_gains_ruin_the_conventional_plant_only(recovered):
-    name, _, summary = recovered
-    if name != "wrong_gains":
-        return
+    _, _, summary = recovered
     conventional = summary["rivals"]["conventional"]
     assert conventional["actuator_ratio_error"] == pytest.approx(0.2, abs=1e-9)
     assert conventional["plant_direction_error"] > 10 * summary["plant_direction_error"]
