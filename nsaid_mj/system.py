@@ -19,7 +19,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .kernels import evaluate
-from .parameters import Array, ParameterSpace, finite
+from .parameters import Array, Indices, ParameterSpace, finite
 
 
 class Measurement(NamedTuple):
@@ -38,6 +38,18 @@ class Measurement(NamedTuple):
     u: Array
 
 
+class ConstantInertia(NamedTuple):
+    """M(θ) of a body in its own frame, sparse.
+
+    Attributes:
+        entries: (e, 3) rows [i, j, k]: M_ij holds θ_k …
+        values: (e,) … times this.
+    """
+
+    entries: Indices
+    values: Array
+
+
 class SecondOrderSystem(ABC):
     """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 
@@ -47,7 +59,14 @@ class SecondOrderSystem(ABC):
         m: number of positions.
         n_u: number of commands.
         velocity_units: one SI unit for each velocity.
+        group: how many of the leading velocities are a body twist: 6 in space, 3 in the plane, 0
+            where all velocities are rates of numbers. See `spatial`.
+        inertia: M, where it does not depend on the position; then C w = −ad_wᵀ M v in that group,
+            and an identifier need not form W_M and W_C.
     """
+
+    group: int = 0
+    inertia: ConstantInertia | None = None
 
     space: ParameterSpace
     velocity_units: tuple[str, ...]

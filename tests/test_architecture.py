@@ -62,11 +62,12 @@ def test_the_package_itself_is_weightless():
         ("errors", {"errors"}),
         ("parameters", {"errors", "parameters"}),
         ("kernels", {"kernels"}),
+        ("spatial", {"spatial"}),
         ("system", {"errors", "parameters", "kernels", "system"}),
         ("excitation", {"errors", "parameters", "excitation"}),
         ("persistence", {"errors", "parameters", "persistence"}),
         ("nullspace", {"errors", "parameters", "kernels", "system", "nullspace"}),
-        ("identifiers", {"errors", "parameters", "kernels", "system", "identifiers"}),
+        ("identifiers", {"errors", "parameters", "kernels", "spatial", "system", "identifiers"}),
     ],
 )
 def test_the_lower_parts_know_arrays_and_the_protocol_only(module, allowed):
@@ -78,8 +79,8 @@ def test_the_lower_parts_know_arrays_and_the_protocol_only(module, allowed):
 @pytest.mark.parametrize("module", [m for m in FILES if part(m) == "systems"])
 def test_a_system_knows_no_world(module):
     modules = imported(f"import nsaid_mj.{module}")
-    assert {part(m) for m in ours(modules)} <= {"errors", "parameters", "kernels", "system",
-                                                "systems"}  # fmt: skip
+    assert {part(m) for m in ours(modules)} <= {"errors", "parameters", "kernels", "spatial",
+                                                "system", "systems"}  # fmt: skip
     assert not modules & (HEAVY - {"pinocchio"})
 
 

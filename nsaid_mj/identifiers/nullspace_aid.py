@@ -9,9 +9,10 @@ import numpy as np
 from numba import njit
 
 from ..errors import InvalidInput
-from ..kernels import times
+from ..kernels import cholesky, solve, times
 from ..parameters import Array
-from ..system import Measurement, SecondOrderSystem, checked
+from ..spatial import bracket, coadjoint
+from ..system import Instant, Measurement, SecondOrderSystem, checked
 from .base import Identifier, IdentifierConfig, State, Status
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
@@ -33,16 +34,65 @@ def stage(z, total, v, a_hat, W, K, Gamma, weight, start, reach):
 
 
 @njit(cache=True)
-def half_way(dq, v0, v1, dt, hermite):
+def body_rates(entries, values, group, F, v, z, K, Gamma):
+    """(n+p,) the same rates for a body whose M is constant in its frame, and M̂'s smallest pivot.
+
+    With h = M̂ v and C w = −ad_wᵀ h, W need not be formed: Wᵀ Δv gathers, for every entry
+    M_ij = c θ_k, c (a_j Δv_i − v_j [v̂, Δv]_i).
+    """
+    n = v.shape[0]
+    v_hat, theta_hat = z[:n], z[n:]
+    dv = v_hat - v  # (37)
+    M, L = np.zeros((n, n)), np.zeros((n, n))
+    for e in range(values.shape[0]):
+        M[entries[e, 0], entries[e, 1]] += values[e] * theta_hat[entries[e, 2]]
+    pivot = cholesky(M, L)
+    if not pivot > 0.0:
+        return z, pivot
+    a_hat = solve(L, np.dot(F, theta_hat) + coadjoint(group, v_hat, np.dot(M, v)))  # (29)
+    turned = bracket(group, v_hat, dv)
+    gradient = -np.dot(dv, F)  # Wᵀ Δv
+    for e in range(values.shape[0]):
+        i, j, k = entries[e]
+        gradient[k] += values[e] * (a_hat[j] * dv[i] - v[j] * turned[i])
+    return np.concatenate((a_hat - times(K, dv), times(Gamma, gradient))), pivot
+
+
+@njit(cache=True)
+def body_step(entries, values, group, F, v, start, dt, K, Gamma):
+    """One RK4 step of (44, 45) for such a body, with F (3, n, p) and v (3, n) at its stages.
+
+    Returns:
+        (n+p,) v̂ and θ̂ at the end; the smallest pivot of M̂ on the way.
+    """
+    z, end, smallest = start, start.copy(), np.inf
+    for stage_number in range(4):
+        at = (stage_number + 1) // 2
+        rate, pivot = body_rates(entries, values, group, F[at], v[at], z, K, Gamma)
+        if not pivot > 0.0:
+            return start, pivot
+        smallest = min(smallest, pivot)
+        end += (dt / 6 if stage_number in (0, 3) else dt / 3) * rate
+        z = start + (dt if stage_number == 2 else dt / 2) * rate
+    return end, smallest
+
+
+@njit(cache=True)
+def half_way(dq, v0, v1, dt, hermite, group):
     """The tangent step to, and the velocity at, the middle of two samples dq (n,) apart.
 
     The slope of the cubic through both positions and velocities is Simpson's rule solved for the
-    middle: exact to dt⁴, where the cubic itself is exact to dt³ only.
+    middle: exact to dt⁴, where the cubic itself is exact to dt³ only. Where the velocities are a
+    body twist, the cubic is that of the tangent step ξ, with v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] …
     """
-    half = 0.5 * dq + 0.125 * dt * (v0 - v1)
-    if hermite:
-        return half, 1.5 / dt * dq - 0.25 * (v0 + v1)
-    return half, 0.5 * (v0 + v1)
+    once = bracket(group, dq, v1)
+    slope1 = v1 + 0.5 * once + bracket(group, dq, once) / 12
+    half = 0.5 * dq + 0.125 * dt * (v0 - slope1)
+    if not hermite:
+        return half, 0.5 * (v0 + v1)
+    slope = 1.5 / dt * dq - 0.25 * (v0 + slope1)
+    once = bracket(group, half, slope)
+    return half, slope - 0.5 * once + bracket(group, half, once) / 6
 
 
 @dataclass(frozen=True)
@@ -151,7 +201,26 @@ class NullspaceIdentifier(Identifier):
         middle = system.at(previous.t + 0.5 * dt, *self._between(previous, following, dt), u)
         last = system.at(following.t, following.q, following.v, u)
 
-        n, start = system.n, np.concatenate(state[1:3])
+        start = np.concatenate(state[1:3])
+        end, smallest = self._rk4(start, first, middle, last, dt)
+        if not smallest > 0:
+            finite = all(np.isfinite(part).all() for part in (*previous[1:], *following[1:]))
+            status = (
+                Status.estimate_not_positive_definite if finite else Status.measurement_not_finite
+            )
+            return state._replace(pivot=smallest, status=status)
+        n = system.n
+        return State(following.t, end[:n], end[n:], smallest, Status.completed, last)
+
+    def _rk4(
+        self, start: Array, first: Instant, middle: Instant, last: Instant, dt: float
+    ) -> tuple[Array, float]:
+        """(n+p,) v̂ and θ̂ at the end of a step, and M̂'s smallest pivot; > 0 if it succeeded."""
+        n, body = self.system.n, self.system.inertia
+        if body is not None:
+            F = np.stack((first.F, middle.F, last.F))
+            v = np.stack((first.v, middle.v, last.v))
+            return body_step(*body, self.system.group, F, v, start, dt, self.K, self.Gamma)
         z, end, smallest = start, start.copy(), np.inf
         for instant, weight, reach in (
             (first, dt / 6, dt / 2),
@@ -161,16 +230,10 @@ class NullspaceIdentifier(Identifier):
         ):
             a_hat, W, pivot = instant.evaluate(z[:n], z[n:])  # (29), (10, 31)
             if not pivot > 0:
-                finite = all(np.isfinite(part).all() for part in (*previous[1:], *following[1:]))
-                status = (
-                    Status.estimate_not_positive_definite
-                    if finite
-                    else Status.measurement_not_finite
-                )
-                return state._replace(pivot=pivot, status=status)
+                return start, pivot
             smallest = min(smallest, pivot)
             z = stage(z, end, instant.v, a_hat, W, self.K, self.Gamma, weight, start, reach)
-        return State(following.t, end[:n], end[n:], smallest, Status.completed, last)
+        return end, smallest
 
     def conserved(self, theta_hat: Array) -> Array:
         """θ̂ᵀ Γ⁻¹ θ̂ over the parameters that move, constant under (45) by (30).
@@ -188,7 +251,7 @@ class NullspaceIdentifier(Identifier):
     ) -> tuple[Array, Array]:
         """(q, v) half-way between two measurements."""
         dq = self.system.difference(previous.q, following.q)
-        half, v = half_way(dq, previous.v, following.v, dt, self.hermite)
+        half, v = half_way(dq, previous.v, following.v, dt, self.hermite, self.system.group)
         return self.system.integrate(previous.q, half), v
 
 

@@ -1,0 +1,183 @@
+"""Poses and their tangents, compiled: rotations in space, poses in space and in the plane.
+
+A pose in space is [p, quaternion] (7,): the place of the body's frame in the world [m] and its
+attitude in x, y, z, w, body to world. A pose in the plane is [x, y, ψ] (3,). Velocities are body
+twists, [v, ω] (6,) or [u, v, r] (3,). Tangent steps are the twists that, held for one second, lead
+from one pose to the other (the group's exponential), as in Pinocchio's free flyer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_SMALL = 1e-2  # [rad] below it three terms of the series are exact in double precision
+
+
+@njit(cache=True)
+def cross(a, b):
+    """a × b of two (3,) vectors."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+@njit(cache=True)
+def rotation(quaternion):
+    """(3, 3) matrix, body to world, of a unit quaternion (x, y, z, w)."""
+    x, y, z, w = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+@njit(cache=True)
+def rotate(quaternion, vector):
+    """A body vector (3,) in the world's axes."""
+    axis = quaternion[:3]
+    twice = 2.0 * cross(axis, vector)
+    return vector + quaternion[3] * twice + cross(axis, twice)
+
+
+@njit(cache=True)
+def unrotate(quaternion, vector):
+    """A world vector (3,) in the body's axes."""
+    axis = quaternion[:3]
+    twice = 2.0 * cross(axis, vector)
+    return vector - quaternion[3] * twice + cross(axis, twice)
+
+
+@njit(cache=True)
+def product(one, other):
+    """(4,) the attitude `other` after `one`, normalised."""
+    a, b = one[:3], other[:3]
+    q = np.empty(4)
+    q[:3] = one[3] * b + other[3] * a + cross(a, b)
+    q[3] = one[3] * other[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
+    return q / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+
+
+@njit(cache=True)
+def quaternion_of(vector):
+    """(4,) unit quaternion (x, y, z, w) of a rotation vector (3,) [rad]."""
+    angle = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    square = angle * angle
+    half = np.sin(angle / 2) / angle if angle > _SMALL else 0.5 - square / 48 + square**2 / 3840
+    q = np.empty(4)
+    q[:3] = half * vector
+    q[3] = np.cos(angle / 2)
+    return q
+
+
+@njit(cache=True)
+def rotation_vector(quaternion):
+    """(3,) rotation vector [rad], at most π long, of a unit quaternion (x, y, z, w)."""
+    q = -quaternion if quaternion[3] < 0 else quaternion
+    sine = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    if sine > _SMALL:
+        return q[:3] * (2.0 * np.arctan2(sine, q[3]) / sine)
+    square = (sine / q[3]) ** 2
+    return q[:3] * (2.0 / q[3] * (1 - square / 3 + square**2 / 5 - square**3 / 7))
+
+
+@njit(cache=True)
+def pose_integrate(q, step):
+    """(7,) the pose reached from q (7,) by the tangent step (6,)."""
+    turn = step[3:].copy()
+    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
+    angle = np.sqrt(square)
+    if angle > _SMALL:
+        b, c = 2 * np.sin(angle / 2) ** 2 / square, (angle - np.sin(angle)) / (angle * square)
+    else:
+        b, c = 0.5 - square / 24 + square**2 / 720, 1 / 6 - square / 120 + square**2 / 5040
+    once = cross(turn, step[:3])
+    end = np.empty(7)
+    end[:3] = q[:3] + rotate(q[3:], step[:3] + b * once + c * cross(turn, once))
+    end[3:] = product(q[3:], quaternion_of(turn))
+    return end
+
+
+@njit(cache=True)
+def pose_difference(q0, q1):
+    """(6,) the tangent step that leads from pose q0 (7,) to q1, turning by π at most."""
+    inverse = q0[3:].copy()
+    inverse[:3] *= -1
+    turn = rotation_vector(product(inverse, q1[3:]))
+    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
+    angle = np.sqrt(square)
+    if angle > _SMALL:
+        e = (1 - 0.5 * angle / np.tan(0.5 * angle)) / square
+    else:
+        e = 1 / 12 + square / 720 + square**2 / 30240
+    way = unrotate(q0[3:], q1[:3] - q0[:3])
+    once = cross(turn, way)
+    step = np.empty(6)
+    step[:3] = way - 0.5 * once + e * cross(turn, once)
+    step[3:] = turn
+    return step
+
+
+@njit(cache=True)
+def planar_integrate(q, step):
+    """(3,) the pose in the plane reached from q (3,) by the tangent step (3,)."""
+    turn = step[2]
+    square = turn * turn
+    if abs(turn) > _SMALL:
+        along, across = np.sin(turn) / turn, 2 * np.sin(turn / 2) ** 2 / turn
+    else:
+        along = 1 - square / 6 + square**2 / 120
+        across = turn * (0.5 - square / 24 + square**2 / 720)
+    x, y = along * step[0] - across * step[1], across * step[0] + along * step[1]
+    c, s = np.cos(q[2]), np.sin(q[2])
+    return np.array([q[0] + c * x - s * y, q[1] + s * x + c * y, q[2] + turn])
+
+
+@njit(cache=True)
+def planar_difference(q0, q1):
+    """(3,) the tangent step that leads from q0 (3,) to q1, the short way round."""
+    turn = (q1[2] - q0[2] + np.pi) % (2 * np.pi) - np.pi
+    square = turn * turn
+    if abs(turn) > _SMALL:
+        f = 0.5 * turn / np.tan(0.5 * turn)
+    else:
+        f = 1 - square / 12 - square**2 / 720
+    c, s = np.cos(q0[2]), np.sin(q0[2])
+    dx, dy = q1[0] - q0[0], q1[1] - q0[1]
+    x, y = c * dx + s * dy, c * dy - s * dx
+    return np.array([f * x + 0.5 * turn * y, f * y - 0.5 * turn * x, turn])
+
+
+@njit(cache=True)
+def bracket(group, a, b):
+    """(n,) the Lie bracket [a, b] of two velocities (n,), of which the first `group` are a twist.
+
+    Args:
+        group: 6 for rigid motions, 3 for planar ones, 0 where velocities commute.
+        a: (n,) velocity.
+        b: (n,) velocity.
+    """
+    result = np.zeros(a.shape[0])
+    if group == 6:
+        result[:3] = cross(a[3:6], b[:3]) + cross(a[:3], b[3:6])
+        result[3:6] = cross(a[3:6], b[3:6])
+    elif group == 3:
+        result[0] = a[1] * b[2] - a[2] * b[1]
+        result[1] = a[2] * b[0] - a[0] * b[2]
+    return result
+
+
+@njit(cache=True)
+def coadjoint(group, w, h):
+    """(n,) ad_wᵀ h: −C w of a body with momentum h = M v, both (n,); (C is Fossen's, skew)."""
+    result = np.zeros(w.shape[0])
+    if group == 6:
+        result[:3] = cross(h[:3], w[3:6])
+        result[3:6] = cross(h[:3], w[:3]) + cross(h[3:6], w[3:6])
+    elif group == 3:
+        result[0], result[1] = h[1] * w[2], -h[0] * w[2]
+        result[2] = h[0] * w[1] - h[1] * w[0]
+    return result

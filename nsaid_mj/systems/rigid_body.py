@@ -1,0 +1,139 @@
+"""One body in its own frame: M(θ) ν̇ + C(ν, θ) ν = F(t, q, ν, u) θ, in space or in the plane.
+
+In body axes M is constant, and C follows from it: C(ν) w = −ad_wᵀ M ν (Kirchhoff; the skew form of
+Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2021, section 3.3.1).
+
+In space q is [p, quaternion] (7,) and ν = [v, ω] (6,), both in the body's axes; in the plane q is
+[x, y, ψ] (3,) and ν = [u, v, r] (3,). Position numbers, as sensors give them, are [p, rotation
+vector] (6,) in space.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+from ..parameters import Array, ParameterSpace
+from ..spatial import (
+    coadjoint,
+    planar_difference,
+    planar_integrate,
+    pose_difference,
+    pose_integrate,
+    quaternion_of,
+    rotation,
+)
+from ..system import ConstantInertia, SecondOrderSystem
+
+SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
+PLANAR_UNITS = ("m/s", "m/s", "rad/s")
+
+
+class RigidBody(SecondOrderSystem):
+    """A body whose M is linear in θ and constant in its own frame. Subclasses supply `_F`.
+
+    Args:
+        space: names, units and scale of θ.
+        mass_tensor: (n, n, p) with M(θ) = mass_tensor · θ, symmetric in its first two axes.
+        n_u: number of commands.
+        mounts: (k, 3) for every actuator parameter, where its force acts, in the body's axes [m].
+    """
+
+    inertia: ConstantInertia
+    mounts: Array
+
+    def __init__(self, space: ParameterSpace, mass_tensor: Array, n_u: int, mounts: Array):
+        self.space, self.n_u, self.mounts = space, n_u, mounts
+        self.n = self.group = len(mass_tensor)
+        self.m = 7 if self.n == 6 else 3
+        self.velocity_units = SPATIAL_UNITS if self.n == 6 else PLANAR_UNITS
+        entries = np.argwhere(mass_tensor)
+        self.inertia = ConstantInertia(entries, mass_tensor[tuple(entries.T)])
+
+    def _W_M(self, q: Array, a: Array) -> Array:
+        return momentum(*self.inertia, self.p, a)
+
+    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
+        return turned(self.group, w, momentum(*self.inertia, self.p, v))
+
+    def _mass_tensor(self, q: Array) -> Array:
+        return self._constant
+
+    @cached_property
+    def _constant(self) -> Array:
+        return np.stack([self._W_M(np.zeros(self.m), e) for e in np.eye(self.n)])
+
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """The pose reached by the twist dq held for one second."""
+        return pose_integrate(q, dq) if self.n == 6 else planar_integrate(q, dq)
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """The twist that, held for one second, leads from q0 to q1, the short way round."""
+        return pose_difference(q0, q1) if self.n == 6 else planar_difference(q0, q1)
+
+    def J(self, q: Array) -> Array:
+        """(m, n) of q̇ = J ν (3): ṗ = R v, and half the quaternion times ω; ψ̇ = r."""
+        J = np.zeros((self.m, self.n))
+        if self.n == 3:
+            c, s = np.cos(q[2]), np.sin(q[2])
+            J[:] = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+            return J
+        x, y, z, w = q[3:]
+        J[:3, :3] = rotation(q[3:])
+        J[3:, 3:] = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]])
+        return J
+
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) pose of position numbers (..., n)."""
+        coordinates = np.asarray(coordinates, dtype=np.float64)
+        if self.n == 3:
+            return coordinates.copy()
+        if coordinates.ndim == 1:
+            return np.concatenate([coordinates[:3], quaternion_of(coordinates[3:])])
+        return np.stack([self.position(row) for row in coordinates])
+
+
+@njit(cache=True)
+def momentum(entries, values, p, v):
+    """(n, p) regressor of M v."""
+    W = np.zeros((v.shape[0], p))
+    for e in range(values.shape[0]):
+        i, j, k = entries[e]
+        W[i, k] += values[e] * v[j]
+    return W
+
+
+@njit(cache=True)
+def turned(group, w, W):
+    """(n, p) regressor of −ad_wᵀ h, from that of the momentum h."""
+    result = np.empty(W.shape)
+    for k in range(W.shape[1]):
+        result[:, k] = -coadjoint(group, w, np.ascontiguousarray(W[:, k]))
+    return result
+
+
+def symmetric(n: int, start: int, p: int) -> Array:
+    """(n, n, p) mass tensor of an `spd` block at `start`: the upper triangle, row by row."""
+    tensor = np.zeros((n, n, p))
+    for k, (i, j) in enumerate(zip(*np.triu_indices(n), strict=True)):
+        tensor[i, j, start + k] = tensor[j, i, start + k] = 1.0
+    return tensor
+
+
+def of_a_body(start: int, p: int) -> Array:
+    """(6, 6, p) mass tensor of the ten inertial parameters (m, m c, I about the origin) of a body.
+
+    The order is Pinocchio's: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    """
+    tensor = np.zeros((6, 6, p))
+    for i in range(3):
+        tensor[i, i, start] = 1.0
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        # M = [[m, −S(h)], [S(h), I]], with S(h)_ij = −h_k for cyclic i, j, k
+        tensor[i, 3 + j, start + 1 + k] = tensor[3 + j, i, start + 1 + k] = 1.0
+        tensor[j, 3 + i, start + 1 + k] = tensor[3 + i, j, start + 1 + k] = -1.0
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+        tensor[3 + i, 3 + j, start + 4 + k] = tensor[3 + j, 3 + i, start + 4 + k] = 1.0
+    return tensor
