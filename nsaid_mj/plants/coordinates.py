@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ..parameters import Array
+from ..spatial import quaternion_of, rotate, rotation_vector, unrotate
 
 
 class JointMap:
@@ -41,3 +42,78 @@ class JointMap:
     def bias(self, data: Any) -> Array:
         """(n,) MuJoCo's Coriolis, centrifugal and gravity forces, in Pinocchio's order."""
         return data.qfrc_bias[self.dof]
+
+
+def pose_of(qpos: Array) -> Array:
+    """(7,) our pose [p, x, y, z, w] of MuJoCo's free-joint qpos [p, w, x, y, z]."""
+    return np.array([*qpos[:3], *qpos[4:7], qpos[3]])
+
+
+class PoseMap:
+    """A free joint: position numbers [p, rotation vector] and body twist ↔ qpos and qvel.
+
+    MuJoCo's quaternion is w, x, y, z, and its linear velocity lies in the world's axes.
+
+    Args:
+        model: MuJoCo's.
+        joint: name of the free joint.
+    """
+
+    def __init__(self, model: Any, joint: str):
+        at, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
+        self.qpos, self.dof = slice(at, at + 7), slice(dof, dof + 6)
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(6,) position numbers and (6,) body twist."""
+        pose, qvel = pose_of(data.qpos[self.qpos]), data.qvel[self.dof]
+        numbers = np.concatenate([pose[:3], rotation_vector(pose[3:])])
+        return numbers, np.concatenate([unrotate(pose[3:], qvel[:3]), qvel[3:]])
+
+    def write(self, data: Any, numbers: Array, twist: Array) -> None:
+        """Sets qpos and qvel from position numbers and a body twist."""
+        x, y, z, w = attitude = quaternion_of(np.asarray(numbers[3:], dtype=np.float64))
+        data.qpos[self.qpos] = [*numbers[:3], w, x, y, z]
+        data.qvel[self.dof] = [*rotate(attitude, np.asarray(twist[:3], float)), *twist[3:]]
+
+    def acceleration(self, data: Any) -> Array:
+        """(6,) time derivative of the body twist, from MuJoCo's present qacc."""
+        attitude = pose_of(data.qpos[self.qpos])[3:]
+        qvel, qacc = data.qvel[self.dof], data.qacc[self.dof]
+        linear = unrotate(attitude, qacc[:3]) - np.cross(qvel[3:], unrotate(attitude, qvel[:3]))
+        return np.concatenate([linear, qacc[3:]])
+
+
+class PlanarMap:
+    """Two slides and a hinge: x, y, ψ and the body's u, v, r ↔ qpos and qvel.
+
+    Args:
+        model: MuJoCo's.
+        joints: names of the joints along x, along y and about z.
+    """
+
+    def __init__(self, model: Any, joints: tuple[str, str, str] = ("x", "y", "yaw")):
+        self.qpos = np.array([model.joint(name).qposadr[0] for name in joints])
+        self.dof = np.array([model.joint(name).dofadr[0] for name in joints])
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(3,) x, y [m], ψ [rad] and (3,) body twist."""
+        numbers, qvel = data.qpos[self.qpos], data.qvel[self.dof]
+        return numbers, self._into_body(numbers[2], qvel)
+
+    def write(self, data: Any, numbers: Array, twist: Array) -> None:
+        """Sets qpos and qvel from x, y, ψ and a body twist."""
+        c, s = np.cos(numbers[2]), np.sin(numbers[2])
+        u, v, r = twist
+        data.qpos[self.qpos], data.qvel[self.dof] = numbers, [c * u - s * v, s * u + c * v, r]
+
+    def acceleration(self, data: Any) -> Array:
+        """(3,) time derivative of the body twist, from MuJoCo's present qacc."""
+        yaw = data.qpos[self.qpos[2]]
+        u, v, r = self._into_body(yaw, data.qvel[self.dof])
+        return self._into_body(yaw, data.qacc[self.dof]) - r * np.array([-v, u, 0.0])
+
+    @staticmethod
+    def _into_body(yaw: float, rates: Array) -> Array:
+        c, s = np.cos(yaw), np.sin(yaw)
+        x, y, r = rates
+        return np.array([c * x + s * y, c * y - s * x, r])
