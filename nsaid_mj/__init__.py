@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from .parameters import Block as Block
     from .parameters import ParameterSpace as ParameterSpace
     from .plants import ArmPlant as ArmPlant
+    from .plants import BlueROV2Plant as BlueROV2Plant
+    from .plants import Mismatch as Mismatch
     from .plants import ScalarRovPlant as ScalarRovPlant
     from .plants import SensorNoise as SensorNoise
     from .record import Record as Record
@@ -42,6 +44,8 @@ _HOMES = {
     "Block": "parameters",
     "ParameterSpace": "parameters",
     "ArmPlant": "plants",
+    "BlueROV2Plant": "plants",
+    "Mismatch": "plants",
     "ScalarRovPlant": "plants",
     "SensorNoise": "plants",
     "Record": "record",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
+from typing import Any
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -21,3 +23,9 @@ def asset(vehicle: str, file: str) -> Path:
 def scenarios() -> dict[str, Path]:
     """All scenario scripts by name."""
     return {path.stem: path for path in sorted(folder("scenarios").glob("[!_]*.py"))}
+
+
+def numbers(vehicle: str) -> dict[str, Any]:
+    """A vehicle's published numbers, from its vehicle.toml; sources are in its SOURCE.md."""
+    with asset(vehicle, "vehicle.toml").open("rb") as stream:
+        return tomllib.load(stream)

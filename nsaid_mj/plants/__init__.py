@@ -1,8 +1,10 @@
 """MuJoCo as the world: the only importer of mujoco, and the only holder of the truth."""
 
 from .arm import ArmPlant as ArmPlant
+from .mismatch import Mismatch as Mismatch
 from .plant import Plant as Plant
 from .plant import PlantConfig as PlantConfig
-from .plant import VisualMesh as VisualMesh
 from .scalar_rov import ScalarRovPlant as ScalarRovPlant
 from .sensors import SensorNoise as SensorNoise
+from .shapes import VisualMesh as VisualMesh
+from .underwater import BlueROV2Plant as BlueROV2Plant

@@ -15,8 +15,10 @@ from ..parameters import Array
 from ..systems.multibody import JointScales, Multibody
 from .callbacks import coulomb_friction
 from .coordinates import JointMap
-from .plant import Plant, PlantConfig, VisualMesh, set_options
+from .mismatch import Mismatch
+from .plant import Plant, PlantConfig, set_options
 from .robots import Robot, load_robot
+from .shapes import VisualMesh
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
@@ -65,6 +67,7 @@ class ArmPlant(PlantConfig):
             raise InvalidInput(
                 "plant.friction_speed", "a speed > 0", self.friction_speed, "0.05 will do."
             )
+        self.mismatch.refuse("an arm in air", "flow", "fluid")
 
     def build(self, dt: float, seed: int) -> Arm:
         """Loads the robot, draws the hidden numbers, compares the engines."""
@@ -83,7 +86,7 @@ class ArmPlant(PlantConfig):
             gain=hidden(nominal.gain),
         )
         system = Multibody(robot.model, nominal, np.full(n, self.friction_speed))
-        return Arm(robot, system, hidden_joints, dt)
+        return Arm(robot, system, hidden_joints, dt, self.mismatch)
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,7 @@ class Arm(Plant):
         system: its structure.
         hidden: the true numbers of its joints.
         dt: step [s].
+        mismatch: what the structure does not know.
 
     Raises:
         BadRobot: MuJoCo refuses a body, or a joint's friction is too stiff for dt.
@@ -112,16 +116,22 @@ class Arm(Plant):
 
     system: Multibody
 
-    def __init__(self, robot: Robot, system: Multibody, hidden: HiddenJoints, dt: float):
+    def __init__(
+        self,
+        robot: Robot,
+        system: Multibody,
+        hidden: HiddenJoints,
+        dt: float,
+        mismatch: Mismatch,
+    ):
         self.robot, self.system, self._hidden = robot, system, hidden
         spec = arm_spec(robot.model, hidden, dt)
         try:
-            self.model: Any = spec.compile()
+            self._compile(spec, mismatch)
         except ValueError as error:
             raise BadRobot(
                 robot.name, "", f"MuJoCo refuses it: {error}", "Mend the named body's inertia."
             ) from error
-        self.data: Any = mujoco.MjData(self.model)
         self.joints = JointMap(robot.model, self.model)
         self.passive = coulomb_friction()
         self._compare_engines()
@@ -137,9 +147,7 @@ class Arm(Plant):
         rotor = [h.rotor] if h.rotor is not None else []
         return np.concatenate([*links, *rotor, h.viscous, h.coulomb, h.gain])
 
-    def reset(self, position: Array, velocity: Array) -> None:
-        """Puts the arm at joint numbers (n,) and velocities (n,), at t = 0."""
-        mujoco.mj_resetData(self.model, self.data)
+    def _place(self, position: Array, velocity: Array) -> None:
         self.joints.write(self.data, position, velocity)
         nv = self.model.nv
         self.data.userdata[0] = nv

@@ -19,7 +19,8 @@ from numba import carray, cfunc, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-_SEARCHED_WORDS = 1 << 15  # mjData's pointers lie near word 20,000 in MuJoCo 4.0
+WORDS = 1 << 15
+"""How many words of mjData are looked at; its pointers lie near word 20,000 in MuJoCo 4.0."""
 
 _PROBE = """<mujoco><size nuserdata="3"/><worldbody><body><joint name="j"/>
 <geom size="1"/></body></worldbody><actuator><general joint="j" dyntype="integrator"/></actuator>
@@ -27,7 +28,9 @@ _PROBE = """<mujoco><size nuserdata="3"/><worldbody><body><joint name="j"/>
 
 
 @intrinsic
-def _as_pointer(typing_context: Any, address: Any = None) -> Any:  # noqa: ARG001 (numba's)
+def as_pointer(typing_context: Any, address: Any = None) -> Any:  # noqa: ARG001 (numba's)
+    """A word of mjData as a pointer, in compiled code."""
+
     def generate(context, builder, signature, arguments):  # noqa: ARG001
         return builder.inttoptr(arguments[0], cgutils.voidptr_t)
 
@@ -39,11 +42,11 @@ def field_offsets() -> dict[str, int]:
     """The place, in 8-byte words, of mjData's pointers to the arrays that callbacks use."""
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data: Any = mujoco.MjData(model)
-    words = (ctypes.c_uint64 * _SEARCHED_WORDS).from_address(data._address)
+    words = (ctypes.c_uint64 * WORDS).from_address(data._address)
     offsets = {}
-    for name in ("qvel", "qfrc_passive", "userdata"):
+    for name in ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata"):
         address = getattr(data, name).ctypes.data
-        found = next((i for i in range(_SEARCHED_WORDS) if words[i] == address), None)
+        found = next((i for i in range(WORDS) if words[i] == address), None)
         if found is None:
             raise RuntimeError(f"mjData.{name} not found: this MuJoCo lays out mjData differently")
         offsets[name] = found
@@ -61,11 +64,11 @@ def coulomb_friction() -> Any:
 
     @cfunc("void(voidptr, voidptr)")
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (_SEARCHED_WORDS,), np.uintp)
-        nv = int(carray(_as_pointer(words[at_user]), (1,), np.float64)[0])
-        numbers = carray(_as_pointer(words[at_user]), (1 + 2 * nv,), np.float64)
-        velocity = carray(_as_pointer(words[at_qvel]), (nv,), np.float64)
-        force = carray(_as_pointer(words[at_force]), (nv,), np.float64)
+        words = carray(data, (WORDS,), np.uintp)
+        nv = int(carray(as_pointer(words[at_user]), (1,), np.float64)[0])
+        numbers = carray(as_pointer(words[at_user]), (1 + 2 * nv,), np.float64)
+        velocity = carray(as_pointer(words[at_qvel]), (nv,), np.float64)
+        force = carray(as_pointer(words[at_force]), (nv,), np.float64)
         for i in range(nv):
             force[i] -= numbers[1 + i] * np.tanh(velocity[i] * numbers[1 + nv + i])
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,11 +17,19 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .callbacks import installed
+from .mismatch import Mismatch
+from .shapes import VisualMesh
 
 
 @dataclass(frozen=True)
 class PlantConfig(ABC):
-    """A plant as data; `build` makes the thing itself."""
+    """A plant as data; `build` makes the thing itself.
+
+    Attributes:
+        mismatch: what the plant does and the identifier's structure does not know.
+    """
+
+    mismatch: Mismatch = field(default_factory=Mismatch, kw_only=True)
 
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:
@@ -32,22 +41,6 @@ class PlantConfig(ABC):
         """
 
 
-class VisualMesh(NamedTuple):
-    """A triangle mesh that moves with a body.
-
-    Attributes:
-        name: unique among a plant's meshes.
-        vertices: (k, 3) in the mesh's own frame [m].
-        triangles: (f, 3) indices into `vertices`.
-        color: (4,) RGBA in 0 … 1.
-    """
-
-    name: str
-    vertices: Array
-    triangles: np.ndarray
-    color: tuple[float, float, float, float]
-
-
 class Plant(ABC):
     """A simulated plant. Step it inside `with plant.running():`.
 
@@ -56,12 +49,21 @@ class Plant(ABC):
         model: MuJoCo's model. It holds the truth: never hand it out.
         data: MuJoCo's data.
         dt: step [s].
+        delay: steps from a command to the actuators.
     """
 
     system: SecondOrderSystem
     model: Any
     data: Any
     passive: Any | None = None  # a compiled callback, kept alive here
+    delay: int = 0
+
+    def _compile(self, spec: Any, mismatch: Mismatch) -> None:
+        """Makes MuJoCo's model and data, with lagging and late actuators where wanted."""
+        mismatch.apply(spec)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.delay = round(mismatch.delay / self.dt)
 
     @property
     def dt(self) -> float:
@@ -73,9 +75,15 @@ class Plant(ABC):
     def truth(self) -> Array:
         """(p,) the true θ. For metrics and recordings, after the fact, only."""
 
-    @abstractmethod
     def reset(self, position: Array, velocity: Array) -> None:
         """Puts the plant at coordinates (n,) and velocities (n,), at t = 0."""
+        mujoco.mj_resetData(self.model, self.data)
+        self._late = deque([np.zeros(self.system.n_u)] * self.delay)
+        self._place(position, velocity)
+
+    @abstractmethod
+    def _place(self, position: Array, velocity: Array) -> None:
+        """Writes coordinates and velocities, and the callback's numbers, into fresh data."""
 
     @abstractmethod
     def coordinates(self) -> tuple[Array, Array]:
@@ -128,6 +136,9 @@ class Plant(ABC):
 
     def step(self, u: Array) -> None:
         """Holds the command u (n_u,) for one step of RK4."""
+        if self.delay:
+            self._late.append(np.array(u, dtype=np.float64))
+            u = self._late.popleft()
         self.data.ctrl[:] = u
         mujoco.mj_step(self.model, self.data)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
 import mujoco
 import numpy as np
 
@@ -12,7 +10,9 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import asset
 from ..systems.scalar import ScalarVehicle
-from .plant import Plant, PlantConfig, VisualMesh, set_options
+from .mismatch import Mismatch
+from .plant import Plant, PlantConfig, set_options
+from .shapes import VisualMesh, of_geom
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,14 @@ class ScalarRovPlant(PlantConfig):
                                "A neutral vehicle has no net weight to identify.")  # fmt: skip
         if not 0 <= self.spread < 1:
             raise InvalidInput("plant.spread", "a number in [0, 1)", self.spread, "0.2 is 20 %.")
+        self.mismatch.refuse("the heave axis alone", "flow", "fluid")
 
     def build(self, dt: float, seed: int) -> ScalarRov:
         """Draws the hidden numbers and makes the plant."""
         nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
         rng = np.random.default_rng(seed)
-        return ScalarRov(nominal, nominal * (1 + self.spread * rng.uniform(-1, 1, 4)), dt)
+        theta = nominal * (1 + self.spread * rng.uniform(-1, 1, 4))
+        return ScalarRov(nominal, theta, dt, self.mismatch)
 
 
 class ScalarRov(Plant):
@@ -59,9 +61,10 @@ class ScalarRov(Plant):
         nominal: (4,) m, d, g, a as an engineer would guess.
         theta: (4,) the true ones.
         dt: step [s].
+        mismatch: what the structure does not know.
     """
 
-    def __init__(self, nominal: Array, theta: Array, dt: float):
+    def __init__(self, nominal: Array, theta: Array, dt: float, mismatch: Mismatch):
         self._theta = theta
         speed = float(np.sqrt(nominal[3] / nominal[1]))  # where drag balances full thrust
         self.system = ScalarVehicle(np.abs(nominal), speed)
@@ -73,17 +76,14 @@ class ScalarRov(Plant):
         body.gravcomp = 1 - weight / (mass * 9.81)  # buoyancy carries the rest
         spec.joint("heave").damping = [0, drag, 0]  # MuJoCo: −(a v + b v|v| + c v³)
         spec.actuator("thrusters").gainprm[0] = gain
-        self.model: Any = spec.compile()
-        self.data: Any = mujoco.MjData(self.model)
+        self._compile(spec, mismatch)
 
     @property
     def truth(self) -> Array:
         """(4,) the true m, d, g, a."""
         return self._theta
 
-    def reset(self, position: Array, velocity: Array) -> None:
-        """Puts the vehicle at height (1,) [m] and velocity (1,) [m/s], at t = 0."""
-        mujoco.mj_resetData(self.model, self.data)
+    def _place(self, position: Array, velocity: Array) -> None:
         self.data.qpos[:], self.data.qvel[:] = position, velocity
 
     def coordinates(self) -> tuple[Array, Array]:
@@ -96,7 +96,7 @@ class ScalarRov(Plant):
 
     def visuals(self) -> list[VisualMesh]:
         """The hull's boxes and thrusters."""
-        return [_box(self.model, i) for i in range(self.model.ngeom)]
+        return [of_geom(self.model, i) for i in range(self.model.ngeom)]
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the boxes at heights q (k, 1)."""
@@ -104,24 +104,3 @@ class ScalarRov(Plant):
         translations[:, :, 2] += q
         w, x, y, z = self.model.geom_quat.T
         return translations, np.repeat(np.stack([x, y, z, w], axis=1)[None], len(q), axis=0)
-
-
-def _box(model: Any, i: int) -> VisualMesh:
-    size = model.geom_size[i].copy()
-    if model.geom_type[i] == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-        ring = np.stack([size[0] * np.cos(angle), size[0] * np.sin(angle)], axis=1)
-        low, high = (np.c_[ring, np.full(24, h)] for h in (-size[1], size[1]))
-        vertices = np.r_[low, high, [[0, 0, -size[1]], [0, 0, size[1]]]]
-        k = np.arange(24)
-        j = (k + 1) % 24
-        triangles = np.r_[np.c_[k, j, k + 24], np.c_[j, j + 24, k + 24],
-                          np.c_[j, k, 0 * k + 48], np.c_[k + 24, j + 24, 0 * k + 49]]  # fmt: skip
-    else:
-        corners = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T
-        vertices = corners * size
-        triangles = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-                              [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
-                              [1, 5, 7], [1, 7, 3]])  # fmt: skip
-    red, green, blue, alpha = model.geom_rgba[i].tolist()
-    return VisualMesh(model.geom(i).name, vertices, triangles, (red, green, blue, alpha))

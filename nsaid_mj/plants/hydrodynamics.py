@@ -1,0 +1,135 @@
+"""Fossen's hydrodynamics in MuJoCo, exactly: drag, buoyancy, thrusters and added mass.
+
+MuJoCo's passive forces cannot carry an inertia. The callback solves Fossen's equations for the
+whole body itself and hands MuJoCo the force that makes its rigid body accelerate just so:
+
+    (M_RB + M_A) ν̇ = f(ν_r) − C_RB(ν) ν − C_A(ν_r) ν_r + M_A ν̇_c,     f_passive = M_RB ν̇ + C_RB(ν) ν
+
+without gravity in MuJoCo: weight is part of f. ν_r = ν − ν_c is relative to the water, whose own
+velocity is steady in the world, so that ν̇_c = −ω × v_c in the body's axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, njit
+
+from ..parameters import Array
+from ..spatial import coadjoint, cross, rotate, unrotate
+from .callbacks import WORDS, as_pointer, field_offsets
+
+LIMIT = 16
+"""Most thrusters a body may have."""
+
+
+@dataclass(frozen=True)
+class Hydrodynamics:
+    """The true numbers of a body in water; axes x forward, y left, z up.
+
+    Attributes:
+        rigid: (6, 6) M_RB about the body's origin [kg, kg·m, kg·m²].
+        added: (6, 6) M_A, symmetric [kg, kg·m, kg·m²].
+        linear: (6,) linear drag [N·s/m, N·m·s/rad].
+        quadratic: (6,) quadratic drag [N·s²/m², N·m·s²/rad²].
+        net_weight: weight less buoyancy [N].
+        righting: (3,) r_B B − r_G W [N·m].
+        positions: (k, 3) of the thrusters [m].
+        directions: (k, 3) in which they push.
+        thrust: (k,) at full command [N].
+        curve: (5,) coefficients of u, u³, u⁵, u⁷, u⁹ of the command curve.
+        flow: (3,) velocity of the water in the world [m/s].
+    """
+
+    rigid: Array
+    added: Array
+    linear: Array
+    quadratic: Array
+    net_weight: float
+    righting: Array
+    positions: Array
+    directions: Array
+    thrust: Array
+    curve: Array
+    flow: Array
+
+    def numbers(self, lagged: bool) -> Array:
+        """What `fossen` reads from userdata.
+
+        Args:
+            lagged: whether the actuators have an activation of their own.
+        """
+        inverse = np.linalg.inv(self.rigid + self.added)
+        thrusters = np.hstack([self.positions, self.directions, self.thrust[:, None]])
+        return np.concatenate(
+            [
+                [len(thrusters), float(lagged)], self.rigid.ravel(), self.added.ravel(),
+                inverse.ravel(), self.linear, self.quadratic, [self.net_weight], self.righting,
+                self.flow, self.curve, thrusters.ravel(),
+            ]
+        )  # fmt: skip
+
+
+SIZE = 2 + 3 * 36 + 12 + 1 + 3 + 3 + 5 + 7 * LIMIT
+"""Most numbers `Hydrodynamics.numbers` returns."""
+
+
+@njit(cache=True)
+def matvec(matrix, vector):
+    """(6,) of a (6, 6) matrix times a vector (6,)."""
+    result = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            result[i] += matrix[i, j] * vector[j]
+    return result
+
+
+@cache
+def fossen() -> Any:
+    """The callback for a model whose only joint is the body's free joint."""
+    offsets = field_offsets()
+    at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
+    at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
+
+    @cfunc("void(voidptr, voidptr)")
+    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
+        words = carray(data, (WORDS,), np.uintp)
+        d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)
+        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
+        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
+        force = carray(as_pointer(words[at_force]), (6,), np.float64)
+        k = int(d[0])
+        command = carray(as_pointer(words[at_act if d[1] > 0 else at_ctrl]), (k,), np.float64)
+        rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
+        inverse = d[74:110].reshape(6, 6)
+        attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
+        v = np.empty(6)
+        v[:3], v[3:] = unrotate(attitude, qvel[:3]), qvel[3:]
+        relative, carried = v.copy(), np.zeros(6)
+        current = unrotate(attitude, d[126:129])
+        relative[:3] -= current
+        carried[:3] = cross(current, v[3:])  # the current's own rate, seen from the body
+        f = np.zeros(6)
+        for i in range(6):
+            f[i] = -(d[110 + i] + d[116 + i] * abs(relative[i])) * relative[i]
+        up = unrotate(attitude, np.array([0.0, 0.0, 1.0]))
+        f[:3] -= d[122] * up
+        f[3:] += cross(d[123:126], up)
+        for j in range(k):
+            thruster = d[134 + 7 * j : 141 + 7 * j]
+            u = command[j]
+            s = u * u
+            shape = ((((d[133] * s + d[132]) * s + d[131]) * s + d[130]) * s + d[129]) * u
+            push = thruster[6] * shape * thruster[3:6]
+            f[:3] += push
+            f[3:] += cross(thruster[:3], push)
+        turning = coadjoint(6, v, matvec(rigid, v))  # −C_RB(ν) ν
+        f += turning + coadjoint(6, relative, matvec(added, relative)) + matvec(added, carried)
+        wrench = matvec(rigid, matvec(inverse, f)) - turning
+        force[:3] += rotate(attitude, wrench[:3])
+        force[3:] += wrench[3:]
+
+    return passive

@@ -1,0 +1,39 @@
+"""Columns of F that actuators make: one unknown gain for each, geometry and curve known."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..parameters import Array
+
+
+def wrenches(positions: Array, directions: Array) -> Array:
+    """(6, k) unit wrench at the body's origin of forces at `positions` along `directions`.
+
+    Args:
+        positions: (k, 3) in the body's axes [m].
+        directions: (k, 3) unit vectors in the body's axes.
+    """
+    return np.ascontiguousarray(np.hstack([directions, np.cross(positions, directions)]).T)
+
+
+@njit(cache=True)
+def thrusters(F, start, allocation, curve, u):
+    """Thrust gain·curve(u) of every thruster; k columns.
+
+    Args:
+        F: (6, p) to write into.
+        start: first column.
+        allocation: (6, k) unit wrenches.
+        curve: (c,) coefficients of u, u³, u⁵ …, whose sum is 1: thrust at full command is the gain.
+        u: (k,) commands in [−1, 1].
+    """
+    for j in range(u.shape[0]):
+        square, power, thrust = u[j] * u[j], u[j], 0.0
+        for c in curve:
+            thrust += c * power
+            power *= square
+        for i in range(F.shape[0]):
+            F[i, start + j] = allocation[i, j] * thrust
+    return start + u.shape[0]

@@ -1,0 +1,128 @@
+"""Underwater vehicles (6): rigid body, added mass, drag, buoyancy and thrusters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..parameters import Array, Block, ParameterSpace
+from . import actuators, fluid
+from .rigid_body import RigidBody, symmetric
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class UnderwaterScales:
+    """What an engineer would guess of an underwater vehicle; it becomes the scale of θ.
+
+    Attributes:
+        mass: (6,) diagonal of M, added mass included [kg, kg·m²].
+        linear: (6,) linear drag [N·s/m, N·m·s/rad].
+        quadratic: (6,) quadratic drag [N·s²/m², N·m·s²/rad²].
+        net_weight: weight that buoyancy leaves [N].
+        righting: moment of weight and buoyancy [N·m].
+        thrust: (k,) thrust of each thruster at full command [N].
+        speed: (6,) velocities of operation [m/s, rad/s], for the random probes of the structure.
+    """
+
+    mass: Array
+    linear: Array
+    quadratic: Array
+    net_weight: float
+    righting: float
+    thrust: Array
+    speed: Array
+
+
+class UnderwaterVehicle(RigidBody):
+    """M ν̇ + C(ν) ν = −D ν − D_q |ν| ν − g(q) + Σ k_i f(u_i) w_i (6), Fossen's model.
+
+    θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust (k)].
+    Axes are x forward, y left, z up. Righting moments are r_B B − r_G W, in the body's axes.
+
+    Args:
+        scales: guesses.
+        positions: (k, 3) of the thrusters [m].
+        directions: (k, 3) in which they push, unit vectors.
+        curve: coefficients of u, u³, u⁵ … of the command curve; their sum is 1.
+    """
+
+    def __init__(self, scales: UnderwaterScales, positions: Array, directions: Array, curve: Array):
+        space = _space(scales)
+        k = len(positions)
+        super().__init__(space, symmetric(6, 0, len(space)), k, positions)
+        self._allocation = actuators.wrenches(positions, directions)
+        self._curve, self._speed = np.asarray(curve, dtype=np.float64), scales.speed
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        return _forces(q, v, u, self._allocation, self._curve, self.p)
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws any pose within 10 m, velocities and commands of operation."""
+        q = self.position(np.r_[rng.uniform(-10, 10, 3), 1.5 * rng.standard_normal(3)])
+        return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(-1, 1, self.n_u)
+
+
+@njit(cache=True)
+def _forces(q, v, u, allocation, curve, p):
+    F = np.zeros((6, p))
+    column = fluid.linear_drag(F, 21, v)
+    column = fluid.quadratic_drag(F, column, v)
+    column = fluid.restoring(F, column, q[3:], _UP)
+    actuators.thrusters(F, column, allocation, curve, u)
+    return F
+
+
+def mass_block(diagonal: Array) -> Block:
+    """The 21 entries of a symmetric M (6, 6), upper triangle row by row.
+
+    Args:
+        diagonal: (6,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
+    """
+    rows, columns = np.triu_indices(6)
+    share = np.where(rows == columns, 1.0, 0.25)
+    units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
+    return Block(
+        "mass matrix",
+        tuple(f"M_{i + 1}{j + 1}" for i, j in zip(rows, columns, strict=True)),
+        tuple(units.tolist()),
+        share * np.sqrt(diagonal[rows] * diagonal[columns]),
+        "spd",
+    )
+
+
+def per_axis(name: str, letter: str, units: tuple[str, str], scale: Array) -> Block:
+    """A block of six, one for each axis; a truth of 0 is possible, so any sign is."""
+    return Block(
+        name, tuple(f"{letter}_{axis}" for axis in AXES), (units[0],) * 3 + (units[1],) * 3, scale
+    )
+
+
+def _space(s: UnderwaterScales) -> ParameterSpace:
+    k = len(s.thrust)
+    return ParameterSpace(
+        (
+            mass_block(s.mass),
+            per_axis("linear drag", "d", ("N·s/m", "N·m·s/rad"), s.linear),
+            per_axis("quadratic drag", "dq", ("N·s²/m²", "N·m·s²/rad²"), s.quadratic),
+            Block("net weight", ("net weight",), ("N",), np.array([s.net_weight])),
+            Block(
+                "righting moment",
+                tuple(f"righting_{axis}" for axis in "xyz"),
+                ("N·m",) * 3,
+                np.full(3, s.righting),
+            ),
+            Block(
+                "thruster gain",
+                tuple(f"thrust_{i + 1}" for i in range(k)),
+                ("N",) * k,
+                s.thrust,
+                "positive",
+                actuator=True,
+            ),
+        )
+    )
