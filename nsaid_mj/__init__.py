@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .control import DriverConfig as DriverConfig
     from .control import FourierTracking as FourierTracking
     from .control import MultisineCommand as MultisineCommand
+    from .control import QuadrotorFlight as QuadrotorFlight
     from .errors import NsaidError as NsaidError
     from .experiment import run as run
     from .identifiers import ConventionalAID as ConventionalAID
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
     from .parameters import ParameterSpace as ParameterSpace
     from .plants import ArmPlant as ArmPlant
     from .plants import BlueROV2Plant as BlueROV2Plant
+    from .plants import FloatingBasePlant as FloatingBasePlant
     from .plants import Mismatch as Mismatch
+    from .plants import QuadrotorPlant as QuadrotorPlant
     from .plants import ScalarRovPlant as ScalarRovPlant
     from .plants import SensorNoise as SensorNoise
     from .record import Record as Record
@@ -36,6 +39,7 @@ _HOMES = {
     "DriverConfig": "control",
     "FourierTracking": "control",
     "MultisineCommand": "control",
+    "QuadrotorFlight": "control",
     "NsaidError": "errors",
     "run": "experiment",
     "ConventionalAID": "identifiers",
@@ -45,7 +49,9 @@ _HOMES = {
     "ParameterSpace": "parameters",
     "ArmPlant": "plants",
     "BlueROV2Plant": "plants",
+    "FloatingBasePlant": "plants",
     "Mismatch": "plants",
+    "QuadrotorPlant": "plants",
     "ScalarRovPlant": "plants",
     "SensorNoise": "plants",
     "Record": "record",

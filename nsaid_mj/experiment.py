@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,11 +28,13 @@ from .parameters import Array, ParameterSpace
 from .persistence import PersistenceMonitor
 from .plants import Plant
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
+from .rehearsal import expected_gramian
 from .scenario import Scenario
 from .system import Measurement
 
 DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html")
 _PE_SAMPLES = 100  # regressors in a window of the online persistence levels
+_REHEARSAL = 60.0  # how long the motion is simulated that designs a gain, at most [s]
 _DRIFT = 1e-3  # of the conserved quantity: beyond it RK4 no longer follows the law
 
 
@@ -45,6 +47,7 @@ class Seeds(NamedTuple):
     sensors: np.random.SeedSequence
     held_out: np.random.SeedSequence
     structure: np.random.SeedSequence
+    rehearsal: np.random.SeedSequence
 
     @staticmethod
     def of(seed: int) -> Seeds:
@@ -269,8 +272,16 @@ def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
         np.random.default_rng(seeds.prior),
     )
     quiet = scenario.sensors == "ideal"
+
+    @cache
+    def gramian() -> Array:
+        driver = scenario.excitation.build(system, prior, np.random.default_rng(seeds.rehearsal))
+        return expected_gramian(
+            system, driver, prior, scenario.dt, min(scenario.duration, _REHEARSAL)
+        )
+
     identifiers = {
-        name: config.build(system, prior, scenario.dt, quiet)
+        name: config.build(system, prior, scenario.dt, quiet, gramian)
         for name, config in {"": scenario.identifier, **scenario.rivals}.items()
     }
     return plant, prior, identifiers

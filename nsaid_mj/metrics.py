@@ -76,8 +76,9 @@ def summarize(run: Run) -> dict[str, Any]:
         "rank_gap": [float(s) for s in nullspace.gap],
         **found,
         "law": "paper",
-        "gamma": "scale",
+        "gamma": getattr(run.scenario.identifier, "gamma", "scale"),
         "sensors": run.scenario.sensors,
+        "mismatch": mismatches(run),
         "unobservable": [
             {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)}
             for d in directions(nullspace, system.space)
@@ -128,6 +129,17 @@ def _findings(run: Run) -> dict[str, Any]:
                                               record["theta_hat"][-1], strict=True)
         ],
     }  # fmt: skip
+
+
+def mismatches(run: Run) -> list[str]:
+    """What the run's plant and sensors did that the structure does not know, in words."""
+    scenario, words = run.scenario, list(run.plant.mismatches)
+    if scenario.sensors == "noisy":
+        noise = scenario.noise
+        words.append(f"sensor noise {noise.position:g} and {noise.velocity:g} [SI]")
+        if noise.encoder_step:
+            words.append(f"positions quantised to {noise.encoder_step:g}")
+    return words
 
 
 def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:

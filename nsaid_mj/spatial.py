@@ -122,6 +122,16 @@ def pose_difference(q0, q1):
 
 
 @njit(cache=True)
+def pose_jacobian(q):
+    """(7, 6) J of q̇ = J v at a pose q (7,): ṗ = R v, and half the quaternion times ω."""
+    x, y, z, w = q[3:7]
+    J = np.zeros((7, 6))
+    J[:3, :3] = rotation(q[3:7])
+    J[3:, 3:] = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]])
+    return J
+
+
+@njit(cache=True)
 def planar_integrate(q, step):
     """(3,) the pose in the plane reached from q (3,) by the tangent step (3,)."""
     turn = step[2]

@@ -108,6 +108,10 @@ class SecondOrderSystem(ABC):
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws (q, v, u) of the size seen in operation, to probe the structure."""
 
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) q of position numbers (..., n), one for each velocity, as sensors give them."""
+        return np.array(coordinates, dtype=np.float64)
+
     def _mass_tensor(self, q: Array) -> Array:
         """(n, n, p), entry [j] is W_M(q, e_j): M(q, θ) = tensor · θ for every θ."""
         return np.stack([self._W_M(q, e) for e in np.eye(self.n)])

@@ -4,8 +4,8 @@ from nsaid_mj import BlueROV2Plant, MultisineCommand, NullspaceAID, Scenario, ma
 
 scenario = Scenario(
     plant=BlueROV2Plant(),
-    excitation=MultisineCommand(low=0.05, high=0.5, tones=8, amplitude=0.8),
-    identifier=NullspaceAID(K=10.0, gain=0.3),
+    excitation=MultisineCommand(low=0.1, high=1.0, tones=8, amplitude=0.8),
+    identifier=NullspaceAID(K=6.0, gain=0.6, floor=1e-3),
     initial_error=0.3,
     duration=300.0,
     dt=0.01,

@@ -47,11 +47,14 @@ class FourierTracking(DriverConfig):
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is not a tree of joints.
+            InvalidInput: the system is not a tree of joints, or not every joint has a motor.
         """
-        if not isinstance(system, Multibody):
+        if not isinstance(system, Multibody) or system.group:
             raise InvalidInput(
-                "excitation", "an arm to track with", type(system).__name__, "Use MultisineCommand."
+                "excitation",
+                "an arm on a fixed base",
+                type(system).__name__,
+                "Use MultisineCommand.",
             )
         low, high = system.limits
         centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)

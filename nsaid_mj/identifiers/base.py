@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -83,12 +84,22 @@ class Identifier(ABC):
         """(...,) the law's conserved quantity for estimates (..., p); constant along a run."""
 
 
+Expected = Callable[[], Array]
+
+
 @dataclass(frozen=True)
 class IdentifierConfig(ABC):
     """An identifier as data; `build` makes the thing itself."""
 
     @abstractmethod
-    def build(self, system: SecondOrderSystem, prior: Array, dt: float, quiet: bool) -> Identifier:
+    def build(
+        self,
+        system: SecondOrderSystem,
+        prior: Array,
+        dt: float,
+        quiet: bool,
+        gramian: Expected | None = None,
+    ) -> Identifier:
         """Makes the identifier.
 
         Args:
@@ -96,4 +107,6 @@ class IdentifierConfig(ABC):
             prior: (p,) θ̂(0).
             dt: time between measurements [s].
             quiet: whether positions are exact enough to be differentiated.
+            gramian: gives (p, p) the expected mean of S Wᵀ M⁻¹ W S under the prior, for laws whose
+                gain is designed by it. It is costly, so it is asked for only where needed.
         """

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, ParameterSpace
 from ..system import SecondOrderSystem
-from .base import Identifier, IdentifierConfig
+from .base import Expected, Identifier, IdentifierConfig
 from .nullspace_aid import NullspaceIdentifier
 
 
@@ -32,7 +32,14 @@ class ConventionalAID(IdentifierConfig):
     gain: float = 1.0
     known: tuple[str, ...] = ("actuators",)
 
-    def build(self, system: SecondOrderSystem, prior: Array, dt: float, quiet: bool) -> Identifier:
+    def build(
+        self,
+        system: SecondOrderSystem,
+        prior: Array,
+        dt: float,
+        quiet: bool,
+        gramian: Expected | None = None,
+    ) -> Identifier:
         """Makes the identifier; `known` parameters stay at their prior."""
         held = known_mask(system.space, self.known)
         return NullspaceIdentifier(

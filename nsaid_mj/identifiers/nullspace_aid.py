@@ -13,7 +13,7 @@ from ..kernels import cholesky, solve, times
 from ..parameters import Array
 from ..spatial import bracket, coadjoint
 from ..system import Instant, Measurement, SecondOrderSystem, checked
-from .base import Identifier, IdentifierConfig, State, Status
+from .base import Expected, Identifier, IdentifierConfig, State, Status
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
 
@@ -105,28 +105,63 @@ class NullspaceAID(IdentifierConfig):
         interpolation: the measured state half-way between samples: `hermite`, the cubic through
             both positions and velocities, for exact encoders; `linear`, the mean of both
             velocities, where differences of positions are noise; `auto` chooses by the sensors.
+        gamma: `scale`, Γ = γ diag(scale²); or `simulated`, Γ = rate·K·S H⁻¹ S with H the mean of
+            S Wᵀ M⁻¹ W S that a simulation under the prior expects, S = diag(scale).
+        rate: at which every direction converges where `gamma` is `simulated` [1/s]; those that
+            are excited less than `floor` of the best are slower.
+        floor: smallest eigenvalue of H that counts, as a share of the largest.
     """
 
     K: float = 20.0
     gain: float = 1.0
     interpolation: Literal["auto", "hermite", "linear"] = "auto"
+    gamma: Literal["scale", "simulated"] = "scale"
+    rate: float = 0.1
+    floor: float = 1e-2
 
     def __post_init__(self) -> None:
         if self.interpolation not in ("auto", "hermite", "linear"):
             raise InvalidInput(
                 "interpolation", "auto, hermite or linear", self.interpolation, "auto will do."
             )
+        if self.gamma not in ("scale", "simulated"):
+            raise InvalidInput("gamma", "scale or simulated", self.gamma, "scale needs no driver.")
+        if not (np.isfinite(self.rate) and self.rate > 0):
+            raise InvalidInput("identifier.rate", "a rate > 0 /s", self.rate, "0.1 will do.")
+        if not 0 < self.floor <= 1:
+            raise InvalidInput("identifier.floor", "a share in (0, 1]", self.floor, "0.01 will do.")
 
-    def build(self, system: SecondOrderSystem, prior: Array, dt: float, quiet: bool) -> Identifier:
-        """Makes the identifier with K = K·I and Γ = γ diag(scale²)."""
+    def build(
+        self,
+        system: SecondOrderSystem,
+        prior: Array,
+        dt: float,
+        quiet: bool,
+        gramian: Expected | None = None,
+    ) -> Identifier:
+        """Makes the identifier with K = K·I and Γ as `gamma` says.
+
+        Raises:
+            InvalidInput: `gamma` is `simulated` and there is nothing to simulate with.
+        """
         return NullspaceIdentifier(
             system,
             K=np.full(system.n, self.K),
-            Gamma=self.gain * system.space.scale**2,
+            Gamma=self._gain(system, gramian),
             prior=prior,
             dt=dt,
             hermite=quiet if self.interpolation == "auto" else self.interpolation == "hermite",
         )
+
+    def _gain(self, system: SecondOrderSystem, gramian: Expected | None) -> Array:
+        """(p,) or (p, p) Γ."""
+        scale = system.space.scale
+        if self.gamma == "scale":
+            return self.gain * scale**2
+        if gramian is None:
+            raise InvalidInput("gamma", "scale, without a driver", self.gamma, "Run a scenario.")
+        inverse = floored_inverse(gramian(), self.floor)
+        return self.rate * self.K * inverse * np.outer(scale, scale)
 
 
 class NullspaceIdentifier(Identifier):
@@ -253,6 +288,13 @@ class NullspaceIdentifier(Identifier):
         dq = self.system.difference(previous.q, following.q)
         half, v = half_way(dq, previous.v, following.v, dt, self.hermite, self.system.group)
         return self.system.integrate(previous.q, half), v
+
+
+def floored_inverse(gramian: Array, floor: float) -> Array:
+    """Inverse of a positive semidefinite matrix, its eigenvalues raised to floor·λ_max."""
+    values, vectors = np.linalg.eigh(gramian)
+    inverse = (vectors / np.maximum(values, floor * values[-1])) @ vectors.T
+    return 0.5 * (inverse + inverse.T)
 
 
 def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None = None) -> Array:

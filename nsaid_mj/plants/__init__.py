@@ -1,6 +1,8 @@
 """MuJoCo as the world: the only importer of mujoco, and the only holder of the truth."""
 
+from .aerial import QuadrotorPlant as QuadrotorPlant
 from .arm import ArmPlant as ArmPlant
+from .arm import FloatingBasePlant as FloatingBasePlant
 from .mismatch import Mismatch as Mismatch
 from .plant import Plant as Plant
 from .plant import PlantConfig as PlantConfig

@@ -1,10 +1,10 @@
-"""Arms: a MuJoCo model built from a Pinocchio model, one body for each regressor column block."""
+"""Arms and robots that float: a MuJoCo model built from a Pinocchio model, body by body."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -14,18 +14,19 @@ from ..errors import BadRobot, EnginesDisagree, InvalidInput
 from ..parameters import Array
 from ..systems.multibody import JointScales, Multibody
 from .callbacks import coulomb_friction
-from .coordinates import JointMap
+from .coordinates import joint_map
 from .mismatch import Mismatch
-from .plant import Plant, PlantConfig, set_options
-from .robots import Robot, load_robot
+from .plant import Plant, PlantConfig
+from .robots import Base, Robot, load_robot
 from .shapes import VisualMesh
+from .tree import Looks, tree_spec
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
 
 @dataclass(frozen=True)
 class ArmPlant(PlantConfig):
-    """A robot with a motor on every joint.
+    """A robot with a motor on every joint; a floating base is held on a stand.
 
     Friction, rotor inertia and motor gain are given as a data sheet would: one nominal number for
     all joints, or None for numbers that suit the robot's own size. The true ones differ from it,
@@ -48,6 +49,7 @@ class ArmPlant(PlantConfig):
     gain: float = 1.0
     spread: float = 0.2
     friction_speed: float = 0.05
+    _base: ClassVar[Base] = "held"
 
     def __post_init__(self) -> None:
         for name in ("damping", "friction", "armature"):
@@ -70,11 +72,18 @@ class ArmPlant(PlantConfig):
         self.mismatch.refuse("an arm in air", "flow", "fluid")
 
     def build(self, dt: float, seed: int) -> Arm:
-        """Loads the robot, draws the hidden numbers, compares the engines."""
-        robot = load_robot(self.robot)
+        """Loads the robot, draws the hidden numbers, compares the engines.
+
+        Raises:
+            BadRobot: the robot cannot be simulated, or has no joint for a motor.
+            EnginesDisagree: the two engines compute different dynamics.
+        """
+        robot = load_robot(self.robot, self._base)
+        if robot.model.joints[robot.model.njoints - 1].nv != 1:
+            raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
         nominal = nominal_scales(robot.model, self)
         rng = np.random.default_rng(seed)
-        n = robot.model.nv
+        n = len(nominal.gain)
 
         def hidden(value: Array) -> Array:
             return value * (1 + self.spread * rng.uniform(-1, 1, n))
@@ -90,8 +99,19 @@ class ArmPlant(PlantConfig):
 
 
 @dataclass(frozen=True)
+class FloatingBasePlant(ArmPlant):
+    """A robot that floats, falling, with a motor on every joint and none on its base.
+
+    Attributes are those of `ArmPlant`.
+    """
+
+    robot: str = "solo12"
+    _base: ClassVar[Base] = "free"
+
+
+@dataclass(frozen=True)
 class HiddenJoints:
-    """The true numbers of the joints, (n,) each; units as in `JointScales`."""
+    """The true numbers of the joints, (k,) each; units as in `JointScales`."""
 
     rotor: Array | None
     viscous: Array
@@ -100,7 +120,7 @@ class HiddenJoints:
 
 
 class Arm(Plant):
-    """An arm in MuJoCo.
+    """An arm, or a robot that floats, in MuJoCo.
 
     Args:
         robot: the description; its inertias are the true ones.
@@ -132,7 +152,7 @@ class Arm(Plant):
             raise BadRobot(
                 robot.name, "", f"MuJoCo refuses it: {error}", "Mend the named body's inertia."
             ) from error
-        self.joints = JointMap(robot.model, self.model)
+        self.joints = joint_map(self.model, list(robot.model.names)[1:])
         self.passive = coulomb_friction()
         self._compare_engines()
         self._check_stiffness(dt)
@@ -151,47 +171,36 @@ class Arm(Plant):
         self.joints.write(self.data, position, velocity)
         nv = self.model.nv
         self.data.userdata[0] = nv
-        self.data.userdata[1 + self.joints.dof] = self._hidden.coulomb
-        self.data.userdata[1 + nv + self.joints.dof] = 1 / self.system.friction_speed
+        self.data.userdata[1 + self.joints.motors] = self._hidden.coulomb
+        self.data.userdata[1 + nv + self.joints.motors] = 1 / self.system.friction_speed
 
     def coordinates(self) -> tuple[Array, Array]:
-        """(n,) joint angles [rad] or travels [m], (n,) joint velocities."""
+        """(n,) position numbers, joint angles [rad] or travels [m], and (n,) velocities."""
         return self.joints.read(self.data)
 
     def position(self, coordinates: Array) -> Array:
-        """(..., m) Pinocchio's q for joint numbers (..., n)."""
+        """(..., m) Pinocchio's q for position numbers (..., n)."""
         return self.system.position(coordinates)
 
     def visuals(self) -> list[VisualMesh]:
         """The robot's own meshes, where its description has any."""
-        return list(self._meshes.values())
-
-    @cached_property
-    def _meshes(self) -> dict[int, VisualMesh]:
-        """What can be drawn, by its index in Pinocchio's visual geometry."""
-        meshes = ((i, _mesh(g)) for i, g in enumerate(self.robot.visual.geometryObjects))
-        return {i: mesh for i, mesh in meshes if mesh is not None}
+        return self._looks.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m)."""
-        visual = self.robot.visual
-        data, geometry = self.robot.model.createData(), visual.createData()
-        drawn = list(self._meshes)
-        translations = np.zeros((len(q), len(drawn), 3))
-        quaternions = np.zeros((len(q), len(drawn), 4))
-        for k, configuration in enumerate(q):
-            pin.updateGeometryPlacements(self.robot.model, data, visual, geometry, configuration)
-            for j, i in enumerate(drawn):
-                pose = geometry.oMg[i]
-                translations[k, j] = pose.translation
-                quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
-        return translations, quaternions
+        return self._looks.poses(q)
+
+    @cached_property
+    def _looks(self) -> Looks:
+        return Looks(self.robot)
 
     def _compare_engines(self, samples: int = 5) -> None:
         """M and bias forces of both engines at random states."""
         rng = np.random.default_rng(0)
         model, data = self.robot.model, self.robot.model.createData()
-        rotor = self._hidden.rotor if self._hidden.rotor is not None else np.zeros(model.nv)
+        rotor = np.zeros(model.nv)
+        if self._hidden.rotor is not None:
+            rotor[self.system.group :] = self._hidden.rotor
         for _ in range(samples):
             coordinates = rng.uniform(*self.system.limits)
             v = rng.uniform(-1, 1, model.nv)
@@ -203,13 +212,14 @@ class Arm(Plant):
             force = max(np.abs(bias).max(), np.abs(M).max())  # also where a balanced robot has none
             for quantity, difference in (
                 ("mass matrix", self.joints.mass_matrix(self.model, self.data) - M),
-                ("bias force", self.joints.bias(self.data) - bias),
+                ("bias force", self.joints.bias(self.model, self.data) - bias),
             ):
                 relative = np.abs(difference) / (np.abs(M).max() if difference.ndim == 2 else force)
                 if not relative.max() <= AGREEMENT:
                     own = np.diag(relative) if relative.ndim == 2 else relative
                     last = int(np.flatnonzero(~(own <= AGREEMENT))[-1:].sum())  # ancestors follow
-                    link = f"link of joint {model.names[1 + last]}"
+                    moved = max(j.id for j in list(model.joints)[1:] if j.idx_v <= last)
+                    link = f"link of joint {model.names[moved]}"
                     raise EnginesDisagree(
                         self.robot.name, link, quantity, float(relative.max()), AGREEMENT
                     )
@@ -219,49 +229,24 @@ class Arm(Plant):
         self.reset(np.mean(self.system.limits, axis=0), np.zeros(self.system.n))
         mujoco.mj_forward(self.model, self.data)
         inertia = 1 / np.diag(np.linalg.inv(self.joints.mass_matrix(self.model, self.data)))
+        inertia = inertia[self.system.group :]
         rate = (self._hidden.viscous + self._hidden.coulomb / self.system.friction_speed) / inertia
         worst = int(np.argmax(rate))
         if rate[worst] * dt > 2.5:
             raise BadRobot(
                 self.robot.name,
-                f"joint {self.robot.model.names[1 + worst]}",
+                f"joint {self.robot.model.names[self.system.joints[worst].id]}",
                 f"its friction acts at {rate[worst]:.0f}/s, too fast for steps of {dt:g} s",
                 f"Take dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
             )
 
 
 def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float) -> Any:
-    """MuJoCo's specification of a Pinocchio model: one body for each joint, motors on all.
-
-    URDF's traps are avoided by not going through it: no effort limit clips a hidden gain, no
-    joint limit becomes a soft constraint, no inertia is silently repaired.
-    """
-    spec = mujoco.MjSpec()
-    set_options(spec, dt)
-    spec.option.gravity = model.gravity.linear
+    """MuJoCo's specification of a Pinocchio model, with motors on all of its 1-DOF joints."""
+    spec = tree_spec(model, dt)
     spec.nuserdata = 1 + 2 * model.nv
-    bodies = {0: spec.worldbody}
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    for i in range(1, model.njoints):
-        name, placement = model.names[i], model.jointPlacements[i]
-        body = bodies[model.parents[i]].add_body(name=name)
-        bodies[i] = body
-        body.pos, body.quat = placement.translation, _wxyz(placement.rotation)
-        body.explicitinertial = True
-        body.mass, body.ipos = model.inertias[i].mass, model.inertias[i].lever
-        moments, axes = np.linalg.eigh(model.inertias[i].inertia)
-        axes[:, 2] *= np.sign(np.linalg.det(axes))
-        body.iquat, body.inertia = _wxyz(axes), moments
-        k = model.joints[i].idx_v
-        jacobian = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)
-        subspace = jacobian.reshape(6, -1)[:, k]  # Pinocchio squeezes a single column
-        slides = np.linalg.norm(subspace[:3]) > np.linalg.norm(subspace[3:])
-        joint = body.add_joint(
-            name=name,
-            type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
-            axis=subspace[:3] if slides else subspace[3:],
-        )
+    for k, name in enumerate(list(model.names)[-len(hidden.gain) :]):
+        joint = spec.joint(name)
         joint.damping = [hidden.viscous[k], 0, 0]
         joint.armature = hidden.rotor[k] if hidden.rotor is not None else 0.0
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -279,10 +264,12 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
     mass = np.array([_octave(inertia.mass) for inertia in inertias])
     length = np.array([_octave(_extent(inertia)) for inertia in inertias])
     size, weight = joint_sizes(model)
-    damping = 0.5 * size if config.damping is None else np.full(model.nv, config.damping)
-    friction = 0.5 * size if config.friction is None else np.full(model.nv, config.friction)
-    armature = 0.1 * size if config.armature is None else np.full(model.nv, config.armature)
-    speed = np.where(model.velocityLimit > 0.1, np.minimum(model.velocityLimit, 2.0), 2.0)
+    k = len(size)
+    damping = 0.5 * size if config.damping is None else np.full(k, config.damping)
+    friction = 0.5 * size if config.friction is None else np.full(k, config.friction)
+    armature = 0.1 * size if config.armature is None else np.full(k, config.armature)
+    limit = model.velocityLimit[model.nv - k :]
+    speed = np.where(limit > 0.1, np.minimum(limit, 2.0), 2.0)
     speed = np.where(np.isfinite(speed), speed, 2.0)
     torque = weight + (size + armature) * speed * 5 + friction + damping * speed
     return JointScales(
@@ -290,7 +277,7 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
         length=length,
         viscous=damping,
         coulomb=friction,
-        gain=np.full(model.nv, config.gain),
+        gain=np.full(k, config.gain),
         speed=speed,
         command=torque / config.gain,
         rotor=armature if armature.any() else None,
@@ -298,14 +285,15 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
 
 
 def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
-    """(n,) inertia [kg·m² or kg] and (n,) weight [N·m or N] that each joint carries, about.
+    """(k,) inertia [kg·m² or kg] and (k,) weight [N·m or N] that each 1-DOF joint carries, about.
 
     The weight is bounded by g·√(m I), as (m r)² ≤ m · m r².
     """
     data = model.createData()
-    size = np.diag(pin.crba(model, data, pin.neutral(model)))
+    joints = [joint for joint in list(model.joints)[1:] if joint.nv == 1]
+    size = np.diag(pin.crba(model, data, pin.neutral(model)))[[joint.idx_v for joint in joints]]
     pin.computeSubtreeMasses(model, data)
-    carried = np.array([data.mass[i] for i in range(1, model.njoints)])
+    carried = np.array([data.mass[joint.id] for joint in joints])
     weight = np.linalg.norm(model.gravity.linear) * np.sqrt(carried * size)
     return np.array([_octave(x) for x in size]), np.array([_octave(x) for x in weight])
 
@@ -319,22 +307,3 @@ def _extent(inertia: pin.Inertia) -> float:
     """A link's size [m]: its radius of gyration about the joint."""
     about_joint = np.trace(inertia.inertia) + 2 * inertia.mass * inertia.lever @ inertia.lever
     return float(np.sqrt(about_joint / (2 * inertia.mass)))
-
-
-def _wxyz(rotation: Array) -> Array:
-    """MuJoCo's quaternion (w, x, y, z) of a rotation matrix."""
-    x, y, z, w = pin.Quaternion(rotation).normalized().coeffs()
-    return np.array([w, x, y, z])
-
-
-def _mesh(geometry: Any) -> VisualMesh | None:
-    """A Pinocchio geometry object as triangles, or None if it is not a mesh."""
-    shape = geometry.geometry
-    if not hasattr(shape, "vertices") or not hasattr(shape, "num_tris"):
-        return None
-    vertices = np.array([shape.vertex(i) for i in range(shape.num_vertices)])
-    triangles = np.array(
-        [[t[0], t[1], t[2]] for t in (shape.tri_indices(i) for i in range(shape.num_tris))]
-    )
-    red, green, blue, alpha = np.asarray(geometry.meshColor, dtype=float).ravel().tolist()
-    return VisualMesh(geometry.name, vertices, triangles, (red, green, blue, alpha))

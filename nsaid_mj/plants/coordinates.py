@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from ..parameters import Array
-from ..spatial import quaternion_of, rotate, rotation_vector, unrotate
+from ..spatial import quaternion_of, rotate, rotation, rotation_vector, unrotate
 
 
 class JointMap:
@@ -17,12 +17,20 @@ class JointMap:
 
     Only 1-DOF joints: a joint's number is its angle [rad] or travel [m] in both engines, and
     MuJoCo orders bodies depth first where Pinocchio need not.
+
+    Args:
+        model: MuJoCo's.
+        names: of the joints, in Pinocchio's order.
+
+    Attributes:
+        motors: (n,) MuJoCo's degree of freedom of every 1-DOF joint.
     """
 
-    def __init__(self, pinocchio: pin.Model, model: Any):
-        joints = [model.joint(name) for name in list(pinocchio.names)[1:]]
-        self.qpos = np.array([joint.qposadr[0] for joint in joints])
-        self.dof = np.array([joint.dofadr[0] for joint in joints])
+    def __init__(self, model: Any, names: Sequence[str]):
+        joints = [model.joint(name) for name in names]
+        self.qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
+        self.dof = np.array([joint.dofadr[0] for joint in joints], dtype=int)
+        self.motors = self.dof
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(n,) joint numbers and (n,) joint velocities."""
@@ -39,9 +47,13 @@ class JointMap:
         mujoco.mj_fullM(model, data, full)
         return full[np.ix_(self.dof, self.dof)]
 
-    def bias(self, data: Any) -> Array:
+    def bias(self, model: Any, data: Any) -> Array:
         """(n,) MuJoCo's Coriolis, centrifugal and gravity forces, in Pinocchio's order."""
         return data.qfrc_bias[self.dof]
+
+    def acceleration(self, data: Any) -> Array:
+        """(n,) MuJoCo's present acceleration of the joints."""
+        return data.qacc[self.dof]
 
 
 def pose_of(qpos: Array) -> Array:
@@ -81,6 +93,70 @@ class PoseMap:
         qvel, qacc = data.qvel[self.dof], data.qacc[self.dof]
         linear = unrotate(attitude, qacc[:3]) - np.cross(qvel[3:], unrotate(attitude, qvel[:3]))
         return np.concatenate([linear, qacc[3:]])
+
+
+class FloatingMap:
+    """A floating base and its joints: position numbers and velocities ↔ qpos and qvel.
+
+    With T = blkdiag(Rᵀ, 1) the system's v is T q̇, and its v̇ is T q̈ + [−ω × Rᵀ v_world, 0].
+
+    Args:
+        model: MuJoCo's.
+        base: name of the free joint.
+        names: of the 1-DOF joints, in Pinocchio's order.
+
+    Attributes:
+        motors: (n − 6,) MuJoCo's degree of freedom of every 1-DOF joint.
+    """
+
+    def __init__(self, model: Any, base: str, names: Sequence[str]):
+        self.base, self.joints = PoseMap(model, base), JointMap(model, names)
+        self.motors = self.joints.motors
+        self.dof = np.concatenate([np.r_[self.base.dof], self.motors])
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities."""
+        parts = zip(self.base.read(data), self.joints.read(data), strict=True)
+        numbers, velocity = (np.concatenate(part) for part in parts)
+        return numbers, velocity
+
+    def write(self, data: Any, numbers: Array, velocity: Array) -> None:
+        """Sets qpos and qvel from position numbers and velocities."""
+        self.base.write(data, numbers[:6], velocity[:6])
+        self.joints.write(data, numbers[6:], velocity[6:])
+
+    def mass_matrix(self, model: Any, data: Any) -> Array:
+        """(n, n) MuJoCo's M at its present state, for the system's v: T M Tᵀ."""
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        half = self._into_body(data, full[np.ix_(self.dof, self.dof)])
+        return self._into_body(data, half.T)
+
+    def bias(self, model: Any, data: Any) -> Array:
+        """(n,) MuJoCo's Coriolis, centrifugal and gravity forces, for the system's v."""
+        _, velocity = self.base.read(data)
+        turning = np.zeros(len(self.dof))
+        turning[:3] = np.cross(velocity[3:], velocity[:3])
+        own = self._into_body(data, data.qfrc_bias[self.dof])
+        return own + self.mass_matrix(model, data) @ turning
+
+    def acceleration(self, data: Any) -> Array:
+        """(n,) time derivative of the system's v, from MuJoCo's present qacc."""
+        return np.concatenate([self.base.acceleration(data), self.joints.acceleration(data)])
+
+    def _into_body(self, data: Any, rows: Array) -> Array:
+        """T times rows (n, ...)."""
+        attitude = pose_of(data.qpos[self.base.qpos])[3:]
+        turned = rows.copy()
+        turned[:3] = rotation(attitude).T @ rows[:3]
+        return turned
+
+
+def joint_map(model: Any, names: Sequence[str]) -> JointMap | FloatingMap:
+    """The map of a tree whose joints have these names; the first may be a free joint."""
+    if model.joint(names[0]).type[0] == mujoco.mjtJoint.mjJNT_FREE:
+        return FloatingMap(model, names[0], names[1:])
+    return JointMap(model, names)
 
 
 class PlanarMap:

@@ -87,6 +87,43 @@ def matvec(matrix, vector):
     return result
 
 
+@njit(cache=True)
+def motion_in_water(attitude, qvel, flow):
+    """(6,) ν, (6,) ν_r and (6,) ν̇_c of a body in water that flows steadily.
+
+    Args:
+        attitude: (4,) quaternion x, y, z, w, body to world.
+        qvel: (6,) MuJoCo's velocity of the free joint.
+        flow: (3,) velocity of the water in the world [m/s].
+    """
+    v = np.empty(6)
+    v[:3], v[3:] = unrotate(attitude, qvel[:3]), qvel[3:]
+    relative, carried = v.copy(), np.zeros(6)
+    current = unrotate(attitude, flow)
+    relative[:3] -= current
+    carried[:3] = cross(current, v[3:])  # the current's own rate, seen from the body
+    return v, relative, carried
+
+
+@njit(cache=True)
+def passive_wrench(rigid, added, inverse, v, relative, carried, f):
+    """(6,) the wrench, in body axes, that makes a body of M_RB alone move as f and M_A do.
+
+    Args:
+        rigid: (6, 6) M_RB.
+        added: (6, 6) M_A.
+        inverse: (6, 6) of M_RB + M_A.
+        v: (6,) ν.
+        relative: (6,) ν_r.
+        carried: (6,) ν̇_c.
+        f: (6,) all other forces on the body.
+    """
+    turning = coadjoint(6, v, matvec(rigid, v))  # −C_RB(ν) ν
+    lost = coadjoint(6, relative, matvec(added, relative))  # −C_A(ν_r) ν_r
+    f = f + (turning + lost + matvec(added, carried))
+    return matvec(rigid, matvec(inverse, f)) - turning
+
+
 @cache
 def fossen() -> Any:
     """The callback for a model whose only joint is the body's free joint."""
@@ -106,12 +143,7 @@ def fossen() -> Any:
         rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
         inverse = d[74:110].reshape(6, 6)
         attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
-        v = np.empty(6)
-        v[:3], v[3:] = unrotate(attitude, qvel[:3]), qvel[3:]
-        relative, carried = v.copy(), np.zeros(6)
-        current = unrotate(attitude, d[126:129])
-        relative[:3] -= current
-        carried[:3] = cross(current, v[3:])  # the current's own rate, seen from the body
+        v, relative, carried = motion_in_water(attitude, qvel, d[126:129])
         f = np.zeros(6)
         for i in range(6):
             f[i] = -(d[110 + i] + d[116 + i] * abs(relative[i])) * relative[i]
@@ -126,9 +158,7 @@ def fossen() -> Any:
             push = thruster[6] * shape * thruster[3:6]
             f[:3] += push
             f[3:] += cross(thruster[:3], push)
-        turning = coadjoint(6, v, matvec(rigid, v))  # −C_RB(ν) ν
-        f += turning + coadjoint(6, relative, matvec(added, relative)) + matvec(added, carried)
-        wrench = matvec(rigid, matvec(inverse, f)) - turning
+        wrench = passive_wrench(rigid, added, inverse, v, relative, carried, f)
         force[:3] += rotate(attitude, wrench[:3])
         force[3:] += wrench[3:]
 

@@ -50,6 +50,7 @@ class Plant(ABC):
         data: MuJoCo's data.
         dt: step [s].
         delay: steps from a command to the actuators.
+        mismatches: what it does and its structure does not know, in words.
     """
 
     system: SecondOrderSystem
@@ -57,6 +58,7 @@ class Plant(ABC):
     data: Any
     passive: Any | None = None  # a compiled callback, kept alive here
     delay: int = 0
+    mismatches: tuple[str, ...] = ()
 
     def _compile(self, spec: Any, mismatch: Mismatch) -> None:
         """Makes MuJoCo's model and data, with lagging and late actuators where wanted."""
@@ -64,6 +66,7 @@ class Plant(ABC):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.delay = round(mismatch.delay / self.dt)
+        self.mismatches = (*self.mismatches, *mismatch.told())
 
     @property
     def dt(self) -> float:
@@ -89,9 +92,9 @@ class Plant(ABC):
     def coordinates(self) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) velocities, exact, as the encoders would see them."""
 
-    @abstractmethod
     def position(self, coordinates: Array) -> Array:
         """(..., m) the system's position q for position numbers (..., n)."""
+        return self.system.position(coordinates)
 
     @abstractmethod
     def visuals(self) -> list[VisualMesh]:

@@ -6,23 +6,27 @@ import contextlib
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 
 from ..errors import BadRobot, UnknownName
+from ..systems.joints import floats
+
+Base = Literal["held", "free"]
+"""Whether a floating base is held still on a stand, or left to float."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A fixed-base robot as its description has it.
+    """A robot as its description has it.
 
     Attributes:
         name: its name or file.
         model: Pinocchio's model.
         visual: Pinocchio's visual geometry.
-        held: the joint by which a floating-base robot is held on a stand, "" for a fixed base.
+        held: the joint by which a floating-base robot is held on a stand, "" where there is none.
     """
 
     name: str
@@ -38,26 +42,29 @@ def known_robots() -> list[str]:
     return sorted(ROBOTS)
 
 
-def load_robot(name: str) -> Robot:
-    """Loads a robot of revolute, prismatic and continuous joints; a floating base is held still.
+def load_robot(name: str, base: Base = "held") -> Robot:
+    """Loads a robot of revolute, prismatic and continuous joints.
 
     Args:
         name: a name of example-robot-data, or the path of a URDF file.
+        base: what becomes of a floating base. A URDF file's root is one if it is to be free.
 
     Raises:
         UnknownName: no such robot, with near matches.
-        BadRobot: it cannot be loaded, has a joint of another kind, or a link without a possible
-            inertia.
+        BadRobot: it cannot be loaded, has a joint of another kind, a link without a possible
+            inertia, or no base that could be free.
     """
     if name.endswith(".urdf") or "/" in name:
-        model, visual = _load_file(Path(name))
+        model, visual = _load_file(Path(name), base)
     elif name in known_robots():
         model, visual = _load_named(name)
     else:
         remedy = "A URDF file is given by its path, ending in .urdf."
         raise UnknownName("robot", name, known_robots(), remedy)
     held = ""
-    if model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer":
+    if base == "free" and not floats(model):
+        raise BadRobot(name, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+    if base == "held" and floats(model):
         held = model.names[1]
         try:
             model, visual = pin.buildReducedModel(model, visual, [1], pin.neutral(model))
@@ -70,11 +77,12 @@ def load_robot(name: str) -> Robot:
     return Robot(name, model, visual, held)
 
 
-def _load_file(path: Path) -> tuple[pin.Model, Any]:
+def _load_file(path: Path, base: Base) -> tuple[pin.Model, Any]:
     if not path.is_file():
         raise BadRobot(str(path), "", "there is no such file", "Give the path of a URDF file.")
     try:
-        model = pin.buildModelFromUrdf(str(path))
+        root = (pin.JointModelFreeFlyer(),) if base == "free" else ()
+        model = pin.buildModelFromUrdf(str(path), *root)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         raise BadRobot(
             str(path), "", f"Pinocchio cannot read it: {error}", "Mend the URDF."
@@ -102,21 +110,21 @@ def _load_named(name: str) -> tuple[pin.Model, Any]:
 
 
 def check_joints(name: str, model: pin.Model) -> None:
-    """Accepts trees of 1-DOF joints only.
+    """Accepts trees of 1-DOF joints only, on a free flyer or not.
 
     Raises:
-        BadRobot: a joint has more than one degree of freedom, or there is none.
+        BadRobot: another joint has more than one degree of freedom, or there is none.
     """
     if model.nv == 0:
         raise BadRobot(name, "", "it has no moving joint", "Choose a robot that moves.")
-    for i in range(1, model.njoints):
+    for i in range(2 if floats(model) else 1, model.njoints):
         kind = model.joints[i].shortname()
         if model.joints[i].nv != 1:
             raise BadRobot(
                 name,
                 f"joint {model.names[i]}",
                 f"{kind} has {model.joints[i].nv} degrees of freedom",
-                "An arm is a fixed-base tree of revolute and prismatic joints.",
+                "A robot is a tree of revolute and prismatic joints.",
             )
 
 

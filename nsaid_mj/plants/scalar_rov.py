@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -89,10 +90,6 @@ class ScalarRov(Plant):
     def coordinates(self) -> tuple[Array, Array]:
         """(1,) height [m] and (1,) velocity [m/s], upwards."""
         return self.data.qpos.copy(), self.data.qvel.copy()
-
-    def position(self, coordinates: Array) -> Array:
-        """The height itself."""
-        return np.array(coordinates, dtype=np.float64)
 
     def visuals(self) -> list[VisualMesh]:
         """The hull's boxes and thrusters."""

@@ -64,10 +64,6 @@ class Vehicle(Plant):
         """(n,) position numbers and (n,) body twist."""
         return self.body.read(self.data)
 
-    def position(self, coordinates: Array) -> Array:
-        """(..., m) pose of position numbers (..., n)."""
-        return self.system.position(coordinates)
-
     def visuals(self) -> list[VisualMesh]:
         """The body's geoms."""
         return [of_geom(self.model, i) for i in range(self.model.ngeom)]

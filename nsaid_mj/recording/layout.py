@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import math
-from typing import Literal
+from typing import Any, Literal
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from ..parameters import ParameterSpace
-from .scene import ROBOT, Camera
+from .scene import CENTRE, PATH, ROBOT, TRAIL, Camera
 from .series import path
 from .text import drawable
 
+COMMANDED_ESTIMATED, ESTIMATED = "commanded (white), estimated (orange)", "estimated (orange)"
 _LINKS_ON_A_PAGE = 6
+_MARK = (255, 255, 255)
 
 
 def blueprint(
     space: ParameterSpace,
     camera: Camera | None,
     *,
+    survey: Camera | None = None,
+    arrows: bool = False,
     farthest: float,
     shared: str = "",
     rivals: bool = False,
@@ -30,6 +33,8 @@ def blueprint(
     Args:
         space: the parameters.
         camera: where the robot is seen from; None leaves the 3D view out.
+        survey: where a vehicle's whole way is seen from; None leaves it out.
+        arrows: whether forces are drawn.
         farthest: the largest ‖θ̄_P⊥‖/‖θ̂‖ there is to see.
         shared: what the shares are of ("motor gain"), "" where there are none.
         rivals: whether there are rivals to compare with.
@@ -48,9 +53,12 @@ def blueprint(
     else:
         story.append(log_distance)
     story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
-    left: list[rrb.View | rrb.Container] = [result()]
+    told = result()
+    if survey is not None:
+        told = rrb.Horizontal(way(survey), told, column_shares=[2, 3])
+    left: list[rrb.View | rrb.Container] = [told]
     if camera is not None:
-        left.insert(0, robot(camera))
+        left.insert(0, robot(camera, COMMANDED_ESTIMATED if arrows else ""))
     overview = rrb.Horizontal(
         rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
         rrb.Grid(*story, grid_columns=2 if len(story) > 3 else 1),
@@ -76,7 +84,9 @@ def blueprint(
     return _whole(overview, *estimates(space), certificates)
 
 
-def live_blueprint(space: ParameterSpace, camera: Camera | None) -> rrb.Blueprint:
+def live_blueprint(
+    space: ParameterSpace, camera: Camera | None, arrows: bool = False
+) -> rrb.Blueprint:
     """The arrangement of a run that goes on: what can be known without the truth."""
     plots = [
         plot("velocity_error", "Velocity error  Δv = v̂ − v"),
@@ -84,7 +94,7 @@ def live_blueprint(space: ParameterSpace, camera: Camera | None) -> rrb.Blueprin
         plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
     ]
     views = [rrb.Vertical(*plots)]
-    overview = rrb.Horizontal(*([robot(camera)] if camera else []), *views, name="Overview")
+    overview = rrb.Horizontal(*([robot(camera, ESTIMATED if arrows else "")] if camera else []), *views, name="Overview")
     return _whole(overview, *estimates(space, judged=False), play_state="following")
 
 
@@ -124,16 +134,51 @@ def plot(
     )
 
 
-def robot(camera: Camera) -> rrb.Spatial3DView:
-    """The robot, on its ground."""
+def robot(camera: Camera, forces: str = "") -> rrb.Spatial3DView:
+    """The robot, on its ground; a vehicle with its last way bright.
+
+    Args:
+        camera: where it is seen from.
+        forces: what the arrows are, "" where there are none.
+    """
+    since = rr.TimeRangeBoundary.cursor_relative(seconds=-camera.trail)
+    return _space(
+        camera,
+        f"Forces: {forces}" if forces else "Robot, as MuJoCo moves it",
+        {
+            PATH: _period(rr.TimeRangeBoundary.infinite(), since),
+            TRAIL: _period(since, rr.TimeRangeBoundary.cursor_relative()),
+        },
+    )
+
+
+def way(camera: Camera) -> rrb.Spatial3DView:
+    """A vehicle's whole way until now, and a mark where it is."""
+    return _space(
+        camera,
+        "Path",
+        {
+            TRAIL: [
+                _period(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.cursor_relative()),
+                rr.LineStrips3D.from_fields(radii=[rr.Radius.ui_points(1.5)]),
+            ],
+            CENTRE: [rr.Points3D.from_fields(radii=[rr.Radius.ui_points(5.0)], colors=[_MARK])],
+        },
+        [f"/{TRAIL}", f"/{CENTRE}"],
+    )
+
+
+def _space(
+    camera: Camera, name: str, overrides: dict[str, Any], contents: str | list[str] = f"/{ROBOT}/**"
+) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="/",
-        contents=f"/{ROBOT}/**",
-        name="Robot, as MuJoCo moves it",
+        contents=contents,
+        name=name,
         background=rrb.Background(color=(27, 32, 41)),
         line_grid=rrb.LineGrid3D(
             visible=True,
-            spacing=_round(camera.size / 5),
+            spacing=camera.grid,
             plane=rr.components.Plane3D.XY.with_distance(camera.ground),
             stroke_width=1.0,
             color=(90, 100, 120, 120),
@@ -144,7 +189,12 @@ def robot(camera: Camera) -> rrb.Spatial3DView:
             look_target=camera.target,
             tracking_entity=camera.follows or None,
         ),
+        overrides={f"/{entity}": override for entity, override in overrides.items()},
     )
+
+
+def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.VisibleTimeRanges:
+    return rrb.VisibleTimeRanges(timeline="sim_time", start=start, end=end)
 
 
 def result() -> rrb.TextDocumentView:
@@ -155,12 +205,6 @@ def result() -> rrb.TextDocumentView:
 def _estimate(block: str, judged: bool = True) -> rrb.TimeSeriesView:
     beside = " and its true direction (pale)" if judged else ""
     return plot(path("estimate", block), f"Estimate of {block}{beside}, / scale")
-
-
-def _round(length: float) -> float:
-    """The nearest of 1, 2, 5 · 10ⁿ [m]."""
-    n = 10.0 ** math.floor(math.log10(length))
-    return min((n, 2 * n, 5 * n, 10 * n), key=lambda step: abs(math.log(step / length)))
 
 
 def _whole(

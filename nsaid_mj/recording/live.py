@@ -15,6 +15,7 @@ from ..identifiers import State
 from ..plants import Plant
 from ..scenario import Scenario
 from ..system import Measurement
+from .forces import ESTIMATED, Arrows
 from .layout import live_blueprint
 from .scene import Scene
 from .series import Curves, estimate_names, excitation, path, velocity_names
@@ -41,6 +42,7 @@ class Live(Observer):
         self._rec: rr.RecordingStream | None = None
         self._server: subprocess.Popen[bytes] | None = None
         self._next = self._next_pose = -np.inf
+        self._arrows: Arrows | None = None
 
     def start(self, scenario: Scenario, plant: Plant) -> None:
         """Starts the viewer and shows the robot."""
@@ -77,12 +79,20 @@ class Live(Observer):
     def _start(self, plant: Plant) -> None:
         self._space, self._scene = plant.system.space, Scene(plant)
         rng = np.random.default_rng(0)  # where the robot may go, as its structure says
-        q = np.array([plant.system.random_state(rng)[0] for _ in range(20)])
-        camera = None if self._scene.empty else self._scene.camera(q)
-        layout = live_blueprint(self._space, camera)
+        states = [plant.system.random_state(rng) for _ in range(50)]
+        q, v, u = (np.array(part) for part in zip(*states, strict=True))
+        begin = plant.position(plant.coordinates()[0])
+        camera = None
+        if not self._scene.empty:
+            camera = self._scene.camera(np.vstack([begin, q[:20]]), v)
+        if camera and self._scene.vehicle:
+            self._arrows = Arrows.of(plant.system, camera.size, q, v, u, self._space.scale)
+        layout = live_blueprint(self._space, camera, self._arrows is not None)
         rec = rr.RecordingStream(drawable(f"nsaid_mj {self._name} live"))
         rec.connect_grpc(self._open() if has_display() else self._serve(), default_blueprint=layout)
-        self._scene.log_shapes(rec, camera)
+        self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
+        if self._arrows:
+            self._arrows.log_style(rec, ESTIMATED)
         for curve in _curves(plant):
             curve.log_style(rec)
         self._rec = rec
@@ -125,7 +135,10 @@ class Live(Observer):
         rec.log("excitation/perpendicular", rr.Scalars(levels[1]))
         begin = time.perf_counter()
         if begin >= self._next_pose:
-            self._scene.log_poses(rec, np.array([measurement.t]), measurement.q[None])
+            t, q, v, u = (np.array([part]) for part in measurement)
+            self._scene.log_poses(rec, t, q)
+            if self._arrows:
+                self._arrows.log(rec, ESTIMATED, t, q, v, u, state.theta_hat)
             self._next_pose = begin + _SHARE * (time.perf_counter() - begin)
 
     def _give_up(self, error: Exception) -> None:

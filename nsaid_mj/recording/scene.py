@@ -1,4 +1,4 @@
-"""The robot in 3D: its meshes where it has any, else the skeleton of its joints."""
+"""The robot in 3D: its meshes where it has any, else the skeleton of its joints; a vehicle's path."""
 
 from __future__ import annotations
 
@@ -10,12 +10,20 @@ import rerun as rr
 
 from ..parameters import Array
 from ..plants import Plant
-from ..systems.multibody import Multibody
+from ..plants.vehicle import body_poses
+from ..system import SecondOrderSystem
+from ..systems.joints import JointTree
 
 ROBOT = "robot"
-_FAR = 4.0  # a robot that reaches so many times its own size travels
+CENTRE, PATH, TRAIL = f"{ROBOT}/centre", f"{ROBOT}/path", f"{ROBOT}/trail"
+_POSE = {6: 7, 3: 3}  # how many of the positions are a body's pose, by the group of its twist
+_TRAIL = 12.0  # how many times its size of a vehicle's last way is bright …
+_SHORTEST, _LONGEST = 1.0, 20.0  # … and for how long [s]
+_EYE = np.array([1.15, -1.45, 0.65]) / np.linalg.norm([1.15, -1.45, 0.65])
 _CREASE = np.cos(np.radians(35))  # faces that meet at more than this angle keep their edge
 _JOINT, _BONE, _STAND = (255, 176, 59), (130, 170, 255), (70, 78, 92)
+_WAY, _LAST_WAY = (58, 104, 128), (64, 214, 224)
+_GHOST, _LIGHT = 0.5, 0.25  # opacity, and share of white, of a vehicle that arrows go through
 
 
 @dataclass(frozen=True)
@@ -27,14 +35,18 @@ class Camera:
         target: (3,) what it looks at [m].
         size: radius of what there is to see [m].
         ground: height of the ground grid [m].
+        grid: distance of its lines [m].
         follows: the entity that the eye goes along with, "" where it stands still.
+        trail: for how long a vehicle's way stays bright [s].
     """
 
     position: Array
     target: Array
     size: float
     ground: float
+    grid: float
     follows: str = ""
+    trail: float = 0.0
 
 
 class Scene:
@@ -42,31 +54,47 @@ class Scene:
 
     Args:
         plant: what is drawn.
+
+    Attributes:
+        vehicle: whether a body moves freely, in space or in the plane.
     """
 
     def __init__(self, plant: Plant):
         self._plant, self._meshes = plant, plant.visuals()
         self._paths = [f"{ROBOT}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
-        model = plant.system.model if isinstance(plant.system, Multibody) else None
-        self._skeleton = model if not self._meshes else None
+        tree = plant.system if isinstance(plant.system, JointTree) else None
+        self._skeleton = tree.model if tree and not self._meshes else None
+        self.vehicle = plant.system.group > 0
+        self._place = np.zeros((0, 3))  # (1, 3) where a vehicle was when it was last drawn
 
     @property
     def empty(self) -> bool:
         """Whether there is nothing to draw."""
         return not self._meshes and self._skeleton is None
 
-    def log_shapes(self, rec: rr.RecordingStream, camera: Camera | None) -> None:
-        """Logs what does not move: axes, meshes, a stand from the ground to an arm's foot."""
+    def log_shapes(
+        self, rec: rr.RecordingStream, camera: Camera | None, ghost: bool = False
+    ) -> None:
+        """Logs what does not move: axes, meshes, a stand from the ground to an arm's foot.
+
+        Args:
+            rec: where to.
+            camera: where it is seen from, None if it is not.
+            ghost: lets what is inside the meshes be seen.
+        """
         rec.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for path, mesh in zip(self._paths, self._meshes, strict=True):
             vertices, triangles, normals = shaded(mesh.vertices, mesh.triangles)
+            color = np.array(mesh.color)
+            if ghost:
+                color = np.append(color[:3] + _LIGHT * (1 - color[:3]), _GHOST * color[3])
             rec.log(
                 path,
                 rr.Mesh3D(
                     vertex_positions=vertices,
                     triangle_indices=triangles,
                     vertex_normals=normals,
-                    albedo_factor=[round(255 * c) for c in mesh.color],
+                    albedo_factor=[round(255 * c) for c in color],
                 ),
                 static=True,
             )
@@ -78,7 +106,13 @@ class Scene:
             joints = rr.Points3D.from_fields(colors=[_JOINT], radii=[2.5 * width])
             rec.log(f"{ROBOT}/links", links, static=True)
             rec.log(f"{ROBOT}/joints", joints, static=True)
-        if camera.ground < 0 and isinstance(self._plant.system, Multibody):
+        if self.vehicle:
+            for path, color, width in ((PATH, _WAY, 1.0), (TRAIL, _LAST_WAY, 1.8)):
+                way = rr.LineStrips3D.from_fields(colors=[color], radii=[rr.Radius.ui_points(width)])
+                rec.log(path, way, static=True)
+            centre = rr.Points3D.from_fields(colors=[_LAST_WAY], radii=[0.01 * camera.size])
+            rec.log(CENTRE, centre, static=True)
+        elif camera.ground < 0 and isinstance(self._plant.system, JointTree):
             stand = rr.Cylinders3D(  # an arm that reaches below its foot stands on something
                 lengths=[-camera.ground],
                 radii=[0.045 * camera.size],
@@ -89,8 +123,13 @@ class Scene:
             rec.log(f"{ROBOT}/stand", stand, static=True)
 
     def log_poses(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
-        """Logs the poses at times t (k,) [s] and positions q (k, m), all at once."""
+        """Logs the poses at times t (k,) [s] and positions q (k, m), all at once.
+
+        A vehicle's way goes on from where it was logged last.
+        """
         time = rr.TimeColumn("sim_time", duration=t)
+        if self.vehicle:
+            self._log_way(rec, t, q)
         if self._skeleton is not None:
             bones = self._bones(q)
             count = bones.shape[1]
@@ -106,18 +145,50 @@ class Scene:
             )
             rec.send_columns(path, [time], pose)
 
-    def camera(self, q: Array) -> Camera:
-        """A view of all that the positions q (k, m) reach, or of a vehicle that goes far."""
+    def _log_way(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
+        """Logs where a vehicle is, and the step from where it was: a view shows many of them."""
+        places = base_poses(self._plant.system, q)[0]
+        centre = rr.Points3D.columns(positions=places)
+        rec.send_columns(CENTRE, [rr.TimeColumn("sim_time", duration=t)], centre)
+        stops = np.vstack([self._place, places])
+        self._place = places[-1:]
+        steps = np.stack([stops[:-1], stops[1:]], axis=1)
+        if len(steps):
+            time = rr.TimeColumn("sim_time", duration=t[-len(steps) :])
+            for path in (PATH, TRAIL):
+                strips = rr.LineStrips3D.columns(strips=list(steps)).partition([1] * len(steps))
+                rec.send_columns(path, [time], strips)
+
+    def camera(self, q: Array, v: Array) -> Camera:
+        """A view of all that the positions q (k, m) reach, or of a vehicle as it goes.
+
+        Args:
+            q: (k, m) positions, the first of them where the run begins.
+            v: (k, n) velocities.
+        """
         points, first = self._reach(q), self._reach(q[:1])
-        follows = ""
-        if self._paths and np.ptp(points, axis=0).max() > _FAR * np.ptp(first, axis=0).max():
-            points, follows = first, self._paths[0]
+        lowest = float(points[:, 2].min())
+        if self.vehicle:
+            points = first
         low, high = points.min(axis=0), points.max(axis=0)
         target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
-        ground = min(0.0, float(low[2])) if low[2] < 0.2 * size else 0.0
-        eye = np.array([1.15, -1.45, 0.65])
-        away = (2.6 if follows else 1.6) * size  # an arm never fills all of its reach at once
-        return Camera(target + away * eye / np.linalg.norm(eye), target, size, ground, follows)
+        if not self.vehicle:
+            away, ground = 1.6 * size, min(0.0, lowest) if lowest < 0.2 * size else 0.0
+            return Camera(target + away * _EYE, target, size, ground, rounded(size / 5))
+        target = base_poses(self._plant.system, q[:1])[0][0]
+        linear = 3 if self._plant.system.group == 6 else 2
+        speed = float(np.sqrt(np.mean(np.sum(v[:, :linear] ** 2, axis=1))))
+        trail = float(np.clip(_TRAIL * size / max(speed, 1e-9), _SHORTEST, _LONGEST))
+        grid = rounded(max(2 * size, (target[2] - lowest) / 5))
+        return Camera(target + 2.7 * size * _EYE, target, size, lowest, grid, CENTRE, trail)
+
+    def survey(self, q: Array) -> Camera:
+        """A view of a vehicle's whole way over positions q (k, m)."""
+        places = base_poses(self._plant.system, q)[0]
+        low, high = places.min(axis=0), places.max(axis=0)
+        target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
+        ground = float(self._reach(q)[:, 2].min())
+        return Camera(target + 2.2 * size * _EYE, target, size, ground, rounded(size / 5))
 
     def _reach(self, q: Array) -> Array:
         """(…, 3) corners of the meshes' boxes, or the joints, at positions q (k, m)."""
@@ -142,7 +213,8 @@ class Scene:
         for configuration in q:
             pin.forwardKinematics(model, data, configuration)
             origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
-            segments = [(origin[i], origin[model.parents[i]]) for i in range(1, model.njoints)]
+            joints = range(2 if self.vehicle else 1, model.njoints)  # a base hangs on nothing
+            segments = [(origin[i], origin[model.parents[i]]) for i in joints]
             segments += [
                 (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
                 for f in frames
@@ -179,6 +251,17 @@ def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, A
     normals = np.where(norm > 0, normals / np.where(norm > 0, norm, 1), [0.0, 0.0, 1.0])
     count = np.arange(3 * len(triangles), dtype=np.uint32)
     return corners.reshape(-1, 3), count.reshape(-1, 3), normals.reshape(-1, 3)
+
+
+def base_poses(system: SecondOrderSystem, q: Array) -> tuple[Array, Array]:
+    """(k, 3) places [m] and (k, 3, 3) attitudes of a vehicle's body at positions q (k, m)."""
+    return body_poses(q[:, : _POSE[system.group]])
+
+
+def rounded(length: float) -> float:
+    """The nearest of 1, 2, 5 · 10ⁿ [m]."""
+    n = 10.0 ** np.floor(np.log10(length))
+    return min((n, 2 * n, 5 * n, 10 * n), key=lambda step: abs(np.log(step / length)))
 
 
 def _rotate(quaternions: Array, points: Array) -> Array:

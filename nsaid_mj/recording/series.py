@@ -23,6 +23,10 @@ PALETTE = (
     (64, 210, 210), (240, 215, 80), (255, 140, 200), (165, 140, 115), (170, 215, 110),
     (140, 160, 190), (230, 230, 230),
 )  # fmt: skip
+_TWIST = {
+    6: ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate"),
+    3: ("u", "v", "r"),
+}  # of the body's velocities, by their number
 _PALE = 0.55  # how much of a colour the true direction's line keeps
 
 
@@ -81,10 +85,19 @@ def estimate_names(block: Block) -> list[str]:
             zip(block.names, block.scale, block.units, strict=True)]  # fmt: skip
 
 
-def velocity_names(plant: Plant, letter: str = "Δv") -> list[str]:
-    """Names of Δv, or of v, with units."""
-    units = plant.system.velocity_units
-    return [f"{letter}_{i} [{unit}]" for i, unit in enumerate(units, start=1)]
+def velocity_names(plant: Plant, mark: str = "Δ") -> list[str]:
+    """Names of the velocities, or of their errors, with units.
+
+    A body's twist has names of its own; any other velocity has its number.
+
+    Args:
+        plant: whose they are.
+        mark: what stands before each.
+    """
+    units, twist = plant.system.velocity_units, _TWIST.get(plant.system.group, ())
+    names = [mark + name for name in twist]
+    names += [f"{mark}v_{i}" for i in range(len(twist) + 1, len(units) + 1)]
+    return [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
 
 
 def excitation(everywhere: Array, perpendicular: Array) -> list[Curves]:
@@ -102,6 +115,11 @@ def shares(theta_hat: Array, truth: Array) -> Array:
     """(N, k) estimate over truth, relative to its mean over the k parameters: 1 is right."""
     ratio = theta_hat / truth
     return ratio / ratio.mean(axis=1, keepdims=True)
+
+
+def along(theta_s: Array, true_s: Array) -> Array:
+    """(N,) the common factor by which estimates (N, p) come nearest to the truth (p,), in θ/scale."""
+    return (theta_s @ true_s) / (true_s @ true_s)
 
 
 def shared(space: ParameterSpace, r: int, truth: Array) -> Indices:
@@ -129,8 +147,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices) -> list[Curves]:
     space, law = system.space, run.identifiers[""]
     theta_hat, v = record["theta_hat"][rows], record["v"][rows]
     theta_s, true_s = theta_hat / space.scale, truth / space.scale
-    along = (theta_s @ true_s) / (true_s @ true_s)
-    direction = along[:, None] * true_s
+    direction = along(theta_s, true_s)[:, None] * true_s
     found = [
         Curves("velocity_error", velocity_names(run.plant), record["v_hat"][rows] - v),
         Curves(
@@ -140,7 +157,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices) -> list[Curves]:
         ),
         Curves("lyapunov", ["V (66) [J]"], lyapunov(system, law, record, truth)[rows, None]),
         *excitation(record["pe"][rows, None], record["pe_perp"][rows, None]),
-        Curves("velocity", velocity_names(run.plant, "v"), v),
+        Curves("velocity", velocity_names(run.plant, ""), v),
         Curves("command", [f"u_{i} [1]" for i in range(1, system.n_u + 1)], record["u"][rows]),
     ]
     for block, place in space:

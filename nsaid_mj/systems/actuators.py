@@ -37,3 +37,48 @@ def thrusters(F, start, allocation, curve, u):
         for i in range(F.shape[0]):
             F[i, start + j] = allocation[i, j] * thrust
     return start + u.shape[0]
+
+
+@njit(cache=True)
+def fins(F, start, allocation, v, angles):
+    """Lift |u| (u δ − eᵀ(v + ω × r)) of every fin along its e at its r, then drag (u δ)²; 2 k columns.
+
+    To first order u δ − eᵀ(v + ω × r) is u times the angle at which the fin meets the flow.
+
+    Args:
+        F: (6, p) to write into.
+        start: first column.
+        allocation: (2, 6, k) unit wrenches of the lifts, and of the drags.
+        v: (6,) velocity.
+        angles: (k,) deflections δ [rad], positive where they lift along e.
+    """
+    k = angles.shape[0]
+    u = v[0]
+    for j in range(k):
+        sideways = 0.0  # eᵀ(v + ω × r), by the same wrench
+        for i in range(6):
+            sideways += allocation[0, i, j] * v[i]
+        lift, drag = abs(u) * (u * angles[j] - sideways), abs(u) * u * angles[j] ** 2
+        for i in range(6):
+            F[i, start + j] = allocation[0, i, j] * lift
+            F[i, start + k + j] = allocation[1, i, j] * drag
+    return start + 2 * k
+
+
+@njit(cache=True)
+def propeller(F, start, v, u):
+    """Thrust along x, its loss with speed, and the torque about −x; 3 columns.
+
+    The linear fit of a propeller's curves over its advance ratio: T n|n| − L |n| v_x, with n in
+    shares of full speed.
+
+    Args:
+        F: (6, p) to write into.
+        start: first column.
+        v: (6,) velocity.
+        u: command n in [−1, 1].
+    """
+    F[0, start] = abs(u) * u
+    F[0, start + 1] = -abs(u) * v[0]
+    F[3, start + 2] = -abs(u) * u
+    return start + 3

@@ -1,14 +1,14 @@
-"""Fixed-base trees of revolute and prismatic joints, (5), through Pinocchio's regressors.
+"""Trees of revolute and prismatic joints (5), fixed or afloat, through Pinocchio's regressors.
 
-θ = ten inertial parameters of every link, then, for every joint, rotor inertia (where the robot
-has any), viscous and Coulomb friction, motor gain. Link inertias are about the joint-frame origin
-in joint axes, in Pinocchio's order: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+θ = ten inertial parameters of every link, the base first where it floats, then, for every joint,
+rotor inertia (where the robot has any), viscous and Coulomb friction, motor gain. Link inertias are
+about the joint-frame origin in joint axes, in Pinocchio's order: m, m·c (3), Ixx, Ixy, Iyy, Ixz,
+Iyz, Izz.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -16,26 +16,28 @@ from numba import njit
 
 from ..kernels import cholesky, solve
 from ..parameters import Array, Block, ParameterSpace
-from ..system import Instant, SecondOrderSystem
+from ..spatial import bracket
+from ..system import Instant
+from .joints import JointTree
 
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 _INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
-_UNLIMITED = np.pi  # a joint without limits is probed over one turn, or this many metres
+_BASE_SPEED = 1.0  # a base that floats is probed at up to this [m/s, rad/s]
 
 
 @dataclass(frozen=True)
 class JointScales:
-    """What a data sheet tells of an arm: one guess for each link and joint.
+    """What a data sheet tells of a robot: one guess for each of its b bodies and k joints.
 
     Attributes:
-        mass: (n,) link masses [kg].
-        length: (n,) sizes of the links [m].
-        viscous: (n,) viscous friction [N·m·s/rad or N·s/m].
-        coulomb: (n,) Coulomb friction [N·m or N].
-        gain: (n,) motor gains [N·m or N per unit of command].
-        speed: (n,) speeds of operation [rad/s or m/s].
-        command: (n,) commands of operation [units of command].
-        rotor: (n,) reflected rotor inertias [kg·m² or kg]; None leaves them out of θ.
+        mass: (b,) masses of the bodies, the base first where it floats [kg].
+        length: (b,) sizes of the bodies [m].
+        viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
+        coulomb: (k,) Coulomb friction [N·m or N].
+        gain: (k,) motor gains [N·m or N per unit of command].
+        speed: (k,) speeds of operation [rad/s or m/s].
+        command: (k,) commands of operation [units of command].
+        rotor: (k,) reflected rotor inertias [kg·m² or kg]; None leaves them out of θ.
     """
 
     mass: Array
@@ -48,39 +50,39 @@ class JointScales:
     rotor: Array | None = None
 
 
-class Multibody(SecondOrderSystem):
-    """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5).
+class Multibody(JointTree):
+    """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5), with motors on the joints only.
 
     C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
-    C(q, v) w = R_0(q, (v+w)/2, 0) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew.
+    C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
+    the Lie bracket of the base's twists, 0 where the base is fixed: rates of joints commute.
     Friction is `viscous·v + coulomb·tanh(v/friction_speed)`.
 
     Args:
         model: kinematics and gravity; its inertias are not read and not kept.
         scales: data-sheet guesses, which become the scale of θ.
-        friction_speed: (n,) joint speed at which Coulomb friction is developed [rad/s or m/s].
+        friction_speed: (k,) joint speed at which Coulomb friction is developed [rad/s or m/s].
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
-        self.model = pin.Model(model)
-        for i in range(self.model.njoints):
-            self.model.inertias[i] = pin.Inertia.Zero()  # structure only: no true value in here
-        self.model.armature[:] = 0.0
+        super().__init__(model)
         self._weightless = pin.Model(self.model)
         self._weightless.gravity.setZero()
         self._data, self._data_0 = self.model.createData(), self._weightless.createData()
-        self.n, self.m, self.n_u = self.model.nv, self.model.nq, self.model.nv
+        self.n_u = len(self.joints)
         self.scales, self.friction_speed = scales, np.asarray(friction_speed, dtype=np.float64)
-        self.space = _space(self.model, scales)
-        self._links = 10 * self.n
+        self.space = _space(self, scales)
+        self._links = 10 * self.bodies
         self._zero = np.zeros(self.n)
         self._unit = np.eye(self.n)
-        self._joint = np.arange(self.n)
-        self._rotor = self.space["rotor inertia"].start if scales.rotor is not None else None
-        self._viscous = self.space["viscous friction"].start
-        self._coulomb = self.space["Coulomb friction"].start
-        self._gain = self.space["motor gain"].start
+        self._joint = np.arange(self.n_u)
+        self._moved = self.group + self._joint  # the velocity of each joint
+        rotors = 0 if scales.rotor is None else self.n_u
+        self._rotor = self._links if rotors else None
+        self._viscous = self._links + rotors
+        self._coulomb, self._gain = self._viscous + self.n_u, self._viscous + 2 * self.n_u
         self._at = (
+            self.group,
             -1 if self._rotor is None else self._rotor,
             self._viscous,
             self._coulomb,
@@ -88,7 +90,7 @@ class Multibody(SecondOrderSystem):
         )
         self._smallest_mass = 1e-6 * scales.mass
         self._parents = np.array([parent - 1 for parent in list(self.model.parents)[1:]])
-        self._plain = self.m == self.n  # no continuous joint: positions add
+        self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
 
     # -- regressors ----------------------------------------------------------------------------
 
@@ -100,7 +102,7 @@ class Multibody(SecondOrderSystem):
         W = np.zeros((self.n, self.p))
         W[:, : self._links] = self._torque_regressor(q, self._zero, a)
         if self._rotor is not None:
-            W[self._joint, self._rotor + self._joint] = a
+            W[self._moved, self._rotor + self._joint] = a[self.group :]
         return W
 
     def _mass_tensor(self, q: Array) -> Array:
@@ -108,13 +110,13 @@ class Multibody(SecondOrderSystem):
         for j in range(self.n):
             tensor[j, :, : self._links] = self._torque_regressor(q, self._zero, self._unit[j])
         if self._rotor is not None:
-            tensor[self._joint, self._joint, self._rotor + self._joint] = 1.0
+            tensor[self._moved, self._moved, self._rotor + self._joint] = 1.0
         return tensor
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
         W = np.zeros((self.n, self.p))
         np.subtract(
-            self._torque_regressor(q, 0.5 * (v + w), self._zero),
+            self._torque_regressor(q, 0.5 * (v + w), 0.5 * bracket(self.group, v, w)),
             self._torque_regressor(q, 0.5 * (v - w), self._zero),
             out=W[:, : self._links],
         )
@@ -128,89 +130,39 @@ class Multibody(SecondOrderSystem):
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         W = -self._joint_forces(v, u)
+        turned = a + 0.5 * bracket(self.group, v, w)
         np.subtract(
-            pin.computeJointTorqueRegressor(self.model, self._data, q, 0.5 * (v + w), a),
+            pin.computeJointTorqueRegressor(self.model, self._data, q, 0.5 * (v + w), turned),
             self._torque_regressor(q, 0.5 * (v - w), self._zero),
             out=W[:, : self._links],
         )
         if self._rotor is not None:
-            W[self._joint, self._rotor + self._joint] = a
+            W[self._moved, self._rotor + self._joint] = a[self.group :]
         return W
 
     def _joint_forces(self, v: Array, u: Array) -> Array:
         """(n, p) columns of friction and motors; those of the links are 0."""
-        F = np.zeros((self.n, self.p))
-        F[self._joint, self._viscous + self._joint] = -v
-        F[self._joint, self._coulomb + self._joint] = -np.tanh(v / self.friction_speed)
-        F[self._joint, self._gain + self._joint] = u
+        F, rate = np.zeros((self.n, self.p)), v[self.group :]
+        F[self._moved, self._viscous + self._joint] = -rate
+        F[self._moved, self._coulomb + self._joint] = -np.tanh(rate / self.friction_speed)
+        F[self._moved, self._gain + self._joint] = u
         return F
 
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
-        """The arm at one measured state and command."""
+        """The robot at one measured state and command."""
         if self.n == 1:  # Pinocchio squeezes a single joint's matrices to vectors
             return Instant(self, t, q, v, u)
-        return _ArmInstant(self, t, q, v, u)
-
-    # -- kinematics ----------------------------------------------------------------------------
-
-    def integrate(self, q: Array, dq: Array) -> Array:
-        """q ⊕ dq; continuous joints stay on the unit circle."""
-        return q + dq if self._plain else pin.integrate(self.model, q, dq)
-
-    def difference(self, q0: Array, q1: Array) -> Array:
-        """q1 ⊖ q0; for continuous joints the short way round."""
-        return q1 - q0 if self._plain else pin.difference(self.model, q0, q1)
-
-    def J(self, q: Array) -> Array:
-        """(m, n) with q̇ = J v (3): 1 for a joint's number, (−sin, cos) for a continuous joint."""
-        J = np.zeros((self.m, self.n))
-        for joint in list(self.model.joints)[1:]:
-            if joint.nq == 2:
-                J[joint.idx_q : joint.idx_q + 2, joint.idx_v] = -q[joint.idx_q + 1], q[joint.idx_q]
-            else:
-                J[joint.idx_q, joint.idx_v] = 1.0
-        return J
-
-    @cached_property
-    def limits(self) -> tuple[Array, Array]:
-        """(n,), (n,) joint range; one turn about zero where the model states none."""
-        low, high = -_UNLIMITED * np.ones(self.n), _UNLIMITED * np.ones(self.n)
-        for joint in list(self.model.joints)[1:]:
-            if joint.nq == 1:
-                a = self.model.lowerPositionLimit[joint.idx_q]
-                b = self.model.upperPositionLimit[joint.idx_q]
-                if np.isfinite([a, b]).all() and a < b:
-                    low[joint.idx_v], high[joint.idx_v] = max(a, -10.0), min(b, 10.0)
-        return low, high
-
-    def position(self, coordinates: Array) -> Array:
-        """(..., m) position q of one number for each joint (..., n): angle [rad] or travel [m]."""
-        if self._plain:
-            return np.array(coordinates, dtype=np.float64)
-        coordinates = np.asarray(coordinates, dtype=np.float64)
-        q = np.zeros((*coordinates.shape[:-1], self.m))
-        for joint in list(self.model.joints)[1:]:
-            c = coordinates[..., joint.idx_v]
-            if joint.nq == 2:
-                q[..., joint.idx_q], q[..., joint.idx_q + 1] = np.cos(c), np.sin(c)
-            else:
-                q[..., joint.idx_q] = c
-        return q
-
-    @cached_property
-    def velocity_units(self) -> tuple[str, ...]:
-        """One unit for each velocity: rad/s, or m/s for a prismatic joint."""
-        return tuple("m/s" if slides else "rad/s" for slides in _slides(self.model))
+        return _TreeInstant(self, t, q, v, u)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a configuration within the limits, speeds and commands of operation."""
         q = self.position(rng.uniform(*self.limits))
-        v = self.scales.speed * rng.uniform(-1, 1, self.n)
-        return q, v, self.scales.command * rng.uniform(-1, 1, self.n)
+        v = self._speed * rng.uniform(-1, 1, self.n)
+        return q, v, self.scales.command * rng.uniform(-1, 1, self.n_u)
 
 
-class _ArmInstant(Instant):
-    """An arm at one state: M(q, θ̂) by the composite rigid body algorithm under θ̂'s inertias.
+class _TreeInstant(Instant):
+    """A robot at one state: M(q, θ̂) by the composite rigid body algorithm under θ̂'s inertias.
 
     That is four times cheaper than n regressors, but Pinocchio stores centres of mass, h/m, and
     adds inertias by dividing by the sum of their masses: where a link's mass is near 0, or what
@@ -221,62 +173,66 @@ class _ArmInstant(Instant):
 
     def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
         """As in the base class."""
-        arm, q, v, zero = self.system, self.q, self.v, self.system._zero
-        massive, plus, minus = _prepare(v, w, theta, arm._smallest_mass, arm._parents)
+        tree, q, v, zero = self.system, self.q, self.v, self.system._zero
+        massive, plus, minus, turned = _prepare(
+            v, w, theta, tree._smallest_mass, tree._parents, tree.group
+        )
         if not massive:
             return super().evaluate(w, theta)
-        model, data, weightless, data_0 = arm.model, arm._data, arm._weightless, arm._data_0
+        model, data, weightless, data_0 = tree.model, tree._data, tree._weightless, tree._data_0
         regressor, inertias = pin.computeJointTorqueRegressor, model.inertias
-        for i in range(arm.n):
+        for i in range(tree.bodies):
             inertias[i + 1] = pin.Inertia.FromDynamicParameters(theta[10 * i : 10 * i + 10])
         a_hat, W, pivot = _accelerate(
             pin.crba(model, data, q),
-            regressor(model, data, q, plus, zero),
+            regressor(model, data, q, plus, turned),
             regressor(weightless, data_0, q, minus, zero),
-            v, arm.friction_speed, self.u, theta, arm._at,
+            v, tree.friction_speed, self.u, theta, tree._at,
         )  # fmt: skip
         if pivot > 0:
-            _accelerated(W, regressor(weightless, data_0, q, zero, a_hat), a_hat, arm._at)
+            _accelerated(W, regressor(weightless, data_0, q, zero, a_hat), a_hat, tree._at)
         return a_hat, W, pivot
 
     def commanded(self, t: float, u: Array) -> Instant:
         """The same state under another command."""
-        return _ArmInstant(self.system, t, self.q, self.v, u)
+        return _TreeInstant(self.system, t, self.q, self.v, u)
 
 
 @njit(cache=True)
-def _prepare(v, w, theta, smallest, parents):
-    """Whether all masses are fit for Pinocchio's inertias; (v + w)/2; (v − w)/2.
+def _prepare(v, w, theta, smallest, parents, group):
+    """Whether all masses are fit for Pinocchio's inertias; (v + w)/2; (v − w)/2; ½[v, w].
 
-    Fit is: no link is within ±smallest (n,) of 0, and no joint carries less than its smallest.
+    Fit is: no body is within ±smallest (b,) of 0, and no joint carries less than its smallest.
     """
-    n = smallest.shape[0]
-    carried = theta[: 10 * n : 10].copy()
-    for i in range(n - 1, -1, -1):
+    bodies = smallest.shape[0]
+    carried = theta[: 10 * bodies : 10].copy()
+    for i in range(bodies - 1, -1, -1):
         if not (abs(theta[10 * i]) >= smallest[i] and carried[i] >= smallest[i]):
-            return False, v, w
+            return False, v, w, v
         if parents[i] >= 0:
             carried[parents[i]] += carried[i]
-    return True, 0.5 * (v + w), 0.5 * (v - w)
+    return True, 0.5 * (v + w), 0.5 * (v - w), 0.5 * bracket(group, v, w)
 
 
 @njit(cache=True)
 def _accelerate(M, with_weight, without, v, friction_speed, u, theta, at):
     """â of (29), W_C − F, and M̂'s smallest pivot; `M` is Pinocchio's upper triangle of links."""
     n, links = with_weight.shape
-    rotor, viscous, coulomb, gain = at
+    base, rotor, viscous, coulomb, gain = at
     W = np.zeros((n, theta.shape[0]))
     L, M_hat = np.zeros((n, n)), np.empty((n, n))
     for i in range(n):
         for k in range(links):
             W[i, k] = with_weight[i, k] - without[i, k]
-        W[i, viscous + i] = v[i]
-        W[i, coulomb + i] = np.tanh(v[i] / friction_speed[i])
-        W[i, gain + i] = -u[i]
         for j in range(i + 1):
             M_hat[i, j] = M[j, i]
+    for k in range(n - base):
+        i = base + k
+        W[i, viscous + k] = v[i]
+        W[i, coulomb + k] = np.tanh(v[i] / friction_speed[k])
+        W[i, gain + k] = -u[k]
         if rotor >= 0:
-            M_hat[i, i] += theta[rotor + i]
+            M_hat[i, i] += theta[rotor + k]
     pivot = cholesky(M_hat, L)
     if not pivot > 0.0:
         return np.full(n, np.nan), W, pivot
@@ -290,39 +246,52 @@ def _accelerated(W, W_M, a, at):
     for i in range(n):
         for k in range(links):
             W[i, k] += W_M[i, k]
-        if at[0] >= 0:
-            W[i, at[0] + i] += a[i]
+    base, rotor = at[0], at[1]
+    if rotor >= 0:
+        for k in range(n - base):
+            W[base + k, rotor + k] += a[base + k]
 
 
-def _slides(model: pin.Model) -> list[bool]:
-    """Which joints are prismatic."""
-    return [joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]]
+def inertial_block(number: int, mass: float, length: float) -> Block:
+    """The ten inertial parameters of a body, of a guessed mass [kg] and size [m]; 0 is the base."""
+    return Block(
+        f"link {number}" if number else "base",
+        tuple(f"{name}_{number}" for name in INERTIAL),
+        _INERTIAL_UNITS,
+        mass * np.repeat([1.0, length, length**2], [1, 3, 6]),
+        "pseudo_inertia",
+    )
 
 
-def _space(model: pin.Model, s: JointScales) -> ParameterSpace:
-    joints = range(1, model.njoints)
-    links = [
-        Block(
-            f"link {i}",
-            tuple(f"{name}_{i}" for name in INERTIAL),
-            _INERTIAL_UNITS,
-            s.mass[i - 1] * np.repeat([1.0, s.length[i - 1], s.length[i - 1] ** 2], [1, 3, 6]),
-            "pseudo_inertia",
-        )
-        for i in joints
-    ]
-    slides = _slides(model)
+def joint_block(
+    name: str, letter: str, units: tuple[str, str], slides: list[bool], scale: Array, **kinds: bool
+) -> Block:
+    """One positive parameter for each joint; units of turning and of sliding ones."""
+    return Block(
+        name,
+        tuple(f"{letter}_{i + 1}" for i in range(len(slides))),
+        tuple(units[sliding] for sliding in slides),
+        scale,
+        "positive",
+        **kinds,
+    )
 
-    def per_joint(name: str, letter: str, turn: str, slide: str, scale: Array, actuator=False):
-        units = tuple(slide if sliding else turn for sliding in slides)
-        return Block(
-            name, tuple(f"{letter}_{i}" for i in joints), units, scale, "positive", actuator
-        )
 
-    blocks = list(links)
+def joint_blocks(slides: list[bool], s: JointScales) -> list[Block]:
+    """Rotor inertia where there is any, friction and motor gain of joints, if there are joints."""
+    blocks = []
     if s.rotor is not None:
-        blocks.append(per_joint("rotor inertia", "rotor", "kg·m²", "kg", s.rotor))
-    blocks.append(per_joint("viscous friction", "viscous", "N·m·s/rad", "N·s/m", s.viscous))
-    blocks.append(per_joint("Coulomb friction", "coulomb", "N·m", "N", s.coulomb))
-    blocks.append(per_joint("motor gain", "gain", "N·m/unit", "N/unit", s.gain, actuator=True))
-    return ParameterSpace(tuple(blocks))
+        blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), slides, s.rotor))
+    for name, letter, units, scale, actuator in (
+        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, False),
+        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, False),
+        ("motor gain", "gain", ("N·m/unit", "N/unit"), s.gain, True),
+    ):
+        blocks.append(joint_block(name, letter, units, slides, scale, actuator=actuator))
+    return blocks if slides else []
+
+
+def _space(tree: JointTree, s: JointScales) -> ParameterSpace:
+    first = 0 if tree.group else 1
+    links = [inertial_block(first + i, s.mass[i], s.length[i]) for i in range(tree.bodies)]
+    return ParameterSpace((*links, *joint_blocks(tree.slides, s)))

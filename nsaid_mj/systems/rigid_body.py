@@ -22,8 +22,8 @@ from ..spatial import (
     planar_integrate,
     pose_difference,
     pose_integrate,
+    pose_jacobian,
     quaternion_of,
-    rotation,
 )
 from ..system import ConstantInertia, SecondOrderSystem
 
@@ -75,15 +75,10 @@ class RigidBody(SecondOrderSystem):
 
     def J(self, q: Array) -> Array:
         """(m, n) of q̇ = J ν (3): ṗ = R v, and half the quaternion times ω; ψ̇ = r."""
-        J = np.zeros((self.m, self.n))
-        if self.n == 3:
-            c, s = np.cos(q[2]), np.sin(q[2])
-            J[:] = [[c, -s, 0], [s, c, 0], [0, 0, 1]]
-            return J
-        x, y, z, w = q[3:]
-        J[:3, :3] = rotation(q[3:])
-        J[3:, 3:] = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]])
-        return J
+        if self.n == 6:
+            return pose_jacobian(q)
+        c, s = np.cos(q[2]), np.sin(q[2])
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def position(self, coordinates: Array) -> Array:
         """(..., m) pose of position numbers (..., n)."""

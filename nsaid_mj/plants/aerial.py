@@ -1,0 +1,220 @@
+"""Hummingbird and Crazyflie: four rotors of unknown gain carry a body through the air."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Literal, get_args
+
+import numpy as np
+import pinocchio as pin
+from numba import carray, cfunc
+
+from ..errors import InvalidInput
+from ..parameters import Array
+from ..resources import numbers
+from ..spatial import cross, rotate, unrotate
+from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
+from .callbacks import WORDS, as_pointer, field_offsets
+from .plant import Plant, PlantConfig
+from .vehicle import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+
+Model = Literal["hummingbird", "crazyflie"]
+
+AIR_DENSITY, AIR_VISCOSITY = 1.225, 1.81e-5
+"""Of the standard atmosphere at sea level [kg/m³, Pa·s], for MuJoCo's own fluid model."""
+
+
+@dataclass(frozen=True)
+class QuadrotorPlant(PlantConfig):
+    """A quadrotor in the air; numbers and sources in assets/<model>.
+
+    Attributes:
+        model: which one.
+        spread: largest relative deviation of the true mass, second moments of mass, drag, lift and
+            thrust from the published numbers; that of the rotors' torque is half of it, since
+            the little there is must hold the heading.
+    """
+
+    model: Model = "hummingbird"
+    spread: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_spread(self.spread)
+        if self.model not in get_args(Model):
+            raise InvalidInput(
+                "plant.model", " or ".join(get_args(Model)), self.model, "Take one of these."
+            )
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden numbers and makes the plant."""
+        nominal, guess = published(self.model), numbers(self.model)["guess"]
+        rng = np.random.default_rng(seed)
+        true = replace(
+            nominal,
+            mass=float(hidden(nominal.mass, self.spread, rng)),
+            centre=nominal.centre * rng.uniform(-1, 1, 3),
+            second_moments=hidden(nominal.second_moments, self.spread, rng),
+            lift=float(hidden(nominal.lift, self.spread, rng)),
+            rotor_drag=hidden(nominal.rotor_drag, self.spread, rng),
+            body_drag=hidden(nominal.body_drag, self.spread, rng),
+            thrust=hidden(nominal.thrust, self.spread, rng),
+            torque=hidden(nominal.torque, self.spread / 2, rng),
+            wind=np.array(self.mismatch.flow),
+        )
+        system = Quadrotor(
+            AerialScales(
+                mass=float(guessed(nominal.mass)),
+                offset=guess["offset"],
+                inertia=guessed(np.diag(nominal.inertia)),
+                lift=guess["lift"],
+                rotor_drag=guessed(nominal.rotor_drag),
+                body_drag=guessed(nominal.body_drag),
+                thrust=guessed(nominal.thrust),
+                torque=guessed(nominal.torque),
+                speed=np.array(guess["speed"]),
+            ),
+            nominal.positions,
+            nominal.spin,
+        )
+        spec = vehicle_spec(self.model, dt, true.mass, true.centre, true.inertia)
+        spec.option.gravity = [0, 0, -GRAVITY]
+        command_inputs(spec, system.n_u)
+        acting = true
+        if self.mismatch.fluid == "ellipsoid":
+            spec.option.density, spec.option.viscosity = AIR_DENSITY, AIR_VISCOSITY
+            spec.option.wind = self.mismatch.flow
+            for geom in spec.body(BODY).geoms:
+                geom.fluid_ellipsoid = int(not geom.name.startswith("rotor"))  # they are no bodies
+            acting = replace(true, body_drag=np.zeros(3))
+        return Vehicle(
+            system,
+            true.theta(),
+            spec,
+            acting.numbers(self.mismatch.lag > 0),
+            rotorcraft(),
+            self.mismatch,
+        )
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """The numbers of a quadrotor; axes x forward, y left, z up, origin amid the rotors.
+
+    Attributes:
+        mass: [kg].
+        centre: (3,) centre of mass [m].
+        second_moments: (3,) ∫x² dm, ∫y² dm, ∫z² dm about the centre of mass [kg·m²]: whatever
+            they are, if only > 0, their moments of inertia belong to a body.
+        lift: translational lift of a rotor [N·s²/m²].
+        rotor_drag: (2,) of a rotor at full speed, in and across its plane [N·s/m].
+        body_drag: (3,) [N·s²/m²].
+        positions: (4, 3) of the rotors [m].
+        spin: (4,) ±1, sign of each rotor's torque about z.
+        thrust: (4,) at full speed [N].
+        torque: (4,) at full speed [N·m].
+        wind: (3,) velocity of the air in the world [m/s].
+    """
+
+    mass: float
+    centre: Array
+    second_moments: Array
+    lift: float
+    rotor_drag: Array
+    body_drag: Array
+    positions: Array
+    spin: Array
+    thrust: Array
+    torque: Array
+    wind: Array
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) about the centre of mass, in its principal axes [kg·m²]."""
+        return np.diag(self.second_moments.sum() - self.second_moments)
+
+    def theta(self) -> Array:
+        """(24,) θ of a `Quadrotor`."""
+        body = pin.Inertia(self.mass, self.centre, self.inertia).toDynamicParameters()
+        return np.concatenate(
+            [body, [self.lift], self.rotor_drag, self.body_drag, self.thrust, self.torque]
+        )
+
+    def numbers(self, lagged: bool) -> Array:
+        """What `rotorcraft` reads from userdata.
+
+        Args:
+            lagged: whether the actuators have an activation of their own.
+        """
+        rotors = np.c_[self.positions, self.thrust, self.spin * self.torque]
+        return np.concatenate(
+            [[float(lagged), self.lift], self.rotor_drag, self.body_drag, self.wind, rotors.ravel()]
+        )
+
+
+_ROTORS, _PER_ROTOR = 10, 5  # where the rotors' numbers begin, and how many each has
+
+
+def published(model: Model) -> Airframe:
+    """A published quadrotor; its `centre` is how far off the centre of mass may be."""
+    d = numbers(model)
+    rotors, moments = d["rotors"], np.array(d["inertia"])
+    top = rotors["top_speed"]
+    return Airframe(
+        mass=d["mass"],
+        centre=np.array(d["centre_of_mass"]),
+        second_moments=moments.sum() / 2 - moments,
+        lift=rotors["lift"],
+        rotor_drag=top * np.array(rotors["drag"]),
+        body_drag=np.array(d["body_drag"]),
+        positions=np.c_[rotors["arm"] / np.sqrt(2) * np.array(rotors["places"]), np.zeros(4)],
+        spin=np.array(rotors["spin"], dtype=float),
+        thrust=np.full(4, rotors["thrust"] * top**2),
+        torque=np.full(4, rotors["torque"] * top**2),
+        wind=np.zeros(3),
+    )
+
+
+@cache
+def rotorcraft() -> Any:
+    """The callback that makes the air's forces on a model whose only joint is the free joint.
+
+    Weight is MuJoCo's own. A rotor's speed is its command, or its activation where it lags.
+    """
+    offsets = field_offsets()
+    at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
+    at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
+    size = _ROTORS + 4 * _PER_ROTOR
+
+    @cfunc("void(voidptr, voidptr)")
+    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
+        words = carray(data, (WORDS,), np.uintp)
+        d = carray(as_pointer(words[at_user]), (size,), np.float64)
+        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
+        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
+        force = carray(as_pointer(words[at_force]), (6,), np.float64)
+        speeds = carray(as_pointer(words[at_act if d[0] > 0 else at_ctrl]), (4,), np.float64)
+        attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
+        omega = qvel[3:].copy()
+        air = unrotate(attitude, qvel[:3] - d[7:10])  # velocity through the air
+        push = -np.sqrt(np.sum(air * air)) * d[4:7] * air
+        torque = np.zeros(3)
+        for k in range(4):
+            rotor = d[_ROTORS + _PER_ROTOR * k : _ROTORS + _PER_ROTOR * (k + 1)]
+            speed, arm = speeds[k], rotor[:3]
+            wind = air + cross(omega, arm)
+            pull = np.array(
+                [
+                    -d[2] * speed * wind[0],
+                    -d[2] * speed * wind[1],
+                    (rotor[3] * speed - d[3] * wind[2]) * speed
+                    + d[1] * (wind[0] ** 2 + wind[1] ** 2),
+                ]
+            )
+            push += pull
+            torque += cross(arm, pull)
+            torque[2] += rotor[4] * speed**2
+        force[:3] += rotate(attitude, push)
+        force[3:] += torque
+
+    return passive

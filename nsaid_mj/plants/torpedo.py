@@ -1,0 +1,250 @@
+"""REMUS 100: a torpedo-shaped vehicle under way, with four independent fins and a propeller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc
+
+from ..parameters import Array
+from ..resources import numbers
+from ..spatial import cross, rotate, unrotate
+from ..systems.torpedo import TorpedoScales, TorpedoVehicle
+from .callbacks import WORDS, as_pointer, field_offsets
+from .hydrodynamics import motion_in_water, passive_wrench
+from .mismatch import Mismatch
+from .plant import Plant, PlantConfig
+from .underwater import into_mujocos_water
+from .vehicle import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+
+LIMIT = 8
+"""Most fins a vehicle may have."""
+
+
+@dataclass(frozen=True)
+class REMUS100Plant(PlantConfig):
+    """A REMUS 100; numbers and sources in assets/remus100.
+
+    Attributes:
+        spread: largest relative deviation of the true drag, lift, weight, righting moment,
+            propeller and fins from the published numbers.
+    """
+
+    spread: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_spread(self.spread)
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden numbers and makes the plant."""
+        nominal = published()
+        rng = np.random.default_rng(seed)
+        true = replace(
+            nominal,
+            drag=hidden(nominal.drag, self.spread, rng),
+            lift=hidden(nominal.lift, self.spread, rng),
+            net_weight=float(hidden(nominal.net_weight, self.spread, rng)),
+            righting=float(hidden(nominal.righting, self.spread, rng)),
+            propeller=hidden(nominal.propeller, self.spread, rng),
+            fin_lift=hidden(nominal.fin_lift, self.spread, rng),
+            fin_drag=hidden(nominal.fin_drag, self.spread, rng),
+            flow=np.array(self.mismatch.flow),
+        )
+        d = numbers("remus100")
+        system = TorpedoVehicle(
+            TorpedoScales(
+                inertia=guessed(theta_of(nominal)[:4]),
+                coupling=guessed(theta_of(nominal)[4:6]),
+                drag=guessed(nominal.drag),
+                lift=guessed(nominal.lift),
+                net_weight=float(guessed(nominal.net_weight)),
+                righting=float(guessed(nominal.righting)),
+                propeller=guessed(nominal.propeller),
+                fin_lift=guessed(nominal.fin_lift),
+                fin_drag=guessed(nominal.fin_drag),
+                speed=np.array(d["guess"]["speed"]),
+                limit=d["fins"]["limit"],
+            ),
+            nominal.positions,
+            nominal.lifts,
+            np.array([d["propeller"]["position"], 0.0, 0.0]),
+        )
+        return _in_water(system, true, dt, self.mismatch)
+
+
+@dataclass(frozen=True)
+class Torpedo:
+    """The true numbers of a torpedo-shaped vehicle; axes x forward, y left, z up.
+
+    Attributes:
+        rigid: (6, 6) M_RB about the body's origin, the centre of buoyancy [kg, kg·m, kg·m²].
+        added: (6, 6) M_A, symmetric [kg, kg·m, kg·m²].
+        drag: (4,) quadratic: along, across [N·s²/m²], rolling, turning [N·m·s²/rad²].
+        lift: (2,) of the body: force [N·s²/m²], moment [N·s²/m].
+        net_weight: weight less buoyancy [N].
+        righting: z of r_B B − r_G W [N·m].
+        propeller: (3,) thrust at full command at rest [N], its loss [N·s/m], torque [N·m].
+        positions: (k, 3) of the fins [m].
+        lifts: (k, 3) unit vectors along which positive deflections lift.
+        fin_lift: (k,) [N·s²/m² for each rad].
+        fin_drag: (k,) [N·s²/m² for each rad²].
+        flow: (3,) velocity of the water in the world [m/s].
+    """
+
+    rigid: Array
+    added: Array
+    drag: Array
+    lift: Array
+    net_weight: float
+    righting: float
+    propeller: Array
+    positions: Array
+    lifts: Array
+    fin_lift: Array
+    fin_drag: Array
+    flow: Array
+
+    def numbers(self, lagged: bool) -> Array:
+        """What `forces` reads from userdata.
+
+        Args:
+            lagged: whether the actuators have an activation of their own.
+        """
+        inverse = np.linalg.inv(self.rigid + self.added)
+        fins = np.column_stack([self.positions, self.lifts, self.fin_lift, self.fin_drag])
+        return np.concatenate(
+            [
+                [len(fins), float(lagged)], self.rigid.ravel(), self.added.ravel(),
+                inverse.ravel(), self.drag, self.lift, [self.net_weight, self.righting],
+                self.propeller, self.flow, fins.ravel(),
+            ]
+        )  # fmt: skip
+
+
+SIZE = 2 + 3 * 36 + 4 + 2 + 2 + 3 + 3 + 8 * LIMIT
+"""Most numbers `Torpedo.numbers` returns."""
+
+
+@cache
+def forces() -> Any:
+    """The callback for a model whose only joint is the vehicle's free joint."""
+    offsets = field_offsets()
+    at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
+    at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
+
+    @cfunc("void(voidptr, voidptr)")
+    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
+        words = carray(data, (WORDS,), np.uintp)
+        d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)
+        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
+        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
+        force = carray(as_pointer(words[at_force]), (6,), np.float64)
+        k = int(d[0])
+        command = carray(as_pointer(words[at_act if d[1] > 0 else at_ctrl]), (k + 1,), np.float64)
+        rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
+        inverse = d[74:110].reshape(6, 6)
+        attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
+        v, relative, carried = motion_in_water(attitude, qvel, d[121:124])
+        ahead, left, up = relative[0], relative[1], relative[2]
+        roll, pitch, yaw = relative[3], relative[4], relative[5]
+        f = np.empty(6)
+        f[0] = -d[110] * ahead * abs(ahead)
+        f[1] = -d[111] * left * abs(left) - d[114] * abs(ahead) * left
+        f[2] = -d[111] * up * abs(up) - d[114] * abs(ahead) * up
+        f[3] = -d[112] * roll * abs(roll)
+        f[4] = -d[113] * pitch * abs(pitch) - d[115] * abs(ahead) * up
+        f[5] = -d[113] * yaw * abs(yaw) + d[115] * abs(ahead) * left
+        upwards = unrotate(attitude, np.array([0.0, 0.0, 1.0]))
+        f[:3] -= d[116] * upwards
+        f[3:] += d[117] * cross(np.array([0.0, 0.0, 1.0]), upwards)
+        n = command[k]
+        f[0] += abs(n) * (d[118] * n - d[119] * ahead)
+        f[3] -= d[120] * abs(n) * n
+        for j in range(k):
+            fin = d[124 + 8 * j : 132 + 8 * j]
+            place, along, angle = fin[:3], fin[3:6], command[j]
+            met = relative[:3] + cross(relative[3:], place)
+            met_across = along[0] * met[0] + along[1] * met[1] + along[2] * met[2]
+            push = fin[6] * abs(ahead) * (ahead * angle - met_across) * along
+            push[0] -= fin[7] * abs(ahead) * ahead * angle * angle
+            f[:3] += push
+            f[3:] += cross(place, push)
+        wrench = passive_wrench(rigid, added, inverse, v, relative, carried, f)
+        force[:3] += rotate(attitude, wrench[:3])
+        force[3:] += wrench[3:]
+
+    return passive
+
+
+def theta_of(true: Torpedo) -> Array:
+    """(p,) θ of a `TorpedoVehicle` with these numbers."""
+    M = true.rigid + true.added
+    return np.concatenate(
+        [
+            [M[0, 0], M[1, 1], M[3, 3], M[5, 5], M[1, 5], M[0, 4]], true.drag, true.lift,
+            [true.net_weight, true.righting], true.propeller, true.fin_lift, true.fin_drag,
+        ]
+    )  # fmt: skip
+
+
+def published() -> Torpedo:
+    """The published REMUS 100, x forward, y left, z up, each fin with half of its pair's lift.
+
+    Turned from z down, y and z of a vector change sign. Products of two such, as Y_uv u v in y or
+    N_vdot v̇ in n, do not; m z_g, the righting moment and Y_uuδr u² δ_r do.
+    """
+    d = numbers("remus100")
+    a, drag, lift, fins, p = (d[key] for key in ("added_mass", "drag", "lift", "fins", "propeller"))
+    mass, height = d["mass"], -d["gravity_centre"][2]
+    rigid = np.diag([mass] * 3 + d["inertia"])
+    rigid[0, 4] = rigid[4, 0] = mass * height
+    rigid[1, 3] = rigid[3, 1] = -mass * height
+    added = -np.diag([a["X_udot"], *[a["Y_vdot"]] * 2, a["K_pdot"], *[a["M_qdot"]] * 2])
+    added[1, 5] = added[5, 1] = -a["Y_rdot"]
+    added[2, 4] = added[4, 2] = a["Y_rdot"]
+    munk = a["X_udot"] - a["Y_vdot"]
+    x, r = fins["N_uudr"] / fins["Y_uudr"], fins["radius"]
+    rho, n, wide = d["water_density"], p["shaft_speed"], p["diameter"]
+    slope = (p["K_T"][0] - p["K_T"][1]) / p["advance"]
+    thrust = (1 - p["deduction"]) * rho * n**2 * wide**4 * p["K_T"][0]
+    loss = (1 - p["deduction"]) * rho * n * wide**3 * slope * p["wake"]
+    fin_lift = np.full(4, fins["Y_uudr"] / 2)
+    front = np.pi / 4 * drag["diameter"] ** 2
+    return Torpedo(
+        rigid=rigid,
+        added=added,
+        drag=np.array(
+            [rho / 2 * drag["coefficient"] * front, -drag["Y_vv"], -drag["K_pp"], -drag["M_qq"]]
+        ),
+        lift=np.array([-lift["Y_uv"] - fins["Y_uudr"], munk + fins["N_uudr"] - lift["M_uw"]]),
+        net_weight=d["net_weight"],
+        righting=-height * mass * d["gravity"],
+        propeller=np.array([thrust, loss, p["torque"] * (2 * np.pi * n) ** 2]),
+        positions=np.array([[x, 0, r], [x, 0, -r], [x, r, 0], [x, -r, 0]]),
+        lifts=np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]),
+        fin_lift=fin_lift,
+        fin_drag=fins["drag_by_lift"] * fin_lift,
+        flow=np.zeros(3),
+    )
+
+
+def _in_water(system: TorpedoVehicle, true: Torpedo, dt: float, mismatch: Mismatch) -> Vehicle:
+    """The vehicle with the given true numbers, in Prestero's water or in MuJoCo's."""
+    mass = true.rigid[0, 0]
+    centre = np.array([0.0, 0.0, true.rigid[0, 4] / mass])
+    about_centre = true.rigid[3:, 3:] - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    spec = vehicle_spec("remus100", dt, mass, centre, about_centre)
+    command_inputs(spec, system.n_u)
+    spec.nuserdata = SIZE
+    acting = true
+    if mismatch.fluid == "ellipsoid":
+        into_mujocos_water(spec, mismatch)
+        for geom in spec.body(BODY).geoms:
+            geom.fluid_ellipsoid = int(geom.name == "hull")  # the fins keep their own lift
+        acting = replace(true, added=np.zeros((6, 6)), drag=np.zeros(4), lift=np.zeros(2))
+    return Vehicle(
+        system, theta_of(true), spec, acting.numbers(mismatch.lag > 0), forces(), mismatch
+    )

@@ -1,0 +1,164 @@
+"""Quadrotors: a rigid body under its weight, drag, and four rotors of unknown gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..parameters import Array, Block, ParameterSpace
+from ..spatial import cross, unrotate
+from . import actuators
+from .rigid_body import RigidBody, of_a_body
+
+GRAVITY = 9.81
+"""Of the Earth [m/s²]: known, so that weight is a column of the mass."""
+
+_UP = np.array([0.0, 0.0, 1.0])
+_INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+_INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
+_LIFT, _ROTOR_DRAG, _BODY_DRAG, _THRUST, _TORQUE = 10, 11, 13, 16, 20  # first columns
+
+
+@dataclass(frozen=True)
+class AerialScales:
+    """What an engineer would guess of a quadrotor; it becomes the scale of θ.
+
+    Attributes:
+        mass: [kg].
+        offset: of the centre of mass from the body's origin [m].
+        inertia: (3,) moments of inertia [kg·m²].
+        lift: translational lift of a rotor [N·s²/m²].
+        rotor_drag: (2,) drag of a rotor at full speed, in and across its plane [N·s/m].
+        body_drag: (3,) quadratic drag of the body [N·s²/m²].
+        thrust: (4,) thrust of each rotor at full speed [N].
+        torque: (4,) torque of each rotor about its axis at full speed [N·m].
+        speed: (6,) velocities of operation [m/s, rad/s], for the random probes of the structure.
+    """
+
+    mass: float
+    offset: float
+    inertia: Array
+    lift: float
+    rotor_drag: Array
+    body_drag: Array
+    thrust: Array
+    torque: Array
+    speed: Array
+
+
+class Quadrotor(RigidBody):
+    """M ν̇ + C(ν) ν = weight + drag + rotors (5), in still air.
+
+    θ = [m, m c (3), inertia (6), lift, rotor drag (2), body drag (3), thrust (4), torque (4)], all
+    about the body's origin; axes are x forward, y left, z up. The command u_i ∈ [0, 1] is a rotor's
+    speed as a share of its largest. With v_i the velocity of rotor i in the body's axes, it makes
+
+        thrust along z   k_i u_i² + lift (v_ix² + v_iy²)
+        torque about z   s_i κ_i u_i²
+        drag             −u_i diag(d_h, d_h, d_z) v_i
+
+    and the body −|v| diag(c) v at its origin. Drag on the rotors grows with their speed and is no
+    actuator's gain: it does not push a vehicle that stands still.
+
+    Args:
+        scales: guesses.
+        positions: (4, 3) of the rotors [m].
+        spin: (4,) ±1, the sign s_i of the torque that each rotor makes about z.
+    """
+
+    def __init__(self, scales: AerialScales, positions: Array, spin: Array):
+        space = _space(scales)
+        mounts = np.vstack([positions, np.full((4, 3), np.nan)])  # a torque has no place
+        super().__init__(space, of_a_body(0, len(space)), 4, mounts)
+        self.rotors = np.ascontiguousarray(positions, dtype=np.float64)
+        self.spin = np.asarray(spin, dtype=np.float64)
+        self._lever = actuators.wrenches(self.rotors, np.tile(_UP, (4, 1)))
+        self._speed = scales.speed
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        return _forces(q, v, u, self.rotors, self.spin, self._lever, self.p)
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws any pose within 10 m, velocities and rotor speeds of operation."""
+        q = self.position(np.r_[rng.uniform(-10, 10, 3), 1.5 * rng.standard_normal(3)])
+        return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0.1, 1, 4)
+
+
+@njit(cache=True)
+def _forces(q, v, u, rotors, spin, lever, p):
+    F = np.zeros((6, p))
+    down = -GRAVITY * unrotate(q[3:], _UP)
+    for i in range(3):
+        F[i, 0] = down[i]
+    F[4, 1], F[5, 1] = -down[2], down[1]  # e_j × down, of each component of m c
+    F[3, 2], F[5, 2] = down[2], -down[0]
+    F[3, 3], F[4, 3] = -down[1], down[0]
+    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    for i in range(3):
+        F[i, _BODY_DRAG + i] = -speed * v[i]
+    for k in range(4):
+        at = v[:3] + cross(v[3:], rotors[k])
+        sliding = at[0] * at[0] + at[1] * at[1]
+        square = u[k] * u[k]
+        for i in range(6):
+            F[i, _LIFT] += sliding * lever[i, k]
+            F[i, _THRUST + k] = square * lever[i, k]
+        F[5, _TORQUE + k] = spin[k] * square
+        flat, axial = -u[k] * at, np.zeros(3)
+        flat[2], axial[2] = 0.0, -u[k] * at[2]
+        for part, drag in enumerate((flat, axial)):
+            turning = cross(rotors[k], drag)
+            for i in range(3):
+                F[i, _ROTOR_DRAG + part] += drag[i]
+                F[3 + i, _ROTOR_DRAG + part] += turning[i]
+    return F
+
+
+def _space(s: AerialScales) -> ParameterSpace:
+    x, y, z = np.sqrt(s.inertia)
+    moments = np.array([x * x, x * y / 4, y * y, x * z / 4, y * z / 4, z * z])
+    rotor = tuple(range(1, 5))
+    return ParameterSpace(
+        (
+            Block(
+                "body",
+                _INERTIAL,
+                _INERTIAL_UNITS,
+                np.r_[s.mass, np.full(3, s.mass * s.offset), moments],
+                "pseudo_inertia",
+            ),
+            Block("translational lift", ("lift",), ("N·s²/m²",), np.array([s.lift])),
+            Block(
+                "rotor drag",
+                ("rotor_drag_h", "rotor_drag_z"),
+                ("N·s/m",) * 2,
+                s.rotor_drag,
+                "positive",
+            ),
+            Block(
+                "body drag",
+                tuple(f"drag_{axis}" for axis in "xyz"),
+                ("N·s²/m²",) * 3,
+                s.body_drag,
+                "positive",
+            ),
+            Block(
+                "rotor thrust gain",
+                tuple(f"thrust_{i}" for i in rotor),
+                ("N",) * 4,
+                s.thrust,
+                "positive",
+                actuator=True,
+            ),
+            Block(
+                "rotor torque gain",
+                tuple(f"torque_{i}" for i in rotor),
+                ("N·m",) * 4,
+                s.torque,
+                "positive",
+                actuator=True,
+            ),
+        )
+    )

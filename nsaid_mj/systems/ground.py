@@ -1,0 +1,134 @@
+"""Ground vehicles in the plane (6): drive, rolling resistance, air drag and linear tyres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..parameters import Array, Block, ParameterSpace
+from .rigid_body import RigidBody
+
+CREEP = 0.1  # [m/s] below it rolling resistance fades, so that it has no jump where u changes sign
+
+
+@dataclass(frozen=True)
+class GroundScales:
+    """What an engineer would guess of a ground vehicle; it becomes the scale of θ.
+
+    Attributes:
+        mass: [kg].
+        moment: first moment of mass about mid-wheelbase, mass times the centre's place [kg·m].
+        inertia: about the vertical through mid-wheelbase [kg·m²].
+        stiffness: (2,) cornering stiffness of the front and of the rear axle [N/rad].
+        drive: drive force at full command and standstill [N].
+        loss: drive force lost at full command for each metre per second [N·s/m].
+        rolling: rolling resistance [N].
+        drag: aerodynamic drag [N·s²/m²].
+        speed: cruising speed [m/s], for the random probes of the structure.
+        grip: lateral acceleration of operation [m/s²], likewise.
+    """
+
+    mass: float
+    moment: float
+    inertia: float
+    stiffness: Array
+    drive: float
+    loss: float
+    rolling: float
+    drag: float
+    speed: float
+    grip: float
+
+
+class GroundVehicle(RigidBody):
+    """The single-track model, linear in θ = [m, h, I, C_f, C_r, k_d, k_v, c_0, c_D].
+
+    M = [[m, 0, 0], [0, m, h], [0, h, I]] about mid-wheelbase, where x is forward and y left; the
+    command is u = (drive d in [−1, 1], steering angle δ [rad]). Forces, with ν = [u, v, r]:
+
+        along x   (k_d − k_v u) d − c_0 tanh(u/0.1 m/s) − c_D |u| u
+        front     −C_f α_f across the steered wheel,  α_f = atan2(v + l r, u) − δ
+        rear      −C_r α_r along y,                   α_r = atan2(v − l r, u)
+
+    with l half the wheelbase. The model is meant for rolling forwards: at standstill a slip angle
+    has no meaning (Rajamani, Vehicle Dynamics and Control, 2012, chapter 2).
+
+    Args:
+        scales: guesses.
+        wheelbase: [m], known.
+        steering: largest steering angle [rad], known.
+    """
+
+    def __init__(self, scales: GroundScales, wheelbase: float, steering: float):
+        space = _space(scales)
+        tensor = np.zeros((3, 3, len(space)))
+        tensor[0, 0, 0] = tensor[1, 1, 0] = 1.0
+        tensor[1, 2, 1] = tensor[2, 1, 1] = 1.0
+        tensor[2, 2, 2] = 1.0
+        mounts = np.array([[-wheelbase / 2, 0.0, 0.0], [np.nan] * 3])
+        super().__init__(space, tensor, 2, mounts)
+        self.wheelbase, self.steering = wheelbase, steering
+        self.speed, self.grip = scales.speed, scales.grip
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        return _forces(v, u, self.wheelbase / 2, self.p)
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws a pose, a speed from 0.4 to 1.6 of cruising, slip and yaw rate within the grip."""
+        speed = self.speed * rng.uniform(0.4, 1.6)
+        slip, bend = rng.uniform(-1, 1, 2)
+        v = np.array([speed, 0.1 * speed * slip, self.grip / speed * bend])
+        limit = min(self.steering, self.wheelbase * self.grip / speed**2 + 0.05)
+        u = rng.uniform(-1, 1, 2) * [1.0, limit]
+        return rng.uniform(-1, 1, 3) * [100.0, 100.0, 3.0], v, u
+
+
+@njit(cache=True)
+def _forces(v, u, arm, p):
+    F = np.zeros((3, p))
+    column = tyre(F, 3, arm, u[1], v)
+    column = tyre(F, column, -arm, 0.0, v)
+    F[0, column], F[0, column + 1] = u[0], -v[0] * u[0]
+    F[0, column + 2], F[0, column + 3] = -np.tanh(v[0] / CREEP), -abs(v[0]) * v[0]
+    return F
+
+
+@njit(cache=True)
+def tyre(F, column, arm, steer, v):
+    """Force −C α of one axle's linear tyres, across its wheels; one column.
+
+    Args:
+        F: (3, p) to write into.
+        column: which.
+        arm: of the axle, forwards [m].
+        steer: angle of its wheels [rad].
+        v: (3,) body twist.
+
+    Returns:
+        The column after it.
+    """
+    slip = np.arctan2(v[1] + arm * v[2], v[0]) - steer
+    F[0, column], F[1, column] = slip * np.sin(steer), -slip * np.cos(steer)
+    F[2, column] = arm * F[1, column]
+    return column + 1
+
+
+def _space(s: GroundScales) -> ParameterSpace:
+    def one(name: str, symbol: str, unit: str, scale: float, actuator: bool = False) -> Block:
+        return Block(name, (symbol,), (unit,), np.array([scale]), "positive", actuator)
+
+    inertia = np.array([s.mass, s.moment, s.inertia])
+    return ParameterSpace(
+        (
+            Block("mass matrix", ("m", "h", "I_z"), ("kg", "kg·m", "kg·m²"), inertia, "spd"),
+            Block(
+                "cornering stiffness", ("C_f", "C_r"), ("N/rad",) * 2, s.stiffness, "positive"
+            ),
+            one("drive gain", "k_d", "N", s.drive, actuator=True),
+            one("drive loss", "k_v", "N·s/m", s.loss, actuator=True),
+            one("rolling resistance", "c_0", "N", s.rolling),
+            one("air drag", "c_D", "N·s²/m²", s.drag),
+        )
+    )  # fmt: skip

@@ -1,0 +1,114 @@
+"""Coordinates of a tree of joints, on the ground or afloat.
+
+A joint's number is its angle [rad] or travel [m]. Position numbers are one for each velocity: where
+the tree's root is a free flyer, the base's place [m] and rotation vector [rad], then one number
+for each joint. q is Pinocchio's: the base's pose [p, quaternion] (7,), then an angle, a travel, or
+(cos, sin) for each joint. v is the base's twist [v, ω] in its own axes, then the joints' rates.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from ..parameters import Array
+from ..spatial import pose_jacobian, quaternion_of
+from ..system import SecondOrderSystem
+from .rigid_body import SPATIAL_UNITS
+
+_UNLIMITED = np.pi  # a joint without limits is probed over one turn, or this many metres
+_PLACE, _TURN = 1.0, 1.8  # a base is probed within a metre, and at any attitude: 1.8 √3 < π
+
+
+class JointTree(SecondOrderSystem):
+    """A system that moves as a tree of 1-DOF joints does. Subclasses supply the regressors.
+
+    Args:
+        model: kinematics and gravity; its inertias are not read and not kept.
+
+    Attributes:
+        model: Pinocchio's model without any inertia.
+        joints: the 1-DOF joints, in order.
+        bodies: number of moving bodies: one for each joint, and the base where it floats.
+    """
+
+    def __init__(self, model: pin.Model):
+        self.model = pin.Model(model)
+        for i in range(self.model.njoints):
+            self.model.inertias[i] = pin.Inertia.Zero()  # structure only: no true value in here
+        self.model.armature[:] = 0.0
+        self.n, self.m = self.model.nv, self.model.nq
+        self.bodies = self.model.njoints - 1
+        self.group = 6 if floats(self.model) else 0
+        self.joints = list(self.model.joints)[2 if self.group else 1 :]
+        self._plain = self.m == self.n  # neither a base nor a continuous joint: positions add
+
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """q ⊕ dq; continuous joints stay on the unit circle, the base's attitude on the sphere."""
+        return q + dq if self._plain else pin.integrate(self.model, q, dq)
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """q1 ⊖ q0; for continuous joints and the base's attitude the short way round."""
+        return q1 - q0 if self._plain else pin.difference(self.model, q0, q1)
+
+    def J(self, q: Array) -> Array:
+        """(m, n) with q̇ = J v (3): 1 for a joint's number, (−sin, cos) for a continuous joint."""
+        J = np.zeros((self.m, self.n))
+        if self.group:
+            J[:7, :6] = pose_jacobian(q)
+        for joint in self.joints:
+            if joint.nq == 2:
+                J[joint.idx_q : joint.idx_q + 2, joint.idx_v] = -q[joint.idx_q + 1], q[joint.idx_q]
+            else:
+                J[joint.idx_q, joint.idx_v] = 1.0
+        return J
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """(n,), (n,) range of the position numbers; a turn about 0 where the model states none."""
+        high = _UNLIMITED * np.ones(self.n)
+        high[: self.group] = ([_PLACE] * 3 + [_TURN] * 3)[: self.group]
+        low = -high
+        for joint in self.joints:
+            if joint.nq == 1:
+                a = self.model.lowerPositionLimit[joint.idx_q]
+                b = self.model.upperPositionLimit[joint.idx_q]
+                if np.isfinite([a, b]).all() and a < b:
+                    low[joint.idx_v], high[joint.idx_v] = max(a, -10.0), min(b, 10.0)
+        return low, high
+
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) position q of position numbers (..., n)."""
+        if self._plain:
+            return np.array(coordinates, dtype=np.float64)
+        coordinates = np.asarray(coordinates, dtype=np.float64)
+        q = np.zeros((*coordinates.shape[:-1], self.m))
+        if self.group:
+            q[..., :3] = coordinates[..., :3]
+            for k in np.ndindex(coordinates.shape[:-1]):
+                q[k][3:7] = quaternion_of(coordinates[k][3:6])
+        for joint in self.joints:
+            c = coordinates[..., joint.idx_v]
+            if joint.nq == 2:
+                q[..., joint.idx_q], q[..., joint.idx_q + 1] = np.cos(c), np.sin(c)
+            else:
+                q[..., joint.idx_q] = c
+        return q
+
+    @cached_property
+    def velocity_units(self) -> tuple[str, ...]:
+        """One unit for each velocity: rad/s, or m/s for a prismatic joint."""
+        units = tuple("m/s" if slides else "rad/s" for slides in self.slides)
+        return SPATIAL_UNITS[: self.group] + units
+
+    @cached_property
+    def slides(self) -> list[bool]:
+        """Which joints are prismatic."""
+        return [joint.shortname().startswith("JointModelP") for joint in self.joints]
+
+
+def floats(model: pin.Model) -> bool:
+    """Whether the root of a Pinocchio model is a free flyer."""
+    return model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"

@@ -1,0 +1,158 @@
+"""Torpedo-shaped vehicles (6): a body of revolution, independent fins and a propeller astern."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..parameters import Array, Block, ParameterSpace
+from . import actuators, fluid
+from .rigid_body import RigidBody
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class TorpedoScales:
+    """What an engineer would guess of a torpedo-shaped vehicle; it becomes the scale of θ.
+
+    Attributes:
+        inertia: (4,) M_11, M_22 [kg], M_44, M_55 [kg·m²], added mass included.
+        coupling: (2,) M_26, M_15 [kg·m].
+        drag: (4,) along, across [N·s²/m²], rolling, turning [N·m·s²/rad²].
+        lift: (2,) of the body: force [N·s²/m²], moment [N·s²/m].
+        net_weight: weight that buoyancy leaves [N].
+        righting: moment of weight and buoyancy [N·m].
+        propeller: (3,) thrust at full command at rest [N], its loss [N·s/m], torque [N·m].
+        fin_lift: (k,) [N·s²/m² for each rad].
+        fin_drag: (k,) [N·s²/m² for each rad²].
+        speed: (6,) velocities of operation [m/s, rad/s]; the first is that under way.
+        limit: largest deflection of a fin [rad].
+    """
+
+    inertia: Array
+    coupling: Array
+    drag: Array
+    lift: Array
+    net_weight: float
+    righting: float
+    propeller: Array
+    fin_lift: Array
+    fin_drag: Array
+    speed: Array
+    limit: float
+
+
+class TorpedoVehicle(RigidBody):
+    """M ν̇ + C(ν) ν = −D_q |ν| ν − L(ν) − g(q) + propeller + Σ fins (6).
+
+    θ = [M_11, M_22 = M_33, M_44, M_55 = M_66, M_26 = −M_35, M_15 = −M_24, drag (4), body lift,
+    its moment, net weight, righting moment, propeller (3), fin lift (k), fin drag (k)]: a body of
+    revolution about x with its centre of gravity on its z axis. Axes are x forward, y left, z up.
+
+    Commands are the fins' deflections [rad], then the propeller's speed in [−1, 1]. Lift and drag
+    go by the vehicle's own u, as in Prestero (2001); stall is not in it.
+
+    Args:
+        scales: guesses.
+        positions: (k, 3) of the fins [m].
+        lifts: (k, 3) unit vectors along which positive deflections lift.
+        propeller: (3,) where it is [m].
+    """
+
+    def __init__(self, scales: TorpedoScales, positions: Array, lifts: Array, propeller: Array):
+        space = _space(scales)
+        k = len(positions)
+        unseen = np.full((2, 3), np.nan)  # the loss is part of the thrust, a torque has no place
+        mounts = np.vstack([propeller, unseen, positions, positions])
+        super().__init__(space, _mass_tensor(len(space)), k + 1, mounts)
+        astern = np.tile([-1.0, 0.0, 0.0], (k, 1))
+        self.allocation = np.stack(
+            [actuators.wrenches(positions, lifts), actuators.wrenches(positions, astern)]
+        )
+        self.speed, self.limit = scales.speed, scales.limit
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        return _forces(q, v, u, self.allocation, self.p)
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws a pose within 10 m and 0.5 rad of upright, under way, and commands of operation."""
+        q = self.position(np.r_[rng.uniform(-10, 10, 3), 0.5 * rng.standard_normal(3)])
+        v = self.speed * np.r_[rng.uniform(0.4, 1.2), rng.uniform(-1, 1, 5)]
+        fins = self.limit * rng.uniform(-1, 1, self.n_u - 1)
+        return q, v, np.r_[fins, rng.uniform(0.2, 1)]
+
+
+@njit(cache=True)
+def _forces(q, v, u, allocation, p):
+    F = np.zeros((6, p))
+    column = fluid.revolution_drag(F, 6, v)
+    column = fluid.revolution_lift(F, column, v)
+    column = fluid.upright(F, column, q[3:], _UP)
+    column = actuators.propeller(F, column, v, u[-1])
+    actuators.fins(F, column, allocation, v, u[:-1])
+    return F
+
+
+def _mass_tensor(p: int) -> Array:
+    """(6, 6, p) of a body of revolution about x: six entries of M."""
+    tensor = np.zeros((6, 6, p))
+    for k, axes in enumerate(((0,), (1, 2), (3,), (4, 5))):
+        for i in axes:
+            tensor[i, i, k] = 1.0
+    for k, i, j, sign in ((4, 1, 5, 1.0), (4, 2, 4, -1.0), (5, 0, 4, 1.0), (5, 1, 3, -1.0)):
+        tensor[i, j, k] = tensor[j, i, k] = sign
+    return tensor
+
+
+def _space(s: TorpedoScales) -> ParameterSpace:
+    fins = range(1, len(s.fin_lift) + 1)
+    lift = "N·s²/m²"
+    return ParameterSpace(
+        (
+            Block(
+                "inertia",
+                ("M_11", "M_22", "M_44", "M_55"),
+                ("kg", "kg", "kg·m²", "kg·m²"),
+                s.inertia,
+                "positive",
+            ),
+            Block("inertia coupling", ("M_26", "M_15"), ("kg·m",) * 2, s.coupling),
+            Block(
+                "quadratic drag",
+                ("dq_along", "dq_across", "dq_roll", "dq_turn"),
+                ("N·s²/m²", "N·s²/m²", "N·m·s²/rad²", "N·m·s²/rad²"),
+                s.drag,
+                "positive",
+            ),
+            Block("body lift", ("lift_body", "lift moment_body"), (lift, "N·s²/m"), s.lift),
+            Block("net weight", ("net weight",), ("N",), np.array([s.net_weight])),
+            Block("righting moment", ("righting_z",), ("N·m",), np.array([s.righting])),
+            Block(
+                "propeller gain",
+                ("thrust", "thrust loss", "torque"),
+                ("N", "N·s/m", "N·m"),
+                s.propeller,
+                "positive",
+                actuator=True,
+            ),
+            Block(
+                "fin lift",
+                tuple(f"fin lift_{i}" for i in fins),
+                (f"{lift}/rad",) * len(fins),
+                s.fin_lift,
+                "positive",
+                actuator=True,
+            ),
+            Block(
+                "fin drag",
+                tuple(f"fin drag_{i}" for i in fins),
+                (f"{lift}/rad²",) * len(fins),
+                s.fin_drag,
+                "positive",
+                actuator=True,
+            ),
+        )
+    )
