@@ -11,10 +11,14 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from .cli import main as main
+    from .control import DepthHeadingAutopilot as DepthHeadingAutopilot
     from .control import DriverConfig as DriverConfig
     from .control import FourierTracking as FourierTracking
+    from .control import HoverAndReach as HoverAndReach
     from .control import MultisineCommand as MultisineCommand
+    from .control import PoseHold as PoseHold
     from .control import QuadrotorFlight as QuadrotorFlight
+    from .control import SwimAndReach as SwimAndReach
     from .errors import NsaidError as NsaidError
     from .experiment import run as run
     from .identifiers import ConventionalAID as ConventionalAID
@@ -23,12 +27,16 @@ if TYPE_CHECKING:
     from .parameters import Block as Block
     from .parameters import ParameterSpace as ParameterSpace
     from .plants import ArmPlant as ArmPlant
+    from .plants import AstrobeePlant as AstrobeePlant
     from .plants import BlueROV2Plant as BlueROV2Plant
     from .plants import FloatingBasePlant as FloatingBasePlant
+    from .plants import FlyingArmPlant as FlyingArmPlant
     from .plants import Mismatch as Mismatch
     from .plants import QuadrotorPlant as QuadrotorPlant
+    from .plants import REMUS100Plant as REMUS100Plant
     from .plants import ScalarRovPlant as ScalarRovPlant
     from .plants import SensorNoise as SensorNoise
+    from .plants import UvmsPlant as UvmsPlant
     from .record import Record as Record
     from .scenario import Scenario as Scenario
     from .system import Measurement as Measurement
@@ -36,8 +44,11 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "main": "cli",
+    "DepthHeadingAutopilot": "control",
     "DriverConfig": "control",
     "FourierTracking": "control",
+    "HoverAndReach": "control",
+    "SwimAndReach": "control",
     "MultisineCommand": "control",
     "QuadrotorFlight": "control",
     "NsaidError": "errors",
@@ -48,12 +59,17 @@ _HOMES = {
     "Block": "parameters",
     "ParameterSpace": "parameters",
     "ArmPlant": "plants",
+    "AstrobeePlant": "plants",
+    "PoseHold": "control",
     "BlueROV2Plant": "plants",
     "FloatingBasePlant": "plants",
+    "FlyingArmPlant": "plants",
     "Mismatch": "plants",
     "QuadrotorPlant": "plants",
+    "REMUS100Plant": "plants",
     "ScalarRovPlant": "plants",
     "SensorNoise": "plants",
+    "UvmsPlant": "plants",
     "Record": "record",
     "Scenario": "scenario",
     "Measurement": "system",

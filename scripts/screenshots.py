@@ -2,7 +2,9 @@
 
     python scripts/screenshots.py                       # the default scenarios, into docs/
     python scripts/screenshots.py ur5 --duration 20
-    python scripts/screenshots.py --file runs/ur5/run.rrd --out /tmp
+    python scripts/screenshots.py --file runs/ur5/run.rrd --page Links --out /tmp
+
+Of every scenario there are two: NAME.png is the recording's first page, NAME_close.png the robot.
 
 The viewer needs a Vulkan driver; without a graphics card, Debian's mesa-vulkan-drivers is one.
 """
@@ -27,10 +29,27 @@ from nsaid_mj.recording import FILE
 from nsaid_mj.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.resources import scenarios
 
-SCENARIOS = ("ur5", "double_pendulum", "scalar_rov", "wrong_gains")
+SCENARIOS = {  # and where the time cursor stands [s]: where there is something to see
+    "ur5": 30.0,
+    "double_pendulum": 60.0,
+    "wrong_gains": 60.0,
+    "scalar_rov": 60.0,
+    "bluerov2": 165.0,
+    "remus100": 150.0,
+    "uvms": 150.0,
+    "hummingbird": 40.0,
+    "crazyflie": 40.0,
+    "borinot": 30.0,
+    "f1tenth": 60.0,
+    "bmw320i": 60.0,
+    "rover": 60.0,
+    "astrobee": 135.0,
+}
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 SIZE = (1600, 1000)
 MENU = 33  # height of the viewer's own menu, which is cut off [pixels]
+CLOSE, CLOSE_SIZE = (300, 100, 1300, 850), (1024, 640)
+DRAWN = 1.0  # until the viewer has drawn what it was told [s]
 LARGEST = 300_000  # of a picture [bytes]
 PATIENCE = 60.0  # for the viewer [s]
 TOASTS = 10.0  # until the viewer's messages of its start have gone [s]
@@ -40,13 +59,15 @@ class PhotographError(NsaidError):
     """The viewer could not be photographed."""
 
 
-def photograph(recording: Path, picture: Path, at: float) -> None:
+def photograph(recording: Path, picture: Path, at: float, page: str = "", close: bool = False):
     """Opens a recording without a window and stores what a user would see.
 
     Args:
         recording: the .rrd file.
         picture: the PNG to write.
         at: where the time cursor stands [s].
+        page: the tab to open, "" for the first one.
+        close: stores the robot alone, smaller, as picture's neighbour "…_close.png" too.
 
     Raises:
         PhotographError: the viewer does not start, cannot render, or does not load the file.
@@ -63,8 +84,13 @@ def photograph(recording: Path, picture: Path, at: float) -> None:
             )  # fmt: skip
         try:
             client = connect(viewer, port)
-            show(client, at)
+            show(client, at, page)
             client.save_screenshot(str(shot))
+            reduce(shot, picture, (0, MENU, *SIZE), SIZE)
+            if close:
+                maximize(client)
+                client.save_screenshot(str(shot))
+                reduce(shot, close_up(picture), CLOSE, CLOSE_SIZE)
         except Exception as error:  # whatever the viewer does, say what it said
             said = log.read_text(errors="replace")
             cause = said.partition("panicked at")[2].partition("stack backtrace")[0].strip()
@@ -75,7 +101,6 @@ def photograph(recording: Path, picture: Path, at: float) -> None:
         finally:
             viewer.terminate()
             viewer.wait()
-        reduce(shot, picture)
 
 
 def connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
@@ -94,8 +119,8 @@ def connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
             time.sleep(0.2)
 
 
-def show(client: ViewerClient, at: float) -> None:
-    """Waits for the recording, and puts the time cursor where it should stand."""
+def show(client: ViewerClient, at: float, page: str) -> None:
+    """Waits for the recording, opens a page, and puts the time cursor where it should stand."""
     end = time.monotonic() + PATIENCE
     while True:
         try:
@@ -105,13 +130,53 @@ def show(client: ViewerClient, at: float) -> None:
             if time.monotonic() > end:
                 raise
             time.sleep(0.2)
+    if page:
+        parts = client.get_blueprint().blueprint
+        containers = {
+            path.removeprefix("/"): part["ContainerBlueprint"]
+            for path, part in parts.items()
+            if "ContainerBlueprint" in part
+        }
+        named = {c.get("display_name"): path for path, c in containers.items()}
+        if page not in named:
+            raise ValueError(f"no page {page!r} among {sorted(filter(None, named))}")
+        for container in containers.values():
+            if container["container_kind"] == "Tabs":
+                container["active_tab"] = named[page]
+        client.set_blueprint(parts, of="recording")
     time.sleep(TOASTS)
 
 
-def reduce(shot: Path, picture: Path) -> None:
-    """Halves a screenshot's pixels and colours until it is small enough to be committed."""
+def maximize(client: ViewerClient) -> None:
+    """Gives the whole window to the robot."""
+    parts = client.get_blueprint().blueprint
+    robot = next(v for v in client.get_state().views if v.name.startswith(("Forces", "Robot")))
+    parts["/viewport"]["ViewportBlueprint"]["maximized"] = robot.view_id
+    client.set_blueprint(parts, of="recording")
+    time.sleep(DRAWN)
+
+
+def close_up(picture: Path) -> Path:
+    """Where the picture of the robot alone is."""
+    return picture.with_name(f"{picture.stem}_close.png")
+
+
+def reduce(
+    shot: Path, picture: Path, part: tuple[int, int, int, int], size: tuple[int, int]
+) -> None:
+    """Halves a screenshot's pixels and colours until it is small enough to be committed.
+
+    Args:
+        shot: the screenshot.
+        picture: the PNG to write.
+        part: left, top, right and bottom of what is kept, as of a window of SIZE.
+        size: that a whole window would be reduced to.
+    """
     image = Image.open(shot).convert("RGB")
-    image = image.resize(SIZE, Image.Resampling.LANCZOS).crop((0, MENU, *SIZE))
+    image = image.resize(SIZE, Image.Resampling.LANCZOS).crop(part)
+    share = size[0] / SIZE[0]
+    if share < 1:
+        image = image.resize([round(share * side) for side in image.size], Image.Resampling.LANCZOS)
     for colors in (256, 128, 64, 32):
         image.quantize(colors, dither=Image.Dither.NONE).save(picture, optimize=True)
         if picture.stat().st_size < LARGEST:
@@ -125,7 +190,8 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", help=f"scenarios (default: {' '.join(SCENARIOS)})")
     parser.add_argument("--duration", type=float, help="simulate so many seconds instead")
-    parser.add_argument("--at", type=float, help="time of the cursor [s] (default: half-way)")
+    parser.add_argument("--at", type=float, help="time of the cursor [s] (default: its own)")
+    parser.add_argument("--page", default="", help="the tab to open, of a --file")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the pictures")
     parser.add_argument("--file", type=Path, help="photograph this recording instead")
     chosen = parser.parse_args()
@@ -133,7 +199,7 @@ def main() -> int:
     try:
         if chosen.file:
             picture = chosen.out / f"{chosen.file.resolve().parent.name}.png"
-            photograph(chosen.file, picture, chosen.at or 0.0)
+            photograph(chosen.file, picture, chosen.at or 0.0, chosen.page, close=not chosen.page)
             print(f"{picture}  {picture.stat().st_size // 1000} kB")
             return 0
         for name in chosen.names or [n for n in SCENARIOS if n in scenarios()]:
@@ -144,9 +210,11 @@ def main() -> int:
                 result = run(scenario, Path(folder) / name)
                 finish.finish(result)
                 picture = chosen.out / f"{name}.png"
-                at = chosen.at if chosen.at is not None else scenario.duration / 2
-                photograph(result.folder / FILE, picture, at)
-            print(f"{picture}  {picture.stat().st_size // 1000} kB")
+                at = SCENARIOS.get(name, scenario.duration) if chosen.at is None else chosen.at
+                at = at if at < scenario.duration else scenario.duration / 2
+                photograph(result.folder / FILE, picture, at, close=True)
+            for file in (picture, close_up(picture)):
+                print(f"{file}  {file.stat().st_size // 1000} kB")
     except NsaidError as error:
         print(f"screenshots: {error}", file=sys.stderr)
         return 1

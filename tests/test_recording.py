@@ -16,10 +16,13 @@ from rerun.error_utils import RerunWarning
 
 from nsaid_mj import (
     ArmPlant,
+    Block,
+    BlueROV2Plant,
     ConventionalAID,
     FourierTracking,
     MultisineCommand,
     NullspaceAID,
+    ParameterSpace,
     ScalarRovPlant,
     Scenario,
     metrics,
@@ -28,9 +31,11 @@ from nsaid_mj import (
 from nsaid_mj.errors import BadRun
 from nsaid_mj.experiment import Run, run
 from nsaid_mj.identifiers import Status
-from nsaid_mj.recording import live, scene, viewer
+from nsaid_mj.plants.underwater import published
+from nsaid_mj.recording import forces, layout, live, scene, series, viewer
 from nsaid_mj.recording.file import spread
 from nsaid_mj.recording.text import drawable
+from nsaid_mj.systems.rigid_body import RigidBody
 
 ARM = Scenario(
     plant=ArmPlant(robot="ur5", damping=2.0, friction=1.0, armature=0.1),
@@ -50,6 +55,15 @@ ROV = Scenario(
     pe_window=0.5,
     held_out=1.0,
 )
+VEHICLE = Scenario(
+    plant=BlueROV2Plant(),
+    excitation=MultisineCommand(low=0.2, high=2.0, tones=4, amplitude=0.9),
+    identifier=NullspaceAID(K=10.0, gain=0.3),
+    duration=2.0,
+    dt=0.01,
+    pe_window=0.5,
+    held_out=0.5,
+)
 
 
 def recorded(scenario: Scenario, folder: Path) -> Run:
@@ -68,6 +82,11 @@ def rov(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return recorded(ROV, tmp_path_factory.mktemp("rov"))
 
 
+@pytest.fixture(scope="module")
+def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return recorded(VEHICLE, tmp_path_factory.mktemp("vehicle"))
+
+
 @functools.cache
 def entities_of(file: Path) -> dict[str, dict[str, list]]:
     entities: dict[str, dict[str, list]] = {}
@@ -77,6 +96,8 @@ def entities_of(file: Path) -> dict[str, dict[str, list]]:
         for name in batch.schema.names:
             if name.startswith("Mesh3D:vertex_"):
                 columns[name] = [None]  # large, and not looked into
+                continue
+            if name == "log_time":  # nanoseconds since 1970, which datetime does not have
                 continue
             columns.setdefault(name, []).extend(batch.column(name).to_pylist())
     return entities
@@ -105,7 +126,7 @@ def test_an_arm_is_all_there(arm: Run) -> None:
     assert all("Transform3D:translation" in entities[mesh] for mesh in meshes)
 
 
-@pytest.mark.parametrize("which", ["arm", "rov"])
+@pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
 def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
     which: str, request: pytest.FixtureRequest
 ) -> None:
@@ -140,7 +161,7 @@ def test_the_true_direction_is_the_projection_of_the_estimate(rov: Run) -> None:
     assert np.linalg.matrix_rank(np.stack([shown, truth])) == 1
 
 
-@pytest.mark.parametrize("which", ["arm", "rov"])
+@pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
 def test_rerun_verifies_the_file_and_nothing_else_is_left(
     which: str, request: pytest.FixtureRequest
 ) -> None:
@@ -196,6 +217,176 @@ def test_reruns_warnings_are_errors() -> None:
     rec = rr.RecordingStream("nsaid_mj test")
     with pytest.raises(RerunWarning):
         rec.log("x", rr.Scalars("no number"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
+def test_no_view_is_on_two_pages(which: str, request: pytest.FixtureRequest) -> None:
+    result: Run = request.getfixturevalue(which)
+    space, drawn = result.plant.system.space, scene.Scene(result.plant)
+    camera = drawn.camera(result.record["q"], result.record["v"])
+    for kind in ("motor gain", ""):
+        whole = layout.blueprint(space, camera, farthest=1.0, shared=kind, conserves=True)
+        found, waiting = [], [whole.root_container]
+        while waiting:
+            part = waiting.pop()
+            found.append(part.id)  # Rerun complains of one that has two parents
+            waiting += getattr(part, "contents", []) if hasattr(part, "kind") else []
+        assert len(found) == len(set(found)) > 10
+
+
+# -- vehicles ------------------------------------------------------------------------------------
+
+
+def column(entities: dict[str, dict[str, list]], entity: str, name: str) -> np.ndarray:
+    """The values of an entity's column, where it has any."""
+    return np.array([value for value in entities[f"/{entity}"][name] if value is not None])
+
+
+def drawn_rows(result: Run, entities: dict[str, dict[str, list]], entity: str) -> np.ndarray:
+    """The record's rows that an entity's values are of, by their times."""
+    times = [seconds(t) for t in entities[f"/{entity}"]["sim_time"] if t is not None]
+    rows = np.round(np.array(times) / result.scenario.dt).astype(int)
+    np.testing.assert_allclose(result.record["t"][rows], times, atol=1e-9)
+    return rows
+
+
+def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: Run) -> None:
+    entities, record, space = read(vehicle), vehicle.record, vehicle.plant.system.space
+    body = scene.BODY
+    rows = drawn_rows(vehicle, entities, body)
+    assert len(rows) > 60
+    q, u = record["q"][rows], record["u"][rows]
+    places = column(entities, body, "Transform3D:translation")[:, 0]
+    attitudes = column(entities, body, "Transform3D:quaternion")[:, 0]
+    np.testing.assert_allclose(np.hstack([places, attitudes]), q, atol=1e-6)
+
+    # As MuJoCo has them: the published thrusters, each with its own true gain.
+    thrusters, gains = published(), vehicle.plant.truth[space["thruster gain"]]
+    powers = u[..., None] ** (2 * np.arange(len(thrusters.curve)) + 1)
+    thrust = (powers @ thrusters.curve * gains)[..., None] * thrusters.directions
+    assert (drawn_rows(vehicle, entities, forces.COMMANDED) == rows).all()
+    origins = column(entities, forces.COMMANDED, "Arrows3D:origins")
+    vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")
+    assert origins.shape == vectors.shape == (len(rows), 8, 3)
+    np.testing.assert_allclose(
+        origins, np.broadcast_to(thrusters.positions, origins.shape), atol=1e-6
+    )
+    length = (vectors * thrust).sum() / (thrust**2).sum()
+    assert length > 0
+    np.testing.assert_allclose(vectors, length * thrust, atol=1e-5)
+    longest = np.linalg.norm(vectors, axis=2).max(axis=1)
+    assert 0.15 < np.sqrt(np.mean(longest**2)) < 0.4  # the vehicle is half a metre long
+
+    # The estimated ones stand beside them, and differ by what the gains' shares are wrong.
+    beside = column(entities, forces.ESTIMATED, "Arrows3D:origins") - origins
+    assert 0 < np.linalg.norm(beside, axis=2).min() <= np.linalg.norm(beside, axis=2).max() < 0.05
+    theta_s, true_s = record["theta_hat"][rows] / space.scale, vehicle.plant.truth / space.scale
+    factor = theta_s @ true_s / (true_s @ true_s)
+    k = space["thruster gain"]
+    share = record["theta_hat"][rows][:, k] / vehicle.plant.truth[k] / factor[:, None]
+    assert np.abs(share - 1).max() > 0.05
+    estimated = column(entities, forces.ESTIMATED, "Arrows3D:vectors")
+    np.testing.assert_allclose(estimated, share[..., None] * vectors, atol=1e-5)
+
+
+def test_an_arm_has_neither_forces_nor_a_path(arm: Run) -> None:
+    assert not {f"/{forces.COMMANDED}", f"/{scene.PATH}"} & set(read(arm))
+
+
+def test_a_heaving_vehicles_force_is_upright(rov: Run) -> None:
+    entities = read(rov)
+    rows = drawn_rows(rov, entities, forces.COMMANDED)
+    vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")[:, 0]
+    u = rov.record["u"][rows, 0]
+    np.testing.assert_allclose(vectors, np.outer(u, [0, 0, vectors[-1, 2] / u[-1]]), atol=1e-6)
+    heights = column(entities, scene.BODY, "Transform3D:translation")[:, 0]
+    np.testing.assert_allclose(heights, np.outer(rov.record["q"][rows], [0, 0, 1]), atol=1e-6)
+
+
+def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: Run) -> None:
+    entities = read(vehicle)
+    rows = drawn_rows(vehicle, entities, scene.BODY)
+    places = vehicle.record["q"][rows, :3]
+    for way in (scene.PATH, scene.TRAIL):
+        assert (drawn_rows(vehicle, entities, way) == rows[1:]).all()
+        steps = column(entities, way, "LineStrips3D:strips")[:, 0]
+        np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
+
+
+def test_the_meshes_of_a_vehicle_move_as_one_and_as_mujoco_has_them(vehicle: Run) -> None:
+    entities, plant = read(vehicle), vehicle.plant
+    q = vehicle.record["q"][-1:]
+    translations, quaternions = plant.poses(q)
+    R = scene._rotate(q[:, 3:], np.eye(3))[0].T
+    meshes = sorted(e for e in entities if "Mesh3D:vertex_positions" in entities[e])
+    assert len(meshes) == len(plant.visuals())
+    for i, mesh in enumerate(meshes):
+        place = column(entities, mesh[1:], "Transform3D:translation")
+        turn = column(entities, mesh[1:], "Transform3D:quaternion")
+        assert len(place) == len(turn) == 1  # once and for all
+        np.testing.assert_allclose(q[0, :3] + R @ place[0, 0], translations[0, i], atol=1e-6)
+        there = scene._rotate(turn[0], np.eye(3))[0].T
+        world = scene._rotate(quaternions[:, i], np.eye(3))[0].T
+        np.testing.assert_allclose(R @ there, world, atol=1e-6)
+
+
+class Sled(RigidBody):
+    """In the plane: a jet astern, one abeam, and a torque, which has no place."""
+
+    def __init__(self) -> None:
+        blocks = (
+            Block("mass", ("m",), ("kg",), np.ones(1)),
+            Block("jet", ("astern", "abeam", "torque"), ("N",) * 3, np.ones(3), actuator=True),
+        )
+        mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3])
+        tensor = np.eye(3)[..., None] * np.eye(4)[0]
+        super().__init__(ParameterSpace(blocks), tensor, 3, mounts)
+
+    def _F(self, t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        turning = [0.3, 0.4, 1.0]  # a jet turns too, and that is no force across the plane
+        return np.hstack([np.zeros((3, 1)), np.vstack([np.diag(u)[:2], turning * u])])
+
+    def random_state(self, rng: np.random.Generator):
+        return np.zeros(3), np.zeros(3), rng.uniform(-1, 1, 3)
+
+
+def test_planar_forces_lie_in_the_plane_and_end_where_they_push_inwards(tmp_path: Path) -> None:
+    u = np.array([[1.0, 2, 9], [-1.0, -2, 9]])
+    rows = forces.Rows(np.array([0.0, 1]), np.zeros((2, 3)), np.zeros((2, 3)), u)
+    theta = np.array([1.0, 3, 4, 5])
+    arrows = forces.Arrows.of(Sled(), 2.0, rows, theta)
+    assert arrows is not None and [p.tolist() for p in arrows.parts] == [[1], [2]]
+    file = tmp_path / "sled.rrd"
+    rec = rr.RecordingStream("nsaid_mj test")
+    rec.save(file)
+    arrows.log_style(rec, forces.COMMANDED)
+    arrows.log(rec, forces.COMMANDED, rows, theta)
+    rec.disconnect()
+    entities = entities_of(file)
+    vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")
+    expected = np.array([[[3.0, 0, 0], [0, 8, 0]], [[-3.0, 0, 0], [0, -8, 0]]])
+    np.testing.assert_allclose(vectors, arrows.lengths * expected, rtol=1e-6)
+    origins = column(entities, forces.COMMANDED, "Arrows3D:origins")
+    np.testing.assert_allclose(origins[0, 0] + vectors[0, 0], [-1, 0, 0], atol=1e-6)  # inwards
+    np.testing.assert_allclose(origins[0, 1], [0, 0.5, 0], atol=1e-6)
+    np.testing.assert_allclose(origins[1, 0], [-1, 0, 0], atol=1e-6)
+    np.testing.assert_allclose(origins[1, 1] + vectors[1, 1], [0, 0.5, 0], atol=1e-6)  # inwards
+    across = np.einsum("ja,ja->j", arrows.beside, [[1.0, 0, 0], [0, 1, 0]])
+    np.testing.assert_allclose(across, 0, atol=1e-12)
+
+
+def test_a_bodys_velocities_have_their_names(vehicle: Run, arm: Run) -> None:
+    assert series.velocity_names(vehicle.plant)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
+    assert series.velocity_names(vehicle.plant, "")[5] == "yaw rate [rad/s]"
+    assert series.velocity_names(arm.plant)[0] == "Δv_1 [rad/s]"
+
+
+def test_a_large_block_has_a_page_of_its_own(vehicle: Run, arm: Run) -> None:
+    def names(result: Run) -> list[object]:
+        return [page.name for page in layout.estimates(result.plant.system.space)]
+
+    assert names(vehicle) == ["Estimate", "Mass matrix"]
+    assert names(arm) == ["Estimate", "Links"]
 
 
 # -- live ----------------------------------------------------------------------------------------
@@ -257,6 +448,25 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     observer._start(plant)
     observer._rec = None
     observer.stop()
+
+
+def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    no_display(monkeypatch)
+    no_connection(monkeypatch)
+    file = tmp_path / "live.rrd"
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
+    monkeypatch.setattr(live, "_PERIOD", 0.0)
+    monkeypatch.setattr(live, "_SHARE", 0)
+    result = run(VEHICLE, tmp_path / "run", recording.Live("vehicle"))
+    entities = entities_of(file)
+    rows = drawn_rows(result, entities, forces.ESTIMATED)
+    assert len(rows) > 20 and f"/{forces.COMMANDED}" not in entities
+    assert column(entities, forces.ESTIMATED, "Arrows3D:vectors").shape == (len(rows), 8, 3)
+    steps = column(entities, scene.TRAIL, "LineStrips3D:strips")[:, 0]
+    places = result.record["q"][rows, :3]
+    np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
 
 
 # -- viewer --------------------------------------------------------------------------------------

@@ -1,7 +1,11 @@
 """What drives a plant while it is identified. No driver knows a true parameter."""
 
+from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig
 from .multisine import MultisineCommand as MultisineCommand
+from .pose_hold import PoseHold as PoseHold
 from .quadrotor import QuadrotorFlight as QuadrotorFlight
 from .tracking import FourierTracking as FourierTracking
+from .vehicle_manipulator import HoverAndReach as HoverAndReach
+from .vehicle_manipulator import SwimAndReach as SwimAndReach

@@ -15,61 +15,62 @@ from ..systems.torpedo import TorpedoVehicle
 from .driver import Driver, DriverConfig
 
 _DAMPING = 1.0  # of the attitude loops
-_SHARE = 0.25  # of the attitude loops' bandwidth that the depth loop has
-_STEEPEST = 0.5  # pitch that the depth autopilot asks for at most [rad]
-_SLOWEST = 0.2  # command of the propeller, at least: fins need a flow
+_SHARE = 0.1  # of the attitude loops' bandwidth that the depth loop has
+_STEEPEST = 0.3  # pitch that the depth autopilot asks for at most [rad]
+_SLOWEST = 0.2  # of the propeller's commands: fins need a flow
+_DRIVEN = 4.0  # how far beyond its bounds a dither is driven, to be clipped: more power in them
 
 
 @dataclass(frozen=True)
 class DepthHeadingAutopilot(DriverConfig):
-    """Depth and heading follow slow multisines, the propeller another; the fins dither on top.
+    """Depth and heading follow slow multisines; fins and propeller dither on top.
 
     Attributes:
         propeller: mean command of the propeller, in (0.2, 1].
-        swing: of the propeller's command about it.
-        dive: reach of the depth reference [m].
-        turn: reach of the heading reference [rad].
-        low: lowest frequency of the dither [Hz].
-        high: highest frequency of the dither [Hz].
-        slow: how many times slower references and propeller vary than the dither.
-        tones: number of sines in each signal.
+        swing: reach of the dither of the propeller.
         dither: reach of the dither of each fin [rad].
-        bandwidth: of the attitude loops [rad/s].
+        low: lowest frequency of the dithers [Hz].
+        high: highest frequency of the dithers [Hz].
+        tones: number of sines in each signal.
+        slow: how many times slower depth and heading vary than the dithers.
         depth: mean depth [m].
+        dive: reach of the depth about it [m].
+        turn: reach of the heading about 0 [rad].
+        bandwidth: of the attitude loops [rad/s].
     """
 
-    propeller: float = 0.6
-    swing: float = 0.35
+    propeller: float = 0.8
+    swing: float = 0.2
+    dither: float = 0.2
+    low: float = 0.1
+    high: float = 2.0
+    tones: int = 8
+    slow: float = 40.0
+    depth: float = 20.0
     dive: float = 5.0
     turn: float = 1.5
-    low: float = 0.1
-    high: float = 1.0
-    slow: float = 10.0
-    tones: int = 8
-    dither: float = 0.1
-    bandwidth: float = 0.5
-    depth: float = 20.0
+    bandwidth: float = 1.0
 
     def __post_init__(self) -> None:
         for name, remedy in (
-            ("dive", "5 m will do."), ("turn", "1.5 rad will do."), ("slow", "10 will do."),
-            ("dither", "0.1 rad will do."), ("bandwidth", "0.5 rad/s suits a REMUS 100."),
-            ("depth", "20 m will do."),
+            ("swing", "0.2 will do."), ("dither", "0.2 rad will do."), ("slow", "40 will do."),
+            ("dive", "5 m will do."), ("turn", "1.5 rad will do."),
+            ("bandwidth", "1 rad/s suits a REMUS 100."),
         ):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
         if not _SLOWEST < self.propeller <= 1:
-            raise InvalidInput("excitation.propeller", f"a command in ({_SLOWEST}, 1]",
-                               self.propeller, "0.6 is cruising.")  # fmt: skip
-        if not 0 < self.swing <= 1:
-            raise InvalidInput("excitation.swing", "a share in (0, 1]", self.swing, "0.35?")
+            raise InvalidInput("excitation.propeller", f"a command in ({_SLOWEST:g}, 1]",
+                               self.propeller, "0.8 is a brisk cruise.")  # fmt: skip
+        if not np.isfinite(self.depth):
+            raise InvalidInput("excitation.depth", "a depth", self.depth, "20 m will do.")
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is no torpedo.
+            InvalidInput: the system is no torpedo, or a band of frequencies is empty.
         """
         if not isinstance(system, TorpedoVehicle):
             raise InvalidInput("excitation", "a torpedo to steer", type(system).__name__,
@@ -78,7 +79,10 @@ class DepthHeadingAutopilot(DriverConfig):
 
 
 class _Autopilot(Driver):
-    """Moments for a second-order attitude under the prior, shared out to the fins."""
+    """The moments that a second-order pitch and yaw need under the prior, shared out to the fins.
+
+    Roll is left to the righting moment.
+    """
 
     def __init__(
         self,
@@ -88,20 +92,17 @@ class _Autopilot(Driver):
         rng: np.random.Generator,
     ):
         self._config, self._limit = config, system.limit
-        fins, low, high, slow = system.n_u - 1, config.low, config.high, config.slow
-        tones = config.tones
-        self._dither = Multisine(fins, low, high, tones, config.dither, rng)
-        self._course = Multisine(3, low / slow, high / slow, tones, 1.0, rng)
-        space = system.space
-        believed = {name: float(prior[space.index(name)]) for name in space.names}
-        roll, turning = believed["M_44"], believed["M_55"]
-        self._inertia = np.array([roll, turning, turning])
-        moments = system.allocation[0, 3:] * prior[space["fin lift"]]  # for each rad and (m/s)²
-        self._share = np.linalg.pinv(moments)
-        # Where drag and the prior's thrust balance at the mean command.
-        n, drag, loss = config.propeller, believed["dq_along"], believed["thrust loss"]
-        push = believed["thrust"] * n**2
-        self._cruise = 2 * push / (loss * n + np.sqrt((loss * n) ** 2 + 4 * drag * push))
+        low, high, tones, slow = config.low, config.high, config.tones, config.slow
+        self._dither = Multisine(system.n_u, low, high, tones, _DRIVEN, rng)
+        self._course = Multisine(2, low / slow, high / slow, tones, 1.0, rng)
+        self._reach = np.full(system.n_u, config.dither)
+        self._reach[-1] = config.swing
+        place = system.space.index
+        self._inertia, self._righting = prior[place("M_55")], prior[place("righting_z")]
+        lift = system.allocation[0, 3:] * prior[system.space["fin lift"]]
+        self._share = np.linalg.pinv(lift)[:, 1:]  # no roll; [rad/(N·m)] at 1 m/s
+        self._cruise = _balance(prior[place("thrust")], prior[place("dq_along")], system.slip,
+                                config.propeller)  # fmt: skip
 
     def start(self) -> tuple[Array, Array]:
         place, velocity = np.zeros(6), np.zeros(6)
@@ -109,25 +110,34 @@ class _Autopilot(Driver):
         return place, velocity
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        config = self._config
-        dive, turn, pace = self._course(t)
+        config, omega = self._config, self._config.bandwidth
         R = rotation(q[3:])
         speed = max(float(v[0]), 0.3 * self._cruise)
-        climb = config.dive * dive - config.depth - q[2]
-        slope = _SHARE * config.bandwidth * climb / speed
+        dive, turn = self._course(t)
+        climb = _SHARE * omega * (config.dive * dive - config.depth - q[2]) / speed
+        pitch = -np.arcsin(np.clip(R[2, 0], -1, 1))  # nose down
         error = np.array(
             [
-                -np.arctan2(R[2, 1], R[2, 2]),
-                -np.clip(slope, -_STEEPEST, _STEEPEST) + np.arcsin(np.clip(R[2, 0], -1, 1)),
+                -np.clip(climb, -_STEEPEST, _STEEPEST) - pitch,
                 _wrapped(config.turn * turn - np.arctan2(R[1, 0], R[0, 0])),
             ]
         )
-        omega = config.bandwidth
-        moment = self._inertia * (omega**2 * error - 2 * _DAMPING * omega * v[3:])
-        fins = self._share @ moment / speed**2 + self._dither(t)
-        n = np.clip(config.propeller + config.swing * pace, _SLOWEST, 1)
-        return np.r_[np.clip(fins, -self._limit, self._limit), n]
+        moment = self._inertia * omega * (omega * error - 2 * _DAMPING * v[4:])
+        moment[0] += self._righting * np.sin(pitch)
+        steered = np.clip(self._share @ moment / speed**2, -self._limit, self._limit)
+        u = np.append(steered, config.propeller)
+        u += self._reach * np.clip(self._dither(t), -1, 1)
+        u[:-1] = np.clip(u[:-1], -self._limit, self._limit)
+        u[-1] = np.clip(u[-1], _SLOWEST, 1)
+        return u
+
+
+def _balance(thrust: float, drag: float, slip: float, n: float) -> float:
+    """The speed [m/s] at which drag u² is the thrust at the propeller's command n > 0."""
+    loss, push = thrust * slip * n, thrust * n**2
+    return float(2 * push / (loss + np.sqrt(loss**2 + 4 * drag * push)))
 
 
 def _wrapped(angle: float) -> float:
+    """The same angle in [−π, π)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -13,97 +13,108 @@ from ..system import SecondOrderSystem
 from ..systems.ground import GroundVehicle
 from .driver import Driver, DriverConfig
 
-_BANDWIDTH = 3.0  # of the speed loop [rad/s]
-_SLOWEST = 0.45  # of cruising speed: below 0.4 the slip angles of the model lose their meaning
+_LOOP = 3.0  # bandwidth of the speed loop [rad/s]
+_SLOWEST = 0.45  # of cruising: with the loop's error above 0.4, where slip angles have a meaning
 
 
 @dataclass(frozen=True)
 class Driving(DriverConfig):
-    """A multisine speed and a multisine lateral acceleration; the car turns back at the edge.
+    """Multisines of speed and of lateral acceleration; off the middle of the ground it turns back.
+
+    Drive loss, rolling resistance and air drag differ only in how they go with the speed: the
+    speed must vary widely. The centre of mass differs from the tyres only in quick steering.
 
     Attributes:
         speed: cruising speed [m/s].
-        variation: of the speed about it, as a share, in (0, 0.55].
-        grip: bound of the lateral acceleration asked of the steering [m/s²].
-        low: lowest frequency of steering [Hz].
-        high: highest frequency of steering [Hz].
-        slow: how many times slower the speed varies than the steering.
+        variation: largest deviation of the wanted speed, as a share of cruising.
+        pace_low: lowest frequency of the speed [Hz].
+        pace_high: highest frequency of the speed [Hz].
+        grip: bound of the lateral acceleration that steering asks for [m/s²].
+        steer_low: lowest frequency of steering [Hz].
+        steer_high: highest frequency of steering [Hz].
         tones: number of sines in each.
         ground: radius of the test ground [m].
     """
 
-    speed: float = 6.0
+    speed: float = 8.0
     variation: float = 0.5
+    pace_low: float = 0.2
+    pace_high: float = 0.8
     grip: float = 4.0
-    low: float = 0.1
-    high: float = 1.0
-    slow: float = 5.0
+    steer_low: float = 0.5
+    steer_high: float = 5.0
     tones: int = 8
-    ground: float = 60.0
+    ground: float = 100.0
 
     def __post_init__(self) -> None:
-        for name, remedy in (
-            ("speed", "6 m/s suits an F1TENTH."), ("grip", "4 m/s² will do."),
-            ("slow", "5 will do."), ("ground", "60 m suits an F1TENTH."),
-        ):  # fmt: skip
+        for name, remedy in (("speed", "8 m/s suits an F1TENTH."), ("grip", "4 m/s² will do."),
+                             ("ground", "100 m suits an F1TENTH.")):  # fmt: skip
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
         if not 0 < self.variation <= 1 - _SLOWEST:
-            raise InvalidInput("excitation.variation", f"a share in (0, {1 - _SLOWEST:g}]",
-                               self.variation, "0.5 is from half to half as much again.")  # fmt: skip
+            raise InvalidInput(
+                "excitation.variation",
+                f"a share in (0, {1 - _SLOWEST:g}]",
+                self.variation,
+                "0.5 is from half of cruising to half as much again.",
+            )
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is no ground vehicle.
+            InvalidInput: the system is no ground vehicle, or a band is empty.
         """
         if not isinstance(system, GroundVehicle):
-            raise InvalidInput("excitation", "a ground vehicle to drive", type(system).__name__,
-                               "Use MultisineCommand.")  # fmt: skip
+            raise InvalidInput(
+                "excitation",
+                "a ground vehicle to drive",
+                type(system).__name__,
+                "Use MultisineCommand.",
+            )
         return _Driver(self, system, prior, rng)
 
 
 class _Driver(Driver):
-    """Feedforward under the prior and proportional feedback; near the edge, towards the middle."""
+    """Feedforward under the prior and proportional feedback of the speed; steering ahead only."""
 
     def __init__(
         self, config: Driving, system: GroundVehicle, prior: Array, rng: np.random.Generator
     ):
         self._config, self._system = config, system
-        tones, ratio = config.tones, config.slow
-        self._bend = Multisine(1, config.low, config.high, tones, 1.0, rng)
-        self._pace = Multisine(
-            1, config.low / ratio, config.high / ratio, tones, config.variation, rng
+        self._m, self._k_d, self._k_v, self._c_0, self._c_D = (
+            float(prior[system.space.index(name)]) for name in ("m", "k_d", "k_v", "c_0", "c_D")
         )
-        self._prior = {
-            name: float(prior[system.space.index(name)]) for name in ("m", "k_d", "k_v", "c_0", "c_D")
-        }
+        tones = config.tones
+        self._bend = Multisine(1, config.steer_low, config.steer_high, tones, 1.0, rng)
+        self._pace = Multisine(1, config.pace_low, config.pace_high, tones, config.variation, rng)
 
     def start(self) -> tuple[Array, Array]:
-        return np.zeros(3), np.array([self._speed(0.0), 0.0, 0.0])
+        return np.zeros(3), np.array([self._wanted(0.0), 0.0, 0.0])
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        return np.array([self._drive(t, v[0]), self._steer(t, q, v[0])])
+        return np.array([self._drive(t, float(v[0])), self._steer(t, q, float(v[0]))])
 
-    def _speed(self, t: float) -> float:
+    def _wanted(self, t: float) -> float:
+        """Speed [m/s]."""
         return self._config.speed * (1 + float(self._pace(t)[0]))
 
     def _drive(self, t: float, speed: float) -> float:
         """The drive that the prior thinks will close the gap to the wanted speed."""
-        p = self._prior
-        force = p["m"] * _BANDWIDTH * (self._speed(t) - speed)
-        force += p["c_0"] + p["c_D"] * abs(speed) * speed
-        return float(np.clip(force / (p["k_d"] - p["k_v"] * speed), -1, 1))
+        force = self._m * _LOOP * (self._wanted(t) - speed)
+        force += self._c_0 + self._c_D * abs(speed) * speed
+        return float(np.clip(force / max(self._k_d - self._k_v * speed, 0.1 * self._k_d), -1, 1))
 
     def _steer(self, t: float, q: Array, speed: float) -> float:
-        """The steering angle whose curve, without slip, has the wanted lateral acceleration."""
-        config, limit = self._config, self._system.steering
-        wanted = float(self._bend(t)[0])
-        outside = float(np.clip(2 * np.hypot(q[0], q[1]) / config.ground - 1, 0, 1))
-        if outside > 0:
+        """The angle whose curve has the wanted lateral acceleration, if no tyre slips."""
+        share = float(self._bend(t)[0])
+        away = min(2 * float(np.hypot(q[0], q[1])) / self._config.ground - 1, 1.0)
+        if away > 0:  # more than half-way to the edge: turn to the middle, the shorter way
             bearing = np.arctan2(-q[1], -q[0]) - q[2]
-            wanted += 2 * outside * np.sin(bearing) if np.cos(bearing) > 0 else 2 * outside
-        curvature = config.grip * np.clip(wanted, -1, 1) / max(speed, 0.1) ** 2
+            share += (
+                2 * away * (np.sin(bearing) if np.cos(bearing) > 0 else np.sign(np.sin(bearing)))
+            )
+        curvature = self._config.grip * np.clip(share, -1, 1) / max(speed, 0.1) ** 2
+        limit = self._system.steering
         return float(np.clip(np.arctan(self._system.wheelbase * curvature), -limit, limit))

@@ -1,4 +1,4 @@
-"""Quadrotors fly a Fourier trajectory by geometric control under the prior, never the truth.
+"""Quadrotors fly circles upon circles by geometric control under the prior, never the truth.
 
 Lee, Leok, McClamroch: Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010; with the
 integral action of Goodarzi, Lee, Lee, ECC 2013, which trims what a wrong prior leaves.
@@ -12,46 +12,47 @@ import numpy as np
 from numba import njit
 
 from ..errors import InvalidInput
-from ..excitation import FourierTrajectory, Multisine
+from ..excitation import Multisine
 from ..parameters import Array
 from ..spatial import cross, rotation
 from ..system import SecondOrderSystem
 from ..systems.aerial import GRAVITY, Quadrotor
 from .driver import Driver, DriverConfig
 
-_SLOWEST, _FASTEST = 0.1, 1.0  # rotor speed, as a share of the largest
-_THRUST = (0.4, 1.6)  # thrust that is demanded, as a share of the weight
-_YAW = 0.3  # torque about z that is demanded at most, as a share of what all rotors make in hover
-_SLOW_DOWN = 0.3  # integral action is that much slower than its loop
+_SLOWEST = 0.1  # rotor speed, as a share of the largest
+_LEAST, _MOST = 0.3, 2.5  # thrust demanded, as a share of what would hold the prior's weight
+_YAW_SLOWER = 0.25  # the loop about z has little torque to work with
+_YAW = 0.5  # torque about z demanded at most, as a share of what all rotors make in hover
+_TRIM = 0.3  # integral action is that much slower than its loop
 
 
 @dataclass(frozen=True)
 class QuadrotorFlight(DriverConfig):
-    """Place and heading track random finite Fourier series; every rotor's speed is dithered too.
+    """Place and heading follow smooth closed paths; every rotor's speed is dithered too.
+
+    The path is a circle upon a circle, flown fast and slow, up and down: drag on the body shows in
+    how it grows with speed, and its axes in how the heading turns against the way.
 
     Attributes:
-        reach: half the edge of the cube that is flown in [m].
-        speed: largest along each axis of the world; half of it vertically [m/s].
+        radius: of the greater circle [m].
+        speed: largest horizontally, a third of it the least; vertically half of it [m/s].
         yaw_rate: largest [rad/s].
-        fundamental: frequency of the first harmonic [Hz].
-        harmonics: number of harmonics.
         bandwidth: of the position loop [Hz].
         attitude_bandwidth: of the attitude loop [Hz].
         dither: of each rotor's speed, as a share of it.
-        dither_low: lowest frequency of the dither [Hz].
-        dither_high: highest frequency of the dither [Hz].
+        low: lowest frequency of the dither [Hz].
+        high: highest frequency of the dither [Hz].
     """
 
-    reach: float = 6.0
-    speed: float = 6.0
-    yaw_rate: float = 2.0
-    fundamental: float = 0.05
-    harmonics: int = 5
+    radius: float = 8.0
+    speed: float = 8.0
+    yaw_rate: float = 1.5
     bandwidth: float = 0.3
     attitude_bandwidth: float = 1.5
-    dither: float = 0.1
-    dither_low: float = 0.5
-    dither_high: float = 3.0
+    dither: float = 0.3
+    low: float = 0.5
+    high: float = 3.0
+    climb: float = 0.5
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -78,21 +79,15 @@ class _Flight(Driver):
     def __init__(
         self, config: QuadrotorFlight, system: Quadrotor, prior: Array, rng: np.random.Generator
     ):
-        reach, speed = np.full(4, config.reach), np.array([1, 1, 0.5, 0]) * config.speed
-        reach[3], speed[3] = np.pi, config.yaw_rate
-        middle = np.array([0, 0, config.reach + 1.0, 0])  # above the ground
-        self._trajectory = FourierTrajectory(
-            middle - reach, middle + reach, speed, config.fundamental, config.harmonics, rng
-        )
-        self._dither = Multisine(4, config.dither_low, config.dither_high, 8, config.dither, rng)
-        self._loops = 2 * np.pi * np.array([config.bandwidth, config.attitude_bandwidth])
+        self._path = _Path(config, rng)
+        self._dither = Multisine(4, config.low, config.high, 8, config.dither, rng)
+        self._slow = 2 * np.pi * config.bandwidth
+        self._fast = 2 * np.pi * config.attitude_bandwidth * np.array([1, 1, _YAW_SLOWER])
         self._mass = prior[0]
         centre = prior[1:4] / prior[0]
         Ixx, Ixy, Iyy, Ixz, Iyz, Izz = prior[4:10]
         origin = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
-        self._inertia = origin - prior[0] * (
-            centre @ centre * np.eye(3) - np.outer(centre, centre)
-        )
+        self._inertia = origin - prior[0] * (centre @ centre * np.eye(3) - np.outer(centre, centre))
         thrust = prior[system.space["rotor thrust gain"]]
         torque = system.spin * prior[system.space["rotor torque gain"]]
         arm = system.rotors - centre
@@ -104,9 +99,9 @@ class _Flight(Driver):
         self._t, self._errors = 0.0, np.zeros(6)
 
     def start(self) -> tuple[Array, Array]:
-        """On the trajectory, level."""
+        """On the path, level."""
         self._settle()
-        place, velocity, _ = self._trajectory(0.0)
+        place, velocity, _, _ = self._path(0.0)
         c, s = np.cos(place[3]), np.sin(place[3])
         u, v, w, r = velocity
         return (
@@ -115,57 +110,89 @@ class _Flight(Driver):
         )
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        place, velocity, acceleration = self._trajectory(t)
         squares = _rotor_speeds_squared(
-            q, v, place, velocity, acceleration, t - self._t, self._errors, *self._loops,
+            q, v, self._path(t), t - self._t, self._errors, self._slow, self._fast,
             self._mass, self._inertia, self._mixer, self._yaw,
         )  # fmt: skip
         self._t = t
-        speeds = np.sqrt(np.clip(squares, _SLOWEST**2, _FASTEST**2)) * (1 + self._dither(t))
-        return np.clip(speeds, _SLOWEST, _FASTEST)
+        return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
+
+
+class _Path:
+    """x, y, z [m] and heading [rad] as sums of sines, which differ a little from seed to seed."""
+
+    def __init__(self, config: QuadrotorFlight, rng: np.random.Generator):
+        turn = config.speed * 2 / 3 / config.radius
+        great, small, climb, slow, fast = (
+            turn * np.array([1, 1.7, 0.8, 0.6, 1.5]) * (1 + 0.1 * rng.uniform(-1, 1, 5))
+        )
+        a, b, c, d, e = rng.uniform(0, 2 * np.pi, 5)
+        quarter = np.pi / 2
+        self._omega = np.array([[great, small], [great, small], [climb, climb], [slow, fast]])
+        self._phase = np.array([[a, b], [a + quarter, b - quarter], [c, c], [d, e]])
+        share = (
+            np.array([[2, 1], [2, 1], [3 * config.climb / 2, 3 * config.climb / 2], [0, 0]])
+            / 3
+            * config.speed
+        )
+        share[3] = config.yaw_rate / 2
+        self._speed = share
+        self._centre = np.array([0, 0, 1 + self._speed[2].sum() / climb, 0])  # above the ground
+
+    def __call__(self, t: float) -> Array:
+        """(4, 4) position, velocity, acceleration and jerk of x, y, z and heading."""
+        s, c = np.sin(self._omega * t + self._phase), np.cos(self._omega * t + self._phase)
+        speed, omega = self._speed, self._omega
+        terms = (-speed / omega * c, speed * s, speed * omega * c, -speed * omega**2 * s)
+        state = np.array(terms).sum(axis=2)
+        state[0] += self._centre
+        return state
 
 
 @njit(cache=True)
-def _rotor_speeds_squared(
-    q, v, place, velocity, acceleration, h, errors, slow, fast, mass, inertia, mixer, yaw
-):
+def _rotor_speeds_squared(q, v, path, h, errors, slow, fast, mass, inertia, mixer, yaw):
     """(4,) what the rotors should do, as shares of their largest speed squared.
 
     Args:
         q: (7,) pose.
         v: (6,) twist.
-        place: (4,) x, y, z [m] and heading [rad] to be at.
-        velocity: (4,) its first derivative.
-        acceleration: (4,) its second.
+        path: (4, 4) place [m] and heading [rad] to be at, and three derivatives.
         h: time since the last command [s].
         errors: (6,) integrals of the errors of place [m·s] and attitude [rad·s], kept here.
         slow: natural frequency of the position loop [rad/s].
-        fast: natural frequency of the attitude loop [rad/s].
+        fast: (3,) natural frequencies of the attitude loop about the body's axes [rad/s].
         mass: [kg].
         inertia: (3, 3) about the centre of mass [kg·m²].
         mixer: (4, 4) squares of rotor speeds from thrust [N] and torque [N·m].
         yaw: largest torque about z [N·m].
     """
     R = rotation(q[3:])
+    place, velocity, acceleration, jerk = path
     off = place[:3] - q[:3]
-    errors[:3] = np.minimum(np.maximum(errors[:3] + h * off, -5.0), 5.0)
+    most = 0.5 * GRAVITY / (_TRIM * slow**3)
+    errors[:3] = np.minimum(np.maximum(errors[:3] + h * off, -most), most)
     a = acceleration[:3] + slow**2 * off + 2 * slow * (velocity[:3] - np.dot(R, v[:3]))
-    a += _SLOW_DOWN * slow**3 * errors[:3]
+    a += _TRIM * slow**3 * errors[:3]
+    a[2] = min(max(a[2] + GRAVITY, 0.4 * GRAVITY), 2.0 * GRAVITY)
     level = np.sqrt(a[0] ** 2 + a[1] ** 2)
-    a[2] = min(max(a[2], -0.5 * GRAVITY), 0.8 * GRAVITY) + GRAVITY
-    a[:2] *= min(1.0, 1.2 * a[2] / max(level, 1e-9))  # 50° of tilt at most
+    a[:2] *= min(1.0, 1.5 * a[2] / max(level, 1e-9))  # 56° of tilt at most
 
-    z = a / np.sqrt(np.sum(a * a))
+    size = np.sqrt(np.sum(a * a))
+    z = a / size
     y = cross(z, np.array([np.cos(place[3]), np.sin(place[3]), 0.0]))
     y /= np.sqrt(np.sum(y * y))
-    wanted = np.column_stack((cross(y, z), y, z))
-    E = np.dot(R.T, wanted)
+    E = np.dot(R.T, np.column_stack((cross(y, z), y, z)))
     turn = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
-    errors[3:] = np.minimum(np.maximum(errors[3:] + h * turn, -0.5), 0.5)
-    rate = R[2] * velocity[3]  # about the vertical, in the body's axes
-    alpha = fast**2 * turn + 2 * fast * (rate - v[3:]) + _SLOW_DOWN * fast**3 * errors[3:]
+    most = 0.7 / (_TRIM * fast)
+    errors[3:] = np.minimum(np.maximum(errors[3:] + h * turn, -most), most)
+    rate = cross(z, jerk[:3]) / size
+    rate[2] += velocity[3]
+    rate = np.dot(R.T, rate)
+    alpha = fast**2 * turn + 2 * fast * (rate - v[3:]) + _TRIM * fast**3 * errors[3:]
 
     torque = np.dot(inertia, alpha) + cross(v[3:], np.dot(inertia, v[3:]))
-    lift = mass * min(max(np.sum(a * R[:, 2]), _THRUST[0] * GRAVITY), _THRUST[1] * GRAVITY)
+    lift = mass * min(max(np.sum(a * R[:, 2]), _LEAST * GRAVITY), _MOST * GRAVITY)
     about_z = min(max(torque[2], -yaw), yaw)
-    return np.dot(mixer, np.array([lift, torque[0], torque[1], about_z]))
+    squares = np.dot(mixer, np.array([lift, torque[0], torque[1], about_z]))
+    squares += max(0.0, _SLOWEST**2 - squares.min())  # attitude comes before height
+    return np.minimum(squares, 1.0)

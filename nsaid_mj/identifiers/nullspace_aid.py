@@ -11,7 +11,14 @@ from numba import njit
 from ..errors import InvalidInput
 from ..kernels import cholesky, solve, times
 from ..parameters import Array
-from ..spatial import bracket, coadjoint
+from ..spatial import (
+    bracket,
+    coadjoint,
+    planar_difference,
+    planar_integrate,
+    pose_difference,
+    pose_integrate,
+)
 from ..system import Instant, Measurement, SecondOrderSystem, checked
 from .base import Expected, Identifier, IdentifierConfig, State, Status
 
@@ -59,22 +66,36 @@ def body_rates(entries, values, group, F, v, z, K, Gamma):
 
 
 @njit(cache=True)
-def body_step(entries, values, group, F, v, start, dt, K, Gamma):
-    """One RK4 step of (44, 45) for such a body, with F (3, n, p) and v (3, n) at its stages.
+def body_step(entries, values, group, F0, F1, F2, v0, v1, v2, v_hat, theta_hat, dt, K, Gamma):
+    """One RK4 step of (44, 45) for such a body; F (n, p) and v (n,) at start, middle and end.
 
     Returns:
-        (n+p,) v̂ and θ̂ at the end; the smallest pivot of M̂ on the way.
+        (n,) v̂ and (p,) θ̂ at the end; the smallest pivot of M̂ on the way.
     """
+    start = np.concatenate((v_hat, theta_hat))
     z, end, smallest = start, start.copy(), np.inf
-    for stage_number in range(4):
-        at = (stage_number + 1) // 2
-        rate, pivot = body_rates(entries, values, group, F[at], v[at], z, K, Gamma)
+    for F, v, weight, reach in (
+        (F0, v0, dt / 6, dt / 2),
+        (F1, v1, dt / 3, dt / 2),
+        (F1, v1, dt / 3, dt),
+        (F2, v2, dt / 6, 0.0),
+    ):
+        rate, pivot = body_rates(entries, values, group, F, v, z, K, Gamma)
         if not pivot > 0.0:
-            return start, pivot
+            return v_hat, theta_hat, pivot
         smallest = min(smallest, pivot)
-        end += (dt / 6 if stage_number in (0, 3) else dt / 3) * rate
-        z = start + (dt if stage_number == 2 else dt / 2) * rate
-    return end, smallest
+        end += weight * rate
+        z = start + reach * rate
+    n = v_hat.shape[0]
+    return end[:n].copy(), end[n:].copy(), smallest
+
+
+@njit(cache=True)
+def body_half_way(group, q0, v0, q1, v1, dt, hermite):
+    """The pose and the velocity half-way between two samples of a body; see `half_way`."""
+    dq = pose_difference(q0, q1) if group == 6 else planar_difference(q0, q1)
+    half, v = half_way(dq, v0, v1, dt, hermite, group)
+    return pose_integrate(q0, half) if group == 6 else planar_integrate(q0, half), v
 
 
 @njit(cache=True)
@@ -129,7 +150,7 @@ class NullspaceAID(IdentifierConfig):
         if not (np.isfinite(self.rate) and self.rate > 0):
             raise InvalidInput("identifier.rate", "a rate > 0 /s", self.rate, "0.1 will do.")
         if not 0 < self.floor <= 1:
-            raise InvalidInput("identifier.floor", "a share in (0, 1]", self.floor, "0.01 will do.")
+            raise InvalidInput("identifier.floor", "a share in (0, 1]", self.floor, "1e-3 will do.")
 
     def build(
         self,
@@ -231,31 +252,23 @@ class NullspaceIdentifier(Identifier):
             here.q.shape, here.v.shape, here.u.shape,
         ):  # fmt: skip
             checked(self.system, following)  # says which
-        system, u = self.system, previous.u
+        advance = self._step if self.system.inertia is None else self._body_step
+        v_hat, theta_hat, pivot, last = advance(state, previous, following, dt)
+        if pivot > 0:
+            return State(following.t, v_hat, theta_hat, pivot, Status.completed, last)
+        finite = all(np.isfinite(part).all() for part in (*previous[1:], *following[1:]))
+        status = Status.estimate_not_positive_definite if finite else Status.measurement_not_finite
+        return state._replace(pivot=pivot, status=status)
+
+    def _step(
+        self, state: State, previous: Measurement, following: Measurement, dt: float
+    ) -> tuple[Array, Array, float, Instant]:
+        """v̂, θ̂, M̂'s smallest pivot (> 0 if the step succeeded), and the system at its end."""
+        system, u, n = self.system, previous.u, self.system.n
         first = state.instant.commanded(previous.t, u)
         middle = system.at(previous.t + 0.5 * dt, *self._between(previous, following, dt), u)
         last = system.at(following.t, following.q, following.v, u)
-
         start = np.concatenate(state[1:3])
-        end, smallest = self._rk4(start, first, middle, last, dt)
-        if not smallest > 0:
-            finite = all(np.isfinite(part).all() for part in (*previous[1:], *following[1:]))
-            status = (
-                Status.estimate_not_positive_definite if finite else Status.measurement_not_finite
-            )
-            return state._replace(pivot=smallest, status=status)
-        n = system.n
-        return State(following.t, end[:n], end[n:], smallest, Status.completed, last)
-
-    def _rk4(
-        self, start: Array, first: Instant, middle: Instant, last: Instant, dt: float
-    ) -> tuple[Array, float]:
-        """(n+p,) v̂ and θ̂ at the end of a step, and M̂'s smallest pivot; > 0 if it succeeded."""
-        n, body = self.system.n, self.system.inertia
-        if body is not None:
-            F = np.stack((first.F, middle.F, last.F))
-            v = np.stack((first.v, middle.v, last.v))
-            return body_step(*body, self.system.group, F, v, start, dt, self.K, self.Gamma)
         z, end, smallest = start, start.copy(), np.inf
         for instant, weight, reach in (
             (first, dt / 6, dt / 2),
@@ -265,10 +278,24 @@ class NullspaceIdentifier(Identifier):
         ):
             a_hat, W, pivot = instant.evaluate(z[:n], z[n:])  # (29), (10, 31)
             if not pivot > 0:
-                return start, pivot
+                return z[:n], z[n:], pivot, last
             smallest = min(smallest, pivot)
             z = stage(z, end, instant.v, a_hat, W, self.K, self.Gamma, weight, start, reach)
-        return end, smallest
+        return end[:n], end[n:], smallest, last
+
+    def _body_step(
+        self, state: State, previous: Measurement, following: Measurement, dt: float
+    ) -> tuple[Array, Array, float, Instant]:
+        """The same for a body whose M is constant in its frame, all stages in one compiled call."""
+        system, (t0, q0, v0, u), (t1, q1, v1, _) = self.system, previous, following
+        assert system.inertia is not None
+        q, v = body_half_way(system.group, q0, v0, q1, v1, dt, self.hermite)
+        F = system._F(t0, q0, v0, u), system._F(t0 + 0.5 * dt, q, v, u), system._F(t1, q1, v1, u)
+        v_hat, theta_hat, pivot = body_step(
+            *system.inertia, system.group, *F, v0, v, v1, state.v_hat, state.theta_hat, dt, self.K,
+            self.Gamma,
+        )  # fmt: skip
+        return v_hat, theta_hat, pivot, Instant(system, t1, q1, v1, u)
 
     def conserved(self, theta_hat: Array) -> Array:
         """θ̂ᵀ Γ⁻¹ θ̂ over the parameters that move, constant under (45) by (30).
@@ -291,7 +318,11 @@ class NullspaceIdentifier(Identifier):
 
 
 def floored_inverse(gramian: Array, floor: float) -> Array:
-    """Inverse of a positive semidefinite matrix, its eigenvalues raised to floor·λ_max."""
+    """Inverse of a positive semidefinite matrix, its eigenvalues raised to floor·λ_max.
+
+    Directions without any excitation are raised, too: nothing is to be learned along them, but
+    the estimate must be free to turn, and the prior's null directions are not quite the true ones.
+    """
     values, vectors = np.linalg.eigh(gramian)
     inverse = (vectors / np.maximum(values, floor * values[-1])) @ vectors.T
     return 0.5 * (inverse + inverse.T)

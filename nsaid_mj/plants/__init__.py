@@ -9,4 +9,8 @@ from .plant import PlantConfig as PlantConfig
 from .scalar_rov import ScalarRovPlant as ScalarRovPlant
 from .sensors import SensorNoise as SensorNoise
 from .shapes import VisualMesh as VisualMesh
+from .space import AstrobeePlant as AstrobeePlant
+from .torpedo import REMUS100Plant as REMUS100Plant
 from .underwater import BlueROV2Plant as BlueROV2Plant
+from .vehicle_manipulator import FlyingArmPlant as FlyingArmPlant
+from .vehicle_manipulator import UvmsPlant as UvmsPlant

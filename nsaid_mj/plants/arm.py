@@ -262,7 +262,7 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
     """
     inertias = [model.inertias[i] for i in range(1, model.njoints)]
     mass = np.array([_octave(inertia.mass) for inertia in inertias])
-    length = np.array([_octave(_extent(inertia)) for inertia in inertias])
+    length = np.array([_octave(extent(inertia)) for inertia in inertias])
     size, weight = joint_sizes(model)
     k = len(size)
     damping = 0.5 * size if config.damping is None else np.full(k, config.damping)
@@ -303,7 +303,7 @@ def _octave(value: float) -> float:
     return float(2.0 ** np.round(np.log2(max(value, 1e-9))))
 
 
-def _extent(inertia: pin.Inertia) -> float:
+def extent(inertia: pin.Inertia) -> float:
     """A link's size [m]: its radius of gyration about the joint."""
     about_joint = np.trace(inertia.inertia) + 2 * inertia.mass * inertia.lever @ inertia.lever
     return float(np.sqrt(about_joint / (2 * inertia.mass)))

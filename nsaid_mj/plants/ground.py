@@ -127,7 +127,7 @@ def scales(nominal: Car, wheelbase: float, guess: dict[str, float]) -> GroundSca
         inertia=float(guessed(nominal.inertia)),
         stiffness=guessed(np.array([nominal.front, nominal.rear])),
         drive=float(guessed(nominal.drive)),
-        loss=float(guessed(nominal.loss)),
+        loss=float(guessed(nominal.drive)) / guess["top_speed"],
         rolling=float(guessed(nominal.rolling)),
         drag=float(guessed(nominal.drag)),
         speed=guess["speed"],

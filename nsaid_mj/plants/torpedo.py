@@ -71,6 +71,7 @@ class REMUS100Plant(PlantConfig):
             nominal.positions,
             nominal.lifts,
             np.array([d["propeller"]["position"], 0.0, 0.0]),
+            nominal.slip,
         )
         return _in_water(system, true, dt, self.mismatch)
 
@@ -86,7 +87,8 @@ class Torpedo:
         lift: (2,) of the body: force [N·s²/m²], moment [N·s²/m].
         net_weight: weight less buoyancy [N].
         righting: z of r_B B − r_G W [N·m].
-        propeller: (3,) thrust at full command at rest [N], its loss [N·s/m], torque [N·m].
+        propeller: (2,) thrust [N] and torque [N·m] at full command at rest.
+        slip: share of its full thrust that the propeller loses for each m/s [s/m].
         positions: (k, 3) of the fins [m].
         lifts: (k, 3) unit vectors along which positive deflections lift.
         fin_lift: (k,) [N·s²/m² for each rad].
@@ -101,6 +103,7 @@ class Torpedo:
     net_weight: float
     righting: float
     propeller: Array
+    slip: float
     positions: Array
     lifts: Array
     fin_lift: Array
@@ -119,7 +122,7 @@ class Torpedo:
             [
                 [len(fins), float(lagged)], self.rigid.ravel(), self.added.ravel(),
                 inverse.ravel(), self.drag, self.lift, [self.net_weight, self.righting],
-                self.propeller, self.flow, fins.ravel(),
+                self.propeller, [self.slip], self.flow, fins.ravel(),
             ]
         )  # fmt: skip
 
@@ -161,8 +164,8 @@ def forces() -> Any:
         f[:3] -= d[116] * upwards
         f[3:] += d[117] * cross(np.array([0.0, 0.0, 1.0]), upwards)
         n = command[k]
-        f[0] += abs(n) * (d[118] * n - d[119] * ahead)
-        f[3] -= d[120] * abs(n) * n
+        f[0] += d[118] * abs(n) * (n - d[120] * ahead)
+        f[3] -= d[119] * abs(n) * n
         for j in range(k):
             fin = d[124 + 8 * j : 132 + 8 * j]
             place, along, angle = fin[:3], fin[3:6], command[j]
@@ -210,7 +213,6 @@ def published() -> Torpedo:
     rho, n, wide = d["water_density"], p["shaft_speed"], p["diameter"]
     slope = (p["K_T"][0] - p["K_T"][1]) / p["advance"]
     thrust = (1 - p["deduction"]) * rho * n**2 * wide**4 * p["K_T"][0]
-    loss = (1 - p["deduction"]) * rho * n * wide**3 * slope * p["wake"]
     fin_lift = np.full(4, fins["Y_uudr"] / 2)
     front = np.pi / 4 * drag["diameter"] ** 2
     return Torpedo(
@@ -222,7 +224,8 @@ def published() -> Torpedo:
         lift=np.array([-lift["Y_uv"] - fins["Y_uudr"], munk + fins["N_uudr"] - lift["M_uw"]]),
         net_weight=d["net_weight"],
         righting=-height * mass * d["gravity"],
-        propeller=np.array([thrust, loss, p["torque"] * (2 * np.pi * n) ** 2]),
+        propeller=np.array([thrust, p["torque"] * (2 * np.pi * n) ** 2]),
+        slip=slope * p["wake"] / (n * wide) / p["K_T"][0],
         positions=np.array([[x, 0, r], [x, 0, -r], [x, r, 0], [x, -r, 0]]),
         lifts=np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]),
         fin_lift=fin_lift,
@@ -235,7 +238,9 @@ def _in_water(system: TorpedoVehicle, true: Torpedo, dt: float, mismatch: Mismat
     """The vehicle with the given true numbers, in Prestero's water or in MuJoCo's."""
     mass = true.rigid[0, 0]
     centre = np.array([0.0, 0.0, true.rigid[0, 4] / mass])
-    about_centre = true.rigid[3:, 3:] - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    about_centre = true.rigid[3:, 3:] - mass * (
+        centre @ centre * np.eye(3) - np.outer(centre, centre)
+    )
     spec = vehicle_spec("remus100", dt, mass, centre, about_centre)
     command_inputs(spec, system.n_u)
     spec.nuserdata = SIZE

@@ -12,7 +12,7 @@ import pinocchio as pin
 from ..parameters import Array
 from .plant import set_options
 from .robots import Robot
-from .shapes import VisualMesh
+from .shapes import VisualMesh, of_geom
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
@@ -92,6 +92,45 @@ class Looks:
             pin.updateGeometryPlacements(model, data, visual, geometry, configuration)
             for j, i in enumerate(drawn):
                 pose = geometry.oMg[i]
+                translations[k, j] = pose.translation
+                quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
+        return translations, quaternions
+
+
+class GeomLooks:
+    """The geoms of a MuJoCo model whose bodies have the names of a Pinocchio model's joints.
+
+    Args:
+        model: MuJoCo's.
+        tree: Pinocchio's.
+    """
+
+    def __init__(self, model: Any, tree: pin.Model):
+        self._model, self._tree = model, tree
+        self._bodies = [tree.getJointId(model.body(i).name) for i in model.geom_bodyid]
+        quaternions = (pin.Quaternion(*wxyz) for wxyz in model.geom_quat)
+        self._places = [
+            pin.SE3(quaternion.toRotationMatrix(), place.copy())
+            for quaternion, place in zip(quaternions, model.geom_pos, strict=True)
+        ]
+
+    def visuals(self) -> list[VisualMesh]:
+        """The geoms as meshes."""
+        return [of_geom(self._model, i) for i in range(self._model.ngeom)]
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the geoms at positions q (k, m).
+
+        Returns:
+            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
+        """
+        data = self._tree.createData()
+        translations = np.zeros((len(q), len(self._bodies), 3))
+        quaternions = np.zeros((len(q), len(self._bodies), 4))
+        for k, configuration in enumerate(q):
+            pin.forwardKinematics(self._tree, data, configuration)
+            for j, (body, place) in enumerate(zip(self._bodies, self._places, strict=True)):
+                pose = data.oMi[body] * place
                 translations[k, j] = pose.translation
                 quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
         return translations, quaternions

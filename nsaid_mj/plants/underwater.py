@@ -13,10 +13,7 @@ from ..systems.underwater import UnderwaterScales, UnderwaterVehicle
 from .hydrodynamics import SIZE, Hydrodynamics, fossen
 from .mismatch import Mismatch
 from .plant import Plant, PlantConfig
-from .vehicle import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
-
-NED = np.array([1.0, -1.0, -1.0])
-"""Turns x forward, y right, z down into x forward, y left, z up, and back."""
+from .vehicle import BODY, NED, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
 
 
 @dataclass(frozen=True)
@@ -36,32 +33,38 @@ class BlueROV2Plant(PlantConfig):
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
         nominal = published()
-        rng = np.random.default_rng(seed)
-        true = replace(
-            nominal,
-            linear=hidden(nominal.linear, self.spread, rng),
-            quadratic=hidden(nominal.quadratic, self.spread, rng),
-            net_weight=float(hidden(nominal.net_weight, self.spread, rng)),
-            righting=hidden(nominal.righting, self.spread, rng),
-            thrust=hidden(nominal.thrust, self.spread, rng),
-            flow=np.array(self.mismatch.flow),
-        )
-        guess = numbers("bluerov2")["guess"]
+        true = drawn(nominal, self.spread, np.random.default_rng(seed))
+        true = replace(true, flow=np.array(self.mismatch.flow))
         system = UnderwaterVehicle(
-            UnderwaterScales(
-                mass=guessed(np.diag(nominal.rigid + nominal.added)),
-                linear=np.array(guess["linear_drag"]),
-                quadratic=guessed(nominal.quadratic),
-                net_weight=float(guessed(nominal.net_weight)),
-                righting=float(guessed(nominal.righting[2])),
-                thrust=guessed(nominal.thrust),
-                speed=np.array(guess["speed"]),
-            ),
-            nominal.positions,
-            nominal.directions,
-            nominal.curve,
+            scales_of(nominal), nominal.positions, nominal.directions, nominal.curve
         )
         return body_in_water("bluerov2", system, true, dt, self.mismatch)
+
+
+def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hydrodynamics:
+    """True numbers that deviate from nominal ones in all but the inertias."""
+    return replace(
+        nominal,
+        linear=hidden(nominal.linear, spread, rng),
+        quadratic=hidden(nominal.quadratic, spread, rng),
+        net_weight=float(hidden(nominal.net_weight, spread, rng)),
+        righting=hidden(nominal.righting, spread, rng),
+        thrust=hidden(nominal.thrust, spread, rng),
+    )
+
+
+def scales_of(nominal: Hydrodynamics) -> UnderwaterScales:
+    """What an engineer would guess of a BlueROV2 Heavy."""
+    guess = numbers("bluerov2")["guess"]
+    return UnderwaterScales(
+        mass=guessed(np.diag(nominal.rigid + nominal.added)),
+        linear=np.array(guess["linear_drag"]),
+        quadratic=guessed(nominal.quadratic),
+        net_weight=float(guessed(nominal.net_weight)),
+        righting=float(guessed(nominal.righting[2])),
+        thrust=guessed(nominal.thrust),
+        speed=np.array(guess["speed"]),
+    )
 
 
 def body_in_water(

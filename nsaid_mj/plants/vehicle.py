@@ -21,6 +21,10 @@ BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""
 
 
+NED = np.array([1.0, -1.0, -1.0])
+"""Turns x forward, y right, z down into x forward, y left, z up, and back."""
+
+
 class Vehicle(Plant):
     """One body and its actuators.
 
@@ -107,10 +111,10 @@ def vehicle_spec(name: str, dt: float, mass: float, centre: Array, inertia: Arra
     return spec
 
 
-def command_inputs(spec: Any, count: int) -> None:
+def command_inputs(spec: Any, count: int, body: str = BODY) -> None:
     """Gives the model `count` commands that act through the callback only."""
     for i in range(count):
-        actuator = spec.add_actuator(name=f"command {i + 1}", target=BODY)
+        actuator = spec.add_actuator(name=f"command {i + 1}", target=body)
         actuator.trntype = mujoco.mjtTrn.mjTRN_BODY
         actuator.gainprm[0] = 0.0
 

@@ -11,7 +11,8 @@ import rerun as rr
 
 from ..experiment import Run
 from ..metrics import true_nullspace
-from .forces import COMMANDED, ESTIMATED, Arrows
+from ..record import Record
+from .forces import COMMANDED, ESTIMATED, Arrows, Rows
 from .layout import blueprint
 from .scene import Scene
 from .series import Indices, along, curves, shared
@@ -19,7 +20,8 @@ from .text import drawable, result
 
 FILE = "run.rrd"
 _POINTS = 4000  # of a curve: more than a screen is wide
-_FRAMES, _RATE = 6000, 30.0  # of the robot's motion, and at most so many a second
+_LOOKS = 500  # at what there will be to see, to set up the scene
+_FRAMES, _RATE = 12000, 40.0  # of the robot's motion, and at most so many a second
 
 
 def write(run: Run, summary: dict[str, Any]) -> Path:
@@ -39,23 +41,25 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
     rows = spread(len(t), _POINTS)
     frames = spread(len(t), min(_FRAMES, max(2, int((t[-1] - t[0]) * _RATE))))
     scene = Scene(plant)
-    some = spread(len(t), 100)
-    q, v, u = record["q"], record["v"], record["u"]
+    some = _rows(record, spread(len(t), _LOOKS))
     told = shared(space, nullspace.r, plant.truth)
-    kinds = [b.name for b, place in space if len(told) and place.start in told]
+    kinds = [b for b, place in space if place.start in told]
+    kind = kinds[0].name if kinds else ""
+    if len(kinds) > 1:
+        kind = "actuator parameter" if all(b.actuator for b in kinds) else "parameter"
     shown = curves(run, nullspace, rows)
     distances = [c.values.max() for c in shown if c.path.startswith("distance/")]
-    camera = None if scene.empty else scene.camera(q[some], v[some])
+    camera = None if scene.empty else scene.camera(some.q, some.v)
     arrows = None
     if camera and scene.vehicle:
-        arrows = Arrows.of(plant.system, camera.size, q[some], v[some], u[some], plant.truth)
+        arrows = Arrows.of(plant.system, camera.size, some, plant.truth)
     layout = blueprint(
         space,
         camera,
-        survey=scene.survey(q[some]) if camera and scene.vehicle else None,
-        arrows=arrows is not None,
+        survey=scene.survey(some.q) if camera and scene.vehicle else None,
+        magnified=arrows.magnified if arrows else None,
         farthest=max(*distances, 1e-12),
-        shared=(kinds[0] if len(kinds) == 1 else "parameter") if kinds else "",
+        shared=kind,
         rivals=bool(record.rivals),
         conserves=run.identifiers[""].conserves,
     )
@@ -66,14 +70,13 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
     words = rr.TextDocument(result(run, summary), media_type=rr.MediaType.MARKDOWN)
     rec.log("result", words, static=True)
     scene.log_shapes(rec, camera, ghost=arrows is not None)
-    scene.log_poses(rec, t[frames], q[frames])
+    scene.log_poses(rec, t[frames], record["q"][frames])
     if arrows:
+        drawn, theta_hat = _rows(record, frames), record["theta_hat"][frames]
+        factor = along(theta_hat / space.scale, plant.truth / space.scale)  # nobody can know it
         arrows.log_style(rec, COMMANDED, ESTIMATED)
-        at = (t[frames], q[frames], v[frames], u[frames])
-        theta_hat = record["theta_hat"][frames]
-        factor = along(theta_hat / space.scale, plant.truth / space.scale)
-        arrows.log(rec, COMMANDED, *at, plant.truth)
-        arrows.log(rec, ESTIMATED, *at, theta_hat / factor[:, None])  # nobody knows the scale
+        arrows.log(rec, COMMANDED, drawn, plant.truth)
+        arrows.log(rec, ESTIMATED, drawn, theta_hat / factor[:, None])
     for curve in shown:
         curve.log_style(rec)
         curve.log_values(rec, t[rows])
@@ -82,6 +85,10 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
     with partial.open("rb") as stream:
         os.fsync(stream.fileno())
     return partial.replace(file)
+
+
+def _rows(record: Record, rows: Indices) -> Rows:
+    return Rows(*(record[column][rows] for column in Rows._fields))
 
 
 def spread(length: int, most: int) -> Indices:

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from ..parameters import Array, Indices
 from ..system import SecondOrderSystem
-from .scene import ROBOT, base_poses
+from .scene import BODY, body_axes
 from .text import drawable
 
-COMMANDED, ESTIMATED = f"{ROBOT}/force/commanded", f"{ROBOT}/force/estimated"
+COMMANDED, ESTIMATED = f"{BODY}/force/commanded", f"{BODY}/force/estimated"
 _COLORS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
-_RADIUS = 0.035  # of an arrow, as a share of the vehicle's size
+_STEEP = 0.5  # cosine beyond which a force's direction counts as inwards
+_MUCH = 5.0  # times smaller than others, a force is drawn longer
+_LENGTH, _RADIUS = 0.8, 0.035  # of an arrow, in half vehicle sizes
+
+
+class Rows(NamedTuple):
+    """Measurements.
+
+    Attributes:
+        t: (k,) times [s].
+        q: (k, m) positions.
+        v: (k, n) velocities.
+        u: (k, n_u) commands.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    u: Array
 
 
 @dataclass(frozen=True)
@@ -23,104 +44,134 @@ class Arrows:
 
     Attributes:
         system: the vehicle's structure.
-        columns: (j,) indices in θ of the actuators' parameters.
-        mounts: (j, 3) where their forces act, in the body's axes [m].
+        parts: for each arrow the indices in θ of the parameters whose forces add up in it; a fin's
+            lift and drag are one force.
+        mounts: (j, 3) where the forces act, in the body's axes [m].
         beside: (j, 3) from the commanded force's arrow to the estimated one's, in the body's axes
             [m]; at one place they would hide each other.
         radius: of an arrow [m].
-        length: of an arrow [m/N].
+        lengths: (j, 1) of the arrows [m/N].
+        magnified: how many times longer than the others' a kind of actuator's arrows are.
     """
 
     system: SecondOrderSystem
-    columns: Indices
+    parts: Sequence[Indices]
     mounts: Array
     beside: Array
     radius: float
-    length: float
+    lengths: Array
+    magnified: Mapping[str, float]
 
     @staticmethod
-    def of(
-        system: SecondOrderSystem, size: float, q: Array, v: Array, u: Array, theta: Array
-    ) -> Arrows | None:
-        """Arrows of which the longest is half as long as the vehicle, in rms over given states.
+    def of(system: SecondOrderSystem, size: float, rows: Rows, theta: Array) -> Arrows | None:
+        """Arrows of which the longest is half as long as the vehicle, in rms over given rows.
+
+        Much smaller forces of another kind of actuator are drawn as many times longer as keeps
+        them within that length.
 
         Args:
             system: any structure; it tells the places of its actuators' forces in `mounts`.
             size: half the vehicle's size [m].
-            q: (k, m) positions of operation.
-            v: (k, n) velocities.
-            u: (k, n_u) commands.
+            rows: of operation.
             theta: (p,) parameters.
 
         Returns:
             None where no force has a place.
         """
-        mounts = getattr(system, "mounts", None)
-        if mounts is None or not system.group:
+        given = getattr(system, "mounts", None)
+        if given is None or not body_axes(system):
             return None
-        seen = np.flatnonzero(np.isfinite(mounts).all(axis=1))
-        if not len(seen):
+        at: dict[tuple[float, ...], list[int]] = {}
+        for k, mount in zip(system.space.actuators, given, strict=True):
+            if np.isfinite(mount).all():
+                at.setdefault(tuple(mount), []).append(k)
+        if not at:
             return None
-        columns, mounts = system.space.actuators[seen], mounts[seen]
-        forces = body_forces(system, columns, np.zeros(len(q)), q, v, u, theta)
-        rms = np.sqrt(np.mean(np.linalg.norm(forces, axis=2).max(axis=1) ** 2))
+        parts, mounts = [np.array(k) for k in at.values()], np.array(list(at))
+        forces = body_forces(system, parts, rows, theta)
+        kinds = [next(b.name for b, s in system.space if s.start <= k[0] < s.stop) for k in parts]
+        longest = {kind: _rms([kind == other for other in kinds], forces) for kind in kinds}
+        most = max(longest.values())
+        times = {kind: _magnified(most / own) if own else 1.0 for kind, own in longest.items()}
         radius = _RADIUS * size
-        beside = 2.4 * radius * _outward(mounts, forces)
-        return Arrows(system, columns, mounts, beside, radius, size / rms if rms > 0 else 1.0)
+        return Arrows(
+            system,
+            parts,
+            mounts,
+            beside=2.4 * radius * _outward(mounts, forces),
+            radius=radius,
+            lengths=_LENGTH * size / (most or 1.0) * np.array([[times[kind]] for kind in kinds]),
+            magnified={kind: factor for kind, factor in times.items() if factor > 1},
+        )
 
     def log_style(self, rec: rr.RecordingStream, *paths: str) -> None:
         """Logs the colour of commanded or estimated forces, and whose they are."""
-        names = [drawable(self.system.space.names[i]) for i in self.columns]
+        space = self.system.space
+        names = [drawable(" + ".join(space.names[i] for i in part)) for part in self.parts]
         for path in paths:
             style = rr.Arrows3D.from_fields(
-                colors=[_COLORS[path]], radii=[self.radius], labels=names, show_labels=False
+                colors=[_COLORS[path]],
+                radii=[self.radius],
+                labels=names,
+                show_labels=False,
             )
             rec.log(path, style, static=True)
 
-    def log(
-        self, rec: rr.RecordingStream, path: str, t: Array, q: Array, v: Array, u: Array, theta: Array
-    ) -> None:  # fmt: skip
-        """Logs forces, all at once.
+    def log(self, rec: rr.RecordingStream, path: str, rows: Rows, theta: Array) -> None:
+        """Logs forces, all at once: each begins where it acts, or ends there if it pushes inwards.
 
         Args:
             rec: where to.
             path: COMMANDED or ESTIMATED.
-            t: (k,) times [s].
-            q: (k, m) positions.
-            v: (k, n) velocities.
-            u: (k, n_u) commands.
+            rows: when.
             theta: (p,) or (k, p) parameters that the forces have.
         """
-        forces = body_forces(self.system, self.columns, t, q, v, u, theta)
-        places, attitudes = base_poses(self.system, q)
+        forces = body_forces(self.system, self.parts, rows, theta)
+        vectors = self.lengths * forces
         at = self.mounts + self.beside if path == ESTIMATED else self.mounts
-        origins = places[:, None] + np.einsum("kab,jb->kja", attitudes, at)
-        vectors = self.length * np.einsum("kab,kjb->kja", attitudes, forces)
+        origins = np.where(_pushes(self.mounts, forces)[..., None], at - vectors, at)
         arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))
-        time = rr.TimeColumn("sim_time", duration=t)
-        rec.send_columns(path, [time], arrows.partition([len(at)] * len(t)))
+        time = rr.TimeColumn("sim_time", duration=rows.t)
+        rec.send_columns(path, [time], arrows.partition([len(self.parts)] * len(rows.t)))
 
 
 def body_forces(
-    system: SecondOrderSystem, columns: Indices, t: Array, q: Array, v: Array, u: Array,
-    theta: Array,
-) -> Array:  # fmt: skip
-    """(k, j, 3) forces F_k θ_k of the parameters `columns` (j,), in the body's axes [N].
+    system: SecondOrderSystem, parts: Sequence[Indices], rows: Rows, theta: Array
+) -> Array:
+    """(k, j, 3) forces F_i θ_i, summed over the parameters of each part, in the body's axes [N].
 
     Args:
         system: a vehicle's structure, with the body's twist first among its velocities.
-        columns: indices in θ.
-        t: (k,) times [s].
-        q: (k, m) positions.
-        v: (k, n) velocities.
-        u: (k, n_u) commands.
+        parts: j groups of indices in θ.
+        rows: k of them.
         theta: (p,) or (k, p) parameters.
     """
-    linear = 3 if system.group == 6 else 2  # a planar body's forces are in its plane
-    F = system.F(t, np.hstack([q, v]), u)[:, :linear, columns]
-    forces = np.zeros((len(q), len(columns), 3))
-    forces[..., :linear] = np.swapaxes(F, 1, 2) * theta[..., columns, None]
+    axes = body_axes(system)  # a planar body's forces are in its plane
+    F = system.F(rows.t, np.hstack([rows.q, rows.v]), rows.u)[:, : len(axes)]
+    forces = np.zeros((len(rows.t), len(parts), 3))
+    for j, part in enumerate(parts):
+        forces[:, j, axes] = (F[..., part] * theta[..., None, part]).sum(axis=-1)
     return forces
+
+
+def _rms(chosen: list[bool], forces: Array) -> float:
+    """Of the longest among the chosen of forces (k, j, 3), over the k rows [N]."""
+    longest = np.linalg.norm(forces[:, chosen], axis=2).max(axis=1)
+    return float(np.sqrt(np.mean(longest**2)))
+
+
+def _magnified(ratio: float) -> float:
+    """The largest of 5, 10, 20, 50, 100 … that is not above a ratio, else 1."""
+    if ratio < _MUCH:
+        return 1.0
+    n = 10.0 ** np.floor(np.log10(ratio))
+    return float(max(n * step for step in (1, 2, 5) if n * step <= ratio))
+
+
+def _pushes(mounts: Array, forces: Array) -> NDArray[np.bool_]:
+    """(k, j) whether forces (k, j, 3) at mounts (j, 3) point into the vehicle, about."""
+    sizes = np.linalg.norm(forces, axis=2) * np.linalg.norm(mounts, axis=1)
+    return np.einsum("kja,ja->kj", forces, mounts) < -_STEEP * sizes
 
 
 def _outward(mounts: Array, forces: Array) -> Array:

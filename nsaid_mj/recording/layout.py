@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ..parameters import ParameterSpace
+from ..parameters import Block, ParameterSpace
 from .scene import CENTRE, PATH, ROBOT, TRAIL, Camera
-from .series import path
+from .series import PALETTE, path
 from .text import drawable
 
-COMMANDED_ESTIMATED, ESTIMATED = "commanded (white), estimated (orange)", "estimated (orange)"
 _LINKS_ON_A_PAGE = 6
 _MARK = (255, 255, 255)
 
@@ -22,7 +22,7 @@ def blueprint(
     camera: Camera | None,
     *,
     survey: Camera | None = None,
-    arrows: bool = False,
+    magnified: Mapping[str, float] | None = None,
     farthest: float,
     shared: str = "",
     rivals: bool = False,
@@ -34,13 +34,13 @@ def blueprint(
         space: the parameters.
         camera: where the robot is seen from; None leaves the 3D view out.
         survey: where a vehicle's whole way is seen from; None leaves it out.
-        arrows: whether forces are drawn.
+        magnified: how many times longer than the others' some actuators' arrows are; None where
+            no forces are drawn.
         farthest: the largest ‖θ̄_P⊥‖/‖θ̂‖ there is to see.
         shared: what the shares are of ("motor gain"), "" where there are none.
         rivals: whether there are rivals to compare with.
         conserves: whether the law's quantity is conserved.
     """
-    log_distance = plot("log_distance", "Distance to the true set  log₁₀ (‖θ̄_P⊥‖ / ‖θ̂‖)")
     story = [
         plot("distance", "Distance to the true set  ‖θ̄_P⊥‖ / ‖θ̂‖  [1]", (0.0, 1.05 * farthest))
     ]
@@ -51,14 +51,14 @@ def blueprint(
     elif len(space.actuators) > 1:
         story += [_estimate(block.name) for block, _ in space if block.actuator][:1]
     else:
-        story.append(log_distance)
+        story.append(_log_distance())
     story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
     told = result()
     if survey is not None:
         told = rrb.Horizontal(way(survey), told, column_shares=[2, 3])
     left: list[rrb.View | rrb.Container] = [told]
     if camera is not None:
-        left.insert(0, robot(camera, COMMANDED_ESTIMATED if arrows else ""))
+        left.insert(0, robot(camera, _forces("commanded (white), estimated (orange)", magnified)))
     overview = rrb.Horizontal(
         rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
         rrb.Grid(*story, grid_columns=2 if len(story) > 3 else 1),
@@ -66,7 +66,7 @@ def blueprint(
         name="Overview",
     )
     certificates = rrb.Grid(
-        log_distance,
+        _log_distance(),
         plot("theta_perp", "Components  θ̄_P⊥  (40)", legend=False),
         plot("lyapunov", "Lyapunov function  V  (66)  [J]"),
         *(
@@ -85,7 +85,7 @@ def blueprint(
 
 
 def live_blueprint(
-    space: ParameterSpace, camera: Camera | None, arrows: bool = False
+    space: ParameterSpace, camera: Camera | None, magnified: Mapping[str, float] | None = None
 ) -> rrb.Blueprint:
     """The arrangement of a run that goes on: what can be known without the truth."""
     plots = [
@@ -93,26 +93,33 @@ def live_blueprint(
         *[_estimate(block.name, False) for block, _ in space if block.actuator][:2],
         plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
     ]
-    views = [rrb.Vertical(*plots)]
-    overview = rrb.Horizontal(*([robot(camera, ESTIMATED if arrows else "")] if camera else []), *views, name="Overview")
+    views: list[rrb.View | rrb.Container] = [rrb.Vertical(*plots)]
+    if camera is not None:
+        views.insert(0, robot(camera, _forces("estimated (orange)", magnified)))
+    overview = rrb.Horizontal(*views, name="Overview")
     return _whole(overview, *estimates(space, judged=False), play_state="following")
 
 
 def estimates(space: ParameterSpace, judged: bool = True) -> list[rrb.Grid]:
-    """Pages of θ̂ by block: actuators first, then the joints, then the links.
+    """Pages of θ̂ by block: actuators first, then the others, large ones, and links.
 
     Args:
         space: the parameters.
         judged: whether the true direction is shown beside them.
     """
-    blocks = sorted(space, key=lambda item: not item[0].actuator)
-    joints = [_estimate(b.name, judged) for b, _ in blocks if b.geometry != "pseudo_inertia"]
-    links = [_estimate(b.name, judged) for b, _ in blocks if b.geometry == "pseudo_inertia"]
-    pages = [rrb.Grid(*joints, grid_columns=2, name="Estimate")] if joints else []
+    blocks = [block for block, _ in sorted(space, key=lambda item: not item[0].actuator)]
+    links = [b for b in blocks if b.geometry == "pseudo_inertia"]
+    links = links if len(links) > 1 else []  # a single body is a block as any other
+    large = [b for b in blocks if len(b) > len(PALETTE)]
+    small = [b for b in blocks if b not in links + large]
+    pages = [_estimate_page("Estimate", small, judged)] if small else []
+    pages += [_estimate_page(b.name.capitalize(), [b], judged) for b in large]
     for start in range(0, len(links), _LINKS_ON_A_PAGE):
         some = links[start : start + _LINKS_ON_A_PAGE]
-        name = f"Links {start + 1} – {start + len(some)}" if len(links) > len(some) else "Links"
-        pages.append(rrb.Grid(*some, grid_columns=2, name=name))
+        name = "Links"
+        if len(links) > len(some):
+            name = f"{some[0].name.capitalize()} – {some[-1].name.split()[-1]}"
+        pages.append(_estimate_page(name, some, judged))
     return pages
 
 
@@ -134,17 +141,12 @@ def plot(
     )
 
 
-def robot(camera: Camera, forces: str = "") -> rrb.Spatial3DView:
-    """The robot, on its ground; a vehicle with its last way bright.
-
-    Args:
-        camera: where it is seen from.
-        forces: what the arrows are, "" where there are none.
-    """
+def robot(camera: Camera, name: str) -> rrb.Spatial3DView:
+    """The robot, on its ground; a vehicle with its last way bright."""
     since = rr.TimeRangeBoundary.cursor_relative(seconds=-camera.trail)
     return _space(
         camera,
-        f"Forces: {forces}" if forces else "Robot, as MuJoCo moves it",
+        name,
         {
             PATH: _period(rr.TimeRangeBoundary.infinite(), since),
             TRAIL: _period(since, rr.TimeRangeBoundary.cursor_relative()),
@@ -160,12 +162,19 @@ def way(camera: Camera) -> rrb.Spatial3DView:
         {
             TRAIL: [
                 _period(rr.TimeRangeBoundary.infinite(), rr.TimeRangeBoundary.cursor_relative()),
-                rr.LineStrips3D.from_fields(radii=[rr.Radius.ui_points(1.5)]),
+                rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(1.5)),
             ],
-            CENTRE: [rr.Points3D.from_fields(radii=[rr.Radius.ui_points(5.0)], colors=[_MARK])],
+            CENTRE: [rr.Points3D.from_fields(radii=rr.Radius.ui_points(5.0), colors=[_MARK])],
         },
         [f"/{TRAIL}", f"/{CENTRE}"],
     )
+
+
+def _forces(which: str, magnified: Mapping[str, float] | None) -> str:
+    if magnified is None:
+        return "Robot, as MuJoCo moves it"
+    longer = [f"{kind} {times:g} × as long" for kind, times in magnified.items()]
+    return drawable(f"Forces: {'; '.join([which, *longer])}")
 
 
 def _space(
@@ -200,6 +209,15 @@ def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.Visib
 def result() -> rrb.TextDocumentView:
     """What came out, in words."""
     return rrb.TextDocumentView(origin="/result", name="Result")
+
+
+def _log_distance() -> rrb.TimeSeriesView:
+    return plot("log_distance", "Distance to the true set  log₁₀ (‖θ̄_P⊥‖ / ‖θ̂‖)")
+
+
+def _estimate_page(name: str, blocks: Sequence[Block], judged: bool) -> rrb.Grid:
+    plots = [_estimate(block.name, judged) for block in blocks]
+    return rrb.Grid(*plots, grid_columns=min(len(plots), 2 if len(plots) <= 6 else 3), name=name)
 
 
 def _estimate(block: str, judged: bool = True) -> rrb.TimeSeriesView:

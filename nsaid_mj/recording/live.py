@@ -15,7 +15,7 @@ from ..identifiers import State
 from ..plants import Plant
 from ..scenario import Scenario
 from ..system import Measurement
-from .forces import ESTIMATED, Arrows
+from .forces import ESTIMATED, Arrows, Rows
 from .layout import live_blueprint
 from .scene import Scene
 from .series import Curves, estimate_names, excitation, path, velocity_names
@@ -81,13 +81,15 @@ class Live(Observer):
         rng = np.random.default_rng(0)  # where the robot may go, as its structure says
         states = [plant.system.random_state(rng) for _ in range(50)]
         q, v, u = (np.array(part) for part in zip(*states, strict=True))
+        rows = Rows(np.zeros(len(q)), q, v, u)
         begin = plant.position(plant.coordinates()[0])
         camera = None
         if not self._scene.empty:
             camera = self._scene.camera(np.vstack([begin, q[:20]]), v)
         if camera and self._scene.vehicle:
-            self._arrows = Arrows.of(plant.system, camera.size, q, v, u, self._space.scale)
-        layout = live_blueprint(self._space, camera, self._arrows is not None)
+            self._arrows = Arrows.of(plant.system, camera.size, rows, self._space.scale)
+        magnified = self._arrows.magnified if self._arrows else None
+        layout = live_blueprint(self._space, camera, magnified)
         rec = rr.RecordingStream(drawable(f"nsaid_mj {self._name} live"))
         rec.connect_grpc(self._open() if has_display() else self._serve(), default_blueprint=layout)
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
@@ -135,10 +137,10 @@ class Live(Observer):
         rec.log("excitation/perpendicular", rr.Scalars(levels[1]))
         begin = time.perf_counter()
         if begin >= self._next_pose:
-            t, q, v, u = (np.array([part]) for part in measurement)
-            self._scene.log_poses(rec, t, q)
+            row = Rows(*(np.array([part]) for part in measurement))
+            self._scene.log_poses(rec, row.t, row.q)
             if self._arrows:
-                self._arrows.log(rec, ESTIMATED, t, q, v, u, state.theta_hat)
+                self._arrows.log(rec, ESTIMATED, row, state.theta_hat)
             self._next_pose = begin + _SHARE * (time.perf_counter() - begin)
 
     def _give_up(self, error: Exception) -> None:

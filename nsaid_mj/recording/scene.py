@@ -1,4 +1,4 @@
-"""The robot in 3D: its meshes where it has any, else the skeleton of its joints; a vehicle's path."""
+"""The robot in 3D: its meshes, else the skeleton of its joints; a vehicle's path too."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ import rerun as rr
 
 from ..parameters import Array
 from ..plants import Plant
-from ..plants.vehicle import body_poses
 from ..system import SecondOrderSystem
 from ..systems.joints import JointTree
+from ..systems.rigid_body import RigidBody
+from ..systems.scalar import ScalarVehicle
 
 ROBOT = "robot"
-CENTRE, PATH, TRAIL = f"{ROBOT}/centre", f"{ROBOT}/path", f"{ROBOT}/trail"
-_POSE = {6: 7, 3: 3}  # how many of the positions are a body's pose, by the group of its twist
+BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"
+CENTRE = f"{BODY}/centre"
 _TRAIL = 12.0  # how many times its size of a vehicle's last way is bright …
 _SHORTEST, _LONGEST = 1.0, 20.0  # … and for how long [s]
 _EYE = np.array([1.15, -1.45, 0.65]) / np.linalg.norm([1.15, -1.45, 0.65])
 _CREASE = np.cos(np.radians(35))  # faces that meet at more than this angle keep their edge
 _JOINT, _BONE, _STAND = (255, 176, 59), (130, 170, 255), (70, 78, 92)
 _WAY, _LAST_WAY = (58, 104, 128), (64, 214, 224)
-_GHOST, _LIGHT = 0.5, 0.25  # opacity, and share of white, of a vehicle that arrows go through
+_GHOST, _LIGHT = 0.6, 0.25  # opacity, and share of white, of a vehicle that arrows go through
 
 
 @dataclass(frozen=True)
@@ -56,15 +57,17 @@ class Scene:
         plant: what is drawn.
 
     Attributes:
-        vehicle: whether a body moves freely, in space or in the plane.
+        vehicle: whether a body moves freely, in space, in the plane or up and down.
     """
 
     def __init__(self, plant: Plant):
         self._plant, self._meshes = plant, plant.visuals()
-        self._paths = [f"{ROBOT}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
+        self._rigid = isinstance(plant.system, RigidBody | ScalarVehicle)  # its meshes are one
+        home = BODY if self._rigid else ROBOT
+        self._paths = [f"{home}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
         tree = plant.system if isinstance(plant.system, JointTree) else None
         self._skeleton = tree.model if tree and not self._meshes else None
-        self.vehicle = plant.system.group > 0
+        self.vehicle = len(body_axes(plant.system)) > 0
         self._place = np.zeros((0, 3))  # (1, 3) where a vehicle was when it was last drawn
 
     @property
@@ -100,6 +103,8 @@ class Scene:
             )
         if camera is None:
             return
+        if self._rigid:
+            self._log_meshes(rec, [], self._plant.position(np.zeros((1, self._plant.system.n))))
         if self._skeleton is not None:
             width = 0.015 * camera.size
             links = rr.LineStrips3D.from_fields(colors=[_BONE], radii=[width])
@@ -108,10 +113,11 @@ class Scene:
             rec.log(f"{ROBOT}/joints", joints, static=True)
         if self.vehicle:
             for path, color, width in ((PATH, _WAY, 1.0), (TRAIL, _LAST_WAY, 1.8)):
-                way = rr.LineStrips3D.from_fields(colors=[color], radii=[rr.Radius.ui_points(width)])
+                radius = rr.Radius.ui_points(width)
+                way = rr.LineStrips3D.from_fields(colors=[color], radii=radius)
                 rec.log(path, way, static=True)
-            centre = rr.Points3D.from_fields(colors=[_LAST_WAY], radii=[0.01 * camera.size])
-            rec.log(CENTRE, centre, static=True)
+            centre = rr.Points3D([[0, 0, 0]], colors=[_LAST_WAY], radii=[0.01 * camera.size])
+            rec.log(CENTRE, centre, static=True)  # the eye can follow nothing but what is drawn
         elif camera.ground < 0 and isinstance(self._plant.system, JointTree):
             stand = rr.Cylinders3D(  # an arm that reaches below its foot stands on something
                 lengths=[-camera.ground],
@@ -129,7 +135,7 @@ class Scene:
         """
         time = rr.TimeColumn("sim_time", duration=t)
         if self.vehicle:
-            self._log_way(rec, t, q)
+            self._log_body(rec, t, q)
         if self._skeleton is not None:
             bones = self._bones(q)
             count = bones.shape[1]
@@ -138,18 +144,23 @@ class Scene:
             joints = rr.Points3D.columns(positions=bones[:, :, 0].reshape(-1, 3))
             rec.send_columns(f"{ROBOT}/joints", [time], joints.partition([count] * len(t)))
             return
+        if not self._rigid:
+            self._log_meshes(rec, [time], q)
+
+    def _log_meshes(self, rec: rr.RecordingStream, time: list[rr.TimeColumn], q: Array) -> None:
+        """Logs the meshes' poses at positions q (k, m); without a time once and for all."""
         translations, quaternions = self._plant.poses(q)
         for i, path in enumerate(self._paths):
             pose = rr.Transform3D.columns(
                 translation=translations[:, i], quaternion=quaternions[:, i]
             )
-            rec.send_columns(path, [time], pose)
+            rec.send_columns(path, time, pose)
 
-    def _log_way(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
+    def _log_body(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
         """Logs where a vehicle is, and the step from where it was: a view shows many of them."""
-        places = base_poses(self._plant.system, q)[0]
-        centre = rr.Points3D.columns(positions=places)
-        rec.send_columns(CENTRE, [rr.TimeColumn("sim_time", duration=t)], centre)
+        places, quaternions = base_poses(self._plant.system, q)
+        pose = rr.Transform3D.columns(translation=places, quaternion=quaternions)
+        rec.send_columns(BODY, [rr.TimeColumn("sim_time", duration=t)], pose)
         stops = np.vstack([self._place, places])
         self._place = places[-1:]
         steps = np.stack([stops[:-1], stops[1:]], axis=1)
@@ -176,8 +187,8 @@ class Scene:
             away, ground = 1.6 * size, min(0.0, lowest) if lowest < 0.2 * size else 0.0
             return Camera(target + away * _EYE, target, size, ground, rounded(size / 5))
         target = base_poses(self._plant.system, q[:1])[0][0]
-        linear = 3 if self._plant.system.group == 6 else 2
-        speed = float(np.sqrt(np.mean(np.sum(v[:, :linear] ** 2, axis=1))))
+        linear = v[:, : len(body_axes(self._plant.system))]
+        speed = float(np.sqrt(np.mean(np.sum(linear**2, axis=1))))
         trail = float(np.clip(_TRAIL * size / max(speed, 1e-9), _SHORTEST, _LONGEST))
         grid = rounded(max(2 * size, (target[2] - lowest) / 5))
         return Camera(target + 2.7 * size * _EYE, target, size, lowest, grid, CENTRE, trail)
@@ -253,9 +264,22 @@ def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, A
     return corners.reshape(-1, 3), count.reshape(-1, 3), normals.reshape(-1, 3)
 
 
+def body_axes(system: SecondOrderSystem) -> list[int]:
+    """Along which of a vehicle's axes x, y, z its first velocities go; none are an arm's."""
+    if isinstance(system, ScalarVehicle):
+        return [2]
+    return {6: [0, 1, 2], 3: [0, 1], 0: []}[system.group]
+
+
 def base_poses(system: SecondOrderSystem, q: Array) -> tuple[Array, Array]:
-    """(k, 3) places [m] and (k, 3, 3) attitudes of a vehicle's body at positions q (k, m)."""
-    return body_poses(q[:, : _POSE[system.group]])
+    """(k, 3) places [m] and (k, 4) attitudes in x, y, z, w of a vehicle's body at q (k, m)."""
+    if system.group == 6:
+        return q[:, :3], q[:, 3:7]
+    zero = np.zeros(len(q))
+    if system.group == 0:
+        return np.c_[zero, zero, q[:, 0]], np.tile([0.0, 0.0, 0.0, 1.0], (len(q), 1))
+    half = q[:, 2] / 2
+    return np.c_[q[:, :2], zero], np.c_[zero, zero, np.sin(half), np.cos(half)]
 
 
 def rounded(length: float) -> float:

@@ -118,7 +118,7 @@ def shares(theta_hat: Array, truth: Array) -> Array:
 
 
 def along(theta_s: Array, true_s: Array) -> Array:
-    """(N,) the common factor by which estimates (N, p) come nearest to the truth (p,), in θ/scale."""
+    """(N,) the factor with which the truth (p,) is nearest to estimates (N, p), all in θ/scale."""
     return (theta_s @ true_s) / (true_s @ true_s)
 
 

@@ -66,19 +66,18 @@ def fins(F, start, allocation, v, angles):
 
 
 @njit(cache=True)
-def propeller(F, start, v, u):
-    """Thrust along x, its loss with speed, and the torque about −x; 3 columns.
+def propeller(F, start, v, u, slip):
+    """Thrust |n| (n − slip v_x) along x, and torque |n| n about −x; 2 columns.
 
-    The linear fit of a propeller's curves over its advance ratio: T n|n| − L |n| v_x, with n in
-    shares of full speed.
+    The first is a propeller's curve over its advance ratio, to first order.
 
     Args:
         F: (6, p) to write into.
         start: first column.
         v: (6,) velocity.
-        u: command n in [−1, 1].
+        u: speed n of the shaft in shares of full speed, in [−1, 1].
+        slip: share of full thrust that is lost for each m/s at full speed of the shaft [s/m].
     """
-    F[0, start] = abs(u) * u
-    F[0, start + 1] = -abs(u) * v[0]
-    F[3, start + 2] = -abs(u) * u
-    return start + 3
+    F[0, start] = abs(u) * (u - slip * v[0])
+    F[3, start + 1] = -abs(u) * u
+    return start + 2

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from ..parameters import Array, ParameterSpace
+from ..parameters import Array, Block, ParameterSpace
 from ..spatial import (
     coadjoint,
     planar_difference,
@@ -29,6 +29,7 @@ from ..system import ConstantInertia, SecondOrderSystem
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 PLANAR_UNITS = ("m/s", "m/s", "rad/s")
+INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 class RigidBody(SecondOrderSystem):
@@ -132,3 +133,20 @@ def of_a_body(start: int, p: int) -> Array:
     for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
         tensor[3 + i, 3 + j, start + 4 + k] = tensor[3 + j, 3 + i, start + 4 + k] = 1.0
     return tensor
+
+
+def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Block:
+    """The ten inertial parameters of a body, in the order of `of_a_body`.
+
+    Args:
+        name: of the block.
+        mass: guess [kg].
+        offset: guess of how far the centre of mass may lie from the origin [m].
+        inertia: (3,) guess of the moments of inertia [kg·m²]; products are a quarter of them.
+    """
+    x, y, z = inertia
+    products = 0.25 * np.sqrt([x * y, x * z, y * z])
+    moments = [x, products[0], y, products[1], products[2], z]
+    units = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
+    scale = np.array([mass, *[mass * offset] * 3, *moments])
+    return Block(name, INERTIAL, units, scale, "pseudo_inertia")

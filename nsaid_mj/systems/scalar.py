@@ -23,6 +23,7 @@ class ScalarVehicle(SecondOrderSystem):
 
     n, m, n_u = 1, 1, 1
     velocity_units = ("m/s",)
+    mounts = np.zeros((1, 3))  # where the thrusters' force acts, for what draws it [m]
 
     def __init__(self, scale: Array, speed: float = 1.0):
         m, d, g, a = np.asarray(scale, dtype=np.float64)[:, None]

@@ -25,7 +25,7 @@ class TorpedoScales:
         lift: (2,) of the body: force [N·s²/m²], moment [N·s²/m].
         net_weight: weight that buoyancy leaves [N].
         righting: moment of weight and buoyancy [N·m].
-        propeller: (3,) thrust at full command at rest [N], its loss [N·s/m], torque [N·m].
+        propeller: (2,) thrust [N] and torque [N·m] at full command at rest.
         fin_lift: (k,) [N·s²/m² for each rad].
         fin_drag: (k,) [N·s²/m² for each rad²].
         speed: (6,) velocities of operation [m/s, rad/s]; the first is that under way.
@@ -49,7 +49,7 @@ class TorpedoVehicle(RigidBody):
     """M ν̇ + C(ν) ν = −D_q |ν| ν − L(ν) − g(q) + propeller + Σ fins (6).
 
     θ = [M_11, M_22 = M_33, M_44, M_55 = M_66, M_26 = −M_35, M_15 = −M_24, drag (4), body lift,
-    its moment, net weight, righting moment, propeller (3), fin lift (k), fin drag (k)]: a body of
+    its moment, net weight, righting moment, propeller (2), fin lift (k), fin drag (k)]: a body of
     revolution about x with its centre of gravity on its z axis. Axes are x forward, y left, z up.
 
     Commands are the fins' deflections [rad], then the propeller's speed in [−1, 1]. Lift and drag
@@ -60,22 +60,31 @@ class TorpedoVehicle(RigidBody):
         positions: (k, 3) of the fins [m].
         lifts: (k, 3) unit vectors along which positive deflections lift.
         propeller: (3,) where it is [m].
+        slip: share of its full thrust that it loses for each m/s [s/m].
     """
 
-    def __init__(self, scales: TorpedoScales, positions: Array, lifts: Array, propeller: Array):
+    def __init__(
+        self,
+        scales: TorpedoScales,
+        positions: Array,
+        lifts: Array,
+        propeller: Array,
+        slip: float,
+    ):
         space = _space(scales)
         k = len(positions)
-        unseen = np.full((2, 3), np.nan)  # the loss is part of the thrust, a torque has no place
-        mounts = np.vstack([propeller, unseen, positions, positions])
+        mounts = np.vstack(
+            [propeller, np.full(3, np.nan), positions, positions]
+        )  # a torque has none
         super().__init__(space, _mass_tensor(len(space)), k + 1, mounts)
         astern = np.tile([-1.0, 0.0, 0.0], (k, 1))
         self.allocation = np.stack(
             [actuators.wrenches(positions, lifts), actuators.wrenches(positions, astern)]
         )
-        self.speed, self.limit = scales.speed, scales.limit
+        self.speed, self.limit, self.slip = scales.speed, scales.limit, slip
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return _forces(q, v, u, self.allocation, self.p)
+        return _forces(q, v, u, self.allocation, self.slip, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a pose within 10 m and 0.5 rad of upright, under way, and commands of operation."""
@@ -86,12 +95,12 @@ class TorpedoVehicle(RigidBody):
 
 
 @njit(cache=True)
-def _forces(q, v, u, allocation, p):
+def _forces(q, v, u, allocation, slip, p):
     F = np.zeros((6, p))
     column = fluid.revolution_drag(F, 6, v)
     column = fluid.revolution_lift(F, column, v)
     column = fluid.upright(F, column, q[3:], _UP)
-    column = actuators.propeller(F, column, v, u[-1])
+    column = actuators.propeller(F, column, v, u[-1], slip)
     actuators.fins(F, column, allocation, v, u[:-1])
     return F
 
@@ -132,8 +141,8 @@ def _space(s: TorpedoScales) -> ParameterSpace:
             Block("righting moment", ("righting_z",), ("N·m",), np.array([s.righting])),
             Block(
                 "propeller gain",
-                ("thrust", "thrust loss", "torque"),
-                ("N", "N·s/m", "N·m"),
+                ("thrust", "torque"),
+                ("N", "N·m"),
                 s.propeller,
                 "positive",
                 actuator=True,

@@ -52,7 +52,7 @@ class UnderwaterVehicle(RigidBody):
     """
 
     def __init__(self, scales: UnderwaterScales, positions: Array, directions: Array, curve: Array):
-        space = _space(scales)
+        space = body_space(scales)
         k = len(positions)
         super().__init__(space, symmetric(6, 0, len(space)), k, positions)
         self._allocation = actuators.wrenches(positions, directions)
@@ -102,7 +102,8 @@ def per_axis(name: str, letter: str, units: tuple[str, str], scale: Array) -> Bl
     )
 
 
-def _space(s: UnderwaterScales) -> ParameterSpace:
+def body_space(s: UnderwaterScales) -> ParameterSpace:
+    """θ of one body in water: M, linear and quadratic drag, net weight, righting, thrusters."""
     k = len(s.thrust)
     return ParameterSpace(
         (

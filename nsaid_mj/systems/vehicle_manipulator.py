@@ -1,28 +1,23 @@
-"""Vehicles that carry an arm: a base with thrusters in water, or with rotors in air (4–6).
+"""Vehicles that carry an arm (4–6): what they share in water and in air.
 
 θ = the inertia of the base, then of every link; friction and motor gain of every joint; what the
-fluid does; the gain of every thruster. Bodies have x forward, y left, z up; link inertias are about
-the joint-frame origin in joint axes, in Pinocchio's order. Commands are the joints' first, then the
-thrusters'.
+fluid does; the gains of the thrusters. The base has x forward, y left, z up; link inertias are
+about the joint-frame origin in joint axes, in Pinocchio's order. Commands are the joints' first,
+then the thrusters'.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numba import njit
 
 from ..parameters import Array, Block, ParameterSpace
-from ..spatial import cross
 from ..system import Instant
-from . import actuators, fluid
 from .joints import JointTree
-from .multibody import JointScales, inertial_block, joint_block, joint_blocks
-from .rigid_body import of_a_body, symmetric
+from .multibody import JointScales, inertial_block, joint_blocks
 from .tree import (
     Carried,
     add_inertial,
@@ -31,14 +26,9 @@ from .tree import (
     entries_of,
     evaluate,
     kinematics,
-    mass_matrix,
     mass_tensor,
     tree_of,
 )
-from .underwater import UnderwaterScales, body_blocks, mass_block
-
-_UP = np.array([0.0, 0.0, 1.0])
-_STRIPS = 4  # points of Gauss-Legendre quadrature along a link: exact to the seventh power
 
 
 class VehicleManipulator(JointTree):
@@ -50,13 +40,16 @@ class VehicleManipulator(JointTree):
         blocks: of these inertias.
         joints: guesses of the joints' friction, rotors and motors.
         friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
-        vehicle: further blocks: what the fluid does, and actuators last.
-        thrusters: number of their commands.
-        mounts: (k, 3) where every actuator's force acts on the base [m], for those in `vehicle`.
+        vehicle: further blocks: what the fluid does, and the thrusters' gains.
+        thrust_limits: (t,), (t,) range of the thrusters' commands.
+        mounts: (·, 3) where the force of every actuator parameter in `vehicle` acts on the base
+            [m], NaN where it makes no force.
         speed: (6,) the base's velocities of operation [m/s, rad/s].
 
     Attributes:
-        mounts: (k, 3) for every actuator parameter, NaN where it makes no force on the base.
+        mounts: (k, 3) where the force of every actuator parameter acts in the base's frame [m],
+            NaN where it makes none on it.
+        command_limits: (n_u,), (n_u,) range of the commands of operation.
     """
 
     def __init__(
@@ -67,14 +60,16 @@ class VehicleManipulator(JointTree):
         joints: JointScales,
         friction_speed: float,
         vehicle: list[Block],
-        thrusters: int,
+        thrust_limits: tuple[Array, Array],
         mounts: Array,
         speed: Array,
     ):
         super().__init__(model)
         self.scales, self.friction_speed = joints, friction_speed
         self.space = ParameterSpace((*blocks, *joint_blocks(self.slides, joints), *vehicle))
-        self.n_u = len(self.joints) + thrusters
+        low, high = thrust_limits
+        self.command_limits = np.r_[-joints.command, low], np.r_[joints.command, high]
+        self.n_u = len(self.command_limits[0])
         self.mounts = np.vstack([np.full((len(self.joints), 3), np.nan), mounts])
         self._tree, self._entries = tree_of(self.model), entries_of(inertias)
         start, k = sum(len(block) for block in blocks), len(self.joints)
@@ -128,11 +123,6 @@ class VehicleManipulator(JointTree):
         J, _, _ = kinematics(self._tree, q, np.zeros(self.n))
         return mass_tensor(self._entries, self._rotor, J, self.p)
 
-    def mass_matrix_at(self, q: Array, theta: Array) -> Array:
-        """(n, n) M(q, θ) at one position, without its regressor."""
-        J, _, _ = kinematics(self._tree, q, np.zeros(self.n))
-        return mass_matrix(self._entries, self._rotor, J, theta)
-
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
         """The vehicle at one measured state and command."""
         return _VehicleInstant(self, t, q, v, u, kinematics(self._tree, q, v))
@@ -141,11 +131,7 @@ class VehicleManipulator(JointTree):
         """Draws a pose and a configuration within the limits, speeds and commands of operation."""
         q = self.position(rng.uniform(*self.limits))
         v = self._speed * rng.uniform(-1, 1, self.n)
-        motors = self.scales.command * rng.uniform(-1, 1, len(self.joints))
-        return q, v, np.concatenate([motors, self._random_thrust(rng)])
-
-    def _random_thrust(self, rng: np.random.Generator) -> Array:
-        return rng.uniform(-1, 1, self.n_u - len(self.joints))
+        return q, v, rng.uniform(*self.command_limits)
 
 
 class _VehicleInstant(Instant):
@@ -189,95 +175,7 @@ def _add_joints(F, start, v, friction_speed, u):
         F[6 + k, start + 2 * count + k] = u[k]
 
 
-# -- in water --------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Cylinders:
-    """What is known of the k links' shapes in water: slender cylinders, in the links' own axes.
-
-    Attributes:
-        centres: (k, 3) [m].
-        axes: (k, 3) unit vectors.
-        lengths: (k,) [m].
-    """
-
-    centres: Array
-    axes: Array
-    lengths: Array
-
-
-@dataclass(frozen=True)
-class LinkFluidScales:
-    """What an engineer would guess of the links in water; it becomes the scale of θ.
-
-    Attributes:
-        added: (k,) added mass across the cylinder [kg].
-        drag: (k,) quadratic drag across the cylinder, per length [N·s²/m³].
-        buoyancy: (k,) [N].
-    """
-
-    added: Array
-    drag: Array
-    buoyancy: Array
-
-
-class UnderwaterManipulator(VehicleManipulator):
-    """An underwater vehicle (see `UnderwaterVehicle`) whose arm moves water, too.
-
-    θ = [base's M with added mass (21), links (10 k), links' added mass (k), joints, linear drag
-    (6), quadratic drag (6), net weight, righting moments (3), links' drag (k), links' buoyancy (k),
-    thrust]. A link is a cylinder of axis e: its added mass is m_A (1 − e eᵀ) at every point of the
-    axis, its drag on a strip ds is −c |v_⊥| v_⊥ ds, its buoyancy acts at its centre.
-
-    Args:
-        model: Pinocchio's, its root a free flyer.
-        joints: guesses of links and joints; of the base's mass and length no use is made.
-        base: guesses of the base in water.
-        links: guesses of the links in water.
-        cylinders: the links' shapes.
-        friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
-        positions: (k, 3) of the thrusters on the base [m].
-        directions: (k, 3) in which they push, unit vectors.
-        curve: coefficients of u, u³, u⁵ … of the command curve; their sum is 1.
-    """
-
-    def __init__(
-        self,
-        model: pin.Model,
-        joints: JointScales,
-        base: UnderwaterScales,
-        links: LinkFluidScales,
-        cylinders: Cylinders,
-        friction_speed: float,
-        positions: Array,
-        directions: Array,
-        curve: Array,
-    ):
-        k, g = model.njoints - 2, float(np.linalg.norm(model.gravity.linear))
-        added = added_inertias(cylinders)
-        _, drag, restoring, thrust = (  # mass, drags, weight and moment, thrusters
-            body_blocks(base)[:1],
-            body_blocks(base)[1:3],
-            body_blocks(base)[3:5],
-            body_blocks(base)[5:],
-        )
-        super().__init__(
-            model,
-            [Carried(0, symmetric(6, 0, 21), 0.0)]
-            + [Carried(1 + i, of_a_body(0, 10), g) for i in range(k)]
-            + [Carried(1 + i, added[i][:, :, None], 0.0) for i in range(k)],
-            [mass_block(base.mass), *_link_blocks(joints), _per_link("added mass", "added", "kg", links.added)],
-            joints,
-            friction_speed,
-            [
-                *drag,
-                *restoring,
-                _per_link("drag", "link_drag", "N·s²/m³", links.drag),
-                _per_link("buoyancy", "buoyancy", "N", links.buoyancy),
-                *thrust,
-            ],
-            len(positions),
-            positions,
-            base.speed,
-        )
+def link_blocks(joints: JointScales) -> list[Block]:
+    """The inertial parameters of every link but the base."""
+    numbers = range(1, len(joints.mass))
+    return [inertial_block(i, joints.mass[i], joints.length[i]) for i in numbers]

@@ -1,0 +1,95 @@
+"""Holds a body about a moving pose under the prior, with a dither on every actuator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..excitation import Multisine
+from ..parameters import Array
+from ..system import SecondOrderSystem
+from .driver import Driver, DriverConfig
+
+
+@dataclass(frozen=True)
+class PoseHold(DriverConfig):
+    """PD control to a slowly moving pose, and a multisine on every actuator on top.
+
+    For bodies in space whose actuators push in proportion to their commands.
+
+    Attributes:
+        bandwidth: of the control loop [Hz].
+        travel: bound of the reference's motion along each axis [m].
+        turn: bound of the reference's rotation about each axis [rad].
+        period: shortest period of the reference [s].
+        bias: command of every actuator at rest.
+        dither: bound of the multisine on every actuator.
+        low: lowest frequency of the dither [Hz].
+        high: highest frequency of the dither [Hz].
+        tones: number of sines in every dither.
+        one_sided: whether commands lie in [0, 1], as those of nozzles, and not in [−1, 1].
+    """
+
+    bandwidth: float = 0.05
+    travel: float = 0.3
+    turn: float = 0.5
+    period: float = 20.0
+    bias: float = 0.4
+    dither: float = 0.4
+    low: float = 0.05
+    high: float = 0.5
+    tones: int = 8
+    one_sided: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth", "period"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"excitation.{name}", "a number > 0", value, "See --help.")
+        for name in ("travel", "turn", "bias"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidInput(f"excitation.{name}", "a number ≥ 0", value, "0 is none.")
+
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
+        """Makes the driver.
+
+        Raises:
+            InvalidInput: the system is not a body in space with an actuator for every command.
+        """
+        if system.n != 6 or len(system.space.actuators) != system.n_u:
+            raise InvalidInput(
+                "excitation", "a body in space with one gain for each command",
+                type(system).__name__, "Use MultisineCommand.",
+            )  # fmt: skip
+        bound = np.repeat([self.travel, self.turn], 3)
+        reference = Multisine(6, 0.2 / self.period, 1 / self.period, 3, 1.0, rng)
+        dither = Multisine(system.n_u, self.low, self.high, self.tones, self.dither, rng)
+        return _PoseHold(self, system, prior, lambda t: bound * reference(t), dither)
+
+
+class _PoseHold(Driver):
+    """u = bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B the prior's wrench for each command."""
+
+    def __init__(
+        self, config: PoseHold, system: SecondOrderSystem, prior: Array, reference, dither
+    ):
+        self._system, self._reference, self._dither = system, reference, dither
+        self._bias, self._low = config.bias, 0.0 if config.one_sided else -1.0
+        self._omega = 2 * np.pi * config.bandwidth
+        rest = np.r_[np.zeros(6), 1.0], np.zeros(6)
+        k = system.space.actuators
+        pushes = [system._F(0.0, *rest, e)[:, k] @ prior[k] for e in np.eye(system.n_u)]
+        M = system.mass_matrix(np.concatenate(rest), prior)
+        self._allocation = np.linalg.pinv(np.array(pushes).T) @ M
+
+    def start(self) -> tuple[Array, Array]:
+        return self._reference(0.0), np.zeros(6)
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        error = self._system.difference(q, self._system.position(self._reference(t)))
+        wanted = self._omega**2 * error - 2 * self._omega * v
+        u = self._bias + self._dither(t) + self._allocation @ wanted
+        return np.clip(u, self._low, 1.0)

@@ -1,0 +1,281 @@
+"""Vehicles that carry an arm: the base swims or hovers while the arm follows a trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..excitation import FourierTrajectory, Multisine
+from ..parameters import Array
+from ..spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
+from ..system import SecondOrderSystem
+from ..systems.flying_arm import FlyingArm
+from ..systems.underwater_manipulator import UnderwaterManipulator
+from ..systems.vehicle_manipulator import VehicleManipulator
+from .driver import Driver, DriverConfig
+
+
+@dataclass(frozen=True)
+class SwimAndReach(DriverConfig):
+    """Every thruster follows a multisine, every joint a Fourier trajectory under the prior.
+
+    Attributes:
+        low: lowest frequency of the thrusters [Hz].
+        high: highest frequency of the thrusters [Hz].
+        tones: number of sines in each thruster's command.
+        amplitude: bound of each thruster's command.
+        fundamental: frequency of the joints' first harmonic [Hz].
+        harmonics: number of the joints' harmonics.
+        reach: share of each joint's range that is used, in (0, 1].
+        speed: of the fastest moment of every joint [rad/s or m/s].
+        bandwidth: of the joints' tracking loop [Hz].
+    """
+
+    low: float = 0.05
+    high: float = 0.5
+    tones: int = 8
+    amplitude: float = 0.8
+    fundamental: float = 0.05
+    harmonics: int = 10
+    reach: float = 0.8
+    speed: float = 1.5
+    bandwidth: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.reach <= 1:
+            raise InvalidInput("excitation.reach", "a share in (0, 1]", self.reach, "0.8 will do.")
+        for name, remedy in (("speed", "1 rad/s will do."), ("bandwidth", "2 Hz will do.")):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
+
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
+        """Makes the driver.
+
+        Raises:
+            InvalidInput: the system is not an underwater vehicle with an arm.
+        """
+        if not isinstance(system, UnderwaterManipulator):
+            raise InvalidInput(
+                "excitation", "an underwater vehicle with an arm", type(system).__name__,
+                "Use MultisineCommand or FourierTracking.",
+            )  # fmt: skip
+        thrusters = system.n_u - len(system.joints)
+        signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
+        low, high = (bound[6:] for bound in system.limits)
+        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
+        speed = np.full(len(low), self.speed)
+        path = FourierTrajectory(
+            centre - half, centre + half, speed, self.fundamental, self.harmonics, rng
+        )
+        return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
+
+
+class _SwimAndReach(Driver):
+    """Thrusters by the clock; motors by computed torque on the base that these thrusters move."""
+
+    def __init__(
+        self,
+        system: VehicleManipulator,
+        prior: Array,
+        signal: Multisine,
+        path: FourierTrajectory,
+        omega: float,
+    ):
+        self._system, self._prior = system, prior
+        self._signal, self._path, self._omega = signal, path, omega
+        self._gain = prior[system.space["motor gain"]]
+
+    def start(self) -> tuple[Array, Array]:
+        position, rate, _ = self._path(0.0)
+        still = np.zeros(6)
+        return np.concatenate([still, position]), np.concatenate([still, rate])
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        thrust = self._signal(t)
+        torque = joint_torque(self._system, self._prior, t, q, v, thrust, self._wanted(t, q, v))
+        return np.concatenate([np.clip(torque / self._gain, -1, 1), thrust])
+
+    def _wanted(self, t: float, q: Array, v: Array) -> Array:
+        """(k,) acceleration of the joints that leads back to the path."""
+        position, rate, acceleration = self._path(t)
+        numbers = np.concatenate([np.zeros(6), position])
+        error = self._system.difference(q, self._system.position(numbers))[6:]
+        return acceleration + 2 * self._omega * (rate - v[6:]) + self._omega**2 * error
+
+
+@dataclass(frozen=True)
+class HoverAndReach(DriverConfig):
+    """The base of a flying arm follows a path in the air, its joints a Fourier trajectory.
+
+    Both by computed torque under the prior, with integral action, and a multisine on every rotor.
+
+    Attributes:
+        travel: bound of the base's path along each axis [m].
+        turn: bound of its heading [rad].
+        fundamental: frequency of the first harmonic of base and joints [Hz].
+        harmonics: number of harmonics.
+        reach: share of each joint's range that is used, in (0, 1].
+        speed: of the fastest moment of every joint [rad/s or m/s].
+        dither: bound of the multisine on the rotors, as a share of full thrust.
+        low: lowest frequency of the dither [Hz].
+        high: highest frequency of the dither [Hz].
+        tones: number of sines in every dither.
+        position_bandwidth: of the loop that holds the place [Hz].
+        attitude_bandwidth: of the loop that holds the attitude, and of the joints' [Hz].
+    """
+
+    travel: float = 0.6
+    turn: float = 0.6
+    fundamental: float = 0.1
+    harmonics: int = 4
+    reach: float = 0.8
+    speed: float = 3.0
+    dither: float = 0.1
+    low: float = 0.5
+    high: float = 3.0
+    tones: int = 8
+    position_bandwidth: float = 0.3
+    attitude_bandwidth: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.reach <= 1:
+            raise InvalidInput("excitation.reach", "a share in (0, 1]", self.reach, "0.8 will do.")
+        for name in ("travel", "turn", "speed", "position_bandwidth", "attitude_bandwidth"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"excitation.{name}", "a number > 0", value, "See --help.")
+
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
+        """Makes the driver.
+
+        Raises:
+            InvalidInput: the system is not a flying arm.
+        """
+        if not isinstance(system, FlyingArm):
+            raise InvalidInput(
+                "excitation", "a flying arm", type(system).__name__, "Use another driver."
+            )
+        low, high = (bound[6:] for bound in system.limits)
+        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
+        bound = np.r_[np.full(3, self.travel), self.turn]
+        fastest = 2 * np.pi * self.fundamental * self.harmonics * bound
+        path = FourierTrajectory(
+            np.r_[-bound, centre - half],
+            np.r_[bound, centre + half],
+            np.r_[fastest, np.full(len(low), self.speed)],
+            self.fundamental,
+            self.harmonics,
+            rng,
+        )
+        rotors = system.n_u - len(system.joints)
+        dither = Multisine(rotors, self.low, self.high, self.tones, self.dither, rng)
+        return _HoverAndReach(self, system, prior, path, dither)
+
+
+class _HoverAndReach(Driver):
+    """Wanted accelerations of height, attitude and joints, and the least commands that make them.
+
+    A rotor's input is its thrust as a share of the largest, u².
+    """
+
+    def __init__(
+        self,
+        config: HoverAndReach,
+        system: FlyingArm,
+        prior: Array,
+        path: FourierTrajectory,
+        dither: Multisine,
+    ):
+        self._system, self._prior, self._path, self._dither = system, prior, path, dither
+        self._place = 2 * np.pi * config.position_bandwidth
+        self._turn = 2 * np.pi * config.attitude_bandwidth
+        self._rows = np.arange(2, system.n)  # height, attitude, joints: not what only tilt moves
+        self._g = float(np.linalg.norm(system.model.gravity.linear))
+        self._inputs = inputs(system, prior)
+        self.start()
+
+    def start(self) -> tuple[Array, Array]:
+        self._then = 0.0
+        self._owed = np.zeros(self._system.n)  # integral of the place's, attitude's, joints' errors
+        position, rate, _ = self._path(0.0)
+        level = np.r_[position[:3], 0.0, 0.0, position[3], position[4:]]
+        twist = np.r_[unrotate(quaternion_of(level[3:6]), rate[:3]), 0.0, 0.0, rate[3]]
+        return level, np.r_[twist, rate[4:]]
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        system, prior = self._system, self._prior
+        rest = np.zeros(system.n_u)
+        free, _, _ = system.at(t, q, v, rest).evaluate(v, prior)
+        M = system.mass_matrix(np.concatenate([q, v]), prior)
+        effect = np.linalg.solve(M, self._inputs)[self._rows]
+        rest[len(system.joints) :] = self._dither(t)
+        missing = (self._wanted(t, q, v) - free)[self._rows] - effect @ rest
+        push = rest + effect.T @ np.linalg.solve(effect @ effect.T, missing)
+        push[len(system.joints) :] = np.sqrt(np.clip(push[len(system.joints) :], 0.01, 1.0))
+        return push
+
+    def _wanted(self, t: float, q: Array, v: Array) -> Array:
+        """(n,) accelerations that lead back to the path; the base's sideways ones are not used."""
+        step, self._then = t - self._then, t
+        position, rate, acceleration = self._path(t)
+        error, owed = np.empty(self._system.n), self._owed
+        error[:3] = position[:3] - q[:3]
+        a, w = acceleration[:3], self._place
+        slip = rate[:3] - rotate(q[3:7], v[:3])
+        pull = a + 2 * w * slip + w**2 * error[:3] + 0.3 * w**3 * owed[:3]
+        pull[2] += self._g
+        error[3:6] = self._attitude_error(q[3:7], pull, position[3])
+        numbers = np.concatenate([np.zeros(6), position[4:]])
+        error[6:] = self._system.difference(q, self._system.position(numbers))[6:]
+        owed += step * error
+        wanted, w = np.zeros(self._system.n), self._turn
+        pull[2] -= self._g
+        wanted[:3] = unrotate(q[3:7], pull) - cross(v[3:6], v[:3])
+        moving = np.r_[0.0, 0.0, rate[3], rate[4:]] - v[3:]
+        wanted[3:] = 2 * w * moving + w**2 * error[3:] + 0.3 * w**3 * owed[3:]
+        wanted[6:] += acceleration[4:]
+        return wanted
+
+    def _attitude_error(self, attitude: Array, pull: Array, heading: float) -> Array:
+        """(3,) rotation vector, in the body's axes, to the heading with z along `pull`."""
+        z = pull / np.linalg.norm(pull)
+        z[2] = max(z[2], 0.5)  # at most 60° of tilt
+        z /= np.linalg.norm(z)
+        tilt = np.array([-z[1], z[0], 0.0, 1.0 + z[2]])  # turns the world's z into z
+        wanted = product(tilt / np.linalg.norm(tilt), quaternion_of(np.array([0, 0, heading])))
+        inverse = attitude * np.array([-1.0, -1.0, -1.0, 1.0])
+        return rotation_vector(product(inverse, wanted))
+
+
+def inputs(system: FlyingArm, theta: Array) -> Array:
+    """(n, n_u) generalised force for a unit of a motor's command and of a rotor's u², under θ."""
+    joints, space = len(system.joints), system.space
+    B = np.zeros((system.n, system.n_u))
+    if joints:
+        B[6 + np.arange(joints), np.arange(joints)] = theta[space["motor gain"]]
+    thrust, torque = system.allocation
+    B[:, joints:] = thrust * theta[space["rotor thrust gain"]]
+    B[:, joints:] += torque * theta[space["rotor torque gain"]]
+    return B
+
+
+def joint_torque(
+    system: VehicleManipulator,
+    theta: Array,
+    t: float,
+    q: Array,
+    v: Array,
+    thrust: Array,
+    wanted: Array,
+) -> Array:
+    """(k,) torque with which the joints accelerate as wanted (k,) while the base floats, under θ.
+
+    The joints' accelerations are those without motors plus (M⁻¹)_jj τ.
+    """
+    u = np.concatenate([np.zeros(len(system.joints)), thrust])
+    free, _, _ = system.at(t, q, v, u).evaluate(v, theta)
+    M = system.mass_matrix(np.concatenate([q, v]), theta)
+    return np.linalg.solve(np.linalg.inv(M)[6:, 6:], wanted - free[6:])

@@ -1,0 +1,386 @@
+"""Vehicles that carry an arm in MuJoCo: a free base, joints, and what acts on them, exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from ..errors import UnknownName
+from ..parameters import Array
+from ..resources import numbers
+from ..systems.flying_arm import FlyingArm
+from ..systems.multibody import JointScales
+from ..systems.underwater_manipulator import (
+    Cylinders,
+    LinkFluidScales,
+    UnderwaterManipulator,
+)
+from ..systems.vehicle_manipulator import VehicleManipulator
+from .arm import ArmPlant, extent, nominal_scales
+from .coordinates import joint_map
+from .hydrodynamics import Hydrodynamics
+from .mismatch import Mismatch
+from .plant import Plant, PlantConfig
+from .robots import load_robot
+from .shapes import VisualMesh
+from .tree import GeomLooks, Looks, tree_spec
+from .tree_forces import TreeForces, tree_forces
+from .underwater import drawn, published, scales_of
+from .vehicle import check_spread, command_inputs, guessed, hidden, vehicle_spec
+
+BASE = "base"
+"""Name of the free joint and the body of a vehicle that is put together here."""
+
+_LINK_COLOR, _JOINT_COLOR = [0.85, 0.55, 0.15, 1.0], [0.20, 0.22, 0.25, 1.0]
+
+
+class Drawn(Protocol):
+    """What draws a vehicle."""
+
+    def visuals(self) -> list[VisualMesh]:
+        """Its meshes."""
+        ...
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m)."""
+        ...
+
+
+class VehicleWithArm(Plant):
+    """A floating base, its thrusters and its joints.
+
+    Args:
+        system: its structure.
+        truth: (p,) the true θ.
+        model: Pinocchio's, with the true inertias.
+        rotor: (k,) true reflected rotor inertias of the joints [kg·m² or kg].
+        forces: the true numbers of what acts.
+        spec: MuJoCo's specification of the model, of `tree_spec`.
+        looks: what draws it; None for the specification's geoms.
+        mismatch: what the structure does not know.
+    """
+
+    system: VehicleManipulator
+
+    def __init__(
+        self,
+        system: VehicleManipulator,
+        truth: Array,
+        model: pin.Model,
+        rotor: Array,
+        forces: TreeForces,
+        spec: Any,
+        looks: Drawn | None,
+        mismatch: Mismatch,
+    ):
+        self.system, self._truth, self.passive = system, truth, tree_forces()
+        names = list(model.names)[1:]
+        for name, inertia in zip(names[1:], rotor, strict=True):
+            spec.joint(name).armature = inertia
+        command_inputs(spec, system.n_u, names[0])
+        spec.nuserdata = forces.size
+        self._compile(spec, mismatch)
+        self.joints = joint_map(self.model, names)
+        self._numbers = forces.numbers(self.model, self.joints.motors, mismatch.lag > 0)
+        self._looks = GeomLooks(self.model, system.model) if looks is None else looks
+        self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
+
+    @property
+    def truth(self) -> Array:
+        """(p,) the true θ."""
+        return self._truth
+
+    def _place(self, position: Array, velocity: Array) -> None:
+        self.joints.write(self.data, position, velocity)
+        self.data.userdata[: len(self._numbers)] = self._numbers
+
+    def coordinates(self) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities."""
+        return self.joints.read(self.data)
+
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) Pinocchio's q for position numbers (..., n)."""
+        return self.system.position(coordinates)
+
+    def visuals(self) -> list[VisualMesh]:
+        """The meshes of base and links."""
+        return self._looks.visuals()
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m)."""
+        return self._looks.poses(q)
+
+
+# -- an underwater vehicle with an arm -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class UvmsPlant(PlantConfig):
+    """A BlueROV2 Heavy with a Reach Alpha 5; numbers and sources in assets/uvms.
+
+    The arm's hydrodynamics are those of cylinders, synthetic: none are published.
+
+    Attributes:
+        spread: largest relative deviation of the true drags, weight, buoyancies, righting moment,
+            links' added mass, friction, rotor inertias and gains from the nominal numbers.
+    """
+
+    spread: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_spread(self.spread)
+        self.mismatch.refuse("a vehicle with an arm", "fluid")
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden numbers and makes the plant."""
+        arm, base, rng = numbers("uvms"), published(), np.random.default_rng(seed)
+        model = uvms_model(base, arm)
+        nominal, shapes = nominal_forces(base, arm), cylinders(arm)
+        k = len(arm["links"])
+        system = UnderwaterManipulator(
+            model,
+            _joint_guesses(model, arm),
+            scales_of(base),
+            LinkFluidScales(
+                added=guessed(nominal.cylinder_added),
+                drag=guessed(nominal.cylinder_drag),
+                buoyancy=guessed(nominal.cylinder_buoyancy),
+            ),
+            shapes,
+            arm["joints"]["friction_speed"],
+            base.positions,
+            base.directions,
+            base.curve,
+        )
+        true = drawn(base, self.spread, rng)
+        forces = replace(
+            nominal_forces(true, arm),
+            cylinder_added=hidden(nominal.cylinder_added, self.spread, rng),
+            cylinder_drag=hidden(nominal.cylinder_drag, self.spread, rng),
+            cylinder_buoyancy=hidden(nominal.cylinder_buoyancy, self.spread, rng),
+            viscous=hidden(nominal.viscous, self.spread, rng),
+            coulomb=hidden(nominal.coulomb, self.spread, rng),
+            gain=hidden(nominal.gain, self.spread, rng),
+            flow=np.array(self.mismatch.flow),
+        )
+        rotor = hidden(np.full(k, arm["joints"]["rotor"]), self.spread, rng)
+        links = [inertia.toDynamicParameters() for inertia in list(model.inertias)[2:]]
+        truth = np.concatenate(
+            [
+                (true.rigid + true.added)[np.triu_indices(6)], *links, forces.cylinder_added,
+                rotor, forces.viscous, forces.coulomb, forces.gain, true.linear, true.quadratic,
+                [true.net_weight], true.righting, forces.cylinder_drag, forces.cylinder_buoyancy,
+                true.thrust,
+            ]
+        )  # fmt: skip
+        spec = tree_spec(model, dt)
+        _dress(spec, arm)
+        return VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
+
+
+def uvms_model(base: Hydrodynamics, arm: dict[str, Any]) -> pin.Model:
+    """Pinocchio's model of a body in water with an arm, with the published inertias."""
+    model = pin.Model()
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), BASE)
+    mass = base.rigid[0, 0]
+    model.appendBodyToJoint(
+        root, pin.Inertia(mass, np.zeros(3), base.rigid[3:, 3:]), pin.SE3.Identity()
+    )
+    parent, place = root, _placement(arm["mount"]["position"], arm["mount"]["angles"])
+    for i, link in enumerate(arm["links"]):
+        place = place * _placement(link["origin"], link["angles"])
+        low, high = link["limits"]
+        parent = model.addJoint(
+            parent,
+            pin.JointModelRevoluteUnaligned(np.array(link["axis"])),
+            place,
+            f"joint {i + 1}",
+            np.array([np.inf]),
+            np.array([arm["joints"]["speed"]]),
+            np.array([low]),
+            np.array([high]),
+        )
+        inertia = pin.Inertia(link["mass"], np.array(link["centre"]), np.diag(link["inertia"]))
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+        place = pin.SE3.Identity()
+    return model
+
+
+def cylinders(arm: dict[str, Any]) -> Cylinders:
+    """The links' shapes."""
+    shapes = [link["cylinder"] for link in arm["links"]]
+    start, end = (np.array([shape[key] for shape in shapes]) for key in ("start", "end"))
+    lengths = np.linalg.norm(end - start, axis=1)
+    return Cylinders((start + end) / 2, (end - start) / lengths[:, None], lengths)
+
+
+def nominal_forces(base: Hydrodynamics, arm: dict[str, Any]) -> TreeForces:
+    """What acts on a base in water with the given numbers, and on the arm with its nominal ones."""
+    shapes, d, k = cylinders(arm), arm["joints"], len(arm["links"])
+    radius = np.array([link["cylinder"]["radius"] for link in arm["links"]])
+    water, g = arm["water_density"], 9.81
+    displaced = water * np.pi * radius**2 * shapes.lengths
+    curve = np.zeros(9)
+    curve[::2] = base.curve
+    return TreeForces(
+        base=BASE,
+        added=base.added,
+        linear=base.linear,
+        quadratic=base.quadratic,
+        buoyancy=base.rigid[0, 0] * g - base.net_weight,
+        righting=base.righting,
+        positions=base.positions,
+        directions=base.directions,
+        thrust=base.thrust,
+        torque=np.zeros(len(base.thrust)),
+        curve=curve,
+        links=tuple(f"joint {i + 1}" for i in range(k)),
+        centres=shapes.centres,
+        axes=shapes.axes,
+        lengths=shapes.lengths,
+        cylinder_added=displaced,
+        cylinder_drag=0.5 * water * arm["drag_coefficient"] * 2 * radius,
+        cylinder_buoyancy=g * displaced,
+        viscous=np.full(k, d["viscous"]),
+        coulomb=np.full(k, d["coulomb"]),
+        friction_speed=d["friction_speed"],
+        gain=np.full(k, d["gain"]),
+        flow=np.zeros(3),
+    )
+
+
+def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
+    """What a data sheet tells of the arm."""
+    d, k = arm["joints"], len(arm["links"])
+    bodies = list(model.inertias)[1:]
+    return JointScales(
+        mass=guessed([inertia.mass for inertia in bodies]),
+        length=guessed([extent(inertia) for inertia in bodies]),
+        viscous=np.full(k, d["viscous"]),
+        coulomb=np.full(k, d["coulomb"]),
+        gain=np.full(k, d["gain"]),
+        speed=np.full(k, d["speed"]),
+        command=np.full(k, 0.5),
+        rotor=np.full(k, d["rotor"]),
+    )
+
+
+def _dress(spec: Any, arm: dict[str, Any]) -> None:
+    """Gives the bodies their looks: the BlueROV2's geoms, and cylinders."""
+    hull = vehicle_spec("bluerov2", 1.0, 1.0, np.zeros(3), np.eye(3)).compile()
+    for i in range(hull.ngeom):
+        spec.body(BASE).add_geom(
+            name=hull.geom(i).name,
+            type=hull.geom_type[i],
+            size=hull.geom_size[i],
+            pos=hull.geom_pos[i],
+            quat=hull.geom_quat[i],
+            rgba=hull.geom_rgba[i],
+            mass=0.0,
+        )
+    for i, link in enumerate(arm["links"]):
+        shape, body = link["cylinder"], spec.body(f"joint {i + 1}")
+        body.add_geom(
+            name=f"link {i + 1}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=[*shape["start"], *shape["end"]],
+            size=[shape["radius"], 0, 0],
+            rgba=_LINK_COLOR,
+            mass=0.0,
+        )
+        body.add_geom(
+            name=f"joint {i + 1}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[1.15 * shape["radius"], 0, 0],
+            rgba=_JOINT_COLOR,
+            mass=0.0,
+        )
+
+
+def _placement(position: list[float], angles: list[float]) -> pin.SE3:
+    """A frame at a position, turned by roll, pitch and yaw."""
+    return pin.SE3(pin.rpy.rpyToMatrix(*angles), np.array(position))
+
+
+# -- a flying arm ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FlyingArmPlant(PlantConfig):
+    """A robot of example-robot-data that flies; its rotors and sources in assets/flying_arm.
+
+    Attributes:
+        robot: its name: `borinot`, a hexarotor with an arm, or `iris`, a quadrotor without.
+        spread: largest relative deviation of the true joint friction, rotor inertia, motor gains
+            and thrusts from the nominal ones; torques deviate by a quarter of it, as a vehicle
+            whose rotors do not balance cannot hold its heading.
+    """
+
+    robot: str = "borinot"
+    spread: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_spread(self.spread)
+        self.mismatch.refuse("a flying arm in still air", "flow", "fluid")
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden numbers and makes the plant.
+
+        Raises:
+            UnknownName: nobody has told where this robot's rotors are.
+        """
+        known = numbers("flying_arm")
+        if self.robot not in known:
+            remedy = "Rotors are told in assets/flying_arm/vehicle.toml."
+            raise UnknownName("flying robot", self.robot, known, remedy)
+        robot, d = load_robot(self.robot, "free"), known[self.robot]
+        positions, spins = np.array(d["positions"]), np.array(d["spins"], dtype=float)
+        directions = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
+        thrust, torque = np.full(len(spins), d["thrust"]), np.full(len(spins), d["torque"])
+        joints, rng = nominal_scales(robot.model, ArmPlant()), np.random.default_rng(seed)
+        friction_speed = ArmPlant().friction_speed
+        system = FlyingArm(
+            robot.model, joints, guessed(thrust), guessed(torque), np.array(d["speed"]),
+            friction_speed, positions, directions, spins,
+        )  # fmt: skip
+        rotor = np.zeros(0) if joints.rotor is None else hidden(joints.rotor, self.spread, rng)
+        thrust, torque = hidden(thrust, self.spread, rng), hidden(torque, self.spread / 4, rng)
+        still, square = np.zeros(6), np.zeros(9)
+        square[1] = 1.0
+        forces = TreeForces(
+            base=robot.model.names[1],
+            added=np.zeros((6, 6)),
+            linear=still,
+            quadratic=still,
+            buoyancy=0.0,
+            righting=np.zeros(3),
+            positions=positions,
+            directions=directions,
+            thrust=thrust,
+            torque=spins * torque,
+            curve=square,
+            links=(),
+            centres=np.zeros((0, 3)),
+            axes=np.zeros((0, 3)),
+            lengths=np.zeros(0),
+            cylinder_added=np.zeros(0),
+            cylinder_drag=np.zeros(0),
+            cylinder_buoyancy=np.zeros(0),
+            viscous=hidden(joints.viscous, self.spread, rng),
+            coulomb=hidden(joints.coulomb, self.spread, rng),
+            friction_speed=friction_speed,
+            gain=hidden(joints.gain, self.spread, rng),
+            flow=np.zeros(3),
+        )
+        bodies = [inertia.toDynamicParameters() for inertia in list(robot.model.inertias)[1:]]
+        truth = np.concatenate(
+            [*bodies, rotor, forces.viscous, forces.coulomb, forces.gain, thrust, torque]
+        )
+        spec = tree_spec(robot.model, dt)
+        return VehicleWithArm(
+            system, truth, robot.model, rotor, forces, spec, Looks(robot), self.mismatch
+        )

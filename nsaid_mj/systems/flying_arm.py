@@ -1,0 +1,84 @@
+"""Rotorcraft that carry an arm (5): rotors of unknown thrust and torque, in still air."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numba import njit
+
+from ..parameters import Array, Block
+from . import actuators
+from .multibody import JointScales, inertial_block
+from .rigid_body import of_a_body
+from .tree import Carried
+from .vehicle_manipulator import VehicleManipulator, link_blocks
+
+
+class FlyingArm(VehicleManipulator):
+    """A base with rotors, and an arm or none.
+
+    θ = [base (10), links (10 k), joints, rotor thrust gains, rotor torque gains]. The command
+    u ∈ [0, 1] of a rotor is its speed as a share of its largest: it pushes along its axis with
+    gain·u², and twists the base about that axis with spin·gain·u².
+
+    Args:
+        model: Pinocchio's, its root a free flyer; its inertias are not read and not kept.
+        joints: guesses of base, links and joints.
+        thrust: (r,) guess of the rotors' thrust at full speed [N].
+        torque: (r,) guess of the rotors' torque at full speed [N·m].
+        speed: (6,) the base's velocities of operation [m/s, rad/s].
+        friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
+        positions: (r, 3) of the rotors on the base [m].
+        directions: (r, 3) in which they push, unit vectors.
+        spins: (r,) ±1, the sense of the torque on the base about the direction.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        joints: JointScales,
+        thrust: Array,
+        torque: Array,
+        speed: Array,
+        friction_speed: float,
+        positions: Array,
+        directions: Array,
+        spins: Array,
+    ):
+        bodies, rotors = model.njoints - 1, len(positions)
+        g = float(np.linalg.norm(model.gravity.linear))
+        super().__init__(
+            model,
+            [Carried(i, of_a_body(0, 10), g) for i in range(bodies)],
+            [inertial_block(0, joints.mass[0], joints.length[0]), *link_blocks(joints)],
+            joints,
+            friction_speed,
+            [
+                _gains("rotor thrust gain", "thrust", "N", thrust),
+                _gains("rotor torque gain", "torque", "N·m", torque),
+            ],
+            (np.full(rotors, 0.1), np.ones(rotors)),
+            np.vstack([positions, np.full((rotors, 3), np.nan)]),  # a torque has no place
+            speed,
+        )
+        self.allocation = np.zeros((2, self.n, rotors))
+        self.allocation[0, :6] = actuators.wrenches(positions, directions)
+        self.allocation[1, 3:6] = (spins[:, None] * directions).T
+
+    def _add_vehicle(self, F: Array, J: Array, up: Array, q: Array, v: Array, u: Array) -> None:
+        _add_rotors(F, self._vehicle, self.allocation, u)
+
+
+def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
+    names = tuple(f"{letter}_{i + 1}" for i in range(len(scale)))
+    return Block(name, names, (unit,) * len(scale), scale, "positive", actuator=True)
+
+
+@njit(cache=True)
+def _add_rotors(F, start, allocation, u):
+    """Thrust, then torque of every rotor at speed u; (2, n, r) unit wrenches."""
+    rotors = u.shape[0]
+    for kind in range(2):
+        for k in range(rotors):
+            for i in range(6):
+                F[i, start + kind * rotors + k] = allocation[kind, i, k] * u[k] * u[k]

@@ -1,0 +1,70 @@
+"""Free-flyers: a rigid body without weight and drag, moved by nozzles of unknown gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..parameters import Array, Block, ParameterSpace
+from . import actuators
+from .rigid_body import RigidBody, inertial_block, of_a_body
+
+_LINEAR = np.ones(1)
+
+
+@dataclass(frozen=True)
+class FreeFlyerScales:
+    """What an engineer would guess of a free-flyer; it becomes the scale of θ.
+
+    Attributes:
+        mass: [kg].
+        offset: of the centre of mass from the body's origin [m].
+        inertia: (3,) moments of inertia [kg·m²].
+        thrust: (k,) thrust of each nozzle, fully open [N].
+        speed: (6,) velocities of operation [m/s, rad/s], for the random probes of the structure.
+    """
+
+    mass: float
+    offset: float
+    inertia: Array
+    thrust: Array
+    speed: Array
+
+
+class FreeFlyer(RigidBody):
+    """M ν̇ + C(ν) ν = Σ k_i u_i w_i: mass, centre of mass and inertia, and k nozzles.
+
+    θ = [m, m c (3), inertia (6), thrust (k)], about the body's origin. Nozzles open with
+    u_i ∈ [0, 1]. Axes are x forward, y left, z up.
+
+    Args:
+        scales: guesses.
+        positions: (k, 3) of the nozzles [m].
+        directions: (k, 3) in which they push, unit vectors.
+    """
+
+    def __init__(self, scales: FreeFlyerScales, positions: Array, directions: Array):
+        k = len(positions)
+        thrust = Block(
+            "nozzle gain",
+            tuple(f"nozzle_{i + 1}" for i in range(k)),
+            ("N",) * k,
+            scales.thrust,
+            "positive",
+            actuator=True,
+        )
+        body = inertial_block("body", scales.mass, scales.offset, scales.inertia)
+        space = ParameterSpace((body, thrust))
+        super().__init__(space, of_a_body(0, len(space)), k, positions)
+        self._allocation, self._speed = actuators.wrenches(positions, directions), scales.speed
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        F = np.zeros((6, self.p))
+        actuators.thrusters(F, 10, self._allocation, _LINEAR, u)
+        return F
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws any pose within a metre, velocities and commands of operation."""
+        q = self.position(np.r_[rng.uniform(-1, 1, 3), 1.5 * rng.standard_normal(3)])
+        return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0, 1, self.n_u)

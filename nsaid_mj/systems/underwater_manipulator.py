@@ -1,0 +1,177 @@
+"""Underwater vehicles that carry an arm (6): added mass, drag and buoyancy of base and links."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numba import njit
+
+from ..parameters import Array, Block
+from ..spatial import cross
+from . import actuators, fluid
+from .multibody import JointScales
+from .rigid_body import of_a_body, symmetric
+from .tree import Carried
+from .underwater import UnderwaterScales, body_space
+from .vehicle_manipulator import VehicleManipulator, link_blocks
+
+_UP = np.array([0.0, 0.0, 1.0])
+STRIPS = 4
+"""Points of Gauss-Legendre quadrature along a link's axis."""
+
+
+@dataclass(frozen=True)
+class Cylinders:
+    """What is known of the k links' shapes: slender cylinders, in the links' own axes.
+
+    Attributes:
+        centres: (k, 3) [m].
+        axes: (k, 3) unit vectors.
+        lengths: (k,) [m].
+    """
+
+    centres: Array
+    axes: Array
+    lengths: Array
+
+
+@dataclass(frozen=True)
+class LinkFluidScales:
+    """What an engineer would guess of the links in water; it becomes the scale of θ.
+
+    Attributes:
+        added: (k,) added mass of a link that moves across its axis [kg].
+        drag: (k,) quadratic drag across the axis, for each metre of it [N·s²/m³].
+        buoyancy: (k,) [N].
+    """
+
+    added: Array
+    drag: Array
+    buoyancy: Array
+
+
+class UnderwaterManipulator(VehicleManipulator):
+    """An underwater vehicle (see `UnderwaterVehicle`) whose arm moves water, too.
+
+    θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
+    (6), quadratic drag (6), net weight, righting moments (3), links' drag (k), links' buoyancy (k),
+    thrust]. A link is a cylinder about its axis e. Its added mass m_A lies evenly along the axis
+    and moves across it only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is −c |v_⊥| v_⊥ ds; buoyancy acts
+    at the middle.
+
+    Args:
+        model: Pinocchio's, its root a free flyer; its inertias are not read and not kept.
+        joints: guesses of the links and joints; the base's mass and length are not used.
+        base: guesses of the base in water.
+        links: guesses of the links in water.
+        cylinders: the links' shapes.
+        friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
+        positions: (t, 3) of the thrusters on the base [m].
+        directions: (t, 3) in which they push, unit vectors.
+        curve: coefficients of u, u³, u⁵ … of the command curve; their sum is 1.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        joints: JointScales,
+        base: UnderwaterScales,
+        links: LinkFluidScales,
+        cylinders: Cylinders,
+        friction_speed: float,
+        positions: Array,
+        directions: Array,
+        curve: Array,
+    ):
+        k, g = len(cylinders.lengths), float(np.linalg.norm(model.gravity.linear))
+        mass, linear, quadratic, weight, righting, thrust = body_space(base).blocks
+        added = _per_link("added mass", "added", "kg", links.added)
+        drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag)
+        buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy)
+        full = np.ones(len(positions))
+        super().__init__(
+            model,
+            [
+                Carried(0, symmetric(6, 0, 21), 0.0),
+                *(Carried(1 + i, of_a_body(0, 10), g) for i in range(k)),
+                *(Carried(1 + i, added_inertia(cylinders, i), 0.0) for i in range(k)),
+            ],
+            [mass, *link_blocks(joints), added],
+            joints,
+            friction_speed,
+            [linear, quadratic, weight, righting, drag, buoyancy, thrust],
+            (-full, full),
+            positions,
+            base.speed,
+        )
+        self.cylinders = cylinders
+        self._points, self._weights = strips(cylinders)
+        still = np.zeros((self.n - 6, len(positions)))
+        self.allocation = np.vstack([actuators.wrenches(positions, directions), still])
+        self.curve = np.asarray(curve, dtype=np.float64)
+
+    def _add_vehicle(self, F: Array, J: Array, up: Array, q: Array, v: Array, u: Array) -> None:
+        _add_water(
+            F, self._vehicle, J, up, q, v, u, self.cylinders.centres, self.cylinders.axes,
+            self._points, self._weights, self.allocation, self.curve,
+        )  # fmt: skip
+
+
+def _per_link(name: str, letter: str, unit: str, scale: Array) -> Block:
+    k = len(scale)
+    names = tuple(f"{letter}_{i + 1}" for i in range(k))
+    return Block(name, names, (unit,) * k, scale, "positive")
+
+
+def added_inertia(cylinders: Cylinders, i: int) -> Array:
+    """(6, 6, 1) added inertia of link i in its own frame for an added mass of 1 kg."""
+    e, c = cylinders.axes[i], cylinders.centres[i]
+    across, lever = np.eye(3) - np.outer(e, e), pin.skew(c)
+    middle = np.zeros((6, 6))
+    middle[:3, :3], middle[3:, 3:] = across, cylinders.lengths[i] ** 2 / 12 * across
+    shift = np.eye(6)  # v at the middle is v − c × ω
+    shift[:3, 3:] = -lever
+    inertia = shift.T @ middle @ shift
+    return (0.5 * (inertia + inertia.T))[:, :, None]
+
+
+def strips(cylinders: Cylinders) -> tuple[Array, Array]:
+    """(k, s, 3) points along the links' axes, in the links' frames, and (k, s) lengths [m]."""
+    nodes, weights = np.polynomial.legendre.leggauss(STRIPS)
+    half = 0.5 * cylinders.lengths[:, None]
+    reach = (half * nodes)[:, :, None] * cylinders.axes[:, None]
+    return cylinders.centres[:, None] + reach, half * weights
+
+
+@njit(cache=True)
+def _add_water(F, start, J, up, q, v, u, centres, axes, points, weights, allocation, curve):
+    """All that water does to base and links but added mass, then the thrusters."""
+    links = centres.shape[0]
+    column = fluid.linear_drag(F, start, v[:6])
+    column = fluid.quadratic_drag(F, column, v[:6])
+    column = fluid.restoring(F, column, q[3:7], _UP)
+    for k in range(links):
+        drag = _cylinder_drag(np.dot(J[1 + k], v), axes[k], points[k], weights[k])
+        lift = np.empty(6)
+        lift[:3], lift[3:] = up[1 + k], cross(centres[k], up[1 + k])
+        for j in range(F.shape[0]):
+            for i in range(6):
+                F[j, column + k] += J[1 + k, i, j] * drag[i]
+                F[j, column + links + k] += J[1 + k, i, j] * lift[i]
+    actuators.thrusters(F, column + 2 * links, allocation, curve, u)
+
+
+@njit(cache=True)
+def _cylinder_drag(twist, axis, points, weights):
+    """(6,) wrench of −|v_⊥| v_⊥ on every strip of a cylinder."""
+    wrench = np.zeros(6)
+    for s in range(weights.shape[0]):
+        across = twist[:3] + cross(twist[3:], points[s])
+        across -= axis * (axis[0] * across[0] + axis[1] * across[1] + axis[2] * across[2])
+        speed = np.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
+        force = -weights[s] * speed * across
+        wrench[:3] += force
+        wrench[3:] += cross(points[s], force)
+    return wrench

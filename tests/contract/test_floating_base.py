@@ -1,0 +1,258 @@
+"""Floating bases: the identities of (4)–(10) and (29, 30), and MuJoCo moves as they say."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from nsaid_mj.control import FourierTracking
+from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput
+from nsaid_mj.plants import FloatingBasePlant, arm
+from nsaid_mj.plants.arm import Arm
+from nsaid_mj.plants.coordinates import FloatingMap
+from nsaid_mj.plants.robots import load_robot
+from nsaid_mj.system import Instant
+from nsaid_mj.systems.multibody import Multibody
+
+ROBOTS = [
+    "alexander", "anymal_c", "bluevolta_bravo7_no_ee", "bolt", "borinot", "falcon_bravo7_no_ee",
+    "go2", "hextilt", "hyq", "laikago", "pr2", "quadruped", "simple_humanoid",
+    "simple_humanoid_classical", "so100", "solo12", "solo8", "talos", "talos_legs",
+]  # fmt: skip
+robots = pytest.mark.parametrize("robot", ROBOTS)
+FEW = pytest.mark.parametrize("robot", ["borinot", "pr2", "solo12"])
+
+
+@cache
+def plant(robot: str) -> Arm:
+    built = FloatingBasePlant(robot=robot).build(1e-5, 7)
+    assert isinstance(built, Arm)
+    return built
+
+
+def draw(system: Multibody, seed: int):
+    """(x, w, a, u) of the size seen in operation, and (n,) the position numbers of x."""
+    rng = np.random.default_rng(seed)
+    numbers = rng.uniform(*system.limits)
+    _, v, u = system.random_state(rng)
+    w, a = rng.standard_normal((2, system.n))
+    return np.r_[system.position(numbers), v], w, a, u, numbers
+
+
+def near(one, other, tolerance):
+    size = max(np.abs(one).max(), np.abs(other).max())
+    assert np.abs(one - other).max() <= tolerance * size
+
+
+def mass_and_coriolis(plant: Arm, q, v):
+    """Pinocchio's own M with the rotors, and its C."""
+    model = pin.Model(plant.robot.model)
+    model.armature[:] = 0
+    data = model.createData()
+    M = pin.crba(model, data, q) + np.diag(np.r_[np.zeros(6), rotors(plant)])
+    return M, pin.computeCoriolisMatrix(model, data, q, v)
+
+
+def rotors(plant: Arm):
+    return plant.truth[plant.system.space["rotor inertia"]]
+
+
+def test_there_are_fifteen_and_all_float():
+    assert len(ROBOTS) >= 15
+    assert all(plant(robot).system.group == 6 for robot in ROBOTS)
+
+
+@robots
+def test_the_regressors_are_linear_and_sum_up(robot):
+    system, theta = plant(robot).system, plant(robot).truth
+    for seed in range(3):
+        x, w, a, u, _ = draw(system, seed)
+        near(system.W_C(x, 2 * w - 3 * a), 2 * system.W_C(x, w) - 3 * system.W_C(x, a), 1e-13)
+        near(system.W_M(x, 2 * w - 3 * a), 2 * system.W_M(x, w) - 3 * system.W_M(x, a), 1e-13)
+        W = system.regressor(0.0, x, w, a, u)
+        near(W, system.W_M(x, a) + system.W_C(x, w) - system.F(0.0, x, u), 1e-13)  # (10)
+        near(system.W_M(x, a) @ theta, system.mass_matrix(x, theta) @ a, 1e-12)  # (8)
+
+
+@robots
+def test_m_and_c_are_pinocchios(robot):
+    system, theta = plant(robot).system, plant(robot).truth
+    for seed in range(3):
+        x, w, _, _, _ = draw(system, seed)
+        M, C = mass_and_coriolis(plant(robot), *system.split(x))
+        near(system.mass_matrix(x, theta), M, 1e-12)
+        near(system.W_C(x, w) @ theta, C @ w, 1e-11)
+        assert np.linalg.eigvalsh(system.mass_matrix(x, theta))[0] > 0
+        assert np.abs(system.W_C(x, w)[:, 10 * system.bodies :]).max() == 0  # links only
+
+
+@robots
+def test_m_dot_minus_2c_is_skew(robot):
+    system, theta, h = plant(robot).system, plant(robot).truth, 1e-5
+    x, _, _, _, _ = draw(system, 1)
+    q, v = system.split(x)
+
+    def mass(step):
+        return system.mass_matrix(np.r_[system.integrate(q, step * v), v], theta)
+
+    M_dot = (mass(h) - mass(-h)) / (2 * h)
+    C = system.coriolis_matrix(x, theta)
+    assert np.abs(M_dot - C - C.T).max() <= 1e-6 * max(np.abs(C).max(), np.abs(mass(0)).max())
+
+
+@FEW
+def test_the_bracket_of_twists_is_needed(robot):
+    """Without it Ṁ − 2C would not be skew: the test above can fail."""
+    system, theta = plant(robot).system, plant(robot).truth
+    x, w, _, _, _ = draw(system, 1)
+    _, C = mass_and_coriolis(plant(robot), *system.split(x))
+    system.group = 0
+    try:
+        assert np.abs(system.W_C(x, w) @ theta - C @ w).max() > 1e-2 * np.abs(C @ w).max()
+    finally:
+        system.group = 6
+
+
+@robots
+def test_the_acceleration_solves_the_equation_and_an_instant_agrees(robot):
+    system, theta = plant(robot).system, plant(robot).truth
+    for seed in range(3):
+        x, w, _, u, _ = draw(system, seed)
+        a = system.acceleration(0.0, x, w, u, theta)  # (29)
+        W = system.regressor(0.0, x, w, a, u)
+        assert np.abs(W @ theta).max() <= 1e-11 * (np.abs(W) @ np.abs(theta)).max()  # (30)
+        q, v = system.split(x)
+        fast = system.at(0.0, q, v, u)
+        assert type(fast) is not Instant
+        for one, other in zip(
+            fast.evaluate(w, theta), Instant(system, 0.0, q, v, u).evaluate(w, theta), strict=True
+        ):
+            near(np.asarray(one), np.asarray(other), 1e-9)
+        near(fast.evaluate(w, theta)[0], a, 1e-9)
+
+
+@robots
+def test_mujoco_moves_as_the_system_says(robot):
+    p = plant(robot)
+    system, theta = p.system, p.truth
+    for seed in range(3):
+        x, _, _, u, numbers = draw(system, seed)
+        _, v = system.split(x)
+        with p.running():
+            p.reset(numbers, v)
+            for given, read in zip((numbers, v), p.coordinates(), strict=True):
+                near(read, given, 1e-12)
+            p.data.ctrl[:] = u
+            mujoco.mj_forward(p.model, p.data)
+            a = p.joints.acceleration(p.data)
+        near(a, system.acceleration(0.0, x, v, u, theta), 1e-10)
+        W = system.regressor(0.0, x, v, a, u)
+        assert np.abs(W @ theta).max() <= 1e-8 * np.abs(W * theta).max()
+        assert np.abs(W @ theta).max() <= 1e-12 * (np.abs(W) @ np.abs(theta)).max()
+
+
+@FEW
+def test_a_measurement_is_in_the_systems_coordinates(robot):
+    """q̇ = v: over two steps q moves by Simpson's rule of the measured v, and v by that of v̇."""
+    p = FloatingBasePlant(robot=robot).build(1e-4, 3)
+    _, v, u = p.system.random_state(np.random.default_rng(0))
+    states, rates = [], []
+    with p.running():
+        p.reset(0.3 * np.random.default_rng(1).uniform(*p.system.limits), 0.3 * v)
+        for _ in range(3):
+            states.append(p.coordinates())
+            p.data.ctrl[:] = 0.1 * u
+            mujoco.mj_forward(p.model, p.data)
+            rates.append(p.joints.acceleration(p.data))
+            p.step(0.1 * u)
+    q, v = (np.array(part) for part in zip(*states, strict=True))
+    step = p.system.difference(p.position(q[0]), p.position(q[2]))
+    simpson = (v[0] + 4 * v[1] + v[2]) * p.dt / 3
+    np.testing.assert_allclose(step, simpson, rtol=1e-5, atol=1e-6 * np.abs(step).max())
+    simpson = (rates[0] + 4 * rates[1] + rates[2]) * p.dt / 3
+    np.testing.assert_allclose(v[2] - v[0], simpson, rtol=1e-4, atol=1e-5 * np.abs(simpson).max())
+
+
+@FEW
+def test_kinematics(robot):
+    system = plant(robot).system
+    rng, h = np.random.default_rng(2), 1e-6
+    q, v, u = system.random_state(rng)
+    other, step = system.random_state(rng)[0], rng.uniform(-1, 1, system.n)
+    assert (q.shape, v.shape, u.shape) == ((system.m,), (system.n,), (system.n - 6,))
+    near(system.difference(q, system.integrate(q, step)), step, 1e-11)
+    reached = system.integrate(q, system.difference(q, other))
+    reached[3:7] *= np.sign(reached[3:7] @ other[3:7])  # both quaternions are the attitude
+    near(reached, other, 1e-11)
+    slope = (system.integrate(q, h * v) - system.integrate(q, -h * v)) / (2 * h)
+    np.testing.assert_allclose(system.J(q) @ v, slope, atol=1e-8)  # (3)
+    low, high = system.limits
+    assert np.linalg.norm(high[3:6]) < np.pi and (low < high).all()
+    assert system.velocity_units[:6] == ("m/s",) * 3 + ("rad/s",) * 3
+    assert len(system.velocity_units) == system.n
+    batch = rng.uniform(low, high, (2, 3, system.n))
+    assert (system.position(batch)[1, 2] == system.position(batch[1, 2])).all()
+
+
+def test_every_joint_has_a_motor_and_the_base_has_none():
+    system = plant("solo12").system
+    assert system.n_u == len(system.space.actuators) == 12
+    assert system.space.names[:2] == ["m_0", "hx_0"] and system.space.blocks[0].name == "base"
+    x, _, _, u, _ = draw(system, 0)
+    assert (system.F(0.0, x, u)[:6, system.space.actuators] == 0).all()
+
+
+def test_the_system_holds_no_inertia():
+    for model in (plant("solo12").system.model, plant("solo12").system._weightless):
+        fresh = Multibody(model, plant("solo12").system.scales, np.full(12, 0.05))
+        assert all((i.toDynamicParameters() == 0).all() for i in fresh.model.inertias)
+
+
+# -- refusals ----------------------------------------------------------------------------------
+
+
+def test_a_fixed_base_cannot_be_free():
+    with pytest.raises(BadRobot, match="fixed"):
+        FloatingBasePlant(robot="ur5").build(1e-3, 0)
+
+
+def test_a_robot_without_joints_has_no_motor():
+    with pytest.raises(BadRobot, match="no joint for a motor") as caught:
+        FloatingBasePlant(robot="iris").build(1e-3, 0)
+    assert "FlyingArmPlant" in caught.value.remedy
+    assert load_robot("iris", "free").model.nv == 6
+
+
+def test_a_file_may_float(tmp_path):
+    body = """<inertial><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+    path = tmp_path / "two.urdf"
+    path.write_text(f"""<robot name="two"><link name="one">{body}</link><link name="two">{body}
+    </link><joint name="turn" type="continuous"><parent link="one"/><child link="two"/>
+    <origin xyz="0 0 1"/><axis xyz="0 1 0"/></joint></robot>""")
+    assert load_robot(str(path)).model.nv == 1
+    p = FloatingBasePlant(robot=str(path)).build(1e-4, 0)
+    assert (p.system.n, p.system.m, p.system.n_u) == (7, 9, 1)
+    assert isinstance(p.joints, FloatingMap)
+
+
+def test_a_body_that_differs_between_the_engines_is_named(monkeypatch):
+    honest = arm.arm_spec
+
+    def corrupt(model, hidden, dt):
+        spec = honest(model, hidden, dt)
+        spec.body("root_joint").mass *= 1.01
+        return spec
+
+    monkeypatch.setattr(arm, "arm_spec", corrupt)
+    with pytest.raises(EnginesDisagree) as caught:
+        FloatingBasePlant("solo12").build(1e-3, 0)
+    assert caught.value.link == "link of joint root_joint"
+
+
+def test_joints_alone_cannot_track_a_trajectory_of_the_base():
+    p = plant("solo12")
+    with pytest.raises(InvalidInput, match="fixed base"):
+        FourierTracking().build(p.system, p.truth, np.random.default_rng(0))
