@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .cli import main as main
     from .control import DepthHeadingAutopilot as DepthHeadingAutopilot
     from .control import DriverConfig as DriverConfig
+    from .control import Driving as Driving
     from .control import FourierTracking as FourierTracking
     from .control import HoverAndReach as HoverAndReach
     from .control import MultisineCommand as MultisineCommand
@@ -29,11 +30,14 @@ if TYPE_CHECKING:
     from .plants import ArmPlant as ArmPlant
     from .plants import AstrobeePlant as AstrobeePlant
     from .plants import BlueROV2Plant as BlueROV2Plant
+    from .plants import BMW320iPlant as BMW320iPlant
+    from .plants import F1TenthPlant as F1TenthPlant
     from .plants import FloatingBasePlant as FloatingBasePlant
     from .plants import FlyingArmPlant as FlyingArmPlant
     from .plants import Mismatch as Mismatch
     from .plants import QuadrotorPlant as QuadrotorPlant
     from .plants import REMUS100Plant as REMUS100Plant
+    from .plants import RoverPlant as RoverPlant
     from .plants import ScalarRovPlant as ScalarRovPlant
     from .plants import SensorNoise as SensorNoise
     from .plants import UvmsPlant as UvmsPlant
@@ -46,6 +50,7 @@ _HOMES = {
     "main": "cli",
     "DepthHeadingAutopilot": "control",
     "DriverConfig": "control",
+    "Driving": "control",
     "FourierTracking": "control",
     "HoverAndReach": "control",
     "SwimAndReach": "control",
@@ -62,11 +67,14 @@ _HOMES = {
     "AstrobeePlant": "plants",
     "PoseHold": "control",
     "BlueROV2Plant": "plants",
+    "BMW320iPlant": "plants",
+    "F1TenthPlant": "plants",
     "FloatingBasePlant": "plants",
     "FlyingArmPlant": "plants",
     "Mismatch": "plants",
     "QuadrotorPlant": "plants",
     "REMUS100Plant": "plants",
+    "RoverPlant": "plants",
     "ScalarRovPlant": "plants",
     "SensorNoise": "plants",
     "UvmsPlant": "plants",

@@ -254,9 +254,8 @@ def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
 
 
 def _plural(block: Block) -> str:
-    if len(block) == 1 or block.name.endswith("friction"):
-        return block.name
-    return f"{block.name}s"
+    uncountable = ("friction", "matrix", "mass", "drag", "buoyancy")
+    return block.name if len(block) == 1 or block.name.endswith(uncountable) else f"{block.name}s"
 
 
 def _listed(words: Iterable[str]) -> str:

@@ -50,7 +50,7 @@ def expected_gramian(
     q = system.position(np.asarray(numbers, dtype=np.float64))
     v = np.asarray(v, dtype=np.float64)
     scale, steps = system.space.scale, max(1, round(duration / dt))
-    stride = max(1, steps // _SAMPLES)
+    stride = -(-steps // _SAMPLES)
     gramian, count = np.zeros((system.p, system.p)), 0
     for k in range(steps):
         t = k * dt

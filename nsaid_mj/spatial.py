@@ -38,17 +38,19 @@ def rotation(quaternion):
 @njit(cache=True)
 def rotate(quaternion, vector):
     """A body vector (3,) in the world's axes."""
-    axis = quaternion[:3]
-    twice = 2.0 * cross(axis, vector)
-    return vector + quaternion[3] * twice + cross(axis, twice)
+    x, y, z, w = quaternion
+    a, b, c = vector
+    i, j, k = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return np.array(
+        [a + w * i + y * k - z * j, b + w * j + z * i - x * k, c + w * k + x * j - y * i]
+    )
 
 
 @njit(cache=True)
 def unrotate(quaternion, vector):
     """A world vector (3,) in the body's axes."""
-    axis = quaternion[:3]
-    twice = 2.0 * cross(axis, vector)
-    return vector - quaternion[3] * twice + cross(axis, twice)
+    x, y, z, w = quaternion
+    return rotate((-x, -y, -z, w), vector)
 
 
 @njit(cache=True)
@@ -170,24 +172,32 @@ def bracket(group, a, b):
         a: (n,) velocity.
         b: (n,) velocity.
     """
-    result = np.zeros(a.shape[0])
+    c = np.zeros(a.shape[0])
     if group == 6:
-        result[:3] = cross(a[3:6], b[:3]) + cross(a[:3], b[3:6])
-        result[3:6] = cross(a[3:6], b[3:6])
+        c[0] = a[4] * b[2] - a[5] * b[1] + a[1] * b[5] - a[2] * b[4]
+        c[1] = a[5] * b[0] - a[3] * b[2] + a[2] * b[3] - a[0] * b[5]
+        c[2] = a[3] * b[1] - a[4] * b[0] + a[0] * b[4] - a[1] * b[3]
+        c[3] = a[4] * b[5] - a[5] * b[4]
+        c[4] = a[5] * b[3] - a[3] * b[5]
+        c[5] = a[3] * b[4] - a[4] * b[3]
     elif group == 3:
-        result[0] = a[1] * b[2] - a[2] * b[1]
-        result[1] = a[2] * b[0] - a[0] * b[2]
-    return result
+        c[0] = a[1] * b[2] - a[2] * b[1]
+        c[1] = a[2] * b[0] - a[0] * b[2]
+    return c
 
 
 @njit(cache=True)
 def coadjoint(group, w, h):
     """(n,) ad_wᵀ h: −C w of a body with momentum h = M v, both (n,); (C is Fossen's, skew)."""
-    result = np.zeros(w.shape[0])
+    c = np.zeros(w.shape[0])
     if group == 6:
-        result[:3] = cross(h[:3], w[3:6])
-        result[3:6] = cross(h[:3], w[:3]) + cross(h[3:6], w[3:6])
+        c[0] = h[1] * w[5] - h[2] * w[4]
+        c[1] = h[2] * w[3] - h[0] * w[5]
+        c[2] = h[0] * w[4] - h[1] * w[3]
+        c[3] = h[1] * w[2] - h[2] * w[1] + h[4] * w[5] - h[5] * w[4]
+        c[4] = h[2] * w[0] - h[0] * w[2] + h[5] * w[3] - h[3] * w[5]
+        c[5] = h[0] * w[1] - h[1] * w[0] + h[3] * w[4] - h[4] * w[3]
     elif group == 3:
-        result[0], result[1] = h[1] * w[2], -h[0] * w[2]
-        result[2] = h[0] * w[1] - h[1] * w[0]
-    return result
+        c[0], c[1] = h[1] * w[2], -h[0] * w[2]
+        c[2] = h[0] * w[1] - h[1] * w[0]
+    return c

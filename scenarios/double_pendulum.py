@@ -5,7 +5,7 @@ from nsaid_mj import ArmPlant, FourierTracking, NullspaceAID, Scenario, main
 scenario = Scenario(
     plant=ArmPlant(robot="double_pendulum", damping=0.1, friction=0.2, armature=0.01),
     excitation=FourierTracking(fundamental=0.3, harmonics=5, speed=6.0),
-    identifier=NullspaceAID(K=20.0, gain=8.0),
+    identifier=NullspaceAID(K=20.0, gain=8.0, floor=1e-3),
     initial_error=0.3,
     duration=120.0,
 )

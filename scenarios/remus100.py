@@ -5,7 +5,7 @@ from nsaid_mj import DepthHeadingAutopilot, NullspaceAID, REMUS100Plant, Scenari
 scenario = Scenario(
     plant=REMUS100Plant(),
     excitation=DepthHeadingAutopilot(),
-    identifier=NullspaceAID(K=1.0, gain=5.0),
+    identifier=NullspaceAID(K=2.0, gain=3.0, rate=6.0, floor=0.02),
     initial_error=0.3,
     duration=600.0,
     dt=0.01,

@@ -1,4 +1,4 @@
-"""BlueROV2 Heavy with a Reach Alpha 5: twelve actuators of unknown gain move five bodies in water."""
+"""BlueROV2 Heavy with a Reach Alpha 5: twelve actuators of unknown gain move base and arm."""
 
 from nsaid_mj import NullspaceAID, Scenario, SwimAndReach, UvmsPlant, main
 

@@ -17,9 +17,11 @@ import numpy as np
 import pinocchio as pin
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID, ScalarRovPlant
+from nsaid_mj.cli import load
 from nsaid_mj.plants import Plant
 
 BLOCKS = 60
+VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee")
 
 
 def seconds(action: Callable[[], object], repeats: int) -> float:
@@ -31,12 +33,12 @@ def seconds(action: Callable[[], object], repeats: int) -> float:
 
 
 def compare(
-    ours: Callable[[], object], theirs: Callable[[], object]
+    ours: Callable[[], object], theirs: Callable[[], object], repeats: int = 100
 ) -> dict[str, float | list[float]]:
     """Cost of ours over theirs: median and quartiles of alternating blocks."""
     seconds(ours, 20)
     seconds(theirs, 20)
-    rows = np.array([(seconds(ours, 100), seconds(theirs, 500)) for _ in range(BLOCKS)])
+    rows = np.array([(seconds(ours, repeats), seconds(theirs, 5 * repeats)) for _ in range(BLOCKS)])
     low, median, high = np.percentile(rows[:, 0] / rows[:, 1], [25, 50, 75])
     return {
         "ratio": float(median),
@@ -94,6 +96,40 @@ def benchmarks() -> list[dict]:
         euler = plant_step(rov, mujoco.mjtIntegrator.mjINT_EULER)
         rows.append({"what": "identifier RK4 step / MuJoCo Euler step: scalar_rov, 4 parameters",
                      **compare(identifier_step(rov, 0.01), euler)})  # fmt: skip
+    return rows + vehicles()
+
+
+def vehicles() -> list[dict]:
+    """Vehicles' identifiers against a UR5 in MuJoCo, and what an exact callback costs a plant."""
+    rows = []
+    arm = ArmPlant("ur5", armature=0.1).build(1e-3, 0)
+    for name in VEHICLES:
+        scenario = load(name)
+        plant = scenario.plant.build(scenario.dt, 0)
+        with arm.running():
+            euler = plant_step(arm, mujoco.mjtIntegrator.mjINT_EULER)
+            what = f"identifier RK4 step / MuJoCo Euler step of a UR5: {name}, "
+            rows.append({"what": what + f"{plant.system.p} parameters",
+                         **compare(identifier_step(plant, scenario.dt), euler)})  # fmt: skip
+    plant = load("bluerov2").plant.build(0.01, 0)
+    rk4 = plant_step(plant, mujoco.mjtIntegrator.mjINT_RK4)
+    mujoco.mj_resetData(plant.model, plant.data)
+
+    def with_callback() -> None:
+        mujoco.set_mjcb_passive(plant.passive.ctypes)
+        for _ in range(100):
+            rk4()
+        mujoco.set_mjcb_passive(None)
+
+    def without() -> None:
+        for _ in range(100):
+            rk4()
+
+    try:
+        rows.append({"what": "100 RK4 steps of bluerov2 with / without the hydrodynamic callback",
+                     **compare(with_callback, without, 5)})  # fmt: skip
+    finally:
+        mujoco.set_mjcb_passive(None)
     return rows
 
 

@@ -19,32 +19,24 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 from rerun.experimental import ViewerClient
+from scipy.spatial.transform import Rotation
 
 from nsaid_mj import cli, finish
 from nsaid_mj.errors import NsaidError
-from nsaid_mj.experiment import run
+from nsaid_mj.experiment import Run, run
 from nsaid_mj.recording import FILE
+from nsaid_mj.recording.forces import Arrows, Rows, body_forces
+from nsaid_mj.recording.scene import EYE, base_poses
 from nsaid_mj.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.resources import scenarios
 
-SCENARIOS = {  # and where the time cursor stands [s]: where there is something to see
-    "ur5": 30.0,
-    "double_pendulum": 60.0,
-    "wrong_gains": 60.0,
-    "scalar_rov": 60.0,
-    "bluerov2": 165.0,
-    "remus100": 150.0,
-    "uvms": 150.0,
-    "hummingbird": 40.0,
-    "crazyflie": 40.0,
-    "borinot": 30.0,
-    "f1tenth": 60.0,
-    "bmw320i": 60.0,
-    "rover": 60.0,
-    "astrobee": 135.0,
-}
+SCENARIOS = (
+    "ur5", "double_pendulum", "wrong_gains", "scalar_rov", "bluerov2", "remus100", "uvms",
+    "hummingbird", "crazyflie", "borinot", "f1tenth", "bmw320i", "rover", "astrobee",
+)  # fmt: skip
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 SIZE = (1600, 1000)
 MENU = 33  # height of the viewer's own menu, which is cut off [pixels]
@@ -156,6 +148,31 @@ def maximize(client: ViewerClient) -> None:
     time.sleep(DRAWN)
 
 
+def best_moment(result: Run) -> float:
+    """A time [s] not far from half-way at which there is much to see.
+
+    That is where a vehicle is upright and shows its front and a side, and its forces point across
+    the view and not out of it; for anything else it is half-way.
+    """
+    record, system, truth = result.record, result.plant.system, result.plant.truth
+    t = record["t"]
+    k = np.unique(np.linspace(0.4, 0.6, 2000) * (len(t) - 1)).astype(int)
+    rows = Rows(*(record[column][k] for column in Rows._fields))
+    arrows = Arrows.of(system, 1.0, rows, truth)
+    if arrows is None:
+        return float(t[len(t) // 2])
+    turn = Rotation.from_quat(base_poses(system, rows.q)[1])
+    eye = turn.inv().apply(EYE)[:, None]  # in the vehicle's axes
+    forces = arrows.lengths * body_forces(system, arrows.parts, rows, truth)
+    length = np.linalg.norm(forces, axis=2)
+    across = np.linalg.norm(np.cross(forces, eye), axis=2)
+    upright, front = turn.apply([0, 0, 1])[:, 2], turn.apply([1, 0, 0]) @ EYE
+    too_long = np.maximum(length.max(axis=1) - 1.2, 0)
+    push = np.minimum(across, 0.8).mean(axis=1)
+    good = upright - 0.5 * np.abs(front - 0.6) + 2 * push - too_long
+    return float(rows.t[np.argmax(good)])
+
+
 def close_up(picture: Path) -> Path:
     """Where the picture of the robot alone is."""
     return picture.with_name(f"{picture.stem}_close.png")
@@ -190,7 +207,7 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", help=f"scenarios (default: {' '.join(SCENARIOS)})")
     parser.add_argument("--duration", type=float, help="simulate so many seconds instead")
-    parser.add_argument("--at", type=float, help="time of the cursor [s] (default: its own)")
+    parser.add_argument("--at", type=float, help="time of the cursor [s] (default: a good one)")
     parser.add_argument("--page", default="", help="the tab to open, of a --file")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the pictures")
     parser.add_argument("--file", type=Path, help="photograph this recording instead")
@@ -210,8 +227,7 @@ def main() -> int:
                 result = run(scenario, Path(folder) / name)
                 finish.finish(result)
                 picture = chosen.out / f"{name}.png"
-                at = SCENARIOS.get(name, scenario.duration) if chosen.at is None else chosen.at
-                at = at if at < scenario.duration else scenario.duration / 2
+                at = best_moment(result) if chosen.at is None else chosen.at
                 photograph(result.folder / FILE, picture, at, close=True)
             for file in (picture, close_up(picture)):
                 print(f"{file}  {file.stat().st_size // 1000} kB")

@@ -331,31 +331,37 @@ def test_the_meshes_of_a_vehicle_move_as_one_and_as_mujoco_has_them(vehicle: Run
 
 
 class Sled(RigidBody):
-    """In the plane: a jet astern, one abeam, and a torque, which has no place."""
+    """In the plane: a jet astern, one abeam, a torque, which has no place, and a weak fin."""
 
     def __init__(self) -> None:
         blocks = (
             Block("mass", ("m",), ("kg",), np.ones(1)),
             Block("jet", ("astern", "abeam", "torque"), ("N",) * 3, np.ones(3), actuator=True),
+            Block("fin", ("lift", "drag"), ("N",) * 2, np.ones(2), actuator=True),
         )
-        mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3])
-        tensor = np.eye(3)[..., None] * np.eye(4)[0]
+        mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3, [1, 0, 0], [1, 0, 0]])
+        tensor = np.eye(3)[..., None] * np.eye(6)[0]
         super().__init__(ParameterSpace(blocks), tensor, 3, mounts)
 
     def _F(self, t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
         turning = [0.3, 0.4, 1.0]  # a jet turns too, and that is no force across the plane
-        return np.hstack([np.zeros((3, 1)), np.vstack([np.diag(u)[:2], turning * u])])
+        fin = 0.02 * np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
+        return np.hstack([np.zeros((3, 1)), np.vstack([np.diag(u)[:2], turning * u]), fin])
 
     def random_state(self, rng: np.random.Generator):
         return np.zeros(3), np.zeros(3), rng.uniform(-1, 1, 3)
 
 
-def test_planar_forces_lie_in_the_plane_and_end_where_they_push_inwards(tmp_path: Path) -> None:
+def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: Path) -> None:
     u = np.array([[1.0, 2, 9], [-1.0, -2, 9]])
     rows = forces.Rows(np.array([0.0, 1]), np.zeros((2, 3)), np.zeros((2, 3)), u)
-    theta = np.array([1.0, 3, 4, 5])
+    theta = np.array([1.0, 3, 4, 5, 6, 7])
     arrows = forces.Arrows.of(Sled(), 2.0, rows, theta)
-    assert arrows is not None and [p.tolist() for p in arrows.parts] == [[1], [2]]
+    assert arrows is not None
+    assert [p.tolist() for p in arrows.parts] == [[1], [2], [4, 5]]
+    # 8 N over 0.02·‖(6, 7)‖ N, so that fins are drawn 43 times as long at most
+    assert arrows.magnified == {"fin": 20.0}
+    assert arrows.lengths[:, 0].tolist() == [arrows.lengths[0, 0] * n for n in (1, 1, 20)]
     file = tmp_path / "sled.rrd"
     rec = rr.RecordingStream("nsaid_mj test")
     rec.save(file)
@@ -364,14 +370,16 @@ def test_planar_forces_lie_in_the_plane_and_end_where_they_push_inwards(tmp_path
     rec.disconnect()
     entities = entities_of(file)
     vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")
-    expected = np.array([[[3.0, 0, 0], [0, 8, 0]], [[-3.0, 0, 0], [0, -8, 0]]])
+    fin = [-0.14, 0.12, 0]
+    expected = np.array([[[3.0, 0, 0], [0, 8, 0], fin], [[-3.0, 0, 0], [0, -8, 0], fin]])
     np.testing.assert_allclose(vectors, arrows.lengths * expected, rtol=1e-6)
+    up = 2.5 * arrows.radius  # they lie on the ground
     origins = column(entities, forces.COMMANDED, "Arrows3D:origins")
-    np.testing.assert_allclose(origins[0, 0] + vectors[0, 0], [-1, 0, 0], atol=1e-6)  # inwards
-    np.testing.assert_allclose(origins[0, 1], [0, 0.5, 0], atol=1e-6)
-    np.testing.assert_allclose(origins[1, 0], [-1, 0, 0], atol=1e-6)
-    np.testing.assert_allclose(origins[1, 1] + vectors[1, 1], [0, 0.5, 0], atol=1e-6)  # inwards
-    across = np.einsum("ja,ja->j", arrows.beside, [[1.0, 0, 0], [0, 1, 0]])
+    np.testing.assert_allclose(origins[0, 0] + vectors[0, 0], [-1, 0, up], atol=1e-6)  # inwards
+    np.testing.assert_allclose(origins[0, 1], [0, 0.5, up], atol=1e-6)
+    np.testing.assert_allclose(origins[1, 0], [-1, 0, up], atol=1e-6)
+    np.testing.assert_allclose(origins[1, 1] + vectors[1, 1], [0, 0.5, up], atol=1e-6)  # inwards
+    across = np.einsum("ja,ja->j", arrows.beside, [[1.0, 0, 0], [0, 1, 0], fin])
     np.testing.assert_allclose(across, 0, atol=1e-12)
 
 

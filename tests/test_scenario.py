@@ -12,10 +12,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.cli import load
-from nsaid_mj.control import FourierTracking, MultisineCommand
+from nsaid_mj.control import (
+    DepthHeadingAutopilot,
+    DriverConfig,
+    FourierTracking,
+    HoverAndReach,
+    MultisineCommand,
+    SwimAndReach,
+)
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.identifiers import ConventionalAID, NullspaceAID
-from nsaid_mj.plants import ArmPlant, ScalarRovPlant, SensorNoise
+from nsaid_mj.plants import (
+    ArmPlant,
+    FloatingBasePlant,
+    FlyingArmPlant,
+    REMUS100Plant,
+    ScalarRovPlant,
+    SensorNoise,
+    UvmsPlant,
+)
 from nsaid_mj.resources import scenarios
 from nsaid_mj.scenario import Scenario
 
@@ -151,6 +166,11 @@ def test_what_is_no_scenario_is_refused(text):
 
 NAN, INF = np.nan, np.inf
 NOT_POSITIVE = [0.0, -1.0, NAN, INF]
+BAD_ARM = {
+    "damping": NOT_POSITIVE, "friction": NOT_POSITIVE, "armature": [-1.0, NAN, INF],
+    "gain": [0.0, -1.0, NAN, INF], "spread": [-0.1, 1.0, NAN], "friction_speed": NOT_POSITIVE,
+}  # fmt: skip
+NO_SHARE = [0.0, -0.1, 1.01, NAN]
 BAD = {
     Scenario: {
         "dt": NOT_POSITIVE, "duration": [*NOT_POSITIVE, 1.9e-3], "pe_window": NOT_POSITIVE,
@@ -159,9 +179,27 @@ BAD = {
         "seed": [-1, 0.5], "sensors": ["perfect", ""],
         "rivals": [{"": NullspaceAID()}, {"two words": NullspaceAID()}],
     },
-    ArmPlant: {
-        "damping": NOT_POSITIVE, "friction": NOT_POSITIVE, "armature": [-1.0, NAN, INF],
-        "gain": [0.0, -1.0, NAN, INF], "spread": [-0.1, 1.0, NAN], "friction_speed": NOT_POSITIVE,
+    ArmPlant: BAD_ARM,
+    FloatingBasePlant: BAD_ARM,
+    UvmsPlant: {"spread": [-0.1, 1.0, NAN]},
+    REMUS100Plant: {"spread": [-0.1, 1.0, NAN]},
+    DepthHeadingAutopilot: {
+        "propeller": [0.0, 0.2, 1.01, NAN], "swing": NOT_POSITIVE, "dither": NOT_POSITIVE,
+        "low": [0.0, -1.0, NAN, 2.1], "high": [0.05, NAN, INF], "tones": [0, -1],
+        "slow": NOT_POSITIVE, "depth": [NAN, INF], "dive": NOT_POSITIVE, "turn": NOT_POSITIVE,
+        "bandwidth": NOT_POSITIVE,
+    },
+    FlyingArmPlant: {"spread": [-0.1, 1.0, NAN]},
+    SwimAndReach: {
+        "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF], "tones": [0, -1],
+        "amplitude": NO_SHARE, "fundamental": NOT_POSITIVE, "harmonics": [0, -1],
+        "reach": NO_SHARE, "speed": NOT_POSITIVE, "bandwidth": NOT_POSITIVE,
+    },
+    HoverAndReach: {
+        "travel": NOT_POSITIVE, "turn": NOT_POSITIVE, "fundamental": NOT_POSITIVE,
+        "harmonics": [0, -1], "reach": NO_SHARE, "speed": NOT_POSITIVE, "dither": NO_SHARE,
+        "low": [0.0, -1.0, NAN, 3.1], "high": [0.5, NAN, INF], "tones": [0, -1],
+        "position_bandwidth": NOT_POSITIVE, "attitude_bandwidth": NOT_POSITIVE,
     },
     ScalarRovPlant: {
         "mass": NOT_POSITIVE, "drag": NOT_POSITIVE, "gain": NOT_POSITIVE,
@@ -187,6 +225,13 @@ BAD = {
 ALSO = {"gain": "Gamma", "low": "band", "high": "band"}  # the paper's letter; one field, two ends
 
 
+DRIVEN = {
+    SwimAndReach: UvmsPlant(),
+    HoverAndReach: FlyingArmPlant(),
+    DepthHeadingAutopilot: REMUS100Plant(),
+}  # others drive any arm
+
+
 @cache
 def plant(config):
     return config.build(1e-3, 0)
@@ -197,8 +242,8 @@ def use(part) -> None:
     scalar = plant(ScalarRovPlant())
     if isinstance(part, NullspaceAID | ConventionalAID):
         part.build(scalar.system, scalar.truth, 1e-3, True)
-    elif isinstance(part, FourierTracking | MultisineCommand):
-        config = ArmPlant(robot="double_pendulum")
+    elif isinstance(part, DriverConfig):
+        config = DRIVEN.get(type(part), ArmPlant(robot="double_pendulum"))
         part.build(plant(config).system, plant(config).truth, np.random.default_rng(0))
 
 
@@ -218,7 +263,7 @@ def test_a_bad_field_is_named_before_the_run(part, field, value):
 
 @pytest.mark.parametrize("part", BAD, ids=lambda part: part.__name__)
 def test_every_field_has_its_bad_values_and_the_default_is_good(part):
-    parts = {"plant", "excitation", "identifier", "noise", "robot"}
+    parts = {"plant", "excitation", "identifier", "noise", "robot", "mismatch"}
     assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
     default = part(known=("mass",)) if part is ConventionalAID else part()
     use(default)

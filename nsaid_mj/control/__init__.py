@@ -3,6 +3,7 @@
 from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig
+from .driving import Driving as Driving
 from .multisine import MultisineCommand as MultisineCommand
 from .pose_hold import PoseHold as PoseHold
 from .quadrotor import QuadrotorFlight as QuadrotorFlight

@@ -23,6 +23,7 @@ _SLOWEST = 0.1  # rotor speed, as a share of the largest
 _LEAST, _MOST = 0.3, 2.5  # thrust demanded, as a share of what would hold the prior's weight
 _YAW_SLOWER = 0.25  # the loop about z has little torque to work with
 _YAW = 0.5  # torque about z demanded at most, as a share of what all rotors make in hover
+_TILT = 0.3  # torque that trims roll and pitch at most, as a share of weight times arm
 _TRIM = 0.3  # integral action is that much slower than its loop
 
 
@@ -53,6 +54,7 @@ class QuadrotorFlight(DriverConfig):
     low: float = 0.5
     high: float = 3.0
     climb: float = 0.5
+    tilt: float = 0.95
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -93,6 +95,9 @@ class _Flight(Driver):
         arm = system.rotors - centre
         self._mixer = np.linalg.inv([thrust, arm[:, 1] * thrust, -arm[:, 0] * thrust, torque])
         self._yaw = _YAW * np.abs(torque).sum() * prior[0] * GRAVITY / thrust.sum()
+        most = _TILT * prior[0] * GRAVITY * np.abs(arm).mean(axis=0)
+        self._turning = np.array([most[1], most[0], self._yaw]) / np.diag(self._inertia)
+        self._limits = np.tan(config.tilt), _SLOWEST**2, (1 + config.dither / 2) ** -2
         self._settle()
 
     def _settle(self) -> None:
@@ -112,7 +117,7 @@ class _Flight(Driver):
     def command(self, t: float, q: Array, v: Array) -> Array:
         squares = _rotor_speeds_squared(
             q, v, self._path(t), t - self._t, self._errors, self._slow, self._fast,
-            self._mass, self._inertia, self._mixer, self._yaw,
+            self._mass, self._inertia, self._mixer, self._yaw, self._turning, *self._limits,
         )  # fmt: skip
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
@@ -150,7 +155,7 @@ class _Path:
 
 
 @njit(cache=True)
-def _rotor_speeds_squared(q, v, path, h, errors, slow, fast, mass, inertia, mixer, yaw):
+def _rotor_speeds_squared(q, v, path, h, errors, slow, fast, mass, inertia, mixer, yaw, turning, tilt, slowest, fastest):
     """(4,) what the rotors should do, as shares of their largest speed squared.
 
     Args:
@@ -165,34 +170,44 @@ def _rotor_speeds_squared(q, v, path, h, errors, slow, fast, mass, inertia, mixe
         inertia: (3, 3) about the centre of mass [kg·m²].
         mixer: (4, 4) squares of rotor speeds from thrust [N] and torque [N·m].
         yaw: largest torque about z [N·m].
+        turning: (3,) largest trims of the attitude loop [rad/s²].
+        tilt: tangent of the largest tilt.
+        slowest: least of what the rotors may do.
+        fastest: most of it.
     """
     R = rotation(q[3:])
     place, velocity, acceleration, jerk = path
     off = place[:3] - q[:3]
-    most = 0.5 * GRAVITY / (_TRIM * slow**3)
+    trim = _TRIM * slow**3
+    most = 0.5 * GRAVITY / trim
     errors[:3] = np.minimum(np.maximum(errors[:3] + h * off, -most), most)
     a = acceleration[:3] + slow**2 * off + 2 * slow * (velocity[:3] - np.dot(R, v[:3]))
-    a += _TRIM * slow**3 * errors[:3]
+    a += trim * errors[:3]
     a[2] = min(max(a[2] + GRAVITY, 0.4 * GRAVITY), 2.0 * GRAVITY)
     level = np.sqrt(a[0] ** 2 + a[1] ** 2)
-    a[:2] *= min(1.0, 1.5 * a[2] / max(level, 1e-9))  # 56° of tilt at most
+    a[:2] *= min(1.0, tilt * a[2] / max(level, 1e-9))
 
     size = np.sqrt(np.sum(a * a))
     z = a / size
     y = cross(z, np.array([np.cos(place[3]), np.sin(place[3]), 0.0]))
     y /= np.sqrt(np.sum(y * y))
     E = np.dot(R.T, np.column_stack((cross(y, z), y, z)))
-    turn = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
-    most = 0.7 / (_TRIM * fast)
-    errors[3:] = np.minimum(np.maximum(errors[3:] + h * turn, -most), most)
+    heading = np.arctan2(E[1, 0] - E[0, 1], E[0, 0] + E[1, 1])
+    turn = np.array([-E[1, 2], E[0, 2], heading])  # tilt first: it must not wait for the heading
+    if E[2, 2] < 0.0:
+        turn[:2] /= np.sqrt(turn[0] ** 2 + turn[1] ** 2 + 1e-9)
+    holding = _TRIM * fast**3
+    largest = turning / holding
+    errors[3:] = np.minimum(np.maximum(errors[3:] + h * turn, -largest), largest)
     rate = cross(z, jerk[:3]) / size
     rate[2] += velocity[3]
     rate = np.dot(R.T, rate)
-    alpha = fast**2 * turn + 2 * fast * (rate - v[3:]) + _TRIM * fast**3 * errors[3:]
+    alpha = fast**2 * turn + 2 * fast * (rate - v[3:]) + holding * errors[3:]
 
     torque = np.dot(inertia, alpha) + cross(v[3:], np.dot(inertia, v[3:]))
     lift = mass * min(max(np.sum(a * R[:, 2]), _LEAST * GRAVITY), _MOST * GRAVITY)
     about_z = min(max(torque[2], -yaw), yaw)
     squares = np.dot(mixer, np.array([lift, torque[0], torque[1], about_z]))
-    squares += max(0.0, _SLOWEST**2 - squares.min())  # attitude comes before height
-    return np.minimum(squares, 1.0)
+    squares -= max(0.0, squares.max() - fastest)  # attitude comes before height
+    squares += max(0.0, slowest - squares.min())
+    return np.minimum(squares, fastest)

@@ -44,12 +44,8 @@ class SwimAndReach(DriverConfig):
     bandwidth: float = 2.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.reach <= 1:
-            raise InvalidInput("excitation.reach", "a share in (0, 1]", self.reach, "0.8 will do.")
-        for name, remedy in (("speed", "1 rad/s will do."), ("bandwidth", "2 Hz will do.")):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
+        _check_shares(self, "reach", "amplitude")
+        _check_positive(self, "speed", "bandwidth")
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
@@ -71,6 +67,22 @@ class SwimAndReach(DriverConfig):
             centre - half, centre + half, speed, self.fundamental, self.harmonics, rng
         )
         return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
+
+
+def _check_shares(config: DriverConfig, *names: str) -> None:
+    """Accepts shares in (0, 1]."""
+    for name in names:
+        value = getattr(config, name)
+        if not 0 < value <= 1:
+            raise InvalidInput(f"excitation.{name}", "a share in (0, 1]", value, "See --help.")
+
+
+def _check_positive(config: DriverConfig, *names: str) -> None:
+    """Accepts finite numbers > 0."""
+    for name in names:
+        value = getattr(config, name)
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"excitation.{name}", "a number > 0", value, "See --help.")
 
 
 class _SwimAndReach(Driver):
@@ -141,12 +153,8 @@ class HoverAndReach(DriverConfig):
     attitude_bandwidth: float = 2.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.reach <= 1:
-            raise InvalidInput("excitation.reach", "a share in (0, 1]", self.reach, "0.8 will do.")
-        for name in ("travel", "turn", "speed", "position_bandwidth", "attitude_bandwidth"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"excitation.{name}", "a number > 0", value, "See --help.")
+        _check_shares(self, "reach", "dither")
+        _check_positive(self, "travel", "turn", "speed", "position_bandwidth", "attitude_bandwidth")
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
@@ -278,4 +286,5 @@ def joint_torque(
     u = np.concatenate([np.zeros(len(system.joints)), thrust])
     free, _, _ = system.at(t, q, v, u).evaluate(v, theta)
     M = system.mass_matrix(np.concatenate([q, v]), theta)
-    return np.linalg.solve(np.linalg.inv(M)[6:, 6:], wanted - free[6:])
+    torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], wanted - free[6:])
+    return np.asarray(torque, dtype=np.float64)

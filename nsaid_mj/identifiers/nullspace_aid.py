@@ -41,28 +41,35 @@ def stage(z, total, v, a_hat, W, K, Gamma, weight, start, reach):
 
 
 @njit(cache=True)
-def body_rates(entries, values, group, F, v, z, K, Gamma):
-    """(n+p,) the same rates for a body whose M is constant in its frame, and M̂'s smallest pivot.
+def body_gradient(entries, values, group, F, v, v_hat, theta_hat):
+    """â (n,) of (29), Wᵀ Δv (p,) and M̂'s smallest pivot, of a body with M constant in its frame.
 
     With h = M̂ v and C w = −ad_wᵀ h, W need not be formed: Wᵀ Δv gathers, for every entry
     M_ij = c θ_k, c (a_j Δv_i − v_j [v̂, Δv]_i).
     """
     n = v.shape[0]
-    v_hat, theta_hat = z[:n], z[n:]
     dv = v_hat - v  # (37)
     M, L = np.zeros((n, n)), np.zeros((n, n))
     for e in range(values.shape[0]):
         M[entries[e, 0], entries[e, 1]] += values[e] * theta_hat[entries[e, 2]]
     pivot = cholesky(M, L)
+    gradient = -np.dot(dv, F)
     if not pivot > 0.0:
-        return z, pivot
+        return v_hat, gradient, pivot
     a_hat = solve(L, np.dot(F, theta_hat) + coadjoint(group, v_hat, np.dot(M, v)))  # (29)
     turned = bracket(group, v_hat, dv)
-    gradient = -np.dot(dv, F)  # Wᵀ Δv
     for e in range(values.shape[0]):
         i, j, k = entries[e]
         gradient[k] += values[e] * (a_hat[j] * dv[i] - v[j] * turned[i])
-    return np.concatenate((a_hat - times(K, dv), times(Gamma, gradient))), pivot
+    return a_hat, gradient, pivot
+
+
+@njit(cache=True)
+def body_rates(entries, values, group, F, v, z, K, Gamma):
+    """(n+p,) the rates of v̂ (44) and of θ̂ (45) for such a body, and M̂'s smallest pivot."""
+    n = v.shape[0]
+    a_hat, gradient, pivot = body_gradient(entries, values, group, F, v, z[:n], z[n:])
+    return np.concatenate((a_hat - times(K, z[:n] - v), times(Gamma, gradient))), pivot
 
 
 @njit(cache=True)

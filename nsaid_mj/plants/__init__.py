@@ -3,9 +3,12 @@
 from .aerial import QuadrotorPlant as QuadrotorPlant
 from .arm import ArmPlant as ArmPlant
 from .arm import FloatingBasePlant as FloatingBasePlant
+from .ground import BMW320iPlant as BMW320iPlant
+from .ground import F1TenthPlant as F1TenthPlant
 from .mismatch import Mismatch as Mismatch
 from .plant import Plant as Plant
 from .plant import PlantConfig as PlantConfig
+from .rover import RoverPlant as RoverPlant
 from .scalar_rov import ScalarRovPlant as ScalarRovPlant
 from .sensors import SensorNoise as SensorNoise
 from .shapes import VisualMesh as VisualMesh

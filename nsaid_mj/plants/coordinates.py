@@ -193,3 +193,39 @@ class PlanarMap:
         c, s = np.cos(yaw), np.sin(yaw)
         x, y, r = rates
         return np.array([c * x + s * y, c * y - s * x, r])
+
+
+class LevelMap:
+    """A free joint on level ground, seen from above: x, y, ψ and u, v, r ↔ qpos and qvel.
+
+    ψ is the heading of the body's x-axis on the ground. Height, pitch and roll stay unread.
+
+    Args:
+        model: MuJoCo's.
+        joint: name of the free joint.
+    """
+
+    def __init__(self, model: Any, joint: str):
+        self.pose = PoseMap(model, joint)
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(3,) x, y [m], ψ [rad] and (3,) velocities along and across the heading, and ψ̇."""
+        pose, qvel = pose_of(data.qpos[self.pose.qpos]), data.qvel[self.pose.dof]
+        ahead = rotate(pose[3:], np.array([1.0, 0.0, 0.0]))
+        turning = np.cross(rotate(pose[3:], qvel[3:]), ahead)
+        length = np.hypot(ahead[0], ahead[1])
+        c, s = ahead[:2] / length
+        x, y = qvel[:2]
+        yaw_rate = (ahead[0] * turning[1] - ahead[1] * turning[0]) / length**2
+        return np.array([*pose[:2], np.arctan2(s, c)]), np.array(
+            [c * x + s * y, c * y - s * x, yaw_rate]
+        )
+
+    def write(self, data: Any, numbers: Array, twist: Array) -> None:
+        """Sets x, y, ψ and a level motion; height stays, pitch and roll become 0."""
+        c, s = np.cos(numbers[2] / 2), np.sin(numbers[2] / 2)
+        height = data.qpos[self.pose.qpos][2]
+        data.qpos[self.pose.qpos] = [*numbers[:2], height, c, 0.0, 0.0, s]
+        c, s = np.cos(numbers[2]), np.sin(numbers[2])
+        u, v, r = twist
+        data.qvel[self.pose.dof] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]

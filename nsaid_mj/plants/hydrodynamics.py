@@ -19,7 +19,7 @@ import numpy as np
 from numba import carray, cfunc, njit
 
 from ..parameters import Array
-from ..spatial import coadjoint, cross, rotate, unrotate
+from ..spatial import coadjoint, rotate, unrotate
 from .callbacks import WORDS, as_pointer, field_offsets
 
 LIMIT = 16
@@ -78,16 +78,6 @@ SIZE = 2 + 3 * 36 + 12 + 1 + 3 + 3 + 5 + 7 * LIMIT
 
 
 @njit(cache=True)
-def matvec(matrix, vector):
-    """(6,) of a (6, 6) matrix times a vector (6,)."""
-    result = np.zeros(6)
-    for i in range(6):
-        for j in range(6):
-            result[i] += matrix[i, j] * vector[j]
-    return result
-
-
-@njit(cache=True)
 def motion_in_water(attitude, qvel, flow):
     """(6,) ν, (6,) ν_r and (6,) ν̇_c of a body in water that flows steadily.
 
@@ -96,12 +86,14 @@ def motion_in_water(attitude, qvel, flow):
         qvel: (6,) MuJoCo's velocity of the free joint.
         flow: (3,) velocity of the water in the world [m/s].
     """
-    v = np.empty(6)
-    v[:3], v[3:] = unrotate(attitude, qvel[:3]), qvel[3:]
-    relative, carried = v.copy(), np.zeros(6)
-    current = unrotate(attitude, flow)
-    relative[:3] -= current
-    carried[:3] = cross(current, v[3:])  # the current's own rate, seen from the body
+    v, relative, carried = np.empty(6), np.empty(6), np.zeros(6)
+    linear, current = unrotate(attitude, qvel[:3]), unrotate(attitude, flow)
+    for i in range(3):
+        v[i], v[3 + i] = linear[i], qvel[3 + i]
+        relative[i], relative[3 + i] = linear[i] - current[i], qvel[3 + i]
+    carried[0] = current[1] * v[5] - current[2] * v[4]  # v_c × ω: the current's own rate,
+    carried[1] = current[2] * v[3] - current[0] * v[5]  # seen from the body
+    carried[2] = current[0] * v[4] - current[1] * v[3]
     return v, relative, carried
 
 
@@ -116,12 +108,25 @@ def passive_wrench(rigid, added, inverse, v, relative, carried, f):
         v: (6,) ν.
         relative: (6,) ν_r.
         carried: (6,) ν̇_c.
-        f: (6,) all other forces on the body.
+        f: (6,) all other forces on the body; used as working space.
     """
-    turning = coadjoint(6, v, matvec(rigid, v))  # −C_RB(ν) ν
-    lost = coadjoint(6, relative, matvec(added, relative))  # −C_A(ν_r) ν_r
-    f = f + (turning + lost + matvec(added, carried))
-    return matvec(rigid, matvec(inverse, f)) - turning
+    momentum, stirred, a = np.zeros(6), np.zeros(6), np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            momentum[i] += rigid[i, j] * v[j]
+            stirred[i] += added[i, j] * relative[j]
+            f[i] += added[i, j] * carried[j]
+    turning = coadjoint(6, v, momentum)  # −C_RB(ν) ν
+    lost = coadjoint(6, relative, stirred)  # −C_A(ν_r) ν_r
+    f += turning + lost
+    for i in range(6):
+        for j in range(6):
+            a[i] += inverse[i, j] * f[j]
+    for i in range(6):
+        f[i] = -turning[i]
+        for j in range(6):
+            f[i] += rigid[i, j] * a[j]
+    return f
 
 
 @cache
@@ -142,24 +147,30 @@ def fossen() -> Any:
         command = carray(as_pointer(words[at_act if d[1] > 0 else at_ctrl]), (k,), np.float64)
         rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
         inverse = d[74:110].reshape(6, 6)
-        attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
+        attitude = (qpos[4], qpos[5], qpos[6], qpos[3])
         v, relative, carried = motion_in_water(attitude, qvel, d[126:129])
         f = np.zeros(6)
         for i in range(6):
             f[i] = -(d[110 + i] + d[116 + i] * abs(relative[i])) * relative[i]
-        up = unrotate(attitude, np.array([0.0, 0.0, 1.0]))
-        f[:3] -= d[122] * up
-        f[3:] += cross(d[123:126], up)
+        x, y, z = unrotate(attitude, (0.0, 0.0, 1.0))
+        f[0], f[1], f[2] = f[0] - d[122] * x, f[1] - d[122] * y, f[2] - d[122] * z
+        f[3] += d[124] * z - d[125] * y
+        f[4] += d[125] * x - d[123] * z
+        f[5] += d[123] * y - d[124] * x
         for j in range(k):
-            thruster = d[134 + 7 * j : 141 + 7 * j]
+            px, py, pz, x, y, z, gain = d[134 + 7 * j : 141 + 7 * j]
             u = command[j]
             s = u * u
             shape = ((((d[133] * s + d[132]) * s + d[131]) * s + d[130]) * s + d[129]) * u
-            push = thruster[6] * shape * thruster[3:6]
-            f[:3] += push
-            f[3:] += cross(thruster[:3], push)
+            x, y, z = gain * shape * x, gain * shape * y, gain * shape * z
+            f[0], f[1], f[2] = f[0] + x, f[1] + y, f[2] + z
+            f[3] += py * z - pz * y
+            f[4] += pz * x - px * z
+            f[5] += px * y - py * x
         wrench = passive_wrench(rigid, added, inverse, v, relative, carried, f)
-        force[:3] += rotate(attitude, wrench[:3])
-        force[3:] += wrench[3:]
+        linear = rotate(attitude, wrench[:3])
+        for i in range(3):
+            force[i] += linear[i]
+            force[3 + i] += wrench[3 + i]
 
     return passive

@@ -35,7 +35,7 @@ class Mismatch:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(f"mismatch.{name}", "a time ≥ 0 s", value, "0 means none.")
-        if len(self.flow) != 3 or not np.isfinite(self.flow).all():
+        if np.shape(self.flow) != (3,) or not np.isfinite(self.flow).all():
             raise InvalidInput(
                 "mismatch.flow", "three finite velocities", self.flow, "0 0 0 is still."
             )
@@ -44,13 +44,17 @@ class Mismatch:
                 "mismatch.fluid", " or ".join(get_args(Fluid)), self.fluid, "exact fits."
             )
 
-    def told(self) -> list[str]:
-        """What is on, in words; empty where the structure fits."""
+    def steps(self, dt: float) -> int:
+        """The delay in steps of dt [s]."""
+        return round(self.delay / dt)
+
+    def told(self, dt: float) -> list[str]:
+        """What is on at steps of dt [s], in words; empty where the structure fits."""
         words = []
         if self.lag:
             words.append(f"actuators lag by {self.lag:g} s")
-        if self.delay:
-            words.append(f"commands arrive {self.delay:g} s late")
+        if self.steps(dt):
+            words.append(f"commands arrive {self.steps(dt) * dt:g} s late")
         if any(self.flow):
             words.append("flow of {:g}, {:g}, {:g} m/s".format(*self.flow))
         if self.fluid != "exact":
@@ -71,8 +75,20 @@ class Mismatch:
                 )  # fmt: skip
 
     def apply(self, spec: Any) -> None:
-        """Gives every actuator of a MuJoCo specification the lag."""
+        """Gives every actuator of a MuJoCo specification the lag, as a state that RK4 integrates.
+
+        MuJoCo's `filterexact` is exact under Euler only: it integrates RK4's mean rate once more.
+
+        Raises:
+            InvalidInput: the lag is too short for RK4 at the specification's step.
+        """
+        dt = spec.option.timestep
+        if self.lag and dt > 2.5 * self.lag:  # RK4 is unstable beyond 2.785
+            raise InvalidInput(
+                "mismatch.lag", f"0, or at least {dt / 2.5:g} s at steps of {dt:g} s", self.lag,
+                "Leave it out, or take a smaller dt.",
+            )  # fmt: skip
         if self.lag:
             for actuator in spec.actuators:
-                actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+                actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER
                 actuator.dynprm[0] = self.lag

@@ -65,8 +65,8 @@ class Plant(ABC):
         mismatch.apply(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.delay = round(mismatch.delay / self.dt)
-        self.mismatches = (*self.mismatches, *mismatch.told())
+        self.delay = mismatch.steps(self.dt)
+        self.mismatches = (*self.mismatches, *mismatch.told(self.dt))
 
     @property
     def dt(self) -> float:

@@ -11,7 +11,7 @@ from numba import carray, cfunc
 
 from ..parameters import Array
 from ..resources import numbers
-from ..spatial import cross, rotate, unrotate
+from ..spatial import rotate, unrotate
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle
 from .callbacks import WORDS, as_pointer, field_offsets
 from .hydrodynamics import motion_in_water, passive_wrench
@@ -149,7 +149,7 @@ def forces() -> Any:
         command = carray(as_pointer(words[at_act if d[1] > 0 else at_ctrl]), (k + 1,), np.float64)
         rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
         inverse = d[74:110].reshape(6, 6)
-        attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
+        attitude = (qpos[4], qpos[5], qpos[6], qpos[3])
         v, relative, carried = motion_in_water(attitude, qvel, d[121:124])
         ahead, left, up = relative[0], relative[1], relative[2]
         roll, pitch, yaw = relative[3], relative[4], relative[5]
@@ -160,24 +160,32 @@ def forces() -> Any:
         f[3] = -d[112] * roll * abs(roll)
         f[4] = -d[113] * pitch * abs(pitch) - d[115] * abs(ahead) * up
         f[5] = -d[113] * yaw * abs(yaw) + d[115] * abs(ahead) * left
-        upwards = unrotate(attitude, np.array([0.0, 0.0, 1.0]))
-        f[:3] -= d[116] * upwards
-        f[3:] += d[117] * cross(np.array([0.0, 0.0, 1.0]), upwards)
+        x, y, z = unrotate(attitude, (0.0, 0.0, 1.0))
+        f[0], f[1], f[2] = f[0] - d[116] * x, f[1] - d[116] * y, f[2] - d[116] * z
+        f[3] -= d[117] * y
+        f[4] += d[117] * x
         n = command[k]
         f[0] += d[118] * abs(n) * (n - d[120] * ahead)
         f[3] -= d[119] * abs(n) * n
         for j in range(k):
-            fin = d[124 + 8 * j : 132 + 8 * j]
-            place, along, angle = fin[:3], fin[3:6], command[j]
-            met = relative[:3] + cross(relative[3:], place)
-            met_across = along[0] * met[0] + along[1] * met[1] + along[2] * met[2]
-            push = fin[6] * abs(ahead) * (ahead * angle - met_across) * along
-            push[0] -= fin[7] * abs(ahead) * ahead * angle * angle
-            f[:3] += push
-            f[3:] += cross(place, push)
+            px, py, pz, ex, ey, ez, lift, drag = d[124 + 8 * j : 132 + 8 * j]
+            met = (  # how fast the water passes the fin, along its lift
+                ex * (ahead + pitch * pz - yaw * py)
+                + ey * (left + yaw * px - roll * pz)
+                + ez * (up + roll * py - pitch * px)
+            )
+            push = lift * abs(ahead) * (ahead * command[j] - met)
+            x = push * ex - drag * abs(ahead) * ahead * command[j] ** 2
+            y, z = push * ey, push * ez
+            f[0], f[1], f[2] = f[0] + x, f[1] + y, f[2] + z
+            f[3] += py * z - pz * y
+            f[4] += pz * x - px * z
+            f[5] += px * y - py * x
         wrench = passive_wrench(rigid, added, inverse, v, relative, carried, f)
-        force[:3] += rotate(attitude, wrench[:3])
-        force[3:] += wrench[3:]
+        linear = rotate(attitude, wrench[:3])
+        for i in range(3):
+            force[i] += linear[i]
+            force[3 + i] += wrench[3 + i]
 
     return passive
 

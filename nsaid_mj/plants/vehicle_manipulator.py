@@ -258,8 +258,8 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     d, k = arm["joints"], len(arm["links"])
     bodies = list(model.inertias)[1:]
     return JointScales(
-        mass=guessed([inertia.mass for inertia in bodies]),
-        length=guessed([extent(inertia) for inertia in bodies]),
+        mass=guessed(np.array([inertia.mass for inertia in bodies])),
+        length=guessed(np.array([extent(inertia) for inertia in bodies])),
         viscous=np.full(k, d["viscous"]),
         coulomb=np.full(k, d["coulomb"]),
         gain=np.full(k, d["gain"]),

@@ -94,6 +94,8 @@ class Arrows:
         most = max(longest.values())
         times = {kind: _magnified(most / own) if own else 1.0 for kind, own in longest.items()}
         radius = _RADIUS * size
+        if system.group == 3:
+            mounts[:, 2] += 2.5 * radius  # upon the ground, and the path, not within them
         return Arrows(
             system,
             parts,

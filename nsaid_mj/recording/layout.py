@@ -49,7 +49,7 @@ def blueprint(
     if shared and rivals:
         story.append(plot("share_error", f"Largest error of a {shared}'s share  [%]"))
     elif len(space.actuators) > 1:
-        story += [_estimate(block.name) for block, _ in space if block.actuator][:1]
+        story.append(_estimate(max((b for b, _ in space if b.actuator), key=len).name))
     else:
         story.append(_log_distance())
     story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))

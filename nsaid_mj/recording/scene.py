@@ -20,7 +20,7 @@ BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"
 CENTRE = f"{BODY}/centre"
 _TRAIL = 12.0  # how many times its size of a vehicle's last way is bright …
 _SHORTEST, _LONGEST = 1.0, 20.0  # … and for how long [s]
-_EYE = np.array([1.15, -1.45, 0.65]) / np.linalg.norm([1.15, -1.45, 0.65])
+EYE = np.array([1.15, -1.45, 0.65]) / np.linalg.norm([1.15, -1.45, 0.65])
 _CREASE = np.cos(np.radians(35))  # faces that meet at more than this angle keep their edge
 _JOINT, _BONE, _STAND = (255, 176, 59), (130, 170, 255), (70, 78, 92)
 _WAY, _LAST_WAY = (58, 104, 128), (64, 214, 224)
@@ -38,6 +38,7 @@ class Camera:
         ground: height of the ground grid [m].
         grid: distance of its lines [m].
         follows: the entity that the eye goes along with, "" where it stands still.
+        centre: (3,) what it follows, in the vehicle's axes [m].
         trail: for how long a vehicle's way stays bright [s].
     """
 
@@ -47,6 +48,7 @@ class Camera:
     ground: float
     grid: float
     follows: str = ""
+    centre: tuple[float, ...] = (0.0, 0.0, 0.0)
     trail: float = 0.0
 
 
@@ -116,7 +118,7 @@ class Scene:
                 radius = rr.Radius.ui_points(width)
                 way = rr.LineStrips3D.from_fields(colors=[color], radii=radius)
                 rec.log(path, way, static=True)
-            centre = rr.Points3D([[0, 0, 0]], colors=[_LAST_WAY], radii=[0.01 * camera.size])
+            centre = rr.Points3D([camera.centre], colors=[_LAST_WAY], radii=[0.01 * camera.size])
             rec.log(CENTRE, centre, static=True)  # the eye can follow nothing but what is drawn
         elif camera.ground < 0 and isinstance(self._plant.system, JointTree):
             stand = rr.Cylinders3D(  # an arm that reaches below its foot stands on something
@@ -166,8 +168,8 @@ class Scene:
         steps = np.stack([stops[:-1], stops[1:]], axis=1)
         if len(steps):
             time = rr.TimeColumn("sim_time", duration=t[-len(steps) :])
+            strips = rr.LineStrips3D.columns(strips=list(steps)).partition([1] * len(steps))
             for path in (PATH, TRAIL):
-                strips = rr.LineStrips3D.columns(strips=list(steps)).partition([1] * len(steps))
                 rec.send_columns(path, [time], strips)
 
     def camera(self, q: Array, v: Array) -> Camera:
@@ -185,13 +187,15 @@ class Scene:
         target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
         if not self.vehicle:
             away, ground = 1.6 * size, min(0.0, lowest) if lowest < 0.2 * size else 0.0
-            return Camera(target + away * _EYE, target, size, ground, rounded(size / 5))
-        target = base_poses(self._plant.system, q[:1])[0][0]
+            return Camera(target + away * EYE, target, size, ground, rounded(size / 5))
+        places, attitudes = base_poses(self._plant.system, q[:1])
+        back = attitudes * [-1, -1, -1, 1]
+        centre = tuple(_rotate(back, target - places)[0, 0].tolist())
         linear = v[:, : len(body_axes(self._plant.system))]
         speed = float(np.sqrt(np.mean(np.sum(linear**2, axis=1))))
         trail = float(np.clip(_TRAIL * size / max(speed, 1e-9), _SHORTEST, _LONGEST))
         grid = rounded(max(2 * size, (target[2] - lowest) / 5))
-        return Camera(target + 2.7 * size * _EYE, target, size, lowest, grid, CENTRE, trail)
+        return Camera(target + 2.7 * size * EYE, target, size, lowest, grid, CENTRE, centre, trail)
 
     def survey(self, q: Array) -> Camera:
         """A view of a vehicle's whole way over positions q (k, m)."""
@@ -199,7 +203,7 @@ class Scene:
         low, high = places.min(axis=0), places.max(axis=0)
         target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
         ground = float(self._reach(q)[:, 2].min())
-        return Camera(target + 2.2 * size * _EYE, target, size, ground, rounded(size / 5))
+        return Camera(target + 2.2 * size * EYE, target, size, ground, rounded(size / 5))
 
     def _reach(self, q: Array) -> Array:
         """(…, 3) corners of the meshes' boxes, or the joints, at positions q (k, m)."""

@@ -88,16 +88,17 @@ def estimate_names(block: Block) -> list[str]:
 def velocity_names(plant: Plant, mark: str = "Δ") -> list[str]:
     """Names of the velocities, or of their errors, with units.
 
-    A body's twist has names of its own; any other velocity has its number.
+    A body's twist has names of its own, and so have the joints that it carries; the velocities of
+    anything else have their numbers.
 
     Args:
         plant: whose they are.
         mark: what stands before each.
     """
     units, twist = plant.system.velocity_units, _TWIST.get(plant.system.group, ())
-    names = [mark + name for name in twist]
-    names += [f"{mark}v_{i}" for i in range(len(twist) + 1, len(units) + 1)]
-    return [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+    other = "joint rate" if twist else "v"
+    names = [*twist, *(f"{other}_{i}" for i in range(1, len(units) - len(twist) + 1))]
+    return [f"{mark}{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
 
 
 def excitation(everywhere: Array, perpendicular: Array) -> list[Curves]:

@@ -41,9 +41,10 @@ def thrusters(F, start, allocation, curve, u):
 
 @njit(cache=True)
 def fins(F, start, allocation, v, angles):
-    """Lift |u| (u δ − eᵀ(v + ω × r)) of every fin along its e at its r, then drag (u δ)²; 2 k columns.
+    """Lift |u| (u δ − eᵀ(v + ω × r)) of every fin at r along e, then its drag (u δ)²; 2 k columns.
 
-    To first order u δ − eᵀ(v + ω × r) is u times the angle at which the fin meets the flow.
+    To first order u δ − eᵀ(v + ω × r) is u times the angle at which the fin meets the flow; u is
+    the body's v_x.
 
     Args:
         F: (6, p) to write into.

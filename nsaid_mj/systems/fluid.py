@@ -63,7 +63,7 @@ def upright(F, start, attitude, up):
 
 @njit(cache=True)
 def revolution_drag(F, start, v):
-    """Quadratic drag of a body of revolution about x: along, across, rolling, turning; 4 columns."""
+    """Quadratic drag of a body of revolution about x: along, across, roll, turning; 4 columns."""
     for column, (first, last) in enumerate(((0, 1), (1, 3), (3, 4), (4, 6))):
         for i in range(first, last):
             F[i, start + column] = -abs(v[i]) * v[i]

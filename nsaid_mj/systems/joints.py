@@ -87,8 +87,10 @@ class JointTree(SecondOrderSystem):
         q = np.zeros((*coordinates.shape[:-1], self.m))
         if self.group:
             q[..., :3] = coordinates[..., :3]
-            for k in np.ndindex(coordinates.shape[:-1]):
-                q[k][3:7] = quaternion_of(coordinates[k][3:6])
+            for numbers, pose in zip(
+                coordinates.reshape(-1, self.n), q.reshape(-1, self.m), strict=True
+            ):
+                pose[3:7] = quaternion_of(numbers[3:6])
         for joint in self.joints:
             c = coordinates[..., joint.idx_v]
             if joint.nq == 2:

@@ -52,8 +52,9 @@ class TorpedoVehicle(RigidBody):
     its moment, net weight, righting moment, propeller (2), fin lift (k), fin drag (k)]: a body of
     revolution about x with its centre of gravity on its z axis. Axes are x forward, y left, z up.
 
-    Commands are the fins' deflections [rad], then the propeller's speed in [−1, 1]. Lift and drag
-    go by the vehicle's own u, as in Prestero (2001); stall is not in it.
+    Commands are the fins' deflections [rad], then the propeller's speed in [−1, 1]. The propeller's
+    curve is known, its gains are not. Lift and drag go by the vehicle's own u, as in Prestero
+    (2001); stall is not in it.
 
     Args:
         scales: guesses.
@@ -73,9 +74,8 @@ class TorpedoVehicle(RigidBody):
     ):
         space = _space(scales)
         k = len(positions)
-        mounts = np.vstack(
-            [propeller, np.full(3, np.nan), positions, positions]
-        )  # a torque has none
+        nowhere = np.full(3, np.nan)  # a torque has no place
+        mounts = np.vstack([propeller, nowhere, positions, positions])
         super().__init__(space, _mass_tensor(len(space)), k + 1, mounts)
         astern = np.tile([-1.0, 0.0, 0.0], (k, 1))
         self.allocation = np.stack(

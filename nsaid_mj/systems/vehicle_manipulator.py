@@ -9,6 +9,7 @@ then the thrusters'.
 from __future__ import annotations
 
 from abc import abstractmethod
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -151,11 +152,15 @@ class _VehicleInstant(Instant):
         super().__init__(system, t, q, v, u)
         self._kinematics = kinematics
 
+    @cached_property
+    def F(self) -> Array:
+        """(n, p) force regressor of (4)."""
+        J, _, up = self._kinematics
+        return self.system._forces(J, up, self.q, self.v, self.u)
+
     def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
         """As in the base class."""
-        system, (J, J_dot, up) = self.system, self._kinematics
-        if "F" not in self.__dict__:
-            self.__dict__["F"] = system._forces(J, up, self.q, self.v, self.u)
+        system, (J, J_dot, _) = self.system, self._kinematics
         return evaluate(
             system._entries, system._rotor, J, J_dot, self.F, self.v, w, np.ascontiguousarray(theta)
         )

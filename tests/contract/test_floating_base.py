@@ -12,7 +12,7 @@ from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput
 from nsaid_mj.plants import FloatingBasePlant, arm
 from nsaid_mj.plants.arm import Arm
 from nsaid_mj.plants.coordinates import FloatingMap
-from nsaid_mj.plants.robots import load_robot
+from nsaid_mj.plants.robots import known_robots, load_robot
 from nsaid_mj.system import Instant
 from nsaid_mj.systems.multibody import Multibody
 
@@ -208,6 +208,18 @@ def test_the_system_holds_no_inertia():
     for model in (plant("solo12").system.model, plant("solo12").system._weightless):
         fresh = Multibody(model, plant("solo12").system.scales, np.full(12, 0.05))
         assert all((i.toDynamicParameters() == 0).all() for i in fresh.model.inertias)
+
+
+@pytest.mark.slow
+def test_all_robots_that_float_build_or_say_why():
+    """Building compares MuJoCo's M and bias forces with Pinocchio's."""
+    built, refused = [], []
+    for name in known_robots():
+        try:
+            built.append(FloatingBasePlant(robot=name).build(1e-3, 0).system.n)
+        except BadRobot as error:
+            refused.append(str(error))
+    assert len(built) >= 32, refused
 
 
 # -- refusals ----------------------------------------------------------------------------------

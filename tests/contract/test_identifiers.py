@@ -16,22 +16,35 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj import experiment
+from nsaid_mj.cli import load
 from nsaid_mj.control import FourierTracking, MultisineCommand
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.identifiers import ConventionalAID, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
+from nsaid_mj.plants.scalar_rov import ScalarRov
 from nsaid_mj.record import FILE
 from nsaid_mj.scenario import Scenario
 
 FEW = settings(deadline=None, max_examples=15)
+VEHICLES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "uvms", "borinot"]
+
+
+def packed(name: str) -> Scenario:
+    """A packed scenario in steps of 1 ms, its Γ by scale."""
+    scenario = load(name)
+    assert isinstance(scenario.identifier, NullspaceAID)
+    law = NullspaceAID(scenario.identifier.K, scenario.identifier.gain)
+    return replace(scenario, identifier=law, dt=1e-3, record_every=1)
+
+
 SCENARIOS = {
     "scalar": Scenario(ScalarRovPlant(), MultisineCommand(), NullspaceAID(K=5.0, gain=0.01)),
     "double_pendulum": Scenario(ArmPlant("double_pendulum"), FourierTracking(0.2)),
     "continuous": Scenario(ArmPlant("double_pendulum_continuous"), FourierTracking(0.2)),
     "kinova": Scenario(ArmPlant("kinova"), FourierTracking(0.2)),
-}
+} | {name: packed(name) for name in VEHICLES}
 LAWS = {
     "NullspaceAID": NullspaceAID,
     "linear": lambda K, gain: NullspaceAID(K, gain, "linear"),
@@ -40,7 +53,7 @@ LAWS = {
 ALL = [(system, law) for system in SCENARIOS for law in LAWS]
 contract = pytest.mark.parametrize("name,law", ALL)
 systems = pytest.mark.parametrize("name", SCENARIOS)
-runs = pytest.mark.parametrize("name", ["scalar", "double_pendulum", "continuous"])
+runs = pytest.mark.parametrize("name", ["scalar", "double_pendulum", "continuous", *VEHICLES])
 
 
 @cache
@@ -300,7 +313,8 @@ def test_what_is_known_is_held_to_the_bit_and_the_rest_moves(name):
         config = SCENARIOS[name].identifier
         identifier = ConventionalAID(config.K, config.gain, known).build(system, prior, 1e-3, True)
         held = known_mask(system.space, known)
-        assert held.sum() == (first in known) + ("actuators" in known) * system.n_u
+        actuators = len(system.space.actuators)
+        assert held.sum() == (first in known) + ("actuators" in known) * actuators
         for state in identify(identifier, seen)[1:]:
             assert state.theta_hat[held].tobytes() == prior[held].tobytes()
             moved = state.theta_hat[~held] != prior[~held]
@@ -374,7 +388,8 @@ def poison(plant: Plant, monkeypatch) -> None:
             )
         plant.robot.model.armature[:] = np.nan
     else:
-        plant._theta[:] = np.nan
+        hidden = plant._theta if isinstance(plant, ScalarRov) else plant._truth
+        hidden[:] = np.nan
 
 
 @runs

@@ -1,0 +1,264 @@
+"""A rover on four wheels in contact with the ground; the linear tyre is only a model of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from ..parameters import Array
+from ..resources import asset, numbers
+from ..systems.ground import GroundScales, GroundVehicle
+from .coordinates import LevelMap
+from .ground import Car, check_wind
+from .mismatch import Mismatch
+from .plant import Plant, PlantConfig, set_options
+from .shapes import VisualMesh, of_geom
+from .vehicle import BODY, body_poses, check_spread, guessed, hidden
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+STEERED = ("steer_left", "steer_right")
+_SETTLE = 3.0  # [s] until the wheels have sunk in and nothing moves
+
+
+@dataclass(frozen=True)
+class RoverPlant(PlantConfig):
+    """A four-wheeled rover; numbers and sources in assets/rover.
+
+    Attributes:
+        spread: largest relative deviation of the true load, motors, bearings, servo and tyres
+            from the numbers given there.
+    """
+
+    spread: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_spread(self.spread)
+        check_wind(self.mismatch, "a rover on level ground")
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden numbers and makes the plant."""
+        return Rover(self.spread, self.mismatch, dt, np.random.default_rng(seed))
+
+
+class Rover(Plant):
+    """Six degrees of freedom of the hull, four wheels, a steering rack; contacts are on.
+
+    The rear motors are wired in series: one current, each its own torque constant. The rack turns
+    the front wheels as a trapezium does, so that all axles meet in one point.
+
+    There is no true θ, for no θ reproduces the motion. `truth` is what the parts' own numbers say
+    of a car on linear tyres: mass, first moment and inertia of the whole, wheels included; motors'
+    torque and bearings' friction at the wheels' radius; the force with which MuJoCo's contact
+    answers a sideways slip, at cruising speed. An estimate need not come near it to be good.
+
+    Args:
+        spread: largest relative deviation of the hidden numbers.
+        mismatch: what is on beside the structural one.
+        dt: step [s].
+        rng: source of the hidden numbers.
+    """
+
+    system: GroundVehicle
+    mismatches = (
+        "wheels in MuJoCo's contact, whose side force goes with the speed of the slip instead of "
+        "its angle, and ends at friction times load",
+        "load moves between the wheels, and the hull heaves, pitches and rolls",
+        "spinning wheels weigh along the motion only",
+        "two motors of unequal torque turn the rover as they push",
+        "the steering servo takes its time, and turns each front wheel by its own angle",
+    )
+
+    def __init__(self, spread: float, mismatch: Mismatch, dt: float, rng: np.random.Generator):
+        d = numbers("rover")
+        self.system = structure(d)
+        spec = rover_spec(d, dt, spread, rng)
+        spec.option.wind = mismatch.flow
+        self._compile(spec, mismatch)
+        self.body = LevelMap(self.model, "pose")
+        self._radius, self._arms = d["radius"], _arms(self.model)
+        self._spins = np.array([self.model.joint(f"roll_{w}").dofadr[0] for w in WHEELS])
+        self._rest = self._settled()
+        self._truth = self._effective(d).theta
+        self.reset(np.zeros(3), np.zeros(3))
+
+    @property
+    def truth(self) -> Array:
+        """(9,) what the parts' own numbers say; see the class."""
+        return self._truth
+
+    def _place(self, position: Array, velocity: Array) -> None:
+        self.data.qpos[:] = self._rest
+        self.body.write(self.data, position, velocity)
+        along = velocity[0] - self._arms[:, 1] * velocity[2]
+        self.data.qvel[self._spins] = along / self._radius  # they roll, and do not slip at first
+
+    def coordinates(self) -> tuple[Array, Array]:
+        """(3,) x, y [m], ψ [rad] and (3,) u, v, r of the hull, seen from above."""
+        return self.body.read(self.data)
+
+    def visuals(self) -> list[VisualMesh]:
+        """Hull and wheels."""
+        return [of_geom(self.model, i) for i in self._drawn]
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the geoms at q (k, 3): a q tells no wheel's angle, so they stand still."""
+        places, attitudes = body_poses(q)
+        with self.running():
+            self.reset(np.zeros(3), np.zeros(3))
+            mujoco.mj_kinematics(self.model, self.data)
+        local = [(self.data.geom_xpos[i].copy(), self.data.geom_xmat[i].reshape(3, 3).copy())
+                 for i in self._drawn]  # fmt: skip
+        translations = np.array([[place + R @ at for at, _ in local]
+                                 for place, R in zip(places, attitudes, strict=True)])  # fmt: skip
+        turned = [[pin.Quaternion(R @ own).coeffs() for _, own in local] for R in attitudes]
+        return translations, np.array(turned)
+
+    @property
+    def _drawn(self) -> list[int]:
+        plane = mujoco.mjtGeom.mjGEOM_PLANE
+        return [i for i in range(self.model.ngeom) if self.model.geom_type[i] != plane]
+
+    def _settled(self) -> Array:
+        """(nq,) the rover at rest at the origin, its wheels sunk in."""
+        mujoco.mj_resetData(self.model, self.data)
+        with self.running():
+            for _ in range(round(_SETTLE / self.dt)):
+                mujoco.mj_step(self.model, self.data)
+        self.body.write(self.data, np.zeros(3), np.zeros(3))
+        return self.data.qpos.copy()
+
+    def _effective(self, d: dict[str, Any]) -> Car:
+        """The car that the parts' own numbers make."""
+        model, data = self.model, self.data
+        data.qpos[:], data.qvel[:] = self._rest, 0.0
+        with self.running():
+            mujoco.mj_forward(model, data)
+        mass, place = model.body_mass[1:], data.xipos[1:]
+        centre = mass @ place[:, 0] / mass.sum()
+        spread = place[:, :2] - [centre, 0.0]
+        turned = data.ximat[1:].reshape(-1, 3, 3)
+        own = np.einsum("bi,bi->b", turned[:, 2] ** 2, model.body_inertia[1:])
+        front, rear = (d["guess"]["speed"] * _stiffness(model, data, axle)
+                       for axle in ("front", "rear"))  # fmt: skip
+        torque = model.wrap_prm[:2].sum()
+        return Car(
+            mass=float(mass.sum()),
+            centre=float(centre),
+            inertia=float(own.sum() + mass @ np.sum(spread**2, axis=1)),
+            front=front,
+            rear=rear,
+            drive=torque * model.actuator_gainprm[0, 0] / self._radius,
+            loss=-torque * torque * model.actuator_gainprm[0, 2] / self._radius**2,
+            rolling=model.dof_frictionloss[self._spins].sum() / self._radius,
+            drag=_air_drag(model),
+        )
+
+
+def structure(d: dict[str, Any]) -> GroundVehicle:
+    """What an identifier may know of the rover."""
+    guess, weight = d["guess"], d["mass"] * d["gravity"]
+    drive = 2 * d["torque"] / d["radius"]
+    return GroundVehicle(
+        GroundScales(
+            mass=float(guessed(d["mass"])),
+            moment=guess["off_centre"] * d["mass"] * d["wheelbase"],
+            inertia=float(guessed(d["mass"] * d["wheelbase"] ** 2 / 4)),
+            stiffness=guessed(np.full(2, guess["stiffness"] * weight / 2)),
+            drive=float(guessed(drive)),
+            loss=float(guessed(drive)) / d["top_speed"],
+            rolling=guess["rolling"] * weight,
+            drag=0.5 * d["air"] * guess["drag_area"],
+            speed=guess["speed"],
+            grip=guess["grip"],
+        ),
+        d["wheelbase"],
+        d["steering"],
+    )
+
+
+def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Generator) -> Any:
+    """The specification of assets/rover/model.xml with hidden numbers, and contacts."""
+
+    def draw(value: Any) -> Any:
+        return hidden(np.array(value), spread, rng)
+
+    spec = mujoco.MjSpec.from_file(str(asset("rover", "model.xml")))
+    set_options(spec, dt)
+    needed = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    spec.option.disableflags &= ~int(needed)
+    spec.option.gravity, spec.option.density = [0, 0, -d["gravity"]], d["air"]
+    contact = d["contact"]
+    hull = spec.body(BODY)
+    hull.explicitinertial = True
+    hull.mass = float(draw(d["mass"])) - 4 * d["wheel_mass"] - spec.body("rack").mass
+    hull.ipos, hull.iquat = draw(d["centre"]), [1, 0, 0, 0]
+    hull.inertia = float(draw(1.0)) * np.array(d["inertia"])  # in proportion: a body's must fit
+    friction = float(draw(contact["friction"]))
+    for wheel in WHEELS:
+        body = spec.body(wheel)
+        body.explicitinertial = True
+        body.mass, body.ipos, body.inertia = d["wheel_mass"], [0, 0, 0], d["wheel_inertia"]
+        spec.joint(f"roll_{wheel}").frictionloss = float(draw(d["bearing"]))
+        pair = spec.add_pair(name=wheel, geomname1="ground", geomname2=f"tyre_{wheel}", condim=3)
+        pair.friction = [friction, friction, 0, 0, 0]
+        pair.solref[:2], pair.solreffriction[:2] = contact["normal"], contact["creep"]
+        pair.solimp[:2] = contact["impedance"]
+    motors = spec.add_tendon(name="motors")
+    for wheel in WHEELS[2:]:
+        motors.wrap_joint(f"roll_{wheel}", float(draw(d["torque"])))
+    drive = spec.add_actuator(name="drive", target="motors", trntype=mujoco.mjtTrn.mjTRN_TENDON)
+    drive.gaintype = mujoco.mjtGain.mjGAIN_AFFINE
+    nothing_left = 2 * d["torque"] * d["top_speed"] / d["radius"]  # tendon's speed at top speed
+    drive.gainprm[:3] = [1.0, 0.0, -float(draw(1 / nothing_left))]
+    servo = spec.add_actuator(name="steering", target="rack", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    stiffness, damping = (float(draw(d[f"servo_{what}"])) for what in ("stiffness", "damping"))
+    servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    servo.gainprm[0], servo.biasprm[:3] = stiffness, [0.0, -stiffness, -damping]
+    for joint, side in zip(STEERED, (1, -1), strict=True):
+        link = spec.add_equality(name1=joint, name2="rack", type=mujoco.mjtEq.mjEQ_JOINT)
+        link.objtype = mujoco.mjtObj.mjOBJ_JOINT
+        link.data[:5] = ackermann(side * d["track"] / 2 / d["wheelbase"], d["steering"])
+    return spec
+
+
+def ackermann(offset: float, limit: float) -> Array:
+    """(5,) polynomial of a front wheel's angle in that of a wheel on the middle line.
+
+    Args:
+        offset: of the wheel from the middle line, to the left, in wheelbases.
+        limit: largest angle on the middle line [rad].
+    """
+    angle = np.linspace(-limit, limit, 101)
+    wheel = np.arctan(np.tan(angle) / (1 - offset * np.tan(angle)))
+    return np.polynomial.Polynomial.fit(angle, wheel, 4).convert().coef
+
+
+def _arms(model: Any) -> Array:
+    """(4, 3) of the wheels' centres from the hull's origin [m]."""
+    return np.array([model.body(wheel).pos for wheel in WHEELS])
+
+
+def _stiffness(model: Any, data: Any, axle: str) -> float:
+    """Side force of an axle for each metre per second of sideways slip in a steady bend [N·s/m].
+
+    A contact's force f answers its slip v by −B v = v̇ + R f (MuJoCo, Computation). In a bend v̇ is
+    the acceleration towards the middle, so that 1/R weighs like a mass that the tyres hold on to.
+    """
+    first = np.array([contact.efc_address for contact in data.contact]) + 1  # after the normal's
+    B, R = data.efc_KBIP[first, 1], data.efc_R[first]
+    mass = model.body_mass.sum()
+    here = [any(axle in model.geom(i).name for i in contact.geom) for contact in data.contact]
+    return float(np.sum((B / R)[here]) * mass / (mass + np.sum(1 / R)))
+
+
+def _air_drag(model: Any) -> float:
+    """Drag along x of the boxes that have the bodies' inertias: MuJoCo's fluid model [N·s²/m²]."""
+    total = 0.0
+    for mass, (xx, yy, zz) in zip(model.body_mass[1:], model.body_inertia[1:], strict=True):
+        width, height = np.sqrt(6 * np.array([xx + zz - yy, xx + yy - zz]) / mass)
+        total += 0.5 * model.opt.density * width * height
+    return float(total)

@@ -1,0 +1,407 @@
+"""Vehicles with an arm: the identities of (4)–(10) and (29, 30), and MuJoCo moves as they say."""
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+from nsaid_mj.control import HoverAndReach, SwimAndReach
+from nsaid_mj.errors import InvalidInput, UnknownName
+from nsaid_mj.experiment import draw_prior
+from nsaid_mj.nullspace import structural
+from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
+from nsaid_mj.plants.vehicle_manipulator import VehicleWithArm
+from nsaid_mj.spatial import unrotate
+from nsaid_mj.system import Instant
+from nsaid_mj.systems.underwater_manipulator import UnderwaterManipulator
+
+CONFIGS = {
+    "uvms": UvmsPlant(), "borinot": FlyingArmPlant(), "iris": FlyingArmPlant(robot="iris"),
+}  # fmt: skip
+vehicles = pytest.mark.parametrize("name", CONFIGS)
+
+
+@cache
+def plant(name: str, dt: float = 1e-3) -> VehicleWithArm:
+    built = CONFIGS[name].build(dt, 7)
+    assert isinstance(built, VehicleWithArm)
+    return built
+
+
+def draw(system, seed: int):
+    """(x, w, a, u) of the size seen in operation, and (n,) the position numbers of x."""
+    rng = np.random.default_rng(seed)
+    numbers = rng.uniform(*system.limits)
+    _, v, u = system.random_state(rng)
+    w, a = rng.standard_normal((2, system.n))
+    return np.r_[system.position(numbers), v], w, a, u, numbers
+
+
+def near(one, other, tolerance):
+    size = max(np.abs(one).max(), np.abs(other).max(), 1e-300)
+    assert np.abs(one - other).max() <= tolerance * size
+
+
+def mujoco_acceleration(p: VehicleWithArm, numbers, v, u):
+    with p.running():
+        p.reset(numbers, v)
+        p.data.ctrl[:] = u
+        mujoco.mj_forward(p.model, p.data)
+        return p.joints.acceleration(p.data)
+
+
+def assert_engines_agree(p: VehicleWithArm, seed: int) -> None:
+    system, theta = p.system, p.truth
+    x, _, _, u, numbers = draw(system, seed)
+    v = x[system.m :]
+    a = mujoco_acceleration(p, numbers, v, u)
+    near(a, system.acceleration(0.0, x, v, u, theta), 1e-11)
+    W = system.regressor(0.0, x, v, a, u)
+    assert np.abs(W @ theta).max() <= 1e-8 * np.abs(W * theta).max()
+    assert np.abs(W @ theta).max() <= 1e-12 * (np.abs(W) @ np.abs(theta)).max()
+
+
+# -- the structure -------------------------------------------------------------------------------
+
+
+@vehicles
+def test_the_regressors_are_linear_and_sum_up(name):
+    system, theta = plant(name).system, plant(name).truth
+    for seed in range(5):
+        x, w, a, u, _ = draw(system, seed)
+        near(system.W_C(x, 2 * w - 3 * a), 2 * system.W_C(x, w) - 3 * system.W_C(x, a), 1e-13)
+        near(system.W_M(x, 2 * w - 3 * a), 2 * system.W_M(x, w) - 3 * system.W_M(x, a), 1e-13)
+        W = system.regressor(0.0, x, w, a, u)
+        near(W, system.W_M(x, a) + system.W_C(x, w) - system.F(0.0, x, u), 1e-13)  # (10)
+        M = system.mass_matrix(x, theta)
+        near(system.W_M(x, a) @ theta, M @ a, 1e-12)  # (8)
+        near(M, M.T, 1e-13)
+        assert np.linalg.eigvalsh(M)[0] > 0
+
+
+@vehicles
+def test_m_dot_minus_2c_is_skew(name):
+    system, theta, h = plant(name).system, plant(name).truth, 1e-5
+    for seed in range(5):
+        x, _, _, _, _ = draw(system, seed)
+        q, v = system.split(x)
+        ahead, behind = (
+            system.mass_matrix(np.r_[system.integrate(q, step * v), v], theta) for step in (h, -h)
+        )
+        C = system.coriolis_matrix(x, theta)
+        M_dot = (ahead - behind) / (2 * h)
+        assert np.abs(M_dot - C - C.T).max() <= 1e-6 * max(np.abs(C).max(), np.abs(ahead).max())
+
+
+@vehicles
+def test_an_instant_says_what_the_system_says(name):
+    system, theta = plant(name).system, plant(name).truth
+    for seed in range(5):
+        x, w, _, u, _ = draw(system, seed)
+        q, v = system.split(x)
+        instant = system.at(0.0, q, v, 0 * u).commanded(0.0, u)
+        assert type(instant) is not Instant
+        a, W, pivot = instant.evaluate(w, theta)
+        near(a, system.acceleration(0.0, x, w, u, theta), 1e-10)  # (29)
+        near(W, system.regressor(0.0, x, w, a, u), 1e-12)
+        assert np.abs(W @ theta).max() <= 1e-12 * (np.abs(W) @ np.abs(theta)).max()  # (30)
+        L = np.linalg.cholesky(system.mass_matrix(x, theta))
+        assert pivot == pytest.approx((np.diag(L) ** 2).min(), rel=1e-9)
+        a, W, pivot = instant.evaluate(w, -theta)
+        assert not pivot > 0 and np.isnan(a).all() and np.isfinite(W).all()
+
+
+def test_a_base_in_water_is_the_vehicle_alone():
+    """With the arm's parameters at 0, base and vehicle are one system."""
+    p, alone = plant("uvms"), BlueROV2Plant().build(1e-2, 0).system
+    system, space = p.system, p.system.space
+    theta = np.zeros(system.p)
+    own = np.random.default_rng(0).uniform(0.5, 1.5, alone.p) * alone.space.scale
+    for block, place in alone.space:
+        theta[space[block.name]] = own[place]
+    x, w, a, u, _ = draw(system, 1)
+    q, v = system.split(x)
+    push = alone._W(0.0, q[:7], v[:6], w[:6], a[:6], u[4:]) @ own
+    near((system._W(0.0, q, v, w, a, u) @ theta)[:6], push, 1e-12)
+    assert np.abs((system._W(0.0, q, v, w, a, u) @ theta)[6:]).max() == 0
+
+
+def test_a_links_added_mass_is_that_of_its_strips():
+    """½ vᵀ M v of unit added mass is ½ ∫ |v_⊥|² ds/L along the axis, and drag brakes."""
+    system = plant("uvms").system
+    assert isinstance(system, UnderwaterManipulator)
+    c, space = system.cylinders, system.space
+    x, _, _, u, _ = draw(system, 3)
+    q, v = system.split(x)
+    J = system.at(0.0, q, v, u)._kinematics[0]  # pyright: ignore
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    for i in range(4):
+        twist = J[1 + i] @ v
+        along = c.centres[i] + np.outer(nodes, c.axes[i]) * c.lengths[i] / 2
+        flow = twist[:3] + np.cross(twist[3:], along)
+        flow -= np.outer(flow @ c.axes[i], c.axes[i])
+        unit = np.zeros(system.p)
+        unit[space["added mass"].start + i] = 1.0
+        energy = v @ system._W_M(q, v) @ unit
+        assert energy == pytest.approx(np.sum(weights / 2 * np.sum(flow**2, axis=1)), rel=1e-12)
+        power = v @ system._F(0.0, q, v, u)[:, space["link drag"].start + i]
+        lost = np.sum(weights * np.linalg.norm(flow, axis=1) ** 3) * c.lengths[i] / 2
+        assert power == pytest.approx(-lost, rel=0.05)  # four points instead of twelve
+
+
+def test_buoyancy_and_weight_point_up_and_down():
+    system = plant("uvms").system
+    level = system.position(np.zeros(system.n))
+    F = system._F(0.0, level, np.zeros(system.n), np.zeros(system.n_u))
+    space = system.space
+    near(F[:3, space["link buoyancy"]], np.outer([0, 0, 1], np.ones(4)), 1e-12)
+    assert F[2, space.index("net weight")] == -1
+    assert F[2, space.index("m_3")] == pytest.approx(-9.81)
+
+
+@vehicles
+def test_actuators_act_where_they_are_mounted(name):
+    system = plant(name).system
+    x, _, _, u, _ = draw(system, 2)
+    k, joints = system.space.actuators, system.n - 6
+    F = system.F(0.0, x, u)
+    assert system.mounts.shape == (len(k), 3)
+    assert np.isnan(system.mounts[:joints]).all()
+    for mount, column in zip(system.mounts[joints:], F[:, k[joints:]].T, strict=True):
+        if np.isfinite(mount).all():
+            near(np.cross(mount, column[:3]), column[3:6], 1e-12)
+            assert np.linalg.norm(column[:3]) > 0
+        else:
+            assert (column[:3] == 0).all() and np.linalg.norm(column[3:6]) > 0
+        assert (column[6:] == 0).all()
+    assert (system.F(0.0, x, 0 * u)[:, k] == 0).all()
+    others = np.setdiff1d(np.arange(system.p), k)
+    assert (system.F(0.0, x, 0 * u)[:, others] == F[:, others]).all()
+
+
+def test_full_command_is_full_gain():
+    for name, block in (("uvms", "thruster gain"), ("borinot", "rotor thrust gain")):
+        system = plant(name).system
+        q = system.position(np.zeros(system.n))
+        F = system._F(0.0, q, np.zeros(system.n), np.ones(system.n_u))
+        np.testing.assert_allclose(np.linalg.norm(F[:3, system.space[block]], axis=0), 1.0)
+
+
+@pytest.mark.parametrize("name,r", [("uvms", 13), ("borinot", 7), ("iris", 1)])
+def test_the_structure_leaves_what_it_must(name, r):
+    """A common scale, and what a joint's fixed axis hides of the links before and behind it."""
+    found = structural(plant(name).system, plant(name).truth, np.random.default_rng(0))
+    assert found.r == r
+    assert found.gap[0] > 1e-5 and found.gap[1] < 1e-13
+    scaled = plant(name).truth / plant(name).system.space.scale
+    assert found.ratio(scaled) < 1e-10
+
+
+@vehicles
+def test_every_parameter_has_a_sane_scale(name):
+    system, theta = plant(name).system, plant(name).truth
+    assert theta.shape == (system.p,)
+    for block, place in system.space:
+        if block.geometry == "positive":
+            ratio = theta[place] / block.scale
+            assert (ratio > 0.3).all() and (ratio < 3).all()
+    other = CONFIGS[name].build(1e-3, 8)
+    assert (other.system.space.scale == system.space.scale).all()  # a guess knows no seed
+    assert (other.truth != theta).any()
+    assert (CONFIGS[name].build(5e-4, 7).truth == theta).all()
+
+
+@vehicles
+def test_the_system_holds_no_inertia(name):
+    model = plant(name).system.model
+    assert all((inertia.toDynamicParameters() == 0).all() for inertia in model.inertias)
+    assert (np.array(model.armature) == 0).all()
+
+
+# -- MuJoCo is the system ------------------------------------------------------------------------
+
+
+@vehicles
+def test_mujoco_moves_as_the_system_says(name):
+    for seed in range(10):
+        assert_engines_agree(plant(name), seed)
+
+
+@pytest.mark.parametrize("config", [UvmsPlant(spread=0.9), UvmsPlant(spread=0.0),
+                                    FlyingArmPlant(spread=0.5)])  # fmt: skip
+def test_mujoco_follows_any_hidden_numbers(config):
+    p = config.build(1e-3, 3)
+    for seed in range(3):
+        assert_engines_agree(p, seed)
+
+
+@pytest.mark.parametrize("name", ["uvms", "borinot"])
+def test_every_number_matters(name):
+    """A parameter that is off by a tenth is seen: the agreement above is no accident."""
+    p = plant(name)
+    system = p.system
+    seen = np.zeros(system.p)
+    for seed in range(5):
+        x, _, _, u, numbers = draw(system, seed)
+        v = x[system.m :]
+        W = system.regressor(0.0, x, v, mujoco_acceleration(p, numbers, v, u), u)
+        seen = np.maximum(seen, np.abs(0.1 * W * system.space.scale).max(axis=0))
+    assert (seen > 1e-6).all(), [system.space.names[i] for i in np.flatnonzero(seen <= 1e-6)]
+
+
+def test_water_that_flows_along_is_water_at_rest():
+    """Added mass, drag and thrust see the velocity relative to the water only (Galilei)."""
+    still, flow = plant("uvms"), np.array([0.3, -0.2, 0.1])
+    moved = UvmsPlant(mismatch=Mismatch(flow=(0.3, -0.2, 0.1))).build(1e-3, 7)
+    assert isinstance(moved, VehicleWithArm)
+    _, _, _, u, numbers = draw(still.system, 4)
+    v = draw(still.system, 5)[0][still.system.m :]
+    turned = unrotate(still.position(numbers)[3:7], flow)
+    along = v.copy()
+    along[:3] += turned
+    expected, got = (
+        mujoco_acceleration(still, numbers, v, u), mujoco_acceleration(moved, numbers, along, u)
+    )  # fmt: skip
+    got[:3] += np.cross(v[3:6], turned)  # the body's axes turn against the flow's velocity
+    near(got, expected, 1e-12)
+    assert np.abs(mujoco_acceleration(moved, numbers, v, u) - expected).max() > 1e-2
+
+
+def test_a_lagging_thruster_comes_later():
+    prompt, late = plant("uvms"), UvmsPlant(mismatch=Mismatch(lag=0.1)).build(1e-3, 7)
+    gained = []
+    for p in (prompt, late):
+        speeds = []
+        for u in (np.zeros(12), np.r_[np.zeros(4), np.full(8, 0.5)]):
+            with p.running():
+                p.reset(np.zeros(10), np.zeros(10))
+                for _ in range(20):
+                    p.step(u)
+                speeds.append(p.coordinates()[1][:6])
+        gained.append(np.linalg.norm(speeds[1] - speeds[0]))
+    assert 0.02 < gained[1] / gained[0] < 0.2  # about half of 20 ms in 100 ms
+
+
+@pytest.mark.parametrize("name", ["uvms", "borinot"])
+def test_steps_are_of_fourth_order_with_the_callback(name):
+    _, v, u = plant(name).system.random_state(np.random.default_rng(0))
+
+    def end(dt):
+        p = CONFIGS[name].build(dt, 5)
+        with p.running():
+            p.reset(np.zeros(p.system.n), 0.3 * v)
+            for _ in range(round(0.16 / dt)):
+                p.step(0.5 * u)
+            return np.concatenate(p.coordinates())
+
+    exact = end(1e-3 / 8)
+    errors = np.array([np.abs(end(dt) - exact).max() for dt in (4e-3, 2e-3, 1e-3)])
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert errors[-1] < 1e-4 and (orders > 3.3).all(), (errors, orders)
+
+
+@vehicles
+def test_a_diverging_plant_says_so(name, capfd, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    p = CONFIGS[name].build(1e-3, 0)
+    with p.running():
+        p.reset(np.zeros(p.system.n), np.full(p.system.n, 1e9))
+        for _ in range(200):
+            p.step(np.zeros(p.system.n_u))
+        assert p.diverged in {"qpos", "qvel", "qacc"}
+    assert capfd.readouterr() == ("", "")
+
+
+@vehicles
+def test_looks_move_with_the_bodies(name):
+    p = plant(name)
+    meshes = p.visuals()
+    assert meshes and len({mesh.name for mesh in meshes}) == len(meshes)
+    numbers = np.zeros((2, p.system.n))
+    numbers[1, :3] = 1.0, 2.0, 3.0
+    translations, quaternions = p.poses(p.system.position(numbers))
+    assert translations.shape == (2, len(meshes), 3) and quaternions.shape == (2, len(meshes), 4)
+    near(translations[1] - translations[0], np.tile([1.0, 2.0, 3.0], (len(meshes), 1)), 1e-12)
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=-1), 1, atol=1e-9)
+
+
+# -- drivers -------------------------------------------------------------------------------------
+
+
+def prior_of(p, seed):
+    return draw_prior(p.truth, p.system.space, 0.3, None, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("name", ["borinot", "iris"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_flying_arm_stays_in_the_air_in_spite_of_wrong_gains(name, seed):
+    p = CONFIGS[name].build(4e-3, seed)
+    system = p.system
+    driver = HoverAndReach().build(system, prior_of(p, seed), np.random.default_rng(seed))
+    with p.running():
+        p.reset(*driver.start())
+        for k in range(2500):
+            numbers, v = p.coordinates()
+            u = driver.command(k * p.dt, p.position(numbers), v)
+            assert np.isfinite(u).all() and (u[system.n - 6 :] >= 0.1 - 1e-12).all()
+            assert (u[system.n - 6 :] <= 1).all()
+            assert np.abs(numbers[:3]).max() < 2.0 and np.linalg.norm(numbers[3:5]) < 0.8
+            p.step(u)
+    assert not p.diverged
+    path = driver._path(2500 * p.dt)[0]  # pyright: ignore
+    numbers, _ = p.coordinates()
+    assert np.linalg.norm(numbers[:3] - path[:3]) < 0.15
+    assert np.abs(numbers[6:] - path[4:]).max(initial=0) < 0.2
+
+
+def test_an_arm_in_water_follows_its_path_while_the_base_swims():
+    p = UvmsPlant().build(5e-3, 1)
+    driver = SwimAndReach().build(p.system, prior_of(p, 1), np.random.default_rng(1))
+    errors, travelled = [], np.zeros(6)
+    with p.running():
+        p.reset(*driver.start())
+        for k in range(2000):
+            numbers, v = p.coordinates()
+            u = driver.command(k * p.dt, p.position(numbers), v)
+            assert (np.abs(u) <= 1).all()
+            errors.append(np.abs(numbers[6:] - driver._path(k * p.dt)[0]).max())  # pyright: ignore
+            travelled = np.maximum(travelled, np.abs(v[:6]))
+            p.step(u)
+    assert max(errors) < 0.2 and (travelled > 0.1).all()
+
+
+def test_drivers_refuse_what_they_cannot_drive():
+    rng = np.random.default_rng(0)
+    for driver, name in ((SwimAndReach(), "borinot"), (HoverAndReach(), "uvms")):
+        with pytest.raises(InvalidInput) as caught:
+            driver.build(plant(name).system, plant(name).truth, rng)
+        assert caught.value.name == "excitation" and caught.value.remedy
+
+
+# -- refusals ------------------------------------------------------------------------------------
+
+
+def test_a_robot_without_known_rotors_is_refused():
+    with pytest.raises(UnknownName) as caught:
+        FlyingArmPlant(robot="borino").build(1e-3, 0)
+    assert caught.value.near == ("borinot",) and "assets/flying_arm" in str(caught.value)
+
+
+@pytest.mark.parametrize("config", [UvmsPlant, FlyingArmPlant])
+@pytest.mark.parametrize("spread", [-0.1, 1.0, np.nan])
+def test_a_spread_that_is_no_share_is_refused(config, spread):
+    with pytest.raises(InvalidInput, match="spread"):
+        config(spread=spread)
+
+
+@pytest.mark.parametrize(
+    "config,mismatch",
+    [
+        (UvmsPlant, Mismatch(fluid="ellipsoid")),
+        (FlyingArmPlant, Mismatch(flow=(1.0, 0.0, 0.0))),
+    ],
+)
+def test_what_a_plant_cannot_do_is_refused(config, mismatch):
+    with pytest.raises(InvalidInput, match="mismatch"):
+        config(mismatch=mismatch)

@@ -1,0 +1,57 @@
+"""The vehicles that the contracts hold for, and what the contracts ask of any plant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from nsaid_mj.parameters import Array
+from nsaid_mj.plants import (
+    AstrobeePlant,
+    BlueROV2Plant,
+    BMW320iPlant,
+    F1TenthPlant,
+    FlyingArmPlant,
+    Plant,
+    PlantConfig,
+    QuadrotorPlant,
+    REMUS100Plant,
+    UvmsPlant,
+)
+
+VEHICLES: dict[str, PlantConfig] = {
+    "bluerov2": BlueROV2Plant(),
+    "astrobee": AstrobeePlant(),
+    "remus100": REMUS100Plant(),
+    "hummingbird": QuadrotorPlant(model="hummingbird"),
+    "crazyflie": QuadrotorPlant(model="crazyflie"),
+    "f1tenth": F1TenthPlant(),
+    "bmw320i": BMW320iPlant(),
+    "uvms": UvmsPlant(),
+    "borinot": FlyingArmPlant("borinot"),
+    "iris": FlyingArmPlant("iris"),
+}
+"""Plants whose structure is exact: W θ = 0 at the truth."""
+
+
+def draw_numbers(system: Any, rng: np.random.Generator) -> Array:
+    """(n,) position numbers: within the limits where there are any, else of any small motion."""
+    low, high = getattr(system, "limits", (-np.ones(system.n), np.ones(system.n)))
+    return rng.uniform(low, high)
+
+
+def coordinate_map(plant: Any) -> Any:
+    """The plant's map between MuJoCo's coordinates and the system's; None where they are equal."""
+    return getattr(plant, "joints", None) or getattr(plant, "body", None)
+
+
+def acceleration(plant: Plant, numbers: Array, v: Array, u: Array) -> Array:
+    """(n,) MuJoCo's own v̇ in the system's coordinates, at one state and command."""
+    with plant.running():
+        plant.reset(numbers, v)
+        plant.data.ctrl[:] = u
+        mujoco.mj_forward(plant.model, plant.data)
+        at = coordinate_map(plant)
+        return plant.data.qacc.copy() if at is None else at.acceleration(plant.data)
