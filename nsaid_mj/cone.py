@@ -54,8 +54,8 @@ def cone_of(space: ParameterSpace) -> Cone:
     for i, basis in enumerate(bases):
         count, k, _ = basis.shape
         padded[i, :count, :k, :k] = basis
-    as_indices = (np.array(part, dtype=np.intp) for part in (positive, starts, orders))
-    return Cone(*as_indices, padded, len(positive) + sum(orders))
+    first, second, third = (np.array(part, dtype=np.intp) for part in (positive, starts, orders))
+    return Cone(first, second, third, padded, len(positive) + sum(orders))
 
 
 def _upper(k: int) -> Array:
@@ -67,7 +67,7 @@ def _upper(k: int) -> Array:
 
 
 def _pseudo_inertia() -> Array:
-    """(10, 4, 4) with P(φ) = [[½ tr(I) 1 − I, h], [hᵀ, m]] of m, h, Ixx, Ixy, Iyy, Ixz, Iyz, Izz."""
+    """(10, 4, 4) basis of P(φ) = [[½ tr(I) 1 − I, h], [hᵀ, m]] in Pinocchio's order of φ."""
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
     for i in range(3):

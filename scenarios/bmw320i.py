@@ -1,4 +1,4 @@
-"""BMW 320i: a car of unknown load, tyres, drive and resistances on a test ground."""
+"""BMW 320i: load, tyres, drive and resistances of a car on a test ground are unknown."""
 
 from nsaid_mj import BMW320iPlant, Driving, NullspaceAID, Scenario, main
 

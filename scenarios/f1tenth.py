@@ -1,11 +1,11 @@
-"""F1TENTH: a race car of unknown load, tyres, drive and resistances, at any speed but walking."""
+"""F1TENTH: a race car of a tenth of the size; load, tyres, drive and resistances are unknown."""
 
 from nsaid_mj import Driving, F1TenthPlant, NullspaceAID, Scenario, main
 
 scenario = Scenario(
     plant=F1TenthPlant(),
-    excitation=Driving(speed=8.0, pace_low=0.2, pace_high=0.8, steer_low=0.5, steer_high=5.0),
-    identifier=NullspaceAID(K=8.0, gain=8.0),
+    excitation=Driving(speed=8.0, variation=0.55),
+    identifier=NullspaceAID(K=10.0, gain=15.0),
     initial_error=0.3,
     duration=600.0,
     dt=0.004,

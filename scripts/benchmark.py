@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -112,11 +113,12 @@ def vehicles() -> list[dict]:
             rows.append({"what": what + f"{plant.system.p} parameters",
                          **compare(identifier_step(plant, scenario.dt), euler)})  # fmt: skip
     plant = load("bluerov2").plant.build(0.01, 0)
+    callback: Any = plant.passive
     rk4 = plant_step(plant, mujoco.mjtIntegrator.mjINT_RK4)
     mujoco.mj_resetData(plant.model, plant.data)
 
     def with_callback() -> None:
-        mujoco.set_mjcb_passive(plant.passive.ctypes)
+        mujoco.set_mjcb_passive(callback.ctypes)
         for _ in range(100):
             rk4()
         mujoco.set_mjcb_passive(None)

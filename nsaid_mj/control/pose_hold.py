@@ -48,6 +48,10 @@ class PoseHold(DriverConfig):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"excitation.{name}", "a number > 0", value, "See --help.")
+        if not isinstance(self.one_sided, bool):
+            raise InvalidInput(
+                "excitation.one_sided", "true or false", self.one_sided, "See --help."
+            )
         for name in ("travel", "turn", "bias"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):

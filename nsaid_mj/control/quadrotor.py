@@ -1,12 +1,15 @@
 """Quadrotors fly circles upon circles by geometric control under the prior, never the truth.
 
-Lee, Leok, McClamroch: Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010; with the
-integral action of Goodarzi, Lee, Lee, ECC 2013, which trims what a wrong prior leaves.
+Lee, Leok, McClamroch: Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010; with
+integral action (Goodarzi, Lee, Lee, ECC 2013) that trims what a wrong prior leaves, and the tilt
+apart from the heading (Brescianini, D'Andrea, Mechatronics 65, 2020): four rotors turn a
+quadrotor about z too slowly to wait for.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,48 +23,57 @@ from ..systems.aerial import GRAVITY, Quadrotor
 from .driver import Driver, DriverConfig
 
 _SLOWEST = 0.1  # rotor speed, as a share of the largest
-_LEAST, _MOST = 0.3, 2.5  # thrust demanded, as a share of what would hold the prior's weight
-_YAW_SLOWER = 0.25  # the loop about z has little torque to work with
-_YAW = 0.5  # torque about z demanded at most, as a share of what all rotors make in hover
-_TILT = 0.3  # torque that trims roll and pitch at most, as a share of weight times arm
+_HEADING = 0.25  # the loop about z is that much slower than those of the tilt
 _TRIM = 0.3  # integral action is that much slower than its loop
+_LIFT = np.array([0.3, 2.5])  # thrust demanded, as a share of what would hold the prior's weight
+_FALL, _RISE = 0.4 * GRAVITY, 2.0 * GRAVITY  # acceleration demanded along the vertical [m/s²]
+_PLACE_TRIM = np.array([0.5, 0.5, 0.9]) * GRAVITY  # most that trims the place [m/s²]
+_TILT_TRIM = 0.3  # most torque that trims the tilt, as a share of weight times arm
+_YAW = 0.5  # most torque about z demanded, as a share of what all rotors make in hover
+_TONES = 8
 
 
 @dataclass(frozen=True)
 class QuadrotorFlight(DriverConfig):
     """Place and heading follow smooth closed paths; every rotor's speed is dithered too.
 
-    The path is a circle upon a circle, flown fast and slow, up and down: drag on the body shows in
-    how it grows with speed, and its axes in how the heading turns against the way.
+    The path is a circle upon a circle, flown fast and slow, up and down. Drag on the body shows in
+    how it grows with speed, its axes in how the heading turns against the way, and the rotors'
+    torques in what a dither about the roll and pitch axes does about z.
 
     Attributes:
         radius: of the greater circle [m].
-        speed: largest horizontally, a third of it the least; vertically half of it [m/s].
+        speed: largest horizontally; a third of it is the least [m/s].
+        climb: largest vertically [m/s].
         yaw_rate: largest [rad/s].
+        tilt: largest that is asked for [rad].
         bandwidth: of the position loop [Hz].
         attitude_bandwidth: of the attitude loop [Hz].
-        dither: of each rotor's speed, as a share of it.
+        dither: bound of what is added to each rotor's speed, as a share of it.
         low: lowest frequency of the dither [Hz].
         high: highest frequency of the dither [Hz].
     """
 
-    radius: float = 8.0
+    radius: float = 6.0
     speed: float = 8.0
-    yaw_rate: float = 1.5
-    bandwidth: float = 0.3
-    attitude_bandwidth: float = 1.5
-    dither: float = 0.3
-    low: float = 0.5
-    high: float = 3.0
-    climb: float = 0.5
+    climb: float = 5.0
+    yaw_rate: float = 5.0
     tilt: float = 0.95
+    bandwidth: float = 0.3
+    attitude_bandwidth: float = 2.0
+    dither: float = 0.5
+    low: float = 3.0
+    high: float = 9.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (np.isfinite(value) and value > 0):
+        for name in (field.name for field in fields(self)):
+            value, most = getattr(self, name), _LARGEST.get(name, np.inf)
+            if not (np.isfinite(value) and 0 < value < most):
                 raise InvalidInput(
-                    f"excitation.{field.name}", "a finite number > 0", value, "The default flies."
+                    f"excitation.{name}",
+                    "a finite number > 0" + (f" and < {most:g}" if most < np.inf else ""),
+                    value,
+                    "The default flies.",
                 )
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
@@ -77,48 +89,78 @@ class QuadrotorFlight(DriverConfig):
         return _Flight(self, system, prior, rng)
 
 
+_LARGEST = {"tilt": 1.4, "dither": 1.0}
+
+
+class _Believed(NamedTuple):
+    """What the controller takes a quadrotor for.
+
+    Attributes:
+        mass: [kg].
+        inertia: (3, 3) about the centre of mass [kg·m²].
+        mixer: (4, 4) squares of rotor speeds from thrust [N] and torques [N·m].
+        trim: (3,) most that trims the attitude [rad/s²].
+        yaw: most torque about z [N·m].
+    """
+
+    mass: float
+    inertia: Array
+    mixer: Array
+    trim: Array
+    yaw: float
+
+
+class _Aims(NamedTuple):
+    """What the controller is after.
+
+    Attributes:
+        place: natural frequency of the position loop [rad/s].
+        attitude: (3,) natural frequencies of the attitude loops [rad/s].
+        slope: tangent of the largest tilt.
+        least: square of the slowest rotor's speed.
+        most: square of the fastest rotor's speed.
+    """
+
+    place: float
+    attitude: Array
+    slope: float
+    least: float
+    most: float
+
+
 class _Flight(Driver):
     def __init__(
         self, config: QuadrotorFlight, system: Quadrotor, prior: Array, rng: np.random.Generator
     ):
         self._path = _Path(config, rng)
-        self._dither = Multisine(4, config.low, config.high, 8, config.dither, rng)
-        self._slow = 2 * np.pi * config.bandwidth
-        self._fast = 2 * np.pi * config.attitude_bandwidth * np.array([1, 1, _YAW_SLOWER])
-        self._mass = prior[0]
-        centre = prior[1:4] / prior[0]
-        Ixx, Ixy, Iyy, Ixz, Iyz, Izz = prior[4:10]
-        origin = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
-        self._inertia = origin - prior[0] * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-        thrust = prior[system.space["rotor thrust gain"]]
-        torque = system.spin * prior[system.space["rotor torque gain"]]
-        arm = system.rotors - centre
-        self._mixer = np.linalg.inv([thrust, arm[:, 1] * thrust, -arm[:, 0] * thrust, torque])
-        self._yaw = _YAW * np.abs(torque).sum() * prior[0] * GRAVITY / thrust.sum()
-        most = _TILT * prior[0] * GRAVITY * np.abs(arm).mean(axis=0)
-        self._turning = np.array([most[1], most[0], self._yaw]) / np.diag(self._inertia)
-        self._limits = np.tan(config.tilt), _SLOWEST**2, (1 + config.dither / 2) ** -2
+        self._dither = Multisine(4, config.low, config.high, _TONES, config.dither, rng)
+        self._believed = _believe(system, prior)
+        loops = config.attitude_bandwidth * np.array([1.0, 1.0, _HEADING])
+        self._aims = _Aims(
+            2 * np.pi * config.bandwidth,
+            2 * np.pi * loops,
+            float(np.tan(config.tilt)),
+            _SLOWEST**2,
+            (1 + config.dither / 2) ** -2,  # room for most of the dither
+        )
         self._settle()
 
     def _settle(self) -> None:
-        self._t, self._errors = 0.0, np.zeros(6)
+        self._t, self._sums = 0.0, np.zeros(6)
 
     def start(self) -> tuple[Array, Array]:
         """On the path, level."""
         self._settle()
         place, velocity, _, _ = self._path(0.0)
         c, s = np.cos(place[3]), np.sin(place[3])
-        u, v, w, r = velocity
+        x, y, z, r = velocity
         return (
             np.array([*place[:3], 0, 0, place[3]]),
-            np.array([c * u + s * v, c * v - s * u, w, 0, 0, r]),
+            np.array([c * x + s * y, c * y - s * x, z, 0, 0, r]),
         )
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        squares = _rotor_speeds_squared(
-            q, v, self._path(t), t - self._t, self._errors, self._slow, self._fast,
-            self._mass, self._inertia, self._mixer, self._yaw, self._turning, *self._limits,
-        )  # fmt: skip
+        squares = _mix(q, v, self._path(t), t - self._t, self._sums, self._aims, self._believed)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
 
@@ -127,87 +169,106 @@ class _Path:
     """x, y, z [m] and heading [rad] as sums of sines, which differ a little from seed to seed."""
 
     def __init__(self, config: QuadrotorFlight, rng: np.random.Generator):
-        turn = config.speed * 2 / 3 / config.radius
+        turn = 2 / 3 * config.speed / config.radius
         great, small, climb, slow, fast = (
-            turn * np.array([1, 1.7, 0.8, 0.6, 1.5]) * (1 + 0.1 * rng.uniform(-1, 1, 5))
+            turn * np.array([1.0, 1.7, 0.8, 0.6, 1.5]) * (1 + 0.1 * rng.uniform(-1, 1, 5))
         )
         a, b, c, d, e = rng.uniform(0, 2 * np.pi, 5)
         quarter = np.pi / 2
         self._omega = np.array([[great, small], [great, small], [climb, climb], [slow, fast]])
         self._phase = np.array([[a, b], [a + quarter, b - quarter], [c, c], [d, e]])
-        share = (
-            np.array([[2, 1], [2, 1], [3 * config.climb / 2, 3 * config.climb / 2], [0, 0]])
-            / 3
-            * config.speed
+        self._speed = np.array(
+            [[2 / 3 * config.speed, 1 / 3 * config.speed]] * 2
+            + [[config.climb / 2] * 2, [config.yaw_rate / 2] * 2]
         )
-        share[3] = config.yaw_rate / 2
-        self._speed = share
-        self._centre = np.array([0, 0, 1 + self._speed[2].sum() / climb, 0])  # above the ground
+        self._centre = np.array([0, 0, 1 + config.climb / climb, 0])  # above the ground
 
     def __call__(self, t: float) -> Array:
         """(4, 4) position, velocity, acceleration and jerk of x, y, z and heading."""
-        s, c = np.sin(self._omega * t + self._phase), np.cos(self._omega * t + self._phase)
         speed, omega = self._speed, self._omega
+        s, c = np.sin(omega * t + self._phase), np.cos(omega * t + self._phase)
         terms = (-speed / omega * c, speed * s, speed * omega * c, -speed * omega**2 * s)
-        state = np.array(terms).sum(axis=2)
-        state[0] += self._centre
-        return state
+        path = np.array(terms).sum(axis=2)
+        path[0] += self._centre
+        return path
+
+
+def _believe(system: Quadrotor, theta: Array) -> _Believed:
+    """What a controller needs of θ."""
+    mass, centre = float(theta[0]), theta[1:4] / theta[0]
+    Ixx, Ixy, Iyy, Ixz, Iyz, Izz = theta[4:10]
+    inertia = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
+    inertia -= mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    thrust = theta[system.space["rotor thrust gain"]]
+    torque = system.spin * theta[system.space["rotor torque gain"]]
+    arm = system.rotors - centre
+    mixer = np.linalg.inv([thrust, arm[:, 1] * thrust, -arm[:, 0] * thrust, torque])
+    yaw = _YAW * float(np.abs(torque).sum() * mass * GRAVITY / thrust.sum())
+    x, y, _ = np.abs(arm).mean(axis=0)
+    tilt = _TILT_TRIM * mass * GRAVITY
+    trim = np.array([tilt * y, tilt * x, yaw]) / np.diag(inertia)
+    return _Believed(mass, inertia, mixer, trim, yaw)
 
 
 @njit(cache=True)
-def _rotor_speeds_squared(q, v, path, h, errors, slow, fast, mass, inertia, mixer, yaw, turning, tilt, slowest, fastest):
-    """(4,) what the rotors should do, as shares of their largest speed squared.
+def _mix(q, v, path, dt, sums, aims, believed):
+    """(4,) squares of the rotors' speeds that lead back to the path.
 
     Args:
         q: (7,) pose.
         v: (6,) twist.
         path: (4, 4) place [m] and heading [rad] to be at, and three derivatives.
-        h: time since the last command [s].
-        errors: (6,) integrals of the errors of place [m·s] and attitude [rad·s], kept here.
-        slow: natural frequency of the position loop [rad/s].
-        fast: (3,) natural frequencies of the attitude loop about the body's axes [rad/s].
-        mass: [kg].
-        inertia: (3, 3) about the centre of mass [kg·m²].
-        mixer: (4, 4) squares of rotor speeds from thrust [N] and torque [N·m].
-        yaw: largest torque about z [N·m].
-        turning: (3,) largest trims of the attitude loop [rad/s²].
-        tilt: tangent of the largest tilt.
-        slowest: least of what the rotors may do.
-        fastest: most of it.
+        dt: time since the last command [s].
+        sums: (6,) integrals of the errors of place [m·s] and attitude [rad·s], kept here.
+        aims: what the controller is after.
+        believed: what it takes the quadrotor for.
     """
-    R = rotation(q[3:])
     place, velocity, acceleration, jerk = path
-    off = place[:3] - q[:3]
-    trim = _TRIM * slow**3
-    most = 0.5 * GRAVITY / trim
-    errors[:3] = np.minimum(np.maximum(errors[:3] + h * off, -most), most)
-    a = acceleration[:3] + slow**2 * off + 2 * slow * (velocity[:3] - np.dot(R, v[:3]))
-    a += trim * errors[:3]
-    a[2] = min(max(a[2] + GRAVITY, 0.4 * GRAVITY), 2.0 * GRAVITY)
-    level = np.sqrt(a[0] ** 2 + a[1] ** 2)
-    a[:2] *= min(1.0, tilt * a[2] / max(level, 1e-9))
+    R = rotation(q[3:])
 
+    # the acceleration wanted, gravity taken off: its direction is where z should point
+    w, holding = aims.place, _TRIM * aims.place**3
+    off = place[:3] - q[:3]
+    sums[:3] = _bounded(sums[:3] + dt * off, _PLACE_TRIM / holding)
+    a = acceleration[:3] + w**2 * off + 2 * w * (velocity[:3] - np.dot(R, v[:3]))
+    a += holding * sums[:3]
+    a[2] = min(max(a[2] + GRAVITY, _FALL), _RISE)
+    a[:2] *= min(1.0, aims.slope * a[2] / max(np.sqrt(a[0] ** 2 + a[1] ** 2), 1e-9))
     size = np.sqrt(np.sum(a * a))
     z = a / size
     y = cross(z, np.array([np.cos(place[3]), np.sin(place[3]), 0.0]))
     y /= np.sqrt(np.sum(y * y))
+
+    # the turn that is left, in the body's axes: the tilt's shortest way, and the heading's
     E = np.dot(R.T, np.column_stack((cross(y, z), y, z)))
     heading = np.arctan2(E[1, 0] - E[0, 1], E[0, 0] + E[1, 1])
-    turn = np.array([-E[1, 2], E[0, 2], heading])  # tilt first: it must not wait for the heading
-    if E[2, 2] < 0.0:
-        turn[:2] /= np.sqrt(turn[0] ** 2 + turn[1] ** 2 + 1e-9)
-    holding = _TRIM * fast**3
-    largest = turning / holding
-    errors[3:] = np.minimum(np.maximum(errors[3:] + h * turn, -largest), largest)
+    turn = np.array([-E[1, 2], E[0, 2], heading])
+    if E[2, 2] < 0.0:  # more than a quarter turn off
+        turn[:2] /= max(np.sqrt(turn[0] ** 2 + turn[1] ** 2), 1e-9)
     rate = cross(z, jerk[:3]) / size
     rate[2] += velocity[3]
-    rate = np.dot(R.T, rate)
-    alpha = fast**2 * turn + 2 * fast * (rate - v[3:]) + holding * errors[3:]
+    w3, holding3 = aims.attitude, _TRIM * aims.attitude**3
+    sums[3:] = _bounded(sums[3:] + dt * turn, believed.trim / holding3)
+    alpha = w3**2 * turn + 2 * w3 * (np.dot(R.T, rate) - v[3:]) + holding3 * sums[3:]
 
-    torque = np.dot(inertia, alpha) + cross(v[3:], np.dot(inertia, v[3:]))
-    lift = mass * min(max(np.sum(a * R[:, 2]), _LEAST * GRAVITY), _MOST * GRAVITY)
-    about_z = min(max(torque[2], -yaw), yaw)
-    squares = np.dot(mixer, np.array([lift, torque[0], torque[1], about_z]))
-    squares -= max(0.0, squares.max() - fastest)  # attitude comes before height
-    squares += max(0.0, slowest - squares.min())
-    return np.minimum(squares, fastest)
+    weight = believed.mass * GRAVITY
+    lift = believed.mass * np.sum(a * R[:, 2])
+    torque = np.dot(believed.inertia, alpha) + cross(v[3:], np.dot(believed.inertia, v[3:]))
+    wrench = np.array(
+        [
+            min(max(lift, _LIFT[0] * weight), _LIFT[1] * weight),
+            torque[0],
+            torque[1],
+            min(max(torque[2], -believed.yaw), believed.yaw),
+        ]
+    )
+    squares = np.dot(believed.mixer, wrench)
+    squares -= max(0.0, squares.max() - aims.most)  # attitude comes before height
+    squares += max(0.0, aims.least - squares.min())
+    return np.minimum(squares, aims.most)
+
+
+@njit(cache=True)
+def _bounded(x, most):
+    """x (n,) within ±most (n,)."""
+    return np.minimum(np.maximum(x, -most), most)

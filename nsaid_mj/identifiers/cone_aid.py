@@ -160,6 +160,6 @@ class ConeIdentifier(NullspaceIdentifier):
 
         def gap(estimate: Array) -> float:
             slope, _ = gradient_and_hessian(self.cone, estimate)
-            return own - barrier(self.cone, estimate) - slope @ (theta - estimate)
+            return float(own - barrier(self.cone, estimate) - slope @ (theta - estimate))
 
         return quadratic + self.mu * np.apply_along_axis(gap, -1, theta_hat)

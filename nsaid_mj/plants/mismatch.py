@@ -35,7 +35,9 @@ class Mismatch:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(f"mismatch.{name}", "a time ≥ 0 s", value, "0 means none.")
-        if np.shape(self.flow) != (3,) or not np.isfinite(self.flow).all():
+        if np.shape(self.flow) != (3,) or not all(
+            isinstance(x, int | float) and np.isfinite(x) for x in self.flow
+        ):
             raise InvalidInput(
                 "mismatch.flow", "three finite velocities", self.flow, "0 0 0 is still."
             )

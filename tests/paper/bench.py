@@ -9,12 +9,12 @@ from functools import cache, cached_property
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand
+from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
 from nsaid_mj.experiment import Cost, trajectory
 from nsaid_mj.identifiers import Identifier, IdentifierConfig, NullspaceAID, State, Status
 from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.plants import ArmPlant, PlantConfig, ScalarRovPlant
+from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
 from nsaid_mj.plants.plant import Plant
 from nsaid_mj.system import Measurement, SecondOrderSystem
 
@@ -89,8 +89,12 @@ BENCHES: dict[str, Callable[[], Bench]] = {
     ),
     "kinova": lambda: Bench(ArmPlant("kinova"), 1e-3, FourierTracking(), NullspaceAID(20.0, 0.1)),
     "panda": lambda: Bench(ArmPlant("panda"), 1e-3, FourierTracking(), NullspaceAID(20.0, 0.1)),
+    "bluerov2": lambda: Bench(
+        BlueROV2Plant(), 0.01, MultisineCommand(low=0.1, high=1.0), NullspaceAID(6.0, 0.6)
+    ),
+    "astrobee": lambda: Bench(AstrobeePlant(), 0.01, PoseHold(), NullspaceAID(1.0, 100.0)),
 }
-ARMS = [name for name in BENCHES if name != "scalar_rov"]
+ARMS = ["double_pendulum", "ur5", "kinova", "panda"]
 
 
 @cache

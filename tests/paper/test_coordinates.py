@@ -82,9 +82,11 @@ def test_r_by_hand():
     and two first moments for each link), rotor 2 (rotor 1 turns with link 1), 2·3 of friction and
     gain, so 28 − 13 + 1 = 16. UR5, 84: 36 inertial base parameters, rotors 3 to 6 (axis 1 is
     vertical and axis 2 horizontal, so that rotor 1 adds to Izz₁ and rotor 2 to Izz₂), 6·3, so
-    84 − 58 + 1 = 27. The vehicle (16): its scale. Two of them: two scales.
+    84 − 58 + 1 = 27. The vehicle (16), and bodies in water and in space: their scale. Two of them:
+    two scales.
     """
-    assert bench("scalar_rov").nullspace.r == 1
+    for name in ("scalar_rov", "bluerov2", "astrobee"):
+        assert bench(name).nullspace.r == 1
     assert bench("double_pendulum").nullspace.r == 28 - (6 + 1 + 6) + 1
     assert bench("ur5").nullspace.r == 84 - (36 + 4 + 18) + 1
     truth = np.array([2.0, 1.5, 0.3, 3.0, 1.0, 0.8, -0.2, 2.0])

@@ -26,7 +26,7 @@ class Errors(NamedTuple):
     W_hat: Array  # W(t, x, v̂, θ̂)
 
 
-@pytest.fixture(scope="module", params=["scalar_rov", "double_pendulum", "ur5"])
+@pytest.fixture(scope="module", params=["scalar_rov", "double_pendulum", "ur5", "bluerov2"])
 def case(request: pytest.FixtureRequest):
     """A table with the errors along a run of its identifier, from the tenth sample on."""
     table = bench(request.param)

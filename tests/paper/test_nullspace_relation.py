@@ -9,7 +9,7 @@ import pytest
 from nsaid_mj.experiment import Cost, trajectory
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import structural
-from nsaid_mj.plants.arm import Arm
+from tests.contract.vehicles import coordinate_map
 from tests.paper.bench import Bench, TwoVehicles, bench, estimates, identify, random_states
 
 
@@ -17,13 +17,13 @@ def test_13_mujoco_moves_in_the_nullspace_of_W(table: Bench):
     """(13) W(t, x, v, v̇) θ = 0 with MuJoCo's own q, v and qacc, and the true θ."""
     plant, system, theta = table.plant, table.system, table.truth
     driver = table.excitation.build(system, table.prior(0.3), np.random.default_rng(8))
-    dof = plant.joints.dof if isinstance(plant, Arm) else np.arange(system.n)
+    at = coordinate_map(plant)
     worst, speeds = 0.0, []
     with plant.running():
         for now in trajectory(plant, driver, 1000, None, Cost()):
             plant.data.ctrl[:] = now.u
             mujoco.mj_forward(plant.model, plant.data)  # mj_step leaves last step's qacc
-            a = plant.data.qacc[dof]
+            a = plant.data.qacc.copy() if at is None else at.acceleration(plant.data)
             W = system.regressor(now.t, np.concatenate([now.q, now.v]), now.v, a, now.u)
             worst = max(worst, np.abs(W @ theta).max() / np.abs(W * theta).max())
             speeds.append(now.v)

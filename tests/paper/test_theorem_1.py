@@ -12,7 +12,14 @@ from tests.paper.bench import bench, columns, estimates, identify, lyapunov, ord
 
 
 @pytest.mark.parametrize(
-    ("name", "seconds"), [("scalar_rov", 60.0), ("double_pendulum", 4.0), ("ur5", 2.0)]
+    ("name", "seconds"),
+    [
+        ("scalar_rov", 60.0),
+        ("double_pendulum", 4.0),
+        ("ur5", 2.0),
+        ("bluerov2", 20.0),
+        ("astrobee", 20.0),
+    ],
 )
 def test_69_V_never_rises(name: str, seconds: float):
     """(66, 69) along MuJoCo's plant: V falls in every step, but for RK4's own error.
