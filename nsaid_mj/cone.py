@@ -105,7 +105,7 @@ def inside(cone, theta):
     for j in cone.positive:
         if not theta[j] > 0:
             return False
-    for block in range(cone.starts.shape[0]):
+    for block in range(cone.starts.shape[0]):  # noqa: SIM110 (numba has no generators)
         if not factor(cone, block, theta)[1] > 0:
             return False
     return True
@@ -226,3 +226,41 @@ def chart_rate(cone, eta, theta_rate):
                 rate[at] = half[i, i] if i == j else L_rate[i, j]
                 at += 1
     return rate
+
+
+def drawn_inside(
+    space: ParameterSpace, theta: Array, error: float, rng: np.random.Generator
+) -> Array:
+    """(p,) parameters off θ by about ±error, inside the cone whatever the error.
+
+    Numbers are multiplied by e^u, u within ±error; a matrix P becomes A P Aᵀ in balanced units,
+    with e^{±error/2} on A's diagonal and ±error/4 off it; blocks without a sign move by ±error of
+    their size. A θ on the cone's edge is first moved inside.
+
+    Args:
+        space: names, scale and geometry.
+        theta: (p,) where to draw about.
+        error: largest relative error.
+        rng: source of the errors.
+    """
+    cone, drawn = cone_of(space), np.array(theta, dtype=np.float64)
+    dual = coordinates(cone)
+    for block, place in space:
+        if block.geometry == "free":
+            size = np.maximum(np.abs(theta[place]), 0.1 * block.scale)
+            drawn[place] += error * size * rng.uniform(-1, 1, len(block))
+        elif block.geometry == "positive":
+            start = np.maximum(theta[place], 0.01 * block.scale)
+            drawn[place] = start * np.exp(error * rng.uniform(-1, 1, len(block)))
+    for i, (start, k) in enumerate(zip(cone.starts, cone.orders, strict=True)):
+        place = slice(start, start + k * (k + 1) // 2)
+        P = matrix(cone.bases[i], theta[place])[:k, :k]
+        smallest = 0.01 * np.abs(matrix(cone.bases[i], space.scale[place])[:k, :k].diagonal())
+        balance = 1 / np.sqrt(np.maximum(P.diagonal(), smallest))
+        N = P * np.outer(balance, balance)
+        N += max(0.0, 1e-3 - np.linalg.eigvalsh(N)[0]) * np.eye(k)
+        A = error / 4 * rng.uniform(-1, 1, (k, k))
+        A[np.diag_indices(k)] = np.exp(error / 2 * rng.uniform(-1, 1, k))
+        P = A @ N @ A.T / np.outer(balance, balance)
+        drawn[place] = np.einsum("cij,ij->c", dual[i, : len(drawn[place]), :k, :k], P)
+    return drawn

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .cone import drawn_inside
 from .control import Driver
 from .errors import BadRun
 from .identifiers import Identifier, State, Status
@@ -133,6 +134,7 @@ def draw_prior(
     error: float,
     gain_error: float | None,
     rng: np.random.Generator,
+    in_cone: bool = False,
 ) -> Array:
     """θ̂(0): every parameter off by up to ±error of its size.
 
@@ -145,13 +147,23 @@ def draw_prior(
         error: largest relative error.
         gain_error: if given, actuator parameters are off by just this share, up and down in turn.
         rng: source of the errors.
+        in_cone: whether it must be physical: see `cone.drawn_inside`.
     """
+    if in_cone:
+        prior = drawn_inside(space, truth, error, rng)
+        if gain_error is not None:
+            prior[space.actuators] = _assumed(truth[space.actuators], gain_error)
+        return prior
     size = np.maximum(np.abs(truth), 0.1 * space.scale)
     prior = truth + error * size * rng.uniform(-1, 1, len(truth))
     if gain_error is not None:
-        k = space.actuators
-        prior[k] = truth[k] * (1 + gain_error * np.where(np.arange(len(k)) % 2, -1, 1))
+        prior[space.actuators] = _assumed(truth[space.actuators], gain_error)
     return prior
+
+
+def _assumed(gains: Array, error: float) -> Array:
+    """Gains off by a share, up and down in turn."""
+    return gains * (1 + error * np.where(np.arange(len(gains)) % 2, -1, 1))
 
 
 def trajectory(
@@ -270,6 +282,7 @@ def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
         scenario.initial_error,
         scenario.gain_error,
         np.random.default_rng(seeds.prior),
+        any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values())),
     )
     quiet = scenario.sensors == "ideal"
 

@@ -75,7 +75,7 @@ def summarize(run: Run) -> dict[str, Any]:
         "rank_tolerance": nullspace.tolerance,
         "rank_gap": [float(s) for s in nullspace.gap],
         **found,
-        "law": "paper",
+        "law": "cone" if run.scenario.identifier.in_cone else "paper",
         "gamma": getattr(run.scenario.identifier, "gamma", "scale"),
         "sensors": run.scenario.sensors,
         "mismatch": mismatches(run),
@@ -229,7 +229,7 @@ def lyapunov(system: SecondOrderSystem, law: Identifier, record: Record, truth: 
     momentum = [system.W_M(x[k : k + rows], dv[k : k + rows]) @ truth
                 for k in range(0, len(x), rows)]  # fmt: skip
     kinetic = np.einsum("ki,ki->k", dv, np.concatenate(momentum))
-    return 0.5 * kinetic + 0.5 * law.conserved(record["theta_hat"] - truth)
+    return 0.5 * kinetic + law.divergence(truth, record["theta_hat"])
 
 
 def lyapunov_rises(V: Array, law: Identifier, record: Record) -> tuple[Array, Array]:
@@ -291,7 +291,8 @@ def assumption_46(run: Run) -> tuple[float | None, float]:
     law, system = run.identifiers[""], run.plant.system
     _, x, _, _ = _states(run.record, max(1, len(run.record) // 200))
     least = float(np.linalg.eigvalsh(system.mass_matrix(x, run.plant.truth)).min())
-    if not (isinstance(law, NullspaceIdentifier) and law.conserves):
+    constant = not run.scenario.identifier.in_cone
+    if not (constant and isinstance(law, NullspaceIdentifier) and law.conserves):
         return None, least  # (46) speaks of a constant Γ of full rank
     error = law.conserved(run.prior - run.plant.truth)
     gain = law.Gamma

@@ -152,8 +152,8 @@ def maximize(client: ViewerClient) -> None:
 def best_moment(result: Run) -> float:
     """A time [s] not far from half-way at which there is much to see.
 
-    That is where a vehicle is upright and shows its front and a side, and its forces point across
-    the view and not out of it; for anything else it is half-way.
+    That is where a vehicle is upright and shows its front and a side, and its arm and its forces
+    point across the view and not out of it; for anything else it is half-way.
     """
     record, system, truth = result.record, result.plant.system, result.plant.truth
     t = record["t"]
@@ -162,15 +162,18 @@ def best_moment(result: Run) -> float:
     arrows = Arrows.of(system, 1.0, rows, truth)
     if arrows is None:
         return float(t[len(t) // 2])
-    turn = Rotation.from_quat(base_poses(system, rows.q)[1])
+    places, attitudes = base_poses(system, rows.q)
+    turn = Rotation.from_quat(attitudes)
     eye = turn.inv().apply(EYE)[:, None]  # in the vehicle's axes
     forces = arrows.lengths * body_forces(system, arrows.parts, rows, truth)
     length = np.linalg.norm(forces, axis=2)
     across = np.linalg.norm(np.cross(forces, eye), axis=2)
     upright, front = turn.apply([0, 0, 1])[:, 2], turn.apply([1, 0, 0]) @ EYE
     too_long = np.maximum(length.max(axis=1) - 1.0, 0)
-    push = np.minimum(across, 0.8).mean(axis=1)
-    good = upright - 0.5 * np.abs(front - 0.6) + 2 * push - too_long
+    push = np.minimum(across, 0.6).mean(axis=1)
+    parts = result.plant.poses(rows.q)[0] - places[:, None]
+    reach = np.linalg.norm(np.cross(parts, EYE), axis=2).max(axis=1)
+    good = 2 * upright - 0.5 * np.abs(front - 0.6) + 2 * push - too_long + reach / reach.max()
     return float(rows.t[np.argmax(good)])
 
 

@@ -116,14 +116,14 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         for key, item in value.items():
             yield {k: v for k, v in value.items() if k != key}
             yield from (value | {key: other} for other in changed(item, key))
-    elif name == "flow":
-        yield (0.1, *value[1:])
+    elif isinstance(value, tuple) and name == "flow":
+        yield (0.1, 0.0, 0.0)
     elif isinstance(value, tuple):
         yield (*value, "mass")
         yield ()
     elif isinstance(value, str):
         others = {"sensors": "noisy", "interpolation": "linear", "gamma": "simulated",
-                  "fluid": "ellipsoid"}  # fmt: skip
+                  "law": "cone",                  "fluid": "ellipsoid"}  # fmt: skip
         yield others.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1
@@ -229,7 +229,8 @@ BAD = {
     },
     NullspaceAID: {
         "K": [*NOT_POSITIVE, 1e9], "gain": NOT_POSITIVE, "interpolation": ["spline"],
-        "gamma": ["best"], "rate": NOT_POSITIVE, "floor": [0.0, -0.1, 1.01, NAN],
+        "gamma": ["best"], "law": ["newton"], "barrier": [-1.0, NAN, INF],
+        "rate": NOT_POSITIVE, "floor": [0.0, -0.1, 1.01, NAN],
     },
     Mismatch: {
         "lag": [-1.0, NAN, INF], "delay": [-1.0, NAN, INF], "fluid": ["honey"],

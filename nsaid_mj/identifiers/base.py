@@ -83,6 +83,10 @@ class Identifier(ABC):
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) the law's conserved quantity for estimates (..., p); constant along a run."""
 
+    def divergence(self, theta: Array, theta_hat: Array) -> Array:
+        """(...,) the second term of V (66) at θ (p,) and estimates (..., p): ½ Δθᵀ Γ⁻¹ Δθ."""
+        return 0.5 * self.conserved(theta_hat - theta)
+
 
 Expected = Callable[[], Array]
 
@@ -90,6 +94,11 @@ Expected = Callable[[], Array]
 @dataclass(frozen=True)
 class IdentifierConfig(ABC):
     """An identifier as data; `build` makes the thing itself."""
+
+    @property
+    def in_cone(self) -> bool:
+        """Whether θ̂ must start inside the cone of physical parameters."""
+        return False
 
     @abstractmethod
     def build(

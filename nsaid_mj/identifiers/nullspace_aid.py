@@ -138,6 +138,9 @@ class NullspaceAID(IdentifierConfig):
         rate: at which every direction converges where `gamma` is `simulated` [1/s]; those that
             are excited less than `floor` of the best are slower.
         floor: smallest eigenvalue of H that counts, as a share of the largest.
+        law: `paper`, (45) with constant Γ; or `cone`, Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹, which keeps θ̂
+            inside the cone of physical parameters and M̂ > 0.
+        barrier: μ where the law is `cone`, in units of Γ⁻¹ at the scale; 0 is the paper's law.
     """
 
     K: float = 20.0
@@ -146,6 +149,8 @@ class NullspaceAID(IdentifierConfig):
     gamma: Literal["scale", "simulated"] = "scale"
     rate: float = 0.1
     floor: float = 1e-2
+    law: Literal["paper", "cone"] = "paper"
+    barrier: float = 1.0
 
     def __post_init__(self) -> None:
         if self.interpolation not in ("auto", "hermite", "linear"):
@@ -156,6 +161,10 @@ class NullspaceAID(IdentifierConfig):
             raise InvalidInput("gamma", "scale or simulated", self.gamma, "scale needs no driver.")
         if not (np.isfinite(self.rate) and self.rate > 0):
             raise InvalidInput("identifier.rate", "a rate > 0 /s", self.rate, "0.1 will do.")
+        if self.law not in ("paper", "cone"):
+            raise InvalidInput("law", "paper or cone", self.law, "paper is (45) as printed.")
+        if not (np.isfinite(self.barrier) and self.barrier >= 0):
+            raise InvalidInput("identifier.barrier", "a weight ≥ 0", self.barrier, "1.0 will do.")
         if not 0 < self.floor <= 1:
             raise InvalidInput("identifier.floor", "a share in (0, 1]", self.floor, "1e-3 will do.")
 
@@ -172,14 +181,20 @@ class NullspaceAID(IdentifierConfig):
         Raises:
             InvalidInput: `gamma` is `simulated` and there is nothing to simulate with.
         """
-        return NullspaceIdentifier(
-            system,
-            K=np.full(system.n, self.K),
-            Gamma=self._gain(system, gramian),
-            prior=prior,
-            dt=dt,
-            hermite=quiet if self.interpolation == "auto" else self.interpolation == "hermite",
-        )
+        K, Gamma = np.full(system.n, self.K), self._gain(system, gramian)
+        hermite = quiet if self.interpolation == "auto" else self.interpolation == "hermite"
+        if not self.in_cone:
+            return NullspaceIdentifier(system, K, Gamma, prior, dt, hermite)
+        from .cone_aid import ConeIdentifier  # it builds on this module
+
+        stiffness = 1 / Gamma if Gamma.ndim == 1 else np.diag(np.linalg.inv(Gamma))
+        mu = self.barrier * float(np.median(stiffness * system.space.scale**2))
+        return ConeIdentifier(system, K, Gamma, prior, dt, mu, hermite)
+
+    @property
+    def in_cone(self) -> bool:
+        """Whether θ̂ must start, and stays, inside the cone of physical parameters."""
+        return self.law == "cone" and self.barrier > 0
 
     def _gain(self, system: SecondOrderSystem, gramian: Expected | None) -> Array:
         """(p,) or (p, p) Γ."""

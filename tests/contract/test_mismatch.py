@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -43,7 +44,7 @@ def made(config: PlantConfig, dt: float = DT, **switches: Any) -> Plant:
     return replace(config, mismatch=Mismatch(**switches)).build(dt, 4)
 
 
-def path(p: Plant, inputs: Array, numbers: Array, v: Array) -> Array:
+def path(p: Plant, inputs: Iterable[Array], numbers: Array, v: Array) -> Array:
     """(steps + 1, 2 n) states."""
     with p.running():
         p.reset(numbers, v)
@@ -97,6 +98,19 @@ def test_from_rest_the_late_motion_is_the_prompt_one_shifted():
     u, rest = inputs(prompt), (np.zeros(6), np.zeros(6))
     one, other = path(prompt, u, *rest), path(late, u, *rest)
     assert (other[:6] == 0).all() and (other[5:] == one[:-5]).all()
+
+
+def test_a_late_command_is_what_it_was_when_it_was_given():
+    """A driver may write every command into one and the same array."""
+    p, rest = made(AstrobeePlant(), delay=5 * DT), (np.zeros(6), np.zeros(6))
+    u, one = inputs(p), np.zeros(12)
+
+    def overwritten():
+        for row in u:
+            one[:] = row
+            yield one
+
+    assert (path(p, overwritten(), *rest) == path(p, u, *rest)).all()
 
 
 def test_a_delay_is_told_as_the_steps_it_becomes():

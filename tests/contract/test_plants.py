@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
 from nsaid_mj.plants.robots import known_robots, load_robot
-from tests.contract.vehicles import VEHICLES, acceleration, draw_numbers
+from tests.contract.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 FEW = settings(deadline=None, max_examples=15)
 seeds = st.integers(0, 2**32 - 1)
@@ -21,13 +21,15 @@ CONFIGS = (
     | {name: ArmPlant(robot=name) for name in ("double_pendulum", "kinova", "panda", "solo12")}
     | VEHICLES
 )
+ALL = CONFIGS | INEXACT
 plants = pytest.mark.parametrize("name", CONFIGS)
+all_plants = pytest.mark.parametrize("name", ALL)
 PENDULUM = ArmPlant(robot="double_pendulum")
 
 
 @cache
 def plant(name: str) -> Plant:
-    return CONFIGS[name].build(1e-4, 7)
+    return ALL[name].build(1e-4, 7)
 
 
 def draw(system, rng):
@@ -132,7 +134,7 @@ def test_momentum_changes_as_the_forces_say(name):
     assert lost <= 1e-6 * np.abs(change).max() + 1e-13 * np.abs(momentum).max()
 
 
-@plants
+@all_plants
 def test_reset_puts_the_plant_where_it_is_told(name):
     p = plant(name)
     coordinates, v, u = draw(p.system, np.random.default_rng(3))
@@ -150,7 +152,7 @@ def test_reset_puts_the_plant_where_it_is_told(name):
             assert (p.coordinates()[0] != coordinates).any()
 
 
-@plants
+@all_plants
 def test_what_the_plant_hands_out_is_a_copy(name):
     p = plant(name)
     coordinates, v, u = draw(p.system, np.random.default_rng(4))
@@ -275,7 +277,7 @@ class ThrownError(Exception):
     pass
 
 
-@plants
+@all_plants
 def test_nothing_stays_installed_whatever_happens(name):
     heard = []
     mujoco.set_mju_user_warning(heard.append)
@@ -552,7 +554,7 @@ def test_a_link_that_differs_between_the_engines_is_named(monkeypatch, joint):
 # -- looks -------------------------------------------------------------------------------------
 
 
-@plants
+@all_plants
 def test_meshes_have_names_triangles_and_poses(name):
     p = plant(name)
     meshes = p.visuals()
@@ -566,3 +568,22 @@ def test_meshes_have_names_triangles_and_poses(name):
         assert mesh.vertices.shape[1] == mesh.triangles.shape[1] == 3
         assert mesh.triangles.min() >= 0 and mesh.triangles.max() < len(mesh.vertices)
         assert len(mesh.color) == 4 and all(0 <= c <= 1 for c in mesh.color)
+
+
+@all_plants
+def test_a_plant_may_be_looked_at_while_it_runs(name):
+    """A live viewer does so; neither state nor callback may be touched."""
+    p = plant(name)
+    coordinates, v, u = draw(p.system, np.random.default_rng(5))
+    q = p.position(coordinates)[None]
+    ends = []
+    for look in (False, True):
+        with p.running():
+            p.reset(coordinates, v)
+            for _ in range(5):
+                p.step(u)
+                if look:
+                    p.visuals()
+                    p.poses(q)
+            ends.append(np.concatenate(p.coordinates()))
+    assert (ends[0] == ends[1]).all()

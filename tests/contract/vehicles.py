@@ -18,6 +18,7 @@ from nsaid_mj.plants import (
     PlantConfig,
     QuadrotorPlant,
     REMUS100Plant,
+    RoverPlant,
     UvmsPlant,
 )
 
@@ -34,6 +35,9 @@ VEHICLES: dict[str, PlantConfig] = {
     "iris": FlyingArmPlant("iris"),
 }
 """Plants whose structure is exact: W θ = 0 at the truth."""
+
+INEXACT: dict[str, PlantConfig] = {"rover": RoverPlant()}
+"""Plants that no θ can reproduce; what holds of any plant holds of them."""
 
 
 def draw_numbers(system: Any, rng: np.random.Generator) -> Array:
