@@ -344,8 +344,16 @@ def floored_inverse(gramian: Array, floor: float) -> Array:
 
     Directions without any excitation are raised, too: nothing is to be learned along them, but
     the estimate must be free to turn, and the prior's null directions are not quite the true ones.
+
+    Raises:
+        InvalidInput: it is 0.
     """
     values, vectors = np.linalg.eigh(gramian)
+    if not values[-1] > 0:
+        raise InvalidInput(
+            "gamma", "an excitation that moves something", "an expected Gramian of 0",
+            "Drive the plant harder, or take --gamma scale.",
+        )  # fmt: skip
     inverse = (vectors / np.maximum(values, floor * values[-1])) @ vectors.T
     return 0.5 * (inverse + inverse.T)
 

@@ -186,7 +186,7 @@ def rotorcraft() -> Any:
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
     size = _ROTORS + 4 * _PER_ROTOR
 
-    @cfunc("void(voidptr, voidptr)")
+    @cfunc("void(voidptr, voidptr)", cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
         words = carray(data, (WORDS,), np.uintp)
         d = carray(as_pointer(words[at_user]), (size,), np.float64)

@@ -121,7 +121,7 @@ def coulomb_friction() -> Any:
     offsets = field_offsets()
     at_qvel, at_force, at_user = (offsets[k] for k in ("qvel", "qfrc_passive", "userdata"))
 
-    @cfunc("void(voidptr, voidptr)")
+    @cfunc("void(voidptr, voidptr)", cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
         words = carray(data, (WORDS,), np.uintp)
         nv = int(carray(as_pointer(words[at_user]), (1,), np.float64)[0])

@@ -162,7 +162,7 @@ def single_track() -> Any:
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
 
-    @cfunc("void(voidptr, voidptr)")
+    @cfunc("void(voidptr, voidptr)", cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
         words = carray(data, (WORDS,), np.uintp)
         d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)

@@ -10,14 +10,12 @@ from numba import njit
 from ..parameters import Array, Block, ParameterSpace
 from ..spatial import cross, unrotate
 from . import actuators
-from .rigid_body import RigidBody, of_a_body
+from .rigid_body import RigidBody, inertial_block, of_a_body
 
 GRAVITY = 9.81
 """Of the Earth [m/s²]: known, so that weight is a column of the mass."""
 
 _UP = np.array([0.0, 0.0, 1.0])
-_INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 _LIFT, _ROTOR_DRAG, _BODY_DRAG, _THRUST, _TORQUE = 10, 11, 13, 16, 20  # first columns
 
 
@@ -117,18 +115,10 @@ def _forces(q, v, u, rotors, spin, lever, p):
 
 
 def _space(s: AerialScales) -> ParameterSpace:
-    x, y, z = np.sqrt(s.inertia)
-    moments = np.array([x * x, x * y / 4, y * y, x * z / 4, y * z / 4, z * z])
     rotor = tuple(range(1, 5))
     return ParameterSpace(
         (
-            Block(
-                "body",
-                _INERTIAL,
-                _INERTIAL_UNITS,
-                np.r_[s.mass, np.full(3, s.mass * s.offset), moments],
-                "pseudo_inertia",
-            ),
+            inertial_block("body", s.mass, s.offset, s.inertia),
             Block("translational lift", ("lift",), ("N·s²/m²",), np.array([s.lift])),
             Block(
                 "rotor drag",
