@@ -63,10 +63,13 @@ class SecondOrderSystem(ABC):
             where all velocities are rates of numbers. See `spatial`.
         inertia: M, where it does not depend on the position; then C w = −ad_wᵀ M v in that group,
             and an identifier need not form W_M and W_C.
+        mounts: (k, 3) where the force of every actuator parameter acts in the body's axes [m], NaN
+            where it makes none; None where there is nothing to draw.
     """
 
     group: int = 0
     inertia: ConstantInertia | None = None
+    mounts: Array | None = None
 
     space: ParameterSpace
     velocity_units: tuple[str, ...]

@@ -18,7 +18,8 @@ from nsaid_mj.control import DriverConfig, MultisineCommand
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, floored_inverse
+from nsaid_mj.identifiers.design import floored_inverse
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.metrics import summarize
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import BlueROV2Plant, ScalarRovPlant

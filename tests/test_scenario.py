@@ -15,10 +15,12 @@ from nsaid_mj.cli import load
 from nsaid_mj.control import (
     DepthHeadingAutopilot,
     DriverConfig,
+    Driving,
     FourierTracking,
     HoverAndReach,
     MultisineCommand,
     PoseHold,
+    QuadrotorFlight,
     SwimAndReach,
 )
 from nsaid_mj.errors import InvalidInput, UnknownName
@@ -27,10 +29,14 @@ from nsaid_mj.plants import (
     ArmPlant,
     AstrobeePlant,
     BlueROV2Plant,
+    BMW320iPlant,
+    F1TenthPlant,
     FloatingBasePlant,
     FlyingArmPlant,
     Mismatch,
+    QuadrotorPlant,
     REMUS100Plant,
+    RoverPlant,
     ScalarRovPlant,
     SensorNoise,
     UvmsPlant,
@@ -238,6 +244,13 @@ BAD = {
     },
     BlueROV2Plant: {"spread": [-0.1, 1.0, NAN]},
     AstrobeePlant: {"spread": [-0.1, 1.0, NAN]},
+    QuadrotorPlant: {"model": ["phantom", ""], "spread": [-0.1, 1.0, NAN]},
+    QuadrotorFlight: {
+        "radius": NOT_POSITIVE, "speed": NOT_POSITIVE, "climb": NOT_POSITIVE,
+        "yaw_rate": NOT_POSITIVE, "tilt": [*NOT_POSITIVE, 1.6], "bandwidth": NOT_POSITIVE,
+        "attitude_bandwidth": NOT_POSITIVE, "dither": [*NOT_POSITIVE, 1.0],
+        "low": [0.0, -1.0, NAN, 9.1], "high": [2.9, NAN, INF],
+    },
     PoseHold: {
         "bandwidth": NOT_POSITIVE, "period": NOT_POSITIVE, "travel": [-1.0, NAN, INF],
         "turn": [-1.0, NAN, INF], "bias": [-1.0, NAN, INF], "dither": NOT_POSITIVE,
@@ -248,21 +261,33 @@ BAD = {
         "K": [*NOT_POSITIVE, 1e9], "gain": NOT_POSITIVE,
         "known": [(), ("mass", "drag", "net weight", "thruster gain")],
     },
+    F1TenthPlant: {"spread": [-0.1, 1.0, NAN]},
+    BMW320iPlant: {"spread": [-0.1, 1.0, NAN]},
+    RoverPlant: {"spread": [-0.1, 1.0, NAN]},
+    Driving: {
+        "speed": NOT_POSITIVE, "variation": [0.0, -0.1, 0.56, NAN], "grip": NOT_POSITIVE,
+        "pace_low": [0.0, -1.0, NAN, 0.9], "pace_high": [0.1, NAN, INF],
+        "steer_low": [0.0, -1.0, NAN, 5.1], "steer_high": [0.4, NAN, INF], "tones": [0, -1],
+        "ground": NOT_POSITIVE,
+    },
     SensorNoise: {"position": [-1.0, NAN], "velocity": [-1.0, INF], "encoder_step": [-1.0, NAN]},
 }  # fmt: skip
 ALSO = {
     "gain": "Gamma",
     "low": "band",
     "high": "band",
+    **dict.fromkeys(("pace_low", "pace_high", "steer_low", "steer_high"), "band"),
     "dither": "amplitude",
 }  # the paper's letter; one field, two ends
 
 
 DRIVEN = {
+    Driving: F1TenthPlant(),
     SwimAndReach: UvmsPlant(),
     PoseHold: AstrobeePlant(),
     HoverAndReach: FlyingArmPlant(),
     DepthHeadingAutopilot: REMUS100Plant(),
+    QuadrotorFlight: QuadrotorPlant(),
 }  # others drive any arm
 
 

@@ -202,12 +202,12 @@ def _believe(system: Quadrotor, theta: Array) -> _Believed:
     thrust = theta[system.space["rotor thrust gain"]]
     torque = system.spin * theta[system.space["rotor torque gain"]]
     arm = system.rotors - centre
-    mixer = np.linalg.inv([thrust, arm[:, 1] * thrust, -arm[:, 0] * thrust, torque])
+    wrench = np.array([thrust, arm[:, 1] * thrust, -arm[:, 0] * thrust, torque])
     yaw = _YAW * float(np.abs(torque).sum() * mass * GRAVITY / thrust.sum())
     x, y, _ = np.abs(arm).mean(axis=0)
     tilt = _TILT_TRIM * mass * GRAVITY
     trim = np.array([tilt * y, tilt * x, yaw]) / np.diag(inertia)
-    return _Believed(mass, inertia, mixer, trim, yaw)
+    return _Believed(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
 
 
 @njit(cache=True)

@@ -5,4 +5,4 @@ from .base import IdentifierConfig as IdentifierConfig
 from .base import State as State
 from .base import Status as Status
 from .conventional import ConventionalAID as ConventionalAID
-from .nullspace_aid import NullspaceAID as NullspaceAID
+from .design import NullspaceAID as NullspaceAID

@@ -78,7 +78,7 @@ class Arrows:
         Returns:
             None where no force has a place.
         """
-        given = getattr(system, "mounts", None)
+        given = system.mounts
         if given is None or not body_axes(system):
             return None
         at: dict[tuple[float, ...], list[int]] = {}

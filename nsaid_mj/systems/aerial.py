@@ -47,7 +47,7 @@ class AerialScales:
 
 
 class Quadrotor(RigidBody):
-    """M ν̇ + C(ν) ν = weight + drag + rotors (5), in still air.
+    """M ν̇ + C(ν) ν = weight + drag + rotors, in still air.
 
     θ = [m, m c (3), inertia (6), lift, rotor drag (2), body drag (3), thrust (4), torque (4)], all
     about the body's origin; axes are x forward, y left, z up. The command u_i ∈ [0, 1] is a rotor's
@@ -115,40 +115,18 @@ def _forces(q, v, u, rotors, spin, lever, p):
 
 
 def _space(s: AerialScales) -> ParameterSpace:
-    rotor = tuple(range(1, 5))
+    def positive(name: str, names: list[str], unit: str, scale: Array, actuator: bool = False):
+        units = (unit,) * len(names)
+        return Block(name, tuple(names), units, scale, "positive", actuator)
+
+    rotors = range(1, 5)
     return ParameterSpace(
         (
             inertial_block("body", s.mass, s.offset, s.inertia),
             Block("translational lift", ("lift",), ("N·s²/m²",), np.array([s.lift])),
-            Block(
-                "rotor drag",
-                ("rotor_drag_h", "rotor_drag_z"),
-                ("N·s/m",) * 2,
-                s.rotor_drag,
-                "positive",
-            ),
-            Block(
-                "body drag",
-                tuple(f"drag_{axis}" for axis in "xyz"),
-                ("N·s²/m²",) * 3,
-                s.body_drag,
-                "positive",
-            ),
-            Block(
-                "rotor thrust gain",
-                tuple(f"thrust_{i}" for i in rotor),
-                ("N",) * 4,
-                s.thrust,
-                "positive",
-                actuator=True,
-            ),
-            Block(
-                "rotor torque gain",
-                tuple(f"torque_{i}" for i in rotor),
-                ("N·m",) * 4,
-                s.torque,
-                "positive",
-                actuator=True,
-            ),
+            positive("rotor drag", ["rotor_drag_h", "rotor_drag_z"], "N·s/m", s.rotor_drag),
+            positive("body drag", [f"drag_{axis}" for axis in "xyz"], "N·s²/m²", s.body_drag),
+            positive("rotor thrust gain", [f"thrust_{i}" for i in rotors], "N", s.thrust, True),
+            positive("rotor torque gain", [f"torque_{i}" for i in rotors], "N·m", s.torque, True),
         )
     )

@@ -100,4 +100,5 @@ def test_a_nozzle_pushes_where_the_table_says(nozzle):
     wrench = M @ acceleration(p, np.zeros(6), np.zeros(6), np.eye(12)[nozzle])
     expected = np.r_[forces[nozzle], np.cross(places[nozzle], forces[nozzle])]
     np.testing.assert_allclose(wrench, expected, atol=1e-12)
+    assert p.system.mounts is not None
     np.testing.assert_array_equal(p.system.mounts[nozzle], places[nozzle])

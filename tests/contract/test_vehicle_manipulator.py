@@ -166,7 +166,7 @@ def test_actuators_act_where_they_are_mounted(name):
     x, _, _, u, _ = draw(system, 2)
     k, joints = system.space.actuators, system.n - 6
     F = system.F(0.0, x, u)
-    assert system.mounts.shape == (len(k), 3)
+    assert system.mounts is not None and system.mounts.shape == (len(k), 3)
     assert np.isnan(system.mounts[:joints]).all()
     for mount, column in zip(system.mounts[joints:], F[:, k[joints:]].T, strict=True):
         if np.isfinite(mount).all():

@@ -17,6 +17,9 @@ BARS = {
     "panda": {"force_residual_ratio": 0.03, "conserved_drift": 1e-8},
     "arm": {"force_residual_ratio": 0.03, "conserved_drift": 1e-8},
     "wrong_gains": {"theta_perp_ratio": 0.01, "plant_direction_error": 0.01},
+    "bluerov2": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.005, "conserved_drift": 1e-5},
+    "remus100": {"theta_perp_ratio": 0.1, "conserved_drift": 2e-6},
+    "astrobee": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.01, "conserved_drift": 1e-8},
     "uvms": {"force_residual_ratio": 0.02, "theta_perp_ratio": 0.1, "conserved_drift": 1e-7},
     "borinot": {"force_residual_ratio": 0.01, "conserved_drift": 1e-7},
 }
