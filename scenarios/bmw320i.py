@@ -8,7 +8,7 @@ scenario = Scenario(
         speed=25.0, pace_low=0.02, pace_high=0.08, grip=5.0,
         steer_low=0.5, steer_high=3.0, ground=1000.0,
     ),
-    identifier=NullspaceAID(K=3.0, gain=0.005),
+    identifier=NullspaceAID(K=3.0, gain=0.005, rate=5.0),
     initial_error=0.3,
     duration=600.0,
     dt=0.004,

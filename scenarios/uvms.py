@@ -5,7 +5,7 @@ from nsaid_mj import NullspaceAID, Scenario, SwimAndReach, UvmsPlant, main
 scenario = Scenario(
     plant=UvmsPlant(),
     excitation=SwimAndReach(amplitude=0.6),
-    identifier=NullspaceAID(K=20.0, gain=1.0),
+    identifier=NullspaceAID(K=20.0, gain=1.0, rate=0.5),
     initial_error=0.3,
     duration=300.0,
     dt=5e-3,

@@ -345,7 +345,8 @@ def test_every_parameter_has_a_name_a_unit_and_a_scale(name):
     assert (space.scale > 0).all() and space.scale.shape == (system.p,)
     assert np.isfinite(space.scale).all()
     if name in VEHICLES:  # some actuators have several parameters
-        assert np.shape(system.mounts) == (len(space.actuators), 3)
+        mounts = system.mounts
+        assert mounts is not None and mounts.shape == (len(space.actuators), 3)
         assert len(space.actuators) >= system.n_u
     else:
         assert len(space.actuators) == system.n_u
