@@ -254,7 +254,7 @@ def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
 
 
 def _plural(block: Block) -> str:
-    uncountable = ("friction", "matrix", "mass", "drag", "buoyancy")
+    uncountable = ("friction", "matrix", "mass", "drag", "buoyancy", "stiffness", "inertia")
     return block.name if len(block) == 1 or block.name.endswith(uncountable) else f"{block.name}s"
 
 

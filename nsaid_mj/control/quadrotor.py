@@ -2,7 +2,7 @@
 
 Lee, Leok, McClamroch: Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010; with
 integral action (Goodarzi, Lee, Lee, ECC 2013) that trims what a wrong prior leaves, and the tilt
-apart from the heading (Brescianini, D'Andrea, Mechatronics 65, 2020): four rotors turn a
+apart from the heading (Brescianini, D'Andrea, IEEE TCST 28(2), 2020): four rotors turn a
 quadrotor about z too slowly to wait for.
 """
 

@@ -20,6 +20,11 @@ BARS = {
     "bluerov2": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.005, "conserved_drift": 1e-5},
     "remus100": {"theta_perp_ratio": 0.1, "conserved_drift": 2e-6},
     "astrobee": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.01, "conserved_drift": 1e-8},
+    "f1tenth": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.02, "conserved_drift": 2e-6},
+    "bmw320i": {"theta_perp_ratio": 0.08, "conserved_drift": 2e-6},
+    "hummingbird": {"theta_perp_ratio": 0.13, "conserved_drift": 1e-5},
+    "crazyflie": {"theta_perp_ratio": 0.15, "conserved_drift": 1e-5},
+    "rover": {"force_residual_ratio": 0.25, "conserved_drift": 1e-8},
     "uvms": {"force_residual_ratio": 0.02, "theta_perp_ratio": 0.1, "conserved_drift": 1e-7},
     "borinot": {"force_residual_ratio": 0.01, "conserved_drift": 1e-7},
 }
@@ -39,8 +44,9 @@ def test_every_scenario_has_a_bar():
 def test_estimate_is_within_the_scenarios_bars(recovered):
     name, _, summary = recovered
     assert summary["status"] == "completed"
-    assert summary["lyapunov_violations"] == 0
-    assert summary["theta_perp_ratio"] < summary["theta_perp_ratio_initial"]
+    if not summary["mismatch"]:  # else there is no true set to come nearer to
+        assert summary["lyapunov_violations"] == 0
+        assert summary["theta_perp_ratio"] < summary["theta_perp_ratio_initial"]
     for key, bar in BARS[name].items():
         assert summary[key] <= bar, f"{name}: {key}"
 
