@@ -89,6 +89,9 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
         at = f"at t = {summary['status_time']:.4g} s"
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
         console.print(f"  [red]ended early[/red] {at}{signal}. {summary['status_remedy']}")
+    if summary["mismatch"]:
+        words = "; ".join(summary["mismatch"])
+        console.print(f"  not in the structure: {words}", soft_wrap=True)
     identifiers = {metrics.OWN: summary, **summary["rivals"]}
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     table.add_column("")

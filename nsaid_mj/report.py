@@ -43,6 +43,9 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
         f'{summary["status_time"]:.4g} s {html.escape(summary["status_signal"])}. '
         f'{html.escape(summary["status_remedy"])}</p>'
     )  # fmt: skip
+    mismatch = "".join(f"<li>{html.escape(words)}</li>" for words in summary["mismatch"])
+    if mismatch:
+        ended += f"<h2>What the structure does not know</h2><ul>{mismatch}</ul>"
     versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())
     page = f"""<!doctype html><html lang="en"><meta charset="utf-8">
 <meta name="viewport" content="width=device-width"><title>{name}</title><style>{_STYLE}</style>

@@ -22,8 +22,8 @@ class Status(Enum):
     )
     estimate_not_positive_definite = (
         "estimated mass matrix not positive definite",
-        "The estimate moved too far: take a smaller identifier gain, a better initial estimate, "
-        "or a gentler excitation.",
+        "The estimate moved too far: take a smaller identifier gain (or rate, or a larger floor), "
+        "a better initial estimate, a gentler excitation, or --law cone.",
     )
     adaptation_too_fast = (
         "conserved quantity drifted by more than 1e-3",

@@ -31,6 +31,11 @@ def result(run: Run, summary: dict[str, Any]) -> str:
         f"{summary['sim_s']:.4g} s, {summary['sensors']} sensors. "
         f"**{p - r} of {p}** directions of θ can be known from motion, **{r}** cannot.",
         "",
+        *(
+            [f"Not in the structure: {'; '.join(summary['mismatch'])}.", ""]
+            if summary["mismatch"]
+            else []
+        ),
         f"| | {' | '.join(identifiers)} |",
         "|---|" + "---|" * len(identifiers),
     ]
