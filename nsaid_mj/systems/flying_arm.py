@@ -8,7 +8,7 @@ from numba import njit
 
 from ..parameters import Array, Block
 from . import actuators
-from .multibody import JointScales, inertial_block
+from .multibody import JointScales, link_block
 from .rigid_body import of_a_body
 from .tree import Carried
 from .vehicle_manipulator import VehicleManipulator, link_blocks
@@ -50,7 +50,7 @@ class FlyingArm(VehicleManipulator):
         super().__init__(
             model,
             [Carried(i, of_a_body(0, 10), g) for i in range(bodies)],
-            [inertial_block(0, joints.mass[0], joints.length[0]), *link_blocks(joints)],
+            [link_block(0, joints.mass[0], joints.length[0]), *link_blocks(joints)],
             joints,
             friction_speed,
             [

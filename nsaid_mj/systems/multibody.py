@@ -19,9 +19,8 @@ from ..parameters import Array, Block, ParameterSpace
 from ..spatial import bracket
 from ..system import Instant
 from .joints import JointTree
+from .rigid_body import INERTIAL, INERTIAL_UNITS
 
-INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-_INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 _BASE_SPEED = 1.0  # a base that floats is probed at up to this [m/s, rad/s]
 
 
@@ -252,12 +251,12 @@ def _accelerated(W, W_M, a, at):
             W[base + k, rotor + k] += a[base + k]
 
 
-def inertial_block(number: int, mass: float, length: float) -> Block:
+def link_block(number: int, mass: float, length: float) -> Block:
     """The ten inertial parameters of a body, of a guessed mass [kg] and size [m]; 0 is the base."""
     return Block(
         f"link {number}" if number else "base",
         tuple(f"{name}_{number}" for name in INERTIAL),
-        _INERTIAL_UNITS,
+        INERTIAL_UNITS,
         mass * np.repeat([1.0, length, length**2], [1, 3, 6]),
         "pseudo_inertia",
     )
@@ -293,5 +292,5 @@ def joint_blocks(slides: list[bool], s: JointScales) -> list[Block]:
 
 def _space(tree: JointTree, s: JointScales) -> ParameterSpace:
     first = 0 if tree.group else 1
-    links = [inertial_block(first + i, s.mass[i], s.length[i]) for i in range(tree.bodies)]
+    links = [link_block(first + i, s.mass[i], s.length[i]) for i in range(tree.bodies)]
     return ParameterSpace((*links, *joint_blocks(tree.slides, s)))

@@ -30,6 +30,7 @@ from ..system import ConstantInertia, SecondOrderSystem
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 PLANAR_UNITS = ("m/s", "m/s", "rad/s")
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 
 
 class RigidBody(SecondOrderSystem):
@@ -147,6 +148,5 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
     x, y, z = inertia
     products = 0.25 * np.sqrt([x * y, x * z, y * z])
     moments = [x, products[0], y, products[1], products[2], z]
-    units = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
     scale = np.array([mass, *[mass * offset] * 3, *moments])
-    return Block(name, INERTIAL, units, scale, "pseudo_inertia")
+    return Block(name, INERTIAL, INERTIAL_UNITS, scale, "pseudo_inertia")

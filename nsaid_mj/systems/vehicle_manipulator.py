@@ -18,7 +18,7 @@ from numba import njit
 from ..parameters import Array, Block, ParameterSpace
 from ..system import Instant
 from .joints import JointTree
-from .multibody import JointScales, inertial_block, joint_blocks
+from .multibody import JointScales, joint_blocks, link_block
 from .tree import (
     Carried,
     add_inertial,
@@ -183,4 +183,4 @@ def _add_joints(F, start, v, friction_speed, u):
 def link_blocks(joints: JointScales) -> list[Block]:
     """The inertial parameters of every link but the base."""
     numbers = range(1, len(joints.mass))
-    return [inertial_block(i, joints.mass[i], joints.length[i]) for i in numbers]
+    return [link_block(i, joints.mass[i], joints.length[i]) for i in numbers]
