@@ -26,7 +26,7 @@ from ..kernels import cholesky, solve, times
 from ..parameters import Array
 from ..system import Instant, Measurement, SecondOrderSystem
 from .base import State
-from .nullspace_aid import NullspaceIdentifier, body_gradient, body_half_way
+from .nullspace_aid import NullspaceIdentifier, body_gradient
 
 
 @njit(cache=True)
@@ -110,10 +110,8 @@ class ConeIdentifier(NullspaceIdentifier):
     def _step(
         self, state: State, previous: Measurement, following: Measurement, dt: float
     ) -> tuple[Array, Array, float, Instant]:
-        system, u, n = self.system, previous.u, self.system.n
-        first = state.instant.commanded(previous.t, u)
-        middle = system.at(previous.t + 0.5 * dt, *self._between(previous, following, dt), u)
-        last = system.at(following.t, following.q, following.v, u)
+        n = self.system.n
+        first, middle, last = self._instants(state, previous, following, dt)
         start = np.concatenate((state.v_hat, to_chart(self.cone, state.theta_hat)))
         z, end, smallest = start, start.copy(), np.inf
         for instant, weight, reach in (
@@ -137,15 +135,12 @@ class ConeIdentifier(NullspaceIdentifier):
     def _body_step(
         self, state: State, previous: Measurement, following: Measurement, dt: float
     ) -> tuple[Array, Array, float, Instant]:
-        system, (t0, q0, v0, u), (t1, q1, v1, _) = self.system, previous, following
-        assert system.inertia is not None
-        q, v = body_half_way(system.group, q0, v0, q1, v1, dt, self.hermite)
-        F = system._F(t0, q0, v0, u), system._F(t0 + 0.5 * dt, q, v, u), system._F(t1, q1, v1, u)
         v_hat, theta_hat, pivot = cone_body_step(
-            *system.inertia, system.group, *F, v0, v, v1, state.v_hat, state.theta_hat, dt, self.K,
+            *self._body_stages(previous, following, dt), state.v_hat, state.theta_hat, dt, self.K,
             self.cone, self._dual, self._inverse_gain, self.mu,
         )  # fmt: skip
-        return v_hat, theta_hat, pivot, Instant(system, t1, q1, v1, u)
+        t, q, v, _ = following
+        return v_hat, theta_hat, pivot, Instant(self.system, t, q, v, previous.u)
 
     def conserved(self, theta_hat: Array) -> Array:
         """½ θ̂ᵀ Γ⁻¹ θ̂ − μ (b(θ̂) − b(θ̂₀)), twice: as the base class's for μ = 0."""

@@ -7,7 +7,7 @@ from numba import njit
 
 from ..errors import InvalidInput
 from ..kernels import cholesky, solve, times
-from ..parameters import Array
+from ..parameters import Array, Indices
 from ..spatial import (
     bracket,
     coadjoint,
@@ -199,10 +199,8 @@ class NullspaceIdentifier(Identifier):
         self, state: State, previous: Measurement, following: Measurement, dt: float
     ) -> tuple[Array, Array, float, Instant]:
         """v̂, θ̂, M̂'s smallest pivot (> 0 if the step succeeded), and the system at its end."""
-        system, u, n = self.system, previous.u, self.system.n
-        first = state.instant.commanded(previous.t, u)
-        middle = system.at(previous.t + 0.5 * dt, *self._between(previous, following, dt), u)
-        last = system.at(following.t, following.q, following.v, u)
+        n = self.system.n
+        first, middle, last = self._instants(state, previous, following, dt)
         start = np.concatenate(state[1:3])
         z, end, smallest = start, start.copy(), np.inf
         for instant, weight, reach in (
@@ -222,15 +220,34 @@ class NullspaceIdentifier(Identifier):
         self, state: State, previous: Measurement, following: Measurement, dt: float
     ) -> tuple[Array, Array, float, Instant]:
         """The same for a body whose M is constant in its frame, all stages in one compiled call."""
+        v_hat, theta_hat, pivot = body_step(
+            *self._body_stages(previous, following, dt), state.v_hat, state.theta_hat, dt, self.K,
+            self.Gamma,
+        )  # fmt: skip
+        t, q, v, _ = following
+        return v_hat, theta_hat, pivot, Instant(self.system, t, q, v, previous.u)
+
+    def _instants(
+        self, state: State, previous: Measurement, following: Measurement, dt: float
+    ) -> tuple[Instant, Instant, Instant]:
+        """The system at the start, the middle and the end of a step, its command held."""
+        system, u = self.system, previous.u
+        return (
+            state.instant.commanded(previous.t, u),
+            system.at(previous.t + 0.5 * dt, *self._between(previous, following, dt), u),
+            system.at(following.t, following.q, following.v, u),
+        )
+
+    def _body_stages(
+        self, previous: Measurement, following: Measurement, dt: float
+    ) -> tuple[Indices, Array, int, Array, Array, Array, Array, Array, Array]:
+        """What `body_step` needs of the system: M's entries and group, then F and v three times."""
         system, (t0, q0, v0, u), (t1, q1, v1, _) = self.system, previous, following
         assert system.inertia is not None
         q, v = body_half_way(system.group, q0, v0, q1, v1, dt, self.hermite)
         F = system._F(t0, q0, v0, u), system._F(t0 + 0.5 * dt, q, v, u), system._F(t1, q1, v1, u)
-        v_hat, theta_hat, pivot = body_step(
-            *system.inertia, system.group, *F, v0, v, v1, state.v_hat, state.theta_hat, dt, self.K,
-            self.Gamma,
-        )  # fmt: skip
-        return v_hat, theta_hat, pivot, Instant(system, t1, q1, v1, u)
+        entries, values = system.inertia
+        return entries, values, system.group, *F, v0, v, v1
 
     def conserved(self, theta_hat: Array) -> Array:
         """θ̂ᵀ Γ⁻¹ θ̂ over the parameters that move, constant under (45) by (30).
