@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .errors import NsaidError as NsaidError
     from .experiment import run as run
     from .identifiers import ConventionalAID as ConventionalAID
+    from .identifiers import MemoryConfig as MemoryConfig
     from .identifiers import NullspaceAID as NullspaceAID
     from .identifiers import Status as Status
     from .parameters import Block as Block
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from .plants import BlueROV2Plant as BlueROV2Plant
     from .plants import BMW320iPlant as BMW320iPlant
     from .plants import F1TenthPlant as F1TenthPlant
+    from .plants import Fault as Fault
     from .plants import FloatingBasePlant as FloatingBasePlant
     from .plants import FlyingArmPlant as FlyingArmPlant
     from .plants import Mismatch as Mismatch
@@ -59,6 +61,7 @@ _HOMES = {
     "NsaidError": "errors",
     "run": "experiment",
     "ConventionalAID": "identifiers",
+    "MemoryConfig": "identifiers",
     "NullspaceAID": "identifiers",
     "Status": "identifiers",
     "Block": "parameters",
@@ -70,6 +73,7 @@ _HOMES = {
     "BMW320iPlant": "plants",
     "F1TenthPlant": "plants",
     "FloatingBasePlant": "plants",
+    "Fault": "plants",
     "FlyingArmPlant": "plants",
     "Mismatch": "plants",
     "QuadrotorPlant": "plants",

@@ -1,4 +1,4 @@
-"""The command line: `nsaid list`, `nsaid run`, `nsaid view`; and `main` for scenario scripts.
+"""The command line: `nsaid list`, `run`, `verify`, `compare`, `view`; `main` for scenario scripts.
 
 Heavy modules are imported where they are needed, so that `nsaid --help` answers at once.
 """
@@ -19,7 +19,10 @@ from .errors import BadRun, InvalidInput, NsaidError, UnknownName
 from .resources import scenarios
 
 if TYPE_CHECKING:
+    from .experiment import Run
+    from .options import Output
     from .scenario import Scenario
+    from .verify import Verdict
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 
@@ -32,6 +35,7 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
 
 def run_from_shell() -> NoReturn:
     """The console script `nsaid`."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: threads only cost
     _exit(lambda: command(sys.argv[1:]))
 
 
@@ -69,6 +73,39 @@ def command(arguments: Sequence[str]) -> int:
     run.add_argument(
         "scenario", nargs="?", metavar="NAME_OR_FILE", help="see `nsaid list`, or a script's path"
     )
+    verify = commands.add_parser(
+        "verify",
+        help="run a scenario, and judge the paper's statements on it",
+        usage="nsaid verify NAME_OR_FILE [flags of nsaid run]\n"
+        "       nsaid verify --run FOLDER [--json] [--quiet]",
+        description="Says of every statement of the paper whether it holds on a run. Exit code 1 "
+        "where one fails. `nsaid verify NAME --help` lists every field that is a flag.",
+        add_help=False,
+        allow_abbrev=False,
+    )
+    verify.add_argument(
+        "scenario", nargs="?", metavar="NAME_OR_FILE", help="see `nsaid list`, or a script's path"
+    )
+    verify.add_argument(
+        "--run", type=Path, metavar="FOLDER", help="judge this run, from its record; run nothing"
+    )
+    compare = commands.add_parser(
+        "compare",
+        help="compare methods on the logs of a scenario",
+        usage="nsaid compare NAME_OR_FILE [--methods ols,wls,memory --seeds 0:3 --durations 10,20\n"
+        "                                   --sensors ideal,noisy --noise-scales 0.3,1,3\n"
+        "                                   --budget SECONDS --out FOLDER … any field]",
+        description="Runs methods on the same logs and judges them by the same figures: a table, "
+        "compare.json, compare.csv and plots. Fields of the scenario are flags, as in `nsaid run`.",
+        allow_abbrev=False,
+    )
+    compare.add_argument("scenario", metavar="NAME_OR_FILE", help="see `nsaid list`, or a path")
+    compare.add_argument("--methods", metavar="A,B", help="all but sysid, unless told otherwise")
+    compare.add_argument("--seeds", metavar="0,1,2 or 0:10", default="0:3", help="0:3 is 0,1,2")
+    compare.add_argument("--durations", metavar="S,S", help="of the log [s]; half of it and all")
+    compare.add_argument("--sensors", metavar="ideal,noisy", help="one or both")
+    compare.add_argument("--noise-scales", metavar="X,X", help="multiples of the scenario's noise")
+    compare.add_argument("--budget", metavar="S", help="search time of sysid, at most [s]")
     view = commands.add_parser("view", help="open a run's recording in the Rerun viewer")
     view.add_argument("run", type=Path, help="the run's folder, e.g. runs/ur5")
     view.add_argument("--web", action="store_true", help="serve it to a browser on this machine")
@@ -81,6 +118,19 @@ def command(arguments: Sequence[str]) -> int:
                 return 0
             run.error("which scenario? `nsaid list` shows their names")
         return _run(Path(chosen.scenario).stem, load(chosen.scenario), rest)
+    if chosen.command == "verify":
+        if chosen.scenario is None and {"-h", "--help"} & set(rest):
+            verify.print_help()
+            return 0
+        if (chosen.scenario is None) == (chosen.run is None):
+            verify.error("either a scenario, see `nsaid list`, or --run with a run's folder")
+        if chosen.scenario is not None:
+            return _verify(Path(chosen.scenario).stem, load(chosen.scenario), rest)
+        if unknown := set(rest) - {"--json", "--quiet"}:
+            verify.error(f"unrecognized arguments: {' '.join(sorted(unknown))}")
+        return _verify_folder(chosen.run, "--json" in rest, "--quiet" in rest)
+    if chosen.command == "compare":
+        return _compare(chosen, rest)
     if rest:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     if chosen.command == "view":
@@ -117,12 +167,51 @@ def load(name: str) -> Scenario:
 
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
+    result, summary, output = _carry_out(name, default, arguments, "run")
+    from . import finish
+
+    if output.json:
+        print(json.dumps(summary, indent=2, ensure_ascii=False))
+    elif not output.quiet:
+        finish.tell(name, summary, result.folder)
+    return _code(result)
+
+
+def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
+    result, summary, output = _carry_out(name, default, arguments, "verify")
+    from .verify import verify, write
+
+    verdicts = verify(result, summary)
+    write(result, verdicts)
+    return _judged(name, result, verdicts, output.json, output.quiet) or _code(result)
+
+
+def _verify_folder(folder: Path, as_json: bool, quiet: bool) -> int:
+    from .verify import verify_folder
+
+    return _judged(folder.name, *verify_folder(folder), as_json, quiet)
+
+
+def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quiet: bool) -> int:
+    """Shows the verdicts; returns the exit code."""
+    from .verify import document, failed, tell
+
+    if as_json:
+        print(json.dumps(document(result, verdicts), indent=2, ensure_ascii=False))
+    elif not quiet:
+        tell(name, result, verdicts)
+    return FAILED if failed(verdicts) else 0
+
+
+def _carry_out(
+    name: str, default: Scenario, arguments: Sequence[str], asked: str
+) -> tuple[Run, dict[str, Any], Output]:
+    """Runs a scenario as a command line says, and finishes it."""
     from .options import parse
 
-    scenario, output = parse(name, default, arguments)
+    scenario, output = parse(name, default, arguments, asked)
     from . import finish
     from .experiment import Observer, run
-    from .identifiers import Status
     from .progress import Progress
 
     silent = output.quiet or output.json
@@ -133,14 +222,67 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
         watchers.append(Live(name))
     folder = output.out or Path("runs") / name
     result = run(scenario, folder, *watchers)
-    summary = finish.finish(result, progress=not silent)
-    if output.json:
-        print(json.dumps(summary, indent=2, ensure_ascii=False))
-    elif not output.quiet:
-        finish.tell(name, summary, folder)
+    return result, finish.finish(result, progress=not silent), output
+
+
+def _code(result: Run) -> int:
+    """The exit code of a run, however it ended."""
+    from .identifiers import Status
+
     if result.ending.status is Status.interrupted:
         return INTERRUPTED
     return 0 if result.ending.status is Status.completed else FAILED
+
+
+def _compare(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
+    from .options import parse
+
+    for flag, own in (("--seed", "--seeds"), ("--duration", "--durations")):
+        if any(argument.partition("=")[0] == flag for argument in arguments):
+            raise InvalidInput(flag, f"{own}, with one value or more", flag, f"Give {own}.")
+    name = Path(chosen.scenario).stem
+    scenario, output = parse(name, load(chosen.scenario), arguments, "compare")
+    from . import compare
+
+    kinds = chosen.sensors or ("noisy" if chosen.noise_scales else scenario.sensors)
+    kinds = kinds.split(",")
+    if unknown := set(kinds) - {"ideal", "noisy"}:
+        raise UnknownName("kind of sensors", unknown.pop(), ("ideal", "noisy"))
+    scales = _numbers("--noise-scales", chosen.noise_scales or "1")
+    plan = compare.Plan(
+        scenario,
+        methods=tuple(chosen.methods.split(",")) if chosen.methods else compare.DEFAULT,
+        seeds=_seeds(chosen.seeds),
+        durations=_numbers("--durations", chosen.durations)
+        if chosen.durations
+        else (0.5 * scenario.duration, scenario.duration),
+        noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
+        budget=_numbers("--budget", chosen.budget)[0] if chosen.budget else compare.BUDGET,
+    )
+    folder = output.out or Path("runs") / f"{name}-compare"
+    compare.run(plan, folder, quiet=output.quiet or output.json)
+    if output.json:
+        print((folder / compare.FILES[0]).read_text(encoding="utf-8"), end="")
+    return 0
+
+
+def _seeds(text: str) -> tuple[int, ...]:
+    """`0,3,5`, or `0:10` for 0 to 9."""
+    first, colon, last = text.partition(":")
+    try:
+        if colon:
+            return tuple(range(int(first or 0), int(last)))
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise InvalidInput("--seeds", "0,1,2 or 0:10", text, "0:3 is 0,1,2.") from error
+
+
+def _numbers(flag: str, text: str) -> tuple[float, ...]:
+    """Numbers between commas."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InvalidInput(flag, "numbers between commas", text, "10,20 are two.") from error
 
 
 def _list() -> int:

@@ -1,12 +1,10 @@
-"""The cone of physical parameters: its barrier, its metric, and a chart that cannot leave it.
+"""The cone of physical parameters: its barrier, its metric, and draws from it.
 
 Every block with a geometry is a convex cone: numbers > 0; the ten inertial parameters of a link
 whose pseudo-inertia P(φ) ≻ 0 (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018); the upper triangle of
-an SPD matrix. The barrier b = −Σ log det P(φ_i) − Σ log det M − Σ log θ_j grows without bound at
-its edge, and b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
-
-The chart η of a cone is the logarithm of a number, and of a matrix its Cholesky factor with the
-logarithms of its diagonal: any η is inside. Blocks without a sign are their own chart.
+an SPD matrix; fewer numbers than that, if its entries are tied: Σ θ_l E_l ≻ 0, a linear matrix
+inequality. The barrier b = −Σ log det P(φ_i) − Σ log det M − Σ log θ_j grows without bound at its
+edge, and b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
 """
 
 from __future__ import annotations
@@ -17,101 +15,162 @@ import numpy as np
 from numba import njit
 
 from .kernels import cholesky
-from .parameters import Array, Indices, ParameterSpace
+from .parameters import Array, Block, Indices, ParameterSpace
+
+compiled = njit(cache=True, error_model="numpy")  # divisions by 0 are inf or NaN, and stay visible
 
 
 class Cone(NamedTuple):
-    """The blocks of θ that are cones, for compiled code.
+    """The blocks of θ that are cones, for compiled code; their matrices P(θ) sparse.
 
     Attributes:
         positive: (a,) indices of the parameters that are > 0.
-        starts: (b,) first index of every matrix block.
-        orders: (b,) size k of its matrix; it has k (k + 1)/2 parameters.
-        bases: (b, c, K, K) with matrix Σ_i θ_i bases[block, i], padded by zeros.
-        degree: ν, the sum of all orders.
+        blocks: (b, 5) rows [start, end, k, first, last]: θ_start … θ_end−1 are the parameters of a
+            k × k matrix, k (k + 1)/2 unless they are tied, and it is entries first … last − 1.
+        entries: (e, 3) rows [i, j, l], i ≥ j, ordered by l: P_ij holds θ_l …
+        values: (e,) … times this.
+        weights: (e,) these, twice off the diagonal: tr(X E_l) = Σ weights X_ij if X is symmetric.
+        degree: ν, the number of `positive` and the sum of all k.
     """
 
     positive: Indices
-    starts: Indices
-    orders: Indices
-    bases: Array
+    blocks: Indices
+    entries: Indices
+    values: Array
+    weights: Array
     degree: int
 
 
 def cone_of(space: ParameterSpace) -> Cone:
     """The cones of a parameter space."""
-    positive, starts, orders, bases = [], [], [], []
+    positive, blocks, entries, values, degree = [], [], [], [], 0
     for block, place in space:
         if block.geometry == "positive":
             positive += range(place.start, place.stop)
-        elif block.geometry in ("pseudo_inertia", "spd"):
-            k = round(((8 * len(block) + 1) ** 0.5 - 1) / 2)
-            starts.append(place.start)
-            orders.append(k)
-            bases.append(_pseudo_inertia() if block.geometry == "pseudo_inertia" else _upper(k))
-    largest = max(orders, default=0)
-    padded = np.zeros((len(starts), largest * (largest + 1) // 2, largest, largest))
-    for i, basis in enumerate(bases):
-        count, k, _ = basis.shape
-        padded[i, :count, :k, :k] = basis
-    first, second, third = (np.array(part, dtype=np.intp) for part in (positive, starts, orders))
-    return Cone(first, second, third, padded, len(positive) + sum(orders))
+            degree += len(block)
+        elif block.geometry != "free":
+            basis = _basis(block)
+            k = 1 + max(i for i, *_ in basis)
+            blocks.append((place.start, place.stop, k, len(entries), len(entries) + len(basis)))
+            entries += [(i, j, place.start + at) for i, j, at, _ in basis]
+            values += [value for *_, value in basis]
+            degree += k
+    places = np.array(entries, dtype=np.intp).reshape(-1, 3)
+    return Cone(
+        np.array(positive, dtype=np.intp),
+        np.array(blocks, dtype=np.intp).reshape(-1, 5),
+        places,
+        np.array(values, dtype=np.float64),
+        np.where(places[:, 0] == places[:, 1], 1.0, 2.0) * values,
+        degree,
+    )
 
 
-def _upper(k: int) -> Array:
-    """(k(k+1)/2, k, k) basis of symmetric matrices by their upper triangle, row by row."""
-    basis = np.zeros((k * (k + 1) // 2, k, k))
-    for i, (row, column) in enumerate(zip(*np.triu_indices(k), strict=True)):
-        basis[i, row, column] = basis[i, column, row] = 1.0
-    return basis
+def _basis(block: Block) -> list[tuple[int, int, int, float]]:
+    """Entries [i, j, l] and values of a block's matrix, ordered by l."""
+    if block.geometry == "pseudo_inertia":
+        return _PSEUDO_INERTIA
+    if block.geometry == "tied":
+        return sorted(block.entries, key=lambda entry: entry[2])
+    k = round(((8 * len(block) + 1) ** 0.5 - 1) / 2)  # spd: the upper triangle, row by row
+    pairs = zip(*np.triu_indices(k), strict=True)
+    return [(int(column), int(row), at, 1.0) for at, (row, column) in enumerate(pairs)]
 
 
-def _pseudo_inertia() -> Array:
-    """(10, 4, 4) basis of P(φ) = [[½ tr(I) 1 − I, h], [hᵀ, m]] in Pinocchio's order of φ."""
-    basis = np.zeros((10, 4, 4))
-    basis[0, 3, 3] = 1.0
-    for i in range(3):
-        basis[1 + i, i, 3] = basis[1 + i, 3, i] = 1.0
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
-        if i == j:
-            basis[4 + k, :3, :3] = 0.5 * np.eye(3)
-            basis[4 + k, i, i] -= 1.0
-        else:
-            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
-    return basis
+# P(φ) = [[½ tr(I) 1 − I, h], [hᵀ, m]], φ = (m, h, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) as Pinocchio's
+_PSEUDO_INERTIA = [
+    (3, 3, 0, 1.0), (3, 0, 1, 1.0), (3, 1, 2, 1.0), (3, 2, 3, 1.0),
+    (0, 0, 4, -0.5), (1, 1, 4, 0.5), (2, 2, 4, 0.5), (1, 0, 5, -1.0),
+    (0, 0, 6, 0.5), (1, 1, 6, -0.5), (2, 2, 6, 0.5), (2, 0, 7, -1.0), (2, 1, 8, -1.0),
+    (0, 0, 9, 0.5), (1, 1, 9, 0.5), (2, 2, 9, -0.5),
+]  # fmt: skip
 
 
-@njit(cache=True)
-def matrix(basis, part):
-    """(K, K) Σ_i part_i basis_i."""
-    P = np.zeros(basis.shape[1:])
-    for i in range(part.shape[0]):
-        P += part[i] * basis[i]
+@compiled
+def tied(cone, block):
+    """Whether a block's matrix has fewer parameters than a symmetric one has entries."""
+    start, end, k, _, _ = cone.blocks[block]
+    return end - start < k * (k + 1) // 2
+
+
+def coordinates(cone: Cone) -> Array:
+    """(e,) the way back: θ_l is the sum of its entries' P_ij, each times this; 0 if tied."""
+    pairing = np.zeros(len(cone.values))
+    for block, (start, _, k, first, last) in enumerate(cone.blocks):
+        if tied(cone, block):
+            continue
+        own = slice(first, last)
+        i, j, at = cone.entries[own].T
+        basis = np.zeros((k * (k + 1) // 2, k * (k + 1) // 2))
+        basis[i * (i + 1) // 2 + j, at - start] = cone.values[own]
+        pairing[own] = np.linalg.inv(basis)[at - start, i * (i + 1) // 2 + j]
+    return pairing
+
+
+@compiled
+def matrix(cone, block, theta):
+    """(k, k) lower triangle of a block's P."""
+    _, _, k, first, last = cone.blocks[block]
+    P = np.zeros((k, k))
+    for e in range(first, last):
+        i, j, at = cone.entries[e]
+        P[i, j] += cone.values[e] * theta[at]
     return P
 
 
-@njit(cache=True)
+@compiled
+def read(cone, block, P, pairing, theta):
+    """Writes a block's parameters in θ (p,) from the lower triangle of its P (k, k)."""
+    start, end, _, first, last = cone.blocks[block]
+    theta[start:end] = 0.0
+    for e in range(first, last):
+        i, j, at = cone.entries[e]
+        theta[at] += pairing[e] * P[i, j]
+
+
+@compiled
 def factor(cone, block, theta):
-    """Cholesky factor (k, k) of a matrix block, and its smallest pivot."""
-    k, start = cone.orders[block], cone.starts[block]
-    P = matrix(cone.bases[block], theta[start : start + k * (k + 1) // 2])[:k, :k].copy()
-    L = np.zeros((k, k))
-    return L, cholesky(P, L)
+    """(k, k) Cholesky factor of a block's P; NaN where it is not positive definite."""
+    L = matrix(cone, block, theta)
+    if not cholesky(L, L) > 0:
+        L[:] = np.nan
+    return L
 
 
-@njit(cache=True)
+@compiled
+def inverse(L):
+    """(k, k) P⁻¹ of P = L Lᵀ."""
+    k = L.shape[0]
+    X, S = np.zeros((k, k)), np.zeros((k, k))
+    for j in range(k):  # X = L⁻ᵀ, row by row of its upper triangle
+        X[j, j] = 1 / L[j, j]
+        for i in range(j + 1, k):
+            total = 0.0
+            for m in range(j, i):
+                total += L[i, m] * X[j, m]
+            X[j, i] = -total / L[i, i]
+    for i in range(k):
+        for j in range(i + 1):
+            total = 0.0
+            for m in range(i, k):
+                total += X[i, m] * X[j, m]
+            S[i, j] = S[j, i] = total
+    return S
+
+
+@compiled
 def inside(cone, theta):
     """Whether θ (p,) is inside: every number > 0 and every matrix positive definite."""
     for j in cone.positive:
         if not theta[j] > 0:
             return False
-    for block in range(cone.starts.shape[0]):  # noqa: SIM110 (numba has no generators)
-        if not factor(cone, block, theta)[1] > 0:
+    for block in range(cone.blocks.shape[0]):
+        if np.isnan(factor(cone, block, theta)[0, 0]):
             return False
     return True
 
 
-@njit(cache=True)
+@compiled
 def barrier(cone, theta):
     """b(θ); infinite outside."""
     total = 0.0
@@ -119,113 +178,118 @@ def barrier(cone, theta):
         if not theta[j] > 0:
             return np.inf
         total -= np.log(theta[j])
-    for block in range(cone.starts.shape[0]):
-        L, pivot = factor(cone, block, theta)
-        if not pivot > 0:
+    for block in range(cone.blocks.shape[0]):
+        L = factor(cone, block, theta)
+        if np.isnan(L[0, 0]):
             return np.inf
         for i in range(L.shape[0]):
             total -= 2 * np.log(L[i, i])
     return total
 
 
-@njit(cache=True)
+@compiled
+def block_gradient(cone, block, S, gradient):
+    """Writes a block's −tr(P⁻¹E_l) into ∇b (p,), from S = P⁻¹."""
+    start, end, _, first, last = cone.blocks[block]
+    gradient[start:end] = 0.0
+    for e in range(first, last):
+        i, j, at = cone.entries[e]
+        gradient[at] -= cone.weights[e] * S[i, j]
+
+
+@compiled
+def block_hessian(cone, block, S, mu):
+    """(c, c) lower triangle of a block's μ tr(P⁻¹E_l P⁻¹E_m), from S = P⁻¹."""
+    start, end, _, first, last = cone.blocks[block]
+    entries, weights = cone.entries[first:last], cone.weights[first:last]
+    hessian = np.zeros((end - start, end - start))
+    for e in range(last - first):
+        a, b, row = entries[e, 0], entries[e, 1], entries[e, 2] - start
+        weight = 0.5 * mu * weights[e]
+        for f in range(last - first):
+            column = entries[f, 2] - start
+            if column > row:
+                break
+            c, d = entries[f, 0], entries[f, 1]
+            product = S[a, c] * S[b, d] + S[a, d] * S[b, c]
+            hessian[row, column] += weight * weights[f] * product
+    return hessian
+
+
+@compiled
 def gradient_and_hessian(cone, theta):
-    """∇b (p,) and ∇²b (p, p), block diagonal: −tr(P⁻¹E_i) and tr(P⁻¹E_i P⁻¹E_j)."""
+    """∇b (p,) and ∇²b (p, p), block diagonal: −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m); NaN outside."""
     p = theta.shape[0]
     gradient, hessian = np.zeros(p), np.zeros((p, p))
     for j in cone.positive:
-        gradient[j] = -1 / theta[j]
-        hessian[j, j] = 1 / theta[j] ** 2
-    for block in range(cone.starts.shape[0]):
-        start, k = cone.starts[block], cone.orders[block]
-        count = k * (k + 1) // 2
-        L, _ = factor(cone, block, theta)
-        inverse = np.linalg.inv(L)
-        whitened = np.empty((count, k * k))
-        for i in range(count):
-            E = np.ascontiguousarray(cone.bases[block, i, :k, :k])
-            X = np.dot(np.dot(inverse, E), inverse.T)
-            gradient[start + i] = -np.trace(X)
-            whitened[i] = X.reshape(k * k)
-        hessian[start : start + count, start : start + count] = np.dot(whitened, whitened.T)
+        own = 1 / theta[j] if theta[j] > 0 else np.nan
+        gradient[j], hessian[j, j] = -own, own * own
+    for block in range(cone.blocks.shape[0]):
+        S = inverse(factor(cone, block, theta))
+        block_gradient(cone, block, S, gradient)
+        part, start = block_hessian(cone, block, S, 1.0), cone.blocks[block, 0]
+        for i in range(part.shape[0]):
+            for j in range(i + 1):
+                hessian[start + i, start + j] = hessian[start + j, start + i] = part[i, j]
     return gradient, hessian
 
 
-@njit(cache=True)
-def to_chart(cone, theta):
-    """(p,) η of a θ inside."""
-    eta = theta.copy()
+@compiled
+def metric_solve(cone, theta, stiffness, mu, gradient):
+    """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,), block by block where Γ is diagonal.
+
+    Args:
+        cone: the cones.
+        theta: (p,) θ inside; the result is NaN where it is not.
+        stiffness: (p,) or (p, p) Γ⁻¹.
+        mu: weight μ of the barrier.
+        gradient: (p,) what to raise.
+    """
+    if stiffness.ndim == 2:
+        return solved(stiffness + mu * gradient_and_hessian(cone, theta)[1], gradient)
+    x = gradient / stiffness
     for j in cone.positive:
-        eta[j] = np.log(theta[j])
-    for block in range(cone.starts.shape[0]):
-        L, _ = factor(cone, block, theta)
-        at = cone.starts[block]
-        for i in range(L.shape[0]):
-            for j in range(i + 1):
-                eta[at] = np.log(L[i, i]) if i == j else L[i, j]
-                at += 1
-    return eta
+        own = theta[j] if theta[j] > 0 else np.nan
+        x[j] = gradient[j] / (stiffness[j] + mu / (own * own))
+    for block in range(cone.blocks.shape[0]):
+        block_solve(cone, block, factor(cone, block, theta), stiffness, mu, gradient, x)
+    return x
 
 
-@njit(cache=True)
-def unpack(cone, block, eta):
-    """Cholesky factor (k, k) that a matrix block of η holds."""
-    k, at = cone.orders[block], cone.starts[block]
-    L = np.zeros((k, k))
-    for i in range(k):
-        for j in range(i + 1):
-            L[i, j] = np.exp(eta[at]) if i == j else eta[at]
-            at += 1
-    return L
+@compiled
+def block_solve(cone, block, L, stiffness, mu, gradient, x):
+    """Writes a block's part of `metric_solve` into x (p,), from the factor L of its P."""
+    metric, start = block_hessian(cone, block, inverse(L), mu), cone.blocks[block, 0]
+    end = start + metric.shape[0]
+    for i in range(metric.shape[0]):
+        metric[i, i] += stiffness[start + i]
+    x[start:end] = solved(metric, gradient[start:end])
 
 
-@njit(cache=True)
-def from_chart(cone, eta, pairing):
-    """(p,) θ of any η; `pairing` is `coordinates(cone)`."""
-    theta = eta.copy()
-    for j in cone.positive:
-        theta[j] = np.exp(eta[j])
-    for block in range(cone.starts.shape[0]):
-        L = unpack(cone, block, eta)
-        k, start = cone.orders[block], cone.starts[block]
-        P = np.dot(L, L.T)
-        count = k * (k + 1) // 2
-        for i in range(count):
-            theta[start + i] = np.sum(pairing[block, i, :k, :k] * P)
-    return theta
-
-
-def coordinates(cone: Cone) -> Array:
-    """(b, c, K, K) dual bases: θ_i = Σ_jk dual_i,jk P_jk for every matrix P of a block."""
-    dual = np.zeros_like(cone.bases)
-    for block, k in enumerate(cone.orders):
-        count = k * (k + 1) // 2
-        basis = cone.bases[block, :count, :k, :k].reshape(count, k * k)
-        dual[block, :count, :k, :k] = np.linalg.solve(basis @ basis.T, basis).reshape(count, k, k)
-    return dual
-
-
-@njit(cache=True)
-def chart_rate(cone, eta, theta_rate):
-    """(p,) η̇ of a rate θ̇ at η: L⁻¹ Ṗ L⁻ᵀ, its lower half, and L̇ = L Φ."""
-    rate = theta_rate.copy()
-    for j in cone.positive:
-        rate[j] = theta_rate[j] * np.exp(-eta[j])
-    for block in range(cone.starts.shape[0]):
-        k, at = cone.orders[block], cone.starts[block]
-        L = unpack(cone, block, eta)
-        P_rate = matrix(cone.bases[block], theta_rate[at : at + k * (k + 1) // 2])[:k, :k].copy()
-        half = np.linalg.solve(L, np.ascontiguousarray(np.linalg.solve(L, P_rate).T))
-        for i in range(k):
-            half[i, i] *= 0.5
-            for j in range(i + 1, k):
-                half[i, j] = 0.0
-        L_rate = np.dot(L, half)
-        for i in range(k):
-            for j in range(i + 1):
-                rate[at] = half[i, i] if i == j else L_rate[i, j]
-                at += 1
-    return rate
+@compiled
+def solved(A, b):
+    """x (c,) with A x = b, from A's lower triangle, which is used up; NaN where A is not ≻ 0."""
+    x, n = b.copy(), b.shape[0]
+    for i in range(n):  # A becomes its Cholesky factor, with the inverses of its diagonal
+        for j in range(i):
+            total = A[i, j]
+            for m in range(j):
+                total -= A[i, m] * A[j, m]
+            A[i, j] = total * A[j, j]
+        pivot, total = A[i, i], x[i]
+        for m in range(i):
+            pivot -= A[i, m] * A[i, m]
+            total -= A[i, m] * x[m]
+        if not pivot > 0:
+            x[:] = np.nan
+            return x
+        A[i, i] = 1 / np.sqrt(pivot)
+        x[i] = total * A[i, i]
+    for i in range(n - 1, -1, -1):
+        x[i] *= A[i, i]
+        for m in range(i):
+            x[m] -= A[i, m] * x[i]
+    return x
 
 
 def drawn_inside(
@@ -235,7 +299,9 @@ def drawn_inside(
 
     Numbers are multiplied by e^u, u within ±error; a matrix P becomes A P Aᵀ in balanced units,
     with e^{±error/2} on A's diagonal and ±error/4 off it; blocks without a sign move by ±error of
-    their size. A θ on the cone's edge is first moved inside.
+    their size. Of a tied matrix the diagonal is drawn as numbers, and what is off it as if it had
+    no sign; the latter is then reduced until, in balanced units, the smallest eigenvalue is at
+    least e^{−error} of what it was. A θ on the cone's edge is first moved inside.
 
     Args:
         space: names, scale and geometry.
@@ -244,7 +310,7 @@ def drawn_inside(
         rng: source of the errors.
     """
     cone, drawn = cone_of(space), np.array(theta, dtype=np.float64)
-    dual = coordinates(cone)
+    pairing = coordinates(cone)
     for block, place in space:
         if block.geometry == "free":
             size = np.maximum(np.abs(theta[place]), 0.1 * block.scale)
@@ -252,15 +318,41 @@ def drawn_inside(
         elif block.geometry == "positive":
             start = np.maximum(theta[place], 0.01 * block.scale)
             drawn[place] = start * np.exp(error * rng.uniform(-1, 1, len(block)))
-    for i, (start, k) in enumerate(zip(cone.starts, cone.orders, strict=True)):
-        place = slice(start, start + k * (k + 1) // 2)
-        P = matrix(cone.bases[i], theta[place])[:k, :k]
-        smallest = 0.01 * np.abs(matrix(cone.bases[i], space.scale[place])[:k, :k].diagonal())
+    for i, (_, _, k, _, _) in enumerate(cone.blocks):
+        if tied(cone, i):
+            _draw_tied(cone, i, space.scale, error, rng, drawn)
+            continue
+        P = matrix(cone, i, theta)
+        P += np.tril(P, -1).T
+        smallest = 0.01 * np.abs(matrix(cone, i, space.scale).diagonal())
         balance = 1 / np.sqrt(np.maximum(P.diagonal(), smallest))
         N = P * np.outer(balance, balance)
         N += max(0.0, 1e-3 - np.linalg.eigvalsh(N)[0]) * np.eye(k)
         A = error / 4 * rng.uniform(-1, 1, (k, k))
         A[np.diag_indices(k)] = np.exp(error / 2 * rng.uniform(-1, 1, k))
-        P = A @ N @ A.T / np.outer(balance, balance)
-        drawn[place] = np.einsum("cij,ij->c", dual[i, : len(drawn[place]), :k, :k], P)
+        read(cone, i, A @ N @ A.T / np.outer(balance, balance), pairing, drawn)
     return drawn
+
+
+def _draw_tied(
+    cone: Cone, block: int, scale: Array, error: float, rng: np.random.Generator, theta: Array
+) -> None:
+    """Draws a tied block of θ (p,), in place; see `drawn_inside`."""
+    start, end, _, first, last = cone.blocks[block]
+    row, column, at = cone.entries[first:last].T
+    on, off = np.unique(at[row == column]), np.unique(at[row != column])
+    theta[on] = np.maximum(theta[on], 0.01 * scale[on])
+    kept = np.exp(-error) * max(1e-3, _smallest(cone, block, theta))
+    u = error * rng.uniform(-1, 1, end - start)
+    theta[off] += np.maximum(np.abs(theta[off]), 0.1 * scale[off]) * u[off - start]
+    theta[on] *= np.exp(u[on - start])
+    gap = 1 - _smallest(cone, block, theta)  # in proportion to what is off the diagonal
+    if gap > 1 - kept:
+        theta[off] *= (1 - kept) / gap
+
+
+def _smallest(cone: Cone, block: int, theta: Array) -> float:
+    """Smallest eigenvalue of a block's P whose diagonal is made 1."""
+    P = matrix(cone, block, theta)
+    balance = 1 / np.sqrt(P.diagonal())
+    return float(np.linalg.eigvalsh(P * np.outer(balance, balance))[0])

@@ -103,3 +103,16 @@ class BadRun(NsaidError):
     def __init__(self, path: object, reason: str, remedy: str):
         self.path, self.reason, self.remedy = path, reason, remedy
         super().__init__(f"{path}: {reason}. {remedy}")
+
+
+class NoEstimate(NsaidError):
+    """A method that was run on a log and found no estimate.
+
+    Attributes:
+        reason: why.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, reason: str, remedy: str):
+        self.reason, self.remedy = reason, remedy
+        super().__init__(f"{reason}. {remedy}")

@@ -31,9 +31,9 @@ from .plants import Plant
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
 from .rehearsal import expected_gramian
 from .scenario import Scenario
-from .system import Measurement
+from .system import EXACT, Measurement
 
-DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html")
+DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json")
 _PE_SAMPLES = 100  # regressors in a window of the online persistence levels
 _REHEARSAL = 60.0  # how long the motion is simulated that designs a gain, at most [s]
 _DRIFT = 1e-3  # of the conserved quantity: beyond it RK4 no longer follows the law
@@ -102,6 +102,7 @@ class Run:
         statuses: how each identifier ended, by name.
         ending: how the run ended.
         cost: where the time went.
+        states: the identifiers' last states, by name; none where the run was read back.
     """
 
     scenario: Scenario
@@ -113,6 +114,7 @@ class Run:
     statuses: dict[str, Status]
     ending: Ending
     cost: Cost
+    states: dict[str, State] = field(default_factory=dict)
 
 
 class Observer:
@@ -172,9 +174,13 @@ def trajectory(
     steps: int,
     corrupt: Callable[[Array, Array], tuple[Array, Array]] | None,
     cost: Cost,
+    as_at: float | None = None,
 ) -> Iterator[Measurement]:
-    """Yields steps + 1 measurements of a driven plant; the driver sees what the sensors say."""
-    plant.reset(*driver.start())
+    """Yields steps + 1 measurements of a driven plant; the driver sees what the sensors say.
+
+    With `as_at` [s] the plant's actuators stay as they are at that time of a run.
+    """
+    plant.reset(*driver.start(), as_at)
     for k in range(steps + 1):
         coordinates, v = plant.coordinates()
         if corrupt is not None:
@@ -245,7 +251,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
             observer.stop()
     statuses = {name: state.status for name, state in loop.states.items()}
     return Run(scenario, folder, Record.read(folder), plant, prior, identifiers, statuses,
-               loop.ending, loop.cost)  # fmt: skip
+               loop.ending, loop.cost, loop.states)  # fmt: skip
 
 
 @contextmanager
@@ -284,7 +290,7 @@ def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
         np.random.default_rng(seeds.prior),
         any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values())),
     )
-    quiet = scenario.sensors == "ideal"
+    noise = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
 
     @cache
     def gramian() -> Array:
@@ -294,7 +300,7 @@ def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
         )
 
     identifiers = {
-        name: config.build(system, prior, scenario.dt, quiet, gramian)
+        name: config.build(system, prior, scenario.dt, noise, gramian)
         for name, config in {"": scenario.identifier, **scenario.rivals}.items()
     }
     return plant, prior, identifiers
@@ -315,7 +321,8 @@ def reopen(folder: Path, record: Record) -> Run:
 
 def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, int]:
     """The record's columns and their widths."""
-    own = {"t": 0, "q": m, "v": n, "u": n_u, "pivot": 0, "pe": 0, "pe_perp": 0}
+    own = {"t": 0, "q": m, "v": n, "u": n_u, "pivot": 0, "spent": 0, "pe": 0,
+           "pe_perp": 0}  # fmt: skip
     estimates = {"v_hat": n, "theta_hat": p}
     for name in rivals:
         estimates |= {f"v_hat_{name}": n, f"theta_hat_{name}": p}
@@ -415,13 +422,13 @@ class _Loop:
         own = states[""]
         pivot = own.pivot if np.isfinite(own.pivot) else 0.0
         self.writer.append(
-            now.t, now.q, now.v, now.u, pivot, self.monitor.level, self.monitor.level_perp,
-            *estimates,
+            now.t, now.q, now.v, now.u, pivot, own.spent, self.monitor.level,
+            self.monitor.level_perp, *estimates,
         )  # fmt: skip
 
     def _drifted(self, states: dict[str, State], conserved: dict[str, float]) -> bool:
         for name, law in self.identifiers.items():
-            now = float(law.conserved(states[name].theta_hat))
+            now = float(law.conserved(states[name].theta_hat)) + states[name].spent
             lost = states[name].status is not Status.completed  # it keeps its own reason
             if law.conserves and not lost and not abs(now / conserved[name] - 1) <= _DRIFT:
                 states[name] = states[name]._replace(status=Status.adaptation_too_fast)
@@ -432,7 +439,7 @@ class _Loop:
 
 
 def held_out(run: Run) -> Record | None:
-    """Drives a run's plant along another trajectory, without identifying.
+    """Drives a run's plant, as it is at the run's end, along another trajectory; no identifying.
 
     Returns:
         What was measured; None where the plant diverges, as it may where the run did.
@@ -442,7 +449,7 @@ def held_out(run: Run) -> Record | None:
     driver = scenario.excitation.build(plant.system, run.prior, np.random.default_rng(seed))
     steps = max(2, round(scenario.held_out / scenario.dt))
     with plant.running():
-        rows = list(trajectory(plant, driver, steps, None, Cost()))
+        rows = list(trajectory(plant, driver, steps, None, Cost(), run.ending.time))
     finite = all(np.isfinite(part).all() for row in rows for part in row[1:])
     if plant.diverged or not finite:
         return None

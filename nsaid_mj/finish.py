@@ -92,6 +92,8 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
     if summary["mismatch"]:
         words = "; ".join(summary["mismatch"])
         console.print(f"  not in the structure: {words}", soft_wrap=True)
+    if summary["fault"]:
+        console.print(f"  fault: {summary['fault']}", soft_wrap=True)
     identifiers = {metrics.OWN: summary, **summary["rivals"]}
     table = Table(box=None, pad_edge=False, padding=(0, 2))
     table.add_column("")

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from .confidence import known
 from .experiment import Run, Seeds, held_out
-from .identifiers import Identifier
+from .identifiers import Identifier, IdentifierConfig
 from .identifiers.nullspace_aid import NullspaceIdentifier
 from .nullspace import Nullspace, directions, regressor_stack, split, structural
-from .parameters import Array
+from .parameters import Array, ParameterSpace
 from .persistence import level
 from .record import Record
 from .system import SecondOrderSystem
@@ -42,7 +43,9 @@ FIGURES = (
 _UNKNOWN = (
     "r_excited", "theta_perp_ratio_initial", "theta_perp_ratio", "plant_direction_error",
     "actuator_ratio_error", "force_residual_ratio", "velocity_error_rms", "conserved_drift",
-    "lyapunov_violations", "pe_level", "pe_level_perp",
+    "lyapunov_violations", "pe_level", "pe_level_perp", "pe_share_perp",
+    "velocity_error_rms_initial", "excited_error_rms", "excited_error_rms_initial",
+    "confidence",
 )  # fmt: skip
 """What a run that ended before its first row does not know."""
 
@@ -75,10 +78,11 @@ def summarize(run: Run) -> dict[str, Any]:
         "rank_tolerance": nullspace.tolerance,
         "rank_gap": [float(s) for s in nullspace.gap],
         **found,
-        "law": "cone" if run.scenario.identifier.in_cone else "paper",
+        "law": law_of(run.scenario.identifier),
         "gamma": getattr(run.scenario.identifier, "gamma", "scale"),
         "sensors": run.scenario.sensors,
         "mismatch": mismatches(run),
+        "fault": run.plant.fault.told(system),
         "unobservable": [
             {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)}
             for d in directions(nullspace, system.space)
@@ -96,16 +100,22 @@ def summarize(run: Run) -> dict[str, Any]:
 
 def _findings(run: Run) -> dict[str, Any]:
     """What a record of at least one row tells, under the truth."""
-    record, system, truth = run.record, run.plant.system, run.plant.truth
-    nullspace, later, law = true_nullspace(run), held_out(run), run.identifiers[""]
-    V = lyapunov(system, law, record, truth)
+    record, system, truth = run.record, run.plant.system, true_theta(run)
+    later, law = held_out(run), run.identifiers[""]
+    V = energy(run)
     rises, bound = lyapunov_rises(V, law, record)
-    conserved = law.conserved(record["theta_hat"])
-    levels = persistence_levels(run, nullspace)
+    rises[np.diff(run.plant.struck(record["t"]))] = 0.0  # where the truth jumped, and V with it
+    stepped = law.implicit(record["t"])
+    if "" in run.states:
+        bound = bound + stepped * law.slack(run.states[""], truth)
+    else:
+        rises[stepped] = 0.0  # only a memory could judge its steps
+    conserved = kept(law, record)
+    levels = persistence_levels(run)
     margin, least_mass = assumption_46(run)
     return {
         "r_excited": excited_nullspace(run).r,
-        **judge(run, "", nullspace, later),
+        **judge(run, "", later),
         "conserved_drift": float(np.max(np.abs(conserved / conserved[0] - 1)))
         if law.conserves
         else None,
@@ -114,13 +124,16 @@ def _findings(run: Run) -> dict[str, Any]:
         "lyapunov_bound": float(np.max(bound, initial=0.0) / (V[0] or np.inf)),
         "pe_level": levels[0],
         "pe_level_perp": levels[1],
+        "pe_share_perp": levels[2],
+        **settling(run),
         "assumption_46_margin": margin,
         "least_mass_eigenvalue": least_mass,
         "least_estimated_pivot": float(record["pivot"][1:].min()) if len(record) > 1 else None,
         "rivals": {
-            name: judge(run, name, nullspace, later) | {"status": run.statuses[name].words}
+            name: judge(run, name, later) | {"status": run.statuses[name].words}
             for name in record.rivals
         },
+        "confidence": confidence(run),
         "parameters": [
             {"name": name, "unit": unit, "scale": float(s), "true": float(t), "prior": float(a),
              "estimate": float(b)}
@@ -142,6 +155,55 @@ def mismatches(run: Run) -> list[str]:
     return words
 
 
+def law_of(identifier: IdentifierConfig) -> str:
+    """`paper`, `cone` or `memory`; `paper` too where a law leaves the barrier out."""
+    law = getattr(identifier, "law", "paper")
+    return law if law != "cone" or identifier.in_cone else "paper"
+
+
+def kept(law: Identifier, record: Record) -> Array:
+    """(N,) the law's conserved quantity along a record, with what implicit steps have taken."""
+    return law.conserved(record["theta_hat"]) + record["spent"]
+
+
+def confidence(run: Run) -> dict[str, Any] | None:
+    """How well the run's own identifier says it knows every direction, and whether it is right.
+
+    None where the law does not say, or the run was read back from its record.
+    """
+    stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
+    if stated is None:
+        return None
+    system, theta = run.plant.system, run.record["theta_hat"][-1]
+    space = system.space
+    rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
+    found = known(stated, theta, structural(system, theta, rng), space)
+    return {
+        "directions": len(found.deviation),
+        "below_noise": int(found.below_noise.sum()),
+        "covered": found.covered(theta / space.scale, true_theta(run) / space.scale),
+        "deviation_median": float(np.median(found.deviation)),
+        "deviation_largest": float(found.deviation.max()),
+        "independent_samples": [float(blocks) for blocks in found.blocks],
+        "actuators": {
+            space.names[k]: float(s) for k, s in zip(space.actuators, found.actuators, strict=True)
+        },
+        "worst_known": [
+            {"deviation": float(s), "below_noise": bool(low), "parameters": leading(d, space)}
+            for s, low, d in zip(
+                found.deviation[:-6:-1], found.below_noise[:-6:-1], found.directions[:-6:-1],
+                strict=True,
+            )
+        ],
+    }  # fmt: skip
+
+
+def leading(direction: Array, space: ParameterSpace, count: int = 3) -> dict[str, float]:
+    """The parameters that a direction in θ/scale moves most, and by how much."""
+    most = np.argsort(-np.abs(direction))[:count]
+    return {space.names[i]: float(direction[i]) for i in most}
+
+
 def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """(what, remedy) of the unobservable directions; those of one parameter each in one line."""
     lines = summary["unobservable"]
@@ -153,19 +215,37 @@ def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return told
 
 
-@lru_cache(maxsize=1)
+def true_theta(run: Run) -> Array:
+    """(p,) the true θ at the run's end."""
+    return run.plant.truth_at(run.ending.time)
+
+
 def true_nullspace(run: Run) -> Nullspace:
-    """P_s(θ) of the run's plant under its true θ, structural: over all motions."""
+    """P_s(θ) of the run's plant under its true θ at the end, structural: over all motions."""
+    return _nullspace(run, bool(run.plant.struck(run.ending.time)))
+
+
+@lru_cache(maxsize=2)
+def _nullspace(run: Run, struck: bool) -> Nullspace:
     rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
-    return structural(run.plant.system, run.plant.truth, rng)
+    return structural(run.plant.system, true_theta(run) if struck else run.plant.truth, rng)
 
 
-def judge(run: Run, name: str, nullspace: Nullspace, later: Record | None) -> dict[str, Any]:
+def distance(run: Run, t: Array, theta_hat: Array) -> Array:
+    """(N,) ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (N, p), each under the true θ of its time t (N,)."""
+    struck, theta_s = run.plant.struck(t), theta_hat / run.plant.system.space.scale
+    ratio = np.empty(len(t))
+    for state in np.unique(struck):
+        ratio[struck == state] = _nullspace(run, bool(state)).ratio(theta_s[struck == state])
+    return ratio
+
+
+def judge(run: Run, name: str, later: Record | None) -> dict[str, Any]:
     """How near one identifier's last estimate is to the true set, and how well it predicts."""
     suffix = f"_{name}" if name else ""
-    record, system, truth = run.record, run.plant.system, run.plant.truth
+    record, system, truth = run.record, run.plant.system, true_theta(run)
     theta = record[f"theta_hat{suffix}"]
-    ratio = nullspace.ratio(theta[[0, -1]] / system.space.scale)
+    ratio = distance(run, record["t"][[0, -1]], theta[[0, -1]])
     dv = record[f"v_hat{suffix}"] - record["v"]
     return {
         "theta_perp_ratio": float(ratio[1]),
@@ -219,6 +299,14 @@ def force_residual_ratio(
     Returns:
         None where the plant has no later trajectory, or is not driven on it.
     """
+    rows = held_out_rows(system, later, truth)
+    return None if rows is None else residual_ratio(*rows, theta_hat)
+
+
+def held_out_rows(
+    system: SecondOrderSystem, later: Record | None, truth: Array | None
+) -> tuple[Array, Array] | None:
+    """(k, n, p) W and its actuator columns alone, on a later trajectory; see the ratio above."""
     if later is None:
         return None
     stride = _stride(later, system)
@@ -227,12 +315,41 @@ def force_residual_ratio(
         a = system.acceleration(t, x, v, u, truth)
     else:
         t, x, v, u, a = _half_way(later, system, stride)
-    residual = system.regressor(t, x, v, a, u) @ theta_hat
-    k = system.space.actuators
-    force = system.F(t, x, u)[..., k] @ theta_hat[k]
+    actuation, k = np.zeros(system.p), system.space.actuators
+    actuation[k] = 1.0
+    return system.regressor(t, x, v, a, u), system.F(t, x, u) * actuation
+
+
+def residual_ratio(W: Array, actuation: Array, theta_hat: Array) -> float | None:
+    """rms of W θ̂ over rms of the actuator forces; None where there are none."""
+    force = actuation @ theta_hat
     if not force.any():
         return None
-    return float(np.sqrt(np.mean(residual**2) / np.mean(force**2)))
+    return float(np.sqrt(np.mean((W @ theta_hat) ** 2) / np.mean(force**2)))
+
+
+class Judge:
+    """Judges any method's estimates of one plant, after the fact, by the same figures.
+
+    Args:
+        run: whose plant it is; its identifiers and its record are not looked at.
+    """
+
+    def __init__(self, run: Run):
+        self._system, self._truth = run.plant.system, true_theta(run)
+        self._nullspace = true_nullspace(run)
+        self._rows = held_out_rows(
+            self._system, held_out(run), None if run.plant.mismatches else self._truth
+        )
+
+    def __call__(self, theta_hat: Array) -> dict[str, float | None]:
+        """Distance to the true set, error of the actuators' shares, and force residual."""
+        system = self._system
+        return {
+            "theta_perp_ratio": float(self._nullspace.ratio(theta_hat / system.space.scale)),
+            "actuator_ratio_error": actuator_ratio_error(system, theta_hat, self._truth),
+            "force_residual_ratio": residual_ratio(*self._rows, theta_hat) if self._rows else None,
+        }
 
 
 def _half_way(
@@ -262,6 +379,15 @@ def lyapunov(system: SecondOrderSystem, law: Identifier, record: Record, truth: 
     return 0.5 * kinetic + law.divergence(truth, record["theta_hat"])
 
 
+def energy(run: Run) -> Array:
+    """(N,) V of the scenario's own identifier, under the true θ of each row's time."""
+    system, law, record = run.plant.system, run.identifiers[""], run.record
+    V, struck = lyapunov(system, law, record, run.plant.truth), run.plant.struck(record["t"])
+    if not struck.any():
+        return V
+    return np.where(struck, lyapunov(system, law, record, true_theta(run)), V)
+
+
 def lyapunov_rises(V: Array, law: Identifier, record: Record) -> tuple[Array, Array]:
     """By how much V rose from each row to the next, and what the integrator may be blamed for.
 
@@ -273,14 +399,58 @@ def lyapunov_rises(V: Array, law: Identifier, record: Record) -> tuple[Array, Ar
     but for Δθ in place of θ̂. The bound is that measured defect over the run, per row, plus the
     rounding of V itself.
     """
-    conserved = law.conserved(record["theta_hat"])
+    conserved = kept(law, record)
     defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
     rounding = 8 * np.finfo(float).eps * np.maximum(V[1:], conserved[1:])
     return np.diff(V), defect + rounding
 
 
-def persistence_levels(run: Run, nullspace: Nullspace) -> tuple[float, float]:
-    """Smallest ε₀ of (2) for W(t, x, v̂, θ̂) and of (75) over the run's whole windows, or 0."""
+def settling(run: Run) -> dict[str, float]:
+    """What Theorem 1 (70) and Lemma 1 (74) send to 0: rms over the first tenth and the last [SI].
+
+    `velocity_error` is Δv, whose last tenth `judge` has; `excited_error` is W(t, x, v, θ) θ̂, which
+    is W(t, x, v, θ) P̄_⊥ θ̄_P⊥.
+    """
+    record, system = run.record, run.plant.system
+    stride = _stride(record, system)
+    t, x, v, u = _states(record, stride)
+    a = _acceleration(run, t, x, v, u)
+    W = system.regressor(t, x, v, a, u)
+    error = np.einsum("kij,kj->ki", W, record["theta_hat"][::stride])
+    first, last = _first_and_last(error)
+    return {
+        "velocity_error_rms_initial": _first_and_last(record["v_hat"] - record["v"])[0],
+        "excited_error_rms_initial": first,
+        "excited_error_rms": last,
+    }
+
+
+def _acceleration(run: Run, t: Array, x: Array, v: Array, u: Array) -> Array:
+    """(N, n) the true v̇ of (29) at rows of a run, each under the true θ of its time."""
+    system, struck = run.plant.system, run.plant.struck(t)
+    a = system.acceleration(t, x, v, u, run.plant.truth)
+    if struck.any():
+        late = t[struck], x[struck], v[struck], u[struck]
+        a[struck] = system.acceleration(*late, true_theta(run))
+    return a
+
+
+def _first_and_last(error: Array) -> tuple[float, float]:
+    """rms of an error (N, n) over the first and the last tenth of its rows."""
+    tenth = max(1, len(error) // 10)
+    first, last = (float(np.sqrt(np.mean(part**2))) for part in (error[:tenth], error[-tenth:]))
+    return first, last
+
+
+def persistence_levels(run: Run) -> tuple[float, float, float | None]:
+    """Smallest ε₀ of (2) for W(t, x, v̂, θ̂) and of (75) over the run's whole windows, or 0.
+
+    A window in which the truth jumps does not count.
+
+    Returns:
+        Both levels [N·m·s]; the smallest share that (75)'s has of (δ₀ ∫ ‖W‖² dτ)^½ of its window,
+        all excitation in it. None where no whole window has rows enough for every direction.
+    """
     scenario, record, system = run.scenario, run.record, run.plant.system
     rows = round(scenario.pe_window / (scenario.dt * scenario.record_every))
     stride = max(1, rows // _WINDOW_ROWS)
@@ -290,24 +460,36 @@ def persistence_levels(run: Run, nullspace: Nullspace) -> tuple[float, float]:
     per_window = max(1, rows // stride)
     full: list[float] = []
     perpendicular: list[float] = []
+    shares: list[float] = []
     for start in range(0, len(t) - per_window + 1, per_window):
         k = slice(start, start + per_window)
-        a = system.acceleration(t[k], x[k], v[k], u[k], run.plant.truth)
+        struck = run.plant.struck(t[k])
+        if struck[0] != struck[-1]:
+            continue
+        a = _acceleration(run, t[k], x[k], v[k], u[k])
         W = system.regressor(t[k], x[k], v[k], a, u[k]) * system.space.scale
-        perpendicular.append(level(W, dt, nullspace.P_perp))
+        P_perp = _nullspace(run, bool(struck[0])).P_perp
+        perpendicular.append(level(W, dt, P_perp))
+        if W.shape[0] * W.shape[1] >= P_perp.shape[1]:
+            everything = np.sqrt(len(W)) * dt * np.linalg.norm(W)
+            shares.append(perpendicular[-1] / (everything or np.inf))
         a_hat = np.array([system.acceleration(*sample) for sample in
                           zip(t[k], x[k], v_hat[k], u[k], theta_hat[k], strict=True)])  # fmt: skip
         full.append(
             level(system.regressor(t[k], x[k], v_hat[k], a_hat, u[k]) * system.space.scale, dt)
         )
-    return (min(full), min(perpendicular)) if full else (0.0, 0.0)
+    if not full:
+        return 0.0, 0.0, None
+    return min(full), min(perpendicular), float(min(shares)) if shares else None
 
 
 def excited_nullspace(run: Run) -> Nullspace:
-    """The directions that this run's own motion has left unexcited."""
+    """The directions that this run's own motion has left unexcited, since the fault if any."""
     system = run.plant.system
     t, x, v, u = _states(run.record, _stride(run.record, system))
-    a = system.acceleration(t, x, v, u, run.plant.truth)
+    k = run.plant.struck(t) == run.plant.struck(t[-1])
+    t, x, v, u = t[k], x[k], v[k], u[k]
+    a = system.acceleration(t, x, v, u, true_theta(run))
     W = system.regressor(t, x, v, a, u) * system.space.scale
     return split(W.reshape(-1, system.p))
 

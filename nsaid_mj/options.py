@@ -32,13 +32,16 @@ class Output:
     live: bool = False
 
 
-def parse(name: str, default: Scenario, arguments: Sequence[str]) -> tuple[Scenario, Output]:
+def parse(
+    name: str, default: Scenario, arguments: Sequence[str], command: str = "run"
+) -> tuple[Scenario, Output]:
     """A scenario with fields replaced by flags, and what becomes of the run.
 
     Args:
         name: of the scenario, for the help text.
         default: the scenario as its script has it.
         arguments: the command line after the name.
+        command: of `nsaid`, for the help text.
     """
 
     def together(
@@ -49,7 +52,7 @@ def parse(name: str, default: Scenario, arguments: Sequence[str]) -> tuple[Scena
 
     return tyro.cli(
         together,
-        prog=f"nsaid run {name}",
+        prog=f"nsaid {command} {name}",
         args=[_full(argument, default) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
     )

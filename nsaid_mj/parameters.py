@@ -19,7 +19,7 @@ from .errors import InvalidInput, UnknownName
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Geometry = Literal["free", "positive", "pseudo_inertia", "spd"]
+Geometry = Literal["free", "positive", "pseudo_inertia", "spd", "tied"]
 
 _SIZES = {"pseudo_inertia": 10}
 
@@ -50,8 +50,11 @@ class Block:
         scale: (k,) what an engineer would guess beforehand, in these units, > 0.
         geometry: which values are physical: `free` any, `positive` > 0, `pseudo_inertia` the ten
             inertial parameters of one link, `spd` the upper triangle of a symmetric positive
-            definite matrix.
+            definite matrix, `tied` the numbers that such a matrix is made of by `entries`.
         actuator: whether the block scales commands (motors, thrusters, fins, nozzles, wheels).
+        entries: where the geometry is `tied`, rows (i, j, l, value), i ≥ j: the matrix has
+            value · θ_l at i, j and j, i, and is 0 elsewhere. Each θ_l is on its diagonal, there
+            with values > 0, or off it.
     """
 
     name: str
@@ -60,6 +63,7 @@ class Block:
     scale: Array
     geometry: Geometry = "free"
     actuator: bool = False
+    entries: tuple[tuple[int, int, int, float], ...] = ()
 
     def __post_init__(self) -> None:
         k = len(self.names)
@@ -77,11 +81,35 @@ class Block:
             raise InvalidInput(
                 "names", f"{_SIZES[self.geometry]} names for {self.geometry}", k, remedy
             )
+        if (self.geometry == "tied" or self.entries) and (wrong := self._untied()):
+            raise InvalidInput(
+                "entries", "a symmetric matrix of all parameters, if tied", wrong, remedy
+            )
         scale.flags.writeable = False
         object.__setattr__(self, "scale", scale)
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def _untied(self) -> str:
+        """What is wrong with `entries`; empty where nothing is."""
+        if self.geometry != "tied":
+            return f"entries for {self.geometry}"
+        if any(len(entry) != 4 for entry in self.entries):
+            return "a row that is not (i, j, l, value)"
+        places = [(i, j) for i, j, _, _ in self.entries]
+        on = {at for i, j, at, _ in self.entries if i == j}
+        off = {at for i, j, at, _ in self.entries if i != j}
+        for entry in self.entries:
+            i, j, at, value = entry
+            whole = 0 <= j <= i and 0 <= at < len(self) and places.count((i, j)) == 1
+            if not (whole and np.isfinite(value) and (value > 0 if i == j else value != 0)):
+                return f"{entry}"
+        for at, name in enumerate(self.names):
+            if (at in on) == (at in off):
+                return f"{name} on the diagonal and off it" if at in on else f"none for {name}"
+        order = 1 + max(i for i, _ in places)
+        return "" if sum(i == j for i, j in places) == order else "a gap in the diagonal"
 
 
 @dataclass(frozen=True)

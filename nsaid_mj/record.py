@@ -84,9 +84,9 @@ class Record:
 
     Attributes:
         columns: name to array: `t` (N,) [s], `q` (N, m), `v` (N, n), `u` (N, n_u) the command from
-            t on, `v_hat` (N, n), `theta_hat` (N, p), `pivot` (N,) M̂'s smallest pivot, `pe` and
-            `pe_perp` (N,) the online levels of (2) and (75); for every rival R also `v_hat_R` and
-            `theta_hat_R`.
+            t on, `v_hat` (N, n), `theta_hat` (N, p), `pivot` (N,) M̂'s smallest pivot, `spent` (N,)
+            what implicit steps have taken from the conserved quantity, `pe` and `pe_perp` (N,) the
+            online levels of (2) and (75); for every rival R also `v_hat_R` and `theta_hat_R`.
         metadata: `scenario` (JSON text), `names`, `units`, `scale`, `r`, `versions`.
         complete: whether the stream was closed; a killed run's is not.
     """

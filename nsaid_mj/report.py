@@ -46,6 +46,8 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
     mismatch = "".join(f"<li>{html.escape(words)}</li>" for words in summary["mismatch"])
     if mismatch:
         ended += f"<h2>What the structure does not know</h2><ul>{mismatch}</ul>"
+    if summary["fault"]:
+        ended += f"<h2>Fault</h2><p>{html.escape(summary['fault'])}</p>"
     versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())
     page = f"""<!doctype html><html lang="en"><meta charset="utf-8">
 <meta name="viewport" content="width=device-width"><title>{name}</title><style>{_STYLE}</style>
@@ -90,16 +92,15 @@ def _figures(summary: dict[str, Any]) -> str:
 
 def _curves(run: Run) -> str:
     """The run's curves as a PNG in a data URL."""
-    record, system = run.record, run.plant.system
+    record = run.record
     k = slice(None, None, max(1, len(record) // _POINTS))
-    t, scale, truth = record["t"][k], system.space.scale, run.plant.truth
-    nullspace = metrics.true_nullspace(run)
+    t, truth = record["t"][k], run.plant.truth_at(record["t"][k])
     figure, axes = plt.subplots(2, 2, figsize=(12, 7), sharex=True, constrained_layout=True)
     (distance, gains), (error, energy) = axes
     for name, colour in zip(["", *record.rivals], _COLOURS, strict=False):
         suffix, label = (f"_{name}", name) if name else ("", metrics.OWN)
-        theta_s = record[f"theta_hat{suffix}"][k] / scale
-        distance.semilogy(t, nullspace.ratio(theta_s), color=colour, label=label)
+        ratio = metrics.distance(run, t, record[f"theta_hat{suffix}"][k])
+        distance.semilogy(t, ratio, color=colour, label=label)
         dv = record[f"v_hat{suffix}"][k] - record["v"][k]
         error.semilogy(t[1:], np.sqrt(np.mean(dv[1:] ** 2, axis=1)), color=colour, lw=0.8)
     distance.set_ylabel("‖θ̄_P⊥‖ / ‖θ̂‖")
@@ -108,14 +109,12 @@ def _curves(run: Run) -> str:
         distance.legend()
     error.set_ylabel("rms Δv [rad/s or m/s]")
     error.set_xlabel("t [s]")
-    actuators = system.space.actuators
-    ratio = record["theta_hat"][k][:, actuators] / truth[actuators]
+    actuators = run.plant.system.space.actuators
+    ratio = record["theta_hat"][k][:, actuators] / truth[:, actuators]
     gains.plot(t, ratio / ratio.mean(axis=1, keepdims=True), lw=1)
     gains.set_ylabel("k̂/k over its mean")
     gains.set_title("actuator gains, up to the common scale: 1 is right")
-    law = run.identifiers[""]
-    V = metrics.lyapunov(system, law, record, truth)[k]
-    energy.semilogy(t, V, color=_COLOURS[0])
+    energy.semilogy(t, metrics.energy(run)[k], color=_COLOURS[0])
     energy.set_ylabel("Lyapunov function V [J]")
     energy.set_xlabel("t [s]")
     for axis in axes.ravel():

@@ -12,8 +12,8 @@ import numpy as np
 
 from .control import DriverConfig, FourierTracking
 from .errors import InvalidInput
-from .identifiers import IdentifierConfig, NullspaceAID
-from .plants import ArmPlant, Mismatch, PlantConfig, SensorNoise
+from .identifiers import IdentifierConfig, MemoryConfig, NullspaceAID
+from .plants import ArmPlant, Fault, Mismatch, PlantConfig, SensorNoise
 
 _TYPE = "$type"  # in JSON; no field or rival can be called so
 _OTHER = "Is it from another version of nsaid-mj?"
@@ -147,7 +147,7 @@ def _decode(value: Any) -> Any:
 
 def _parts() -> dict[str, type]:
     """All types a scenario may be made of, those of a loaded script among them."""
-    found: list[type] = [Scenario, SensorNoise, Mismatch]
+    found: list[type] = [Scenario, SensorNoise, Mismatch, Fault, MemoryConfig]
     waiting: list[type] = [PlantConfig, DriverConfig, IdentifierConfig]
     while waiting:
         subclasses = waiting.pop().__subclasses__()

@@ -21,6 +21,8 @@ from .errors import InvalidInput
 from .kernels import evaluate
 from .parameters import Array, Indices, ParameterSpace, finite
 
+DIFFERENCE = 1e-5  # of the central differences along v [s·(1 + |v|)]
+
 
 class Measurement(NamedTuple):
     """All an identifier ever sees, in the system's own coordinates.
@@ -36,6 +38,26 @@ class Measurement(NamedTuple):
     q: Array
     v: Array
     u: Array
+
+
+class SensorLevels(NamedTuple):
+    """What sensors are said to be off by: standard deviations, independent from sample to sample.
+
+    Attributes:
+        position: of every position number [rad or m].
+        velocity: of every velocity [rad/s or m/s].
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether positions may be differentiated."""
+        return self.position == 0 and self.velocity == 0
+
+
+EXACT = SensorLevels()
 
 
 class ConstantInertia(NamedTuple):
@@ -118,6 +140,16 @@ class SecondOrderSystem(ABC):
     def _mass_tensor(self, q: Array) -> Array:
         """(n, n, p), entry [j] is W_M(q, e_j): M(q, θ) = tensor · θ for every θ."""
         return np.stack([self._W_M(q, e) for e in np.eye(self.n)])
+
+    def _transport(self, q: Array, v: Array) -> Array:
+        """(n, p) regressor of C(x)ᵀ v = Ṁ v − C v, so that d/dt(M v) = F θ + Cᵀ v.
+
+        Ṁ v by central differences along v here, good to about 1e-10 of it; override where it has
+        a closed form.
+        """
+        step = DIFFERENCE / (1.0 + np.abs(v).max(initial=0.0))
+        ahead, behind = self.integrate(q, step * v), self.integrate(q, -step * v)
+        return (self._W_M(ahead, v) - self._W_M(behind, v)) / (2 * step) - self._W_C(q, v, v)
 
     # -- what follows, for one sample or batches -----------------------------------------------
 

@@ -16,7 +16,8 @@ FILES = {
     if path != PACKAGE / "__init__.py"
 }
 HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"}
-SHOWING = {"cli", "finish", "metrics", "options", "progress", "recording", "report"}
+SHOWING = {"cli", "compare", "compare_plots", "finish", "metrics", "options", "progress",
+           "recording", "report", "verify"}  # fmt: skip
 RUNNING = {"plants", "scenario", "experiment", "record"} | SHOWING
 
 
@@ -71,6 +72,9 @@ def test_the_package_itself_is_weightless():
         ("rehearsal", {"errors", "parameters", "kernels", "system", "rehearsal"}),
         ("identifiers",
          {"errors", "parameters", "kernels", "spatial", "cone", "system", "identifiers"}),
+        ("baselines",
+         {"errors", "parameters", "kernels", "spatial", "cone", "system", "nullspace",
+          "identifiers", "baselines"}),
     ],
 )  # fmt: skip
 def test_the_lower_parts_know_arrays_and_the_protocol_only(module, allowed):
@@ -113,7 +117,7 @@ def test_the_upper_parts_import_one_way(module, forbidden):
         ("rerun", {"recording"}),
         ("tyro", {"options", "cli"}),
         ("pinocchio", {"plants", "systems", "recording"}),
-        ("matplotlib", {"report"}),
+        ("matplotlib", {"report", "compare_plots"}),
         ("pyarrow", {"record", "recording"}),
     ],
 )
@@ -151,21 +155,28 @@ def test_identifiers_are_numpy_and_numba():
             assert foreign <= {"numpy", "numba"}, module
 
 
+def test_baselines_are_numpy_and_scipy():
+    for module, path in FILES.items():
+        if part(module) == "baselines":
+            foreign = written(path) - set(sys.stdlib_module_names) - {"."}
+            assert foreign <= {"numpy", "scipy"}, module
+
+
 # -- the wall --------------------------------------------------------------------------------
 
 
 def readers_of_truth(path: Path) -> set[str]:
-    """The functions of a file that read an attribute called `truth`."""
+    """The functions of a file that read an attribute called `truth` or `truth_at`."""
     tree, found = ast.parse(path.read_text(encoding="utf-8")), set()
 
     def visit(node: ast.AST, function: str) -> None:
         nonlocal found
         if isinstance(node, ast.FunctionDef):
             function = function or node.name
-        if isinstance(node, ast.Attribute) and node.attr == "truth":
+        if isinstance(node, ast.Attribute) and node.attr in {"truth", "truth_at"}:
             attribute = ast.unparse(node)  # `seeds.truth` is a stream of seeds, no true number
             found |= set() if attribute == "seeds.truth" else {function}
-        if isinstance(node, ast.Constant) and node.value == "truth":  # getattr(plant, "truth")
+        if isinstance(node, ast.Constant) and node.value in {"truth", "truth_at"}:  # getattr
             found.add(function)
         for child in ast.iter_child_nodes(node):
             visit(child, function)

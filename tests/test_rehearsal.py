@@ -218,14 +218,14 @@ def test_a_motion_that_excites_nothing_has_no_gain():
     with pytest.raises(InvalidInput) as caught, np.errstate(all="ignore"):
         system = ScalarRovPlant().build(1e-2, 0).system
         law = NullspaceAID(gamma="simulated")
-        law.build(system, np.ones(4), 0.01, True, lambda: np.zeros((4, 4)))
+        law.build(system, np.ones(4), 0.01, gramian=lambda: np.zeros((4, 4)))
     assert caught.value.remedy
 
 
 def test_without_a_driver_there_is_nothing_to_simulate():
     plant = ScalarRovPlant().build(1e-2, 0)
     with pytest.raises(InvalidInput) as caught:
-        NullspaceAID(gamma="simulated").build(plant.system, plant.truth, 0.01, True)
+        NullspaceAID(gamma="simulated").build(plant.system, plant.truth, 0.01)
     assert caught.value.name == "gamma" and caught.value.remedy
 
 
@@ -238,7 +238,7 @@ def test_the_gain_gives_every_direction_one_rate():
     values = np.r_[1e-6, np.geomspace(0.1, 10, p - 1)]
     H = (axes * values) @ axes.T
     law = NullspaceAID(K=6.0, gamma="simulated", rate=0.2, floor=1e-3)
-    identifier = law.build(system, plant.truth, 0.01, True, lambda: 0.5 * (H + H.T))
+    identifier = law.build(system, plant.truth, 0.01, gramian=lambda: 0.5 * (H + H.T))
     assert isinstance(identifier, NullspaceIdentifier) and identifier.Gamma.shape == (p, p)
     scale = system.space.scale
     rates = axes.T @ (identifier.Gamma / np.outer(scale, scale)) @ H @ axes / 6.0
@@ -251,7 +251,7 @@ def test_a_gain_by_scale_needs_no_rehearsal():
 
     plant = ScalarRovPlant().build(1e-2, 0)
     law = NullspaceAID(gamma="scale", gain=0.5)
-    identifier = law.build(plant.system, plant.truth, 0.01, True, never)
+    identifier = law.build(plant.system, plant.truth, 0.01, gramian=never)
     assert isinstance(identifier, NullspaceIdentifier)
     assert (identifier.Gamma == 0.5 * plant.system.space.scale**2).all()
 

@@ -24,13 +24,14 @@ from nsaid_mj.control import (
     SwimAndReach,
 )
 from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.identifiers import ConventionalAID, NullspaceAID
+from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID
 from nsaid_mj.plants import (
     ArmPlant,
     AstrobeePlant,
     BlueROV2Plant,
     BMW320iPlant,
     F1TenthPlant,
+    Fault,
     FloatingBasePlant,
     FlyingArmPlant,
     Mismatch,
@@ -151,7 +152,7 @@ WET = Scenario(plant=BlueROV2Plant(), excitation=MultisineCommand())
 def test_the_hash_changes_with_any_field(scenario):
     others = list(changed(scenario, ""))
     leaves = scenario.to_json().count('": ') - scenario.to_json().count('"$type": ')
-    assert len(others) >= leaves - 8  # at least one for each number (the rest are containers)
+    assert len(others) >= leaves - 9  # at least one for each number (the rest are containers)
     for other in others:
         assert other != scenario
         same(other)
@@ -238,9 +239,17 @@ BAD = {
         "gamma": ["best"], "law": ["newton"], "barrier": [-1.0, NAN, INF],
         "rate": NOT_POSITIVE, "floor": [0.0, -0.1, 1.01, NAN],
     },
+    MemoryConfig: {
+        "window": NOT_POSITIVE, "block": NOT_POSITIVE, "interval": NOT_POSITIVE,
+        "pace": NOT_POSITIVE, "anchor": [-1.0, NAN, INF], "horizon": [-1.0, NAN, INF],
+        "surprise": [-1.0, NAN, INF],
+    },
     Mismatch: {
         "lag": [-1.0, NAN, INF], "delay": [-1.0, NAN, INF], "fluid": ["honey"],
         "flow": [(1.0, 2.0), (0.0, 0.0, NAN), ("a", "b", "c")],
+    },
+    Fault: {
+        "loss": [-0.1, 1.0, NAN], "actuator": [0, -1, 1.5], "time": [-1.0, NAN, INF],
     },
     BlueROV2Plant: {"spread": [-0.1, 1.0, NAN]},
     AstrobeePlant: {"spread": [-0.1, 1.0, NAN]},
@@ -300,7 +309,7 @@ def use(part) -> None:
     """Makes what a part of a scenario describes, as a run would before its first step."""
     scalar = plant(ScalarRovPlant())
     if isinstance(part, NullspaceAID | ConventionalAID):
-        part.build(scalar.system, scalar.truth, 1e-3, True)
+        part.build(scalar.system, scalar.truth, 1e-3)
     elif isinstance(part, DriverConfig):
         config = DRIVEN.get(type(part), ArmPlant(robot="double_pendulum"))
         part.build(plant(config).system, plant(config).truth, np.random.default_rng(0))
@@ -322,7 +331,7 @@ def test_a_bad_field_is_named_before_the_run(part, field, value):
 
 @pytest.mark.parametrize("part", BAD, ids=lambda part: part.__name__)
 def test_every_field_has_its_bad_values_and_the_default_is_good(part):
-    parts = {"plant", "excitation", "identifier", "noise", "robot", "mismatch"}
+    parts = {"plant", "excitation", "identifier", "noise", "robot", "mismatch", "fault", "memory"}
     assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
     default = part(known=("mass",)) if part is ConventionalAID else part()
     use(default)

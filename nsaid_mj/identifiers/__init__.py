@@ -1,8 +1,10 @@
 """Identifiers: one file per law, over one engine. numpy and numba only."""
 
+from .base import Confidence as Confidence
 from .base import Identifier as Identifier
 from .base import IdentifierConfig as IdentifierConfig
 from .base import State as State
 from .base import Status as Status
 from .conventional import ConventionalAID as ConventionalAID
 from .design import NullspaceAID as NullspaceAID
+from .memory import MemoryConfig as MemoryConfig

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
+import numpy as np
+
 from ..parameters import Array
-from ..system import Instant, Measurement, SecondOrderSystem
+from ..system import EXACT, Instant, Measurement, SecondOrderSystem, SensorLevels
+from .memory import Memory
 
 
 class Status(Enum):
@@ -50,6 +53,8 @@ class State(NamedTuple):
             positive definite.
         status: `completed` as long as the estimate may go on.
         instant: the system at the last measured state, to be used again by the next step.
+        memory: of past data, for laws that have one.
+        spent: what the memory's implicit steps have taken from the conserved quantity.
     """
 
     t: float
@@ -58,6 +63,22 @@ class State(NamedTuple):
     pivot: float
     status: Status
     instant: Instant
+    memory: Memory | None = None
+    spent: float = 0.0
+
+
+class Confidence(NamedTuple):
+    """What is known of how far off an estimate may be.
+
+    Attributes:
+        covariance: (p, p) of θ̂, the scale held.
+        prior: (p, p) the same before any data.
+        blocks: (n,) independent samples in each row of the momentum balance.
+    """
+
+    covariance: Array
+    prior: Array
+    blocks: Array
 
 
 class Identifier(ABC):
@@ -87,6 +108,21 @@ class Identifier(ABC):
         """(...,) the second term of V (66) at θ (p,) and estimates (..., p): ½ Δθᵀ Γ⁻¹ Δθ."""
         return 0.5 * self.conserved(theta_hat - theta)
 
+    def implicit(self, t: Array) -> np.ndarray:
+        """(N−1,) between which of the times (N,) of a run lies an implicit step of a memory."""
+        return np.zeros(max(0, len(t) - 1), dtype=bool)
+
+    def slack(self, state: State, theta: Array) -> float:
+        """By how much V may rise in a step up to `state` because θ (p,) is not quite what data say.
+
+        0 for a law without a memory; sensors' noise and the quadrature's error make it more.
+        """
+        return 0.0
+
+    def confidence(self, state: State) -> Confidence | None:
+        """What is known of the estimate's error; None for a law that does not say."""
+        return None
+
 
 Expected = Callable[[], Array]
 
@@ -106,7 +142,7 @@ class IdentifierConfig(ABC):
         system: SecondOrderSystem,
         prior: Array,
         dt: float,
-        quiet: bool,
+        noise: SensorLevels = EXACT,
         gramian: Expected | None = None,
     ) -> Identifier:
         """Makes the identifier.
@@ -115,7 +151,7 @@ class IdentifierConfig(ABC):
             system: the structure it knows.
             prior: (p,) θ̂(0).
             dt: time between measurements [s].
-            quiet: whether positions are exact enough to be differentiated.
+            noise: what the sensors are said to be off by.
             gramian: gives (p, p) the expected mean of S Wᵀ M⁻¹ W S under the prior, for laws whose
                 gain is designed by it. It is costly, so it is asked for only where needed.
         """

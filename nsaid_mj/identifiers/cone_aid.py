@@ -11,59 +11,73 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..cone import (
-    barrier,
-    chart_rate,
-    cone_of,
-    coordinates,
-    from_chart,
-    gradient_and_hessian,
-    inside,
-    to_chart,
-)
+from ..cone import barrier, cone_of, coordinates, gradient_and_hessian, inside
 from ..errors import InvalidInput
-from ..kernels import cholesky, solve, times
+from ..kernels import times
 from ..parameters import Array
 from ..system import Instant, Measurement, SecondOrderSystem
 from .base import State
+from .chart import confine, from_chart, natural_rate, to_chart
 from .nullspace_aid import NullspaceIdentifier, body_gradient
 
 
 @njit(cache=True)
-def cone_rate(cone, inverse_gain, mu, eta, theta, gradient):
-    """(p,) η̇ of (45) with Γ replaced by (Γ⁻¹ + μ ∇²b(θ̂))⁻¹."""
-    _, metric = gradient_and_hessian(cone, theta)
-    metric = inverse_gain + mu * metric
-    L = np.zeros(metric.shape)
-    cholesky(metric, L)
-    return chart_rate(cone, eta, solve(L, gradient))
+def begin(cone, v_hat, theta_hat):
+    """(n+p,) z = (v̂, η) where a step begins."""
+    return np.concatenate((v_hat, to_chart(cone, theta_hat)))
+
+
+@njit(cache=True)
+def body_stage(
+    start, total, z, theta, v, a_hat, gradient, weight, reach, K, cone, pairing, stiffness, mu
+):  # fmt: skip
+    """Adds a stage's rates to RK4's total; returns the next z = (v̂, η) and θ̂, at last the end's.
+
+    The metric of (45) is Γ⁻¹ + μ ∇²b(θ̂), and the rate of θ̂ is carried into the chart.
+    """
+    n = v.shape[0]
+    rate = np.empty(z.shape[0])
+    rate[:n] = a_hat - times(K, z[:n] - v)  # (44)
+    rate[n:] = natural_rate(cone, z[n:], theta, stiffness, mu, gradient)  # (45)
+    total += weight * rate
+    z = start + reach * rate if reach > 0.0 else total
+    confine(cone, start[n:], z[n:])
+    return z, from_chart(cone, z[n:], pairing)
+
+
+@njit(cache=True)
+def stage(start, total, z, theta, v, a_hat, W, weight, reach, K, cone, pairing, stiffness, mu):
+    """The same from the regressor W (n, p) in place of Wᵀ Δv."""
+    gradient = np.dot(z[: v.shape[0]] - v, W)
+    return body_stage(
+        start, total, z, theta, v, a_hat, gradient, weight, reach, K, cone, pairing, stiffness, mu
+    )
 
 
 @njit(cache=True)
 def cone_body_step(
-    entries, values, group, F0, F1, F2, v0, v1, v2, v_hat, theta_hat, dt, K, cone, dual,
-    inverse_gain, mu,
+    entries, values, group, F0, F1, F2, v0, v1, v2, v_hat, theta_hat, dt,
+    K, cone, pairing, stiffness, mu,
 ):  # fmt: skip
     """One RK4 step in the cone's chart for a body with M constant in its frame."""
     n = v_hat.shape[0]
-    start = np.concatenate((v_hat, to_chart(cone, theta_hat)))
-    z, end, smallest = start, start.copy(), np.inf
+    start = begin(cone, v_hat, theta_hat)
+    z, theta, total, smallest = start, theta_hat, start.copy(), np.inf
     for F, v, weight, reach in (
         (F0, v0, dt / 6, dt / 2),
         (F1, v1, dt / 3, dt / 2),
         (F1, v1, dt / 3, dt),
         (F2, v2, dt / 6, 0.0),
     ):
-        theta = from_chart(cone, z[n:], dual)
         a_hat, gradient, pivot = body_gradient(entries, values, group, F, v, z[:n], theta)
         if not pivot > 0.0:
             return v_hat, theta_hat, pivot
         smallest = min(smallest, pivot)
-        rate = cone_rate(cone, inverse_gain, mu, z[n:], theta, gradient)
-        slope = np.concatenate((a_hat - times(K, z[:n] - v), rate))
-        end += weight * slope
-        z = start + reach * slope
-    return end[:n].copy(), from_chart(cone, end[n:], dual), smallest
+        z, theta = body_stage(
+            start, total, z, theta, v, a_hat, gradient, weight, reach,
+            K, cone, pairing, stiffness, mu,
+        )  # fmt: skip
+    return z[:n].copy(), theta, smallest if inside(cone, theta) else np.nan
 
 
 class ConeIdentifier(NullspaceIdentifier):
@@ -96,10 +110,8 @@ class ConeIdentifier(NullspaceIdentifier):
         if not (np.isfinite(mu) and mu > 0):
             raise InvalidInput("mu", "a weight > 0", mu, "0 is the paper's law: --law paper.")
         self.mu, self.cone = float(mu), cone_of(system.space)
-        self._dual = coordinates(self.cone)
-        self._inverse_gain = (
-            np.diag(1 / self.Gamma) if self.Gamma.ndim == 1 else np.linalg.inv(self.Gamma)
-        )
+        stiffness = 1 / self.Gamma if self.Gamma.ndim == 1 else np.linalg.inv(self.Gamma)
+        self._gains = self.K, self.cone, coordinates(self.cone), stiffness, self.mu
         if not inside(self.cone, self.prior):
             raise InvalidInput(
                 "prior", "parameters a real body could have", "an estimate outside the cone",
@@ -110,34 +122,29 @@ class ConeIdentifier(NullspaceIdentifier):
     def _step(
         self, state: State, previous: Measurement, following: Measurement, dt: float
     ) -> tuple[Array, Array, float, Instant]:
-        n = self.system.n
+        n, gains = self.system.n, self._gains
         first, middle, last = self._instants(state, previous, following, dt)
-        start = np.concatenate((state.v_hat, to_chart(self.cone, state.theta_hat)))
-        z, end, smallest = start, start.copy(), np.inf
+        start = begin(self.cone, state.v_hat, state.theta_hat)
+        z, theta, total, smallest = start, state.theta_hat, start.copy(), np.inf
         for instant, weight, reach in (
             (first, dt / 6, dt / 2),
             (middle, dt / 3, dt / 2),
             (middle, dt / 3, dt),
             (last, dt / 6, 0.0),
         ):
-            theta = from_chart(self.cone, z[n:], self._dual)
             a_hat, W, pivot = instant.evaluate(z[:n], theta)  # (29), (10, 31)
             if not pivot > 0:
                 return state.v_hat, state.theta_hat, pivot, last
-            smallest = min(smallest, pivot)
-            dv = z[:n] - instant.v  # (37)
-            rate = cone_rate(self.cone, self._inverse_gain, self.mu, z[n:], theta, dv @ W)
-            slope = np.concatenate((a_hat - times(self.K, dv), rate))
-            end += weight * slope
-            z = start + reach * slope
-        return end[:n], from_chart(self.cone, end[n:], self._dual), smallest, last
+            smallest, v = min(smallest, pivot), instant.v
+            z, theta = stage(start, total, z, theta, v, a_hat, W, weight, reach, *gains)
+        return z[:n], theta, smallest if inside(self.cone, theta) else np.nan, last
 
     def _body_step(
         self, state: State, previous: Measurement, following: Measurement, dt: float
     ) -> tuple[Array, Array, float, Instant]:
         v_hat, theta_hat, pivot = cone_body_step(
-            *self._body_stages(previous, following, dt), state.v_hat, state.theta_hat, dt, self.K,
-            self.cone, self._dual, self._inverse_gain, self.mu,
+            *self._body_stages(previous, following, dt), state.v_hat, state.theta_hat, dt,
+            *self._gains,
         )  # fmt: skip
         t, q, v, _ = following
         return v_hat, theta_hat, pivot, Instant(self.system, t, q, v, previous.u)

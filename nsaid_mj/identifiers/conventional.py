@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, ParameterSpace
-from ..system import SecondOrderSystem
+from ..system import EXACT, SecondOrderSystem, SensorLevels
 from .base import Expected, Identifier, IdentifierConfig
 from .nullspace_aid import NullspaceIdentifier
 
@@ -37,7 +37,7 @@ class ConventionalAID(IdentifierConfig):
         system: SecondOrderSystem,
         prior: Array,
         dt: float,
-        quiet: bool,
+        noise: SensorLevels = EXACT,
         gramian: Expected | None = None,
     ) -> Identifier:
         """Makes the identifier; `known` parameters stay at their prior."""
@@ -48,7 +48,7 @@ class ConventionalAID(IdentifierConfig):
             Gamma=np.where(held, 0.0, self.gain * system.space.scale**2),
             prior=prior,
             dt=dt,
-            hermite=quiet,
+            hermite=noise.exact,
             held=held,
         )
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..system import EXACT, SecondOrderSystem, SensorLevels
 from .base import Expected, Identifier, IdentifierConfig
 from .cone_aid import ConeIdentifier
+from .memory import MemoryConfig
+from .memory_aid import MemoryIdentifier
 from .nullspace_aid import NullspaceIdentifier
 
 
@@ -30,9 +32,12 @@ class NullspaceAID(IdentifierConfig):
         rate: at which every direction converges where `gamma` is `simulated` [1/s]; those that
             are excited less than `floor` of the best are slower.
         floor: smallest eigenvalue of H that counts, as a share of the largest.
-        law: `paper`, (45) with constant Γ; or `cone`, Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹, which keeps θ̂
-            inside the cone of physical parameters and M̂ > 0.
-        barrier: μ where the law is `cone`, in units of Γ⁻¹ at the scale; 0 is the paper's law.
+        law: `paper`, (45) with constant Γ; `cone`, Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹, which keeps θ̂
+            inside the cone of physical parameters and M̂ > 0; or `memory`, that and implicit steps
+            towards what past data say.
+        barrier: μ where the law is not `paper`, in units of Γ⁻¹ at the scale; 0 makes `cone` the
+            paper's law.
+        memory: how past data are kept and used, where the law is `memory`.
     """
 
     K: float = 20.0
@@ -41,8 +46,9 @@ class NullspaceAID(IdentifierConfig):
     gamma: Literal["scale", "simulated"] = "scale"
     rate: float = 0.1
     floor: float = 1e-2
-    law: Literal["paper", "cone"] = "paper"
+    law: Literal["paper", "cone", "memory"] = "paper"
     barrier: float = 1.0
+    memory: MemoryConfig = field(default_factory=MemoryConfig)
 
     def __post_init__(self) -> None:
         if self.interpolation not in ("auto", "hermite", "linear"):
@@ -53,10 +59,19 @@ class NullspaceAID(IdentifierConfig):
             raise InvalidInput("gamma", "scale or simulated", self.gamma, "scale needs no driver.")
         if not (np.isfinite(self.rate) and self.rate > 0):
             raise InvalidInput("identifier.rate", "a rate > 0 /s", self.rate, "0.1 will do.")
-        if self.law not in ("paper", "cone"):
-            raise InvalidInput("law", "paper or cone", self.law, "paper is (45) as printed.")
+        if self.law not in ("paper", "cone", "memory"):
+            raise InvalidInput(
+                "law", "paper, cone or memory", self.law, "paper is (45) as printed."
+            )
         if not (np.isfinite(self.barrier) and self.barrier >= 0):
             raise InvalidInput("identifier.barrier", "a weight ≥ 0", self.barrier, "1.0 will do.")
+        if self.law == "memory" and not self.barrier > 0:
+            raise InvalidInput(
+                "identifier.barrier",
+                "a weight > 0 for the law memory",
+                self.barrier,
+                "1.0 will do.",
+            )
         if not 0 < self.floor <= 1:
             raise InvalidInput("identifier.floor", "a share in (0, 1]", self.floor, "1e-3 will do.")
 
@@ -65,7 +80,7 @@ class NullspaceAID(IdentifierConfig):
         system: SecondOrderSystem,
         prior: Array,
         dt: float,
-        quiet: bool,
+        noise: SensorLevels = EXACT,
         gramian: Expected | None = None,
     ) -> Identifier:
         """Makes the identifier with K = K·I and Γ as `gamma` says.
@@ -74,17 +89,19 @@ class NullspaceAID(IdentifierConfig):
             InvalidInput: `gamma` is `simulated` and there is nothing to simulate with.
         """
         K, Gamma = np.full(system.n, self.K), self._gain(system, gramian)
-        hermite = quiet if self.interpolation == "auto" else self.interpolation == "hermite"
+        hermite = noise.exact if self.interpolation == "auto" else self.interpolation == "hermite"
         if not self.in_cone:
             return NullspaceIdentifier(system, K, Gamma, prior, dt, hermite)
         stiffness = 1 / Gamma if Gamma.ndim == 1 else np.diag(np.linalg.inv(Gamma))
         mu = self.barrier * float(np.median(stiffness * system.space.scale**2))
-        return ConeIdentifier(system, K, Gamma, prior, dt, mu, hermite)
+        if self.law == "cone":
+            return ConeIdentifier(system, K, Gamma, prior, dt, mu, hermite)
+        return MemoryIdentifier(system, K, Gamma, prior, dt, mu, hermite, self.memory, noise)
 
     @property
     def in_cone(self) -> bool:
         """Whether θ̂ must start, and stays, inside the cone of physical parameters."""
-        return self.law == "cone" and self.barrier > 0
+        return self.law != "paper" and self.barrier > 0
 
     def _gain(self, system: SecondOrderSystem, gramian: Expected | None) -> Array:
         """(p,) or (p, p) Γ."""

@@ -3,6 +3,7 @@
 from .aerial import QuadrotorPlant as QuadrotorPlant
 from .arm import ArmPlant as ArmPlant
 from .arm import FloatingBasePlant as FloatingBasePlant
+from .fault import Fault as Fault
 from .ground import BMW320iPlant as BMW320iPlant
 from .ground import F1TenthPlant as F1TenthPlant
 from .mismatch import Mismatch as Mismatch

@@ -94,7 +94,8 @@ class QuadrotorPlant(PlantConfig):
             acting.numbers(self.mismatch.lag > 0),
             rotorcraft(),
             self.mismatch,
-        )
+            acting.gain_places,
+        ).failing(self.fault)
 
 
 @dataclass(frozen=True)
@@ -150,6 +151,11 @@ class Airframe:
         return np.concatenate(
             [[float(lagged), self.lift], self.rotor_drag, self.body_drag, self.wind, rotors.ravel()]
         )
+
+    @property
+    def gain_places(self) -> list[list[int]]:
+        """Where in `numbers` every rotor's thrust and torque are."""
+        return [[_ROTORS + _PER_ROTOR * k + i for i in (3, 4)] for k in range(len(self.thrust))]
 
 
 _ROTORS, _PER_ROTOR = 10, 5  # where the rotors' numbers begin, and how many each has

@@ -95,7 +95,7 @@ class ArmPlant(PlantConfig):
             gain=hidden(nominal.gain),
         )
         system = Multibody(robot.model, nominal, np.full(n, self.friction_speed))
-        return Arm(robot, system, hidden_joints, dt, self.mismatch)
+        return Arm(robot, system, hidden_joints, dt, self.mismatch).failing(self.fault)
 
 
 @dataclass(frozen=True)

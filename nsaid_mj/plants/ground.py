@@ -98,7 +98,8 @@ def car(name: str, config: CarPlant, dt: float, seed: int) -> Vehicle:
     command_inputs(spec, system.n_u)
     lagged = float(config.mismatch.lag > 0)
     told = np.array([lagged, wheelbase / 2, *true[3:], flow[0], flow[1]])
-    return Vehicle(system, true.theta, spec, told, single_track(), config.mismatch)
+    vehicle = Vehicle(system, true.theta, spec, told, single_track(), config.mismatch, GAIN_PLACES)
+    return vehicle.failing(config.fault)
 
 
 def published(name: str) -> Car:
@@ -150,6 +151,9 @@ def check_wind(mismatch: Mismatch, plant: str) -> None:
 
 SIZE = 10
 """How many numbers `single_track` reads."""
+
+GAIN_PLACES = ((4, 5), ())
+"""Where among them the drive's gains are; steering has none."""
 
 
 @cache

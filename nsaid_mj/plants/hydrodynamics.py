@@ -72,6 +72,11 @@ class Hydrodynamics:
             ]
         )  # fmt: skip
 
+    @property
+    def gain_places(self) -> list[list[int]]:
+        """Where in `numbers` every thruster's gain is."""
+        return [[140 + 7 * j] for j in range(len(self.thrust))]
+
 
 SIZE = 2 + 3 * 36 + 12 + 1 + 3 + 3 + 5 + 7 * LIMIT
 """Most numbers `Hydrodynamics.numbers` returns."""

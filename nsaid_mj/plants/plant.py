@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .callbacks import installed
+from .fault import Fault
 from .mismatch import Mismatch
 from .shapes import VisualMesh
 
@@ -27,9 +29,11 @@ class PlantConfig(ABC):
 
     Attributes:
         mismatch: what the plant does and the identifier's structure does not know.
+        fault: an actuator that weakens.
     """
 
     mismatch: Mismatch = field(default_factory=Mismatch, kw_only=True)
+    fault: Fault = field(default_factory=Fault, kw_only=True)
 
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:
@@ -51,6 +55,9 @@ class Plant(ABC):
         dt: step [s].
         delay: steps from a command to the actuators.
         mismatches: what it does and its structure does not know, in words.
+        fault: the actuator that weakens.
+        gain_places: for every command the places in MuJoCo's userdata of its actuator's gains;
+            empty where MuJoCo's actuators have the gains.
     """
 
     system: SecondOrderSystem
@@ -59,12 +66,17 @@ class Plant(ABC):
     passive: Any | None = None  # a compiled callback, kept alive here
     delay: int = 0
     mismatches: tuple[str, ...] = ()
+    fault: Fault = Fault()
+    gain_places: Sequence[Sequence[int]] = ()
+    _strikes: float = np.inf  # after which time of a run the actuator is weak
+    _next_strike: float = np.inf  # the same on the plant's clock; none once it is weak, or held
 
     def _compile(self, spec: Any, mismatch: Mismatch) -> None:
         """Makes MuJoCo's model and data, with lagging and late actuators where wanted."""
         mismatch.apply(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
+        self._sound = self.model.actuator_gainprm.copy()
         self.delay = mismatch.steps(self.dt)
         self.mismatches = (*self.mismatches, *mismatch.told(self.dt))
 
@@ -76,13 +88,55 @@ class Plant(ABC):
     @property
     @abstractmethod
     def truth(self) -> Array:
-        """(p,) the true θ. For metrics and recordings, after the fact, only."""
+        """(p,) the true θ, before any fault. For metrics and recordings, after the fact, only."""
 
-    def reset(self, position: Array, velocity: Array) -> None:
-        """Puts the plant at coordinates (n,) and velocities (n,), at t = 0."""
+    def truth_at(self, t: ArrayLike) -> Array:
+        """(..., p) the true θ at times t (...) of a run [s]. As `truth`: after the fact only."""
+        weak = self.truth.copy()
+        if self.fault.loss:
+            weak[self.fault.gains(self.system)] *= 1 - self.fault.loss
+        return np.where(self.struck(t)[..., None], weak, self.truth)
+
+    def struck(self, t: ArrayLike) -> NDArray[np.bool_]:
+        """(...) whether the actuator has weakened by times t (...) of a run [s]."""
+        return np.asarray(t) > self._strikes
+
+    def failing(self, fault: Fault) -> Self:
+        """The plant itself, whose actuator will weaken, at the step nearest to the fault's time.
+
+        Raises:
+            InvalidInput: it has no such actuator.
+        """
+        strikes = np.inf
+        if fault.loss:
+            fault.gains(self.system)
+            strikes = (round(fault.time / self.dt) - 0.5) * self.dt
+        self.fault, self._strikes, self._next_strike = fault, strikes, strikes
+        return self
+
+    def reset(self, position: Array, velocity: Array, as_at: float | None = None) -> None:
+        """Puts the plant at coordinates (n,) and velocities (n,), at t = 0.
+
+        Args:
+            position: coordinates.
+            velocity: velocities.
+            as_at: keep the actuators as they are at this time of a run [s]; None lets them weaken.
+        """
         mujoco.mj_resetData(self.model, self.data)
         self._late = deque([np.zeros(self.system.n_u)] * self.delay)
         self._place(position, velocity)
+        self.model.actuator_gainprm[:] = self._sound
+        self._next_strike = self._strikes if as_at is None else np.inf
+        if as_at is not None and self.struck(as_at):
+            self._weaken()
+
+    def _weaken(self) -> None:
+        """Takes the fault's share from the actuator's gains, wherever they are."""
+        k, left = self.fault.actuator - 1, 1 - self.fault.loss
+        self.model.actuator_gainprm[k] *= left
+        if self.gain_places:
+            self.data.userdata[list(self.gain_places[k])] *= left
+        self._next_strike = np.inf
 
     @abstractmethod
     def _place(self, position: Array, velocity: Array) -> None:
@@ -142,6 +196,8 @@ class Plant(ABC):
         if self.delay:
             self._late.append(np.array(u, dtype=np.float64))
             u = self._late.popleft()
+        if self.t > self._next_strike:
+            self._weaken()
         self.data.ctrl[:] = u
         mujoco.mj_step(self.model, self.data)
 

@@ -41,7 +41,8 @@ class RoverPlant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
-        return Rover(self.spread, self.mismatch, dt, np.random.default_rng(seed))
+        rover = Rover(self.spread, self.mismatch, dt, np.random.default_rng(seed))
+        return rover.failing(self.fault)
 
 
 class Rover(Plant):

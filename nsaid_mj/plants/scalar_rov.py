@@ -52,7 +52,7 @@ class ScalarRovPlant(PlantConfig):
         nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
         rng = np.random.default_rng(seed)
         theta = nominal * (1 + self.spread * rng.uniform(-1, 1, 4))
-        return ScalarRov(nominal, theta, dt, self.mismatch)
+        return ScalarRov(nominal, theta, dt, self.mismatch).failing(self.fault)
 
 
 class ScalarRov(Plant):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..system import SensorLevels
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,13 @@ class SensorNoise:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InvalidInput(f"noise.{name}", "a finite number ≥ 0", value, "0 means none.")
+
+    @property
+    def levels(self) -> SensorLevels:
+        """What a data sheet would say: quantisation adds its step/√12 to the position's level."""
+        return SensorLevels(
+            float(np.hypot(self.position, self.encoder_step / 12**0.5)), self.velocity
+        )
 
     def corrupt(
         self, position: Array, velocity: Array, rng: np.random.Generator

@@ -50,7 +50,8 @@ class AstrobeePlant(PlantConfig):
         body = pin.Inertia(mass, centre, inertia).toDynamicParameters()
         truth = np.concatenate([body, true_thrust])
         system = FreeFlyer(scales, positions, -jets)
-        return Vehicle(system, truth, spec, np.zeros(0), None, self.mismatch)
+        vehicle = Vehicle(system, truth, spec, np.zeros(0), None, self.mismatch)
+        return vehicle.failing(self.fault)
 
 
 def nozzles(d: dict[str, Any]) -> tuple[Array, Array, Array]:

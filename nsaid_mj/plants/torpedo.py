@@ -73,7 +73,7 @@ class REMUS100Plant(PlantConfig):
             np.array([d["propeller"]["position"], 0.0, 0.0]),
             nominal.slip,
         )
-        return _in_water(system, true, dt, self.mismatch)
+        return _in_water(system, true, dt, self.mismatch).failing(self.fault)
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,11 @@ class Torpedo:
                 self.propeller, [self.slip], self.flow, fins.ravel(),
             ]
         )  # fmt: skip
+
+    @property
+    def gain_places(self) -> list[list[int]]:
+        """Where in `numbers` every fin's lift and drag, and the propeller's gains are."""
+        return [*([130 + 8 * j, 131 + 8 * j] for j in range(len(self.fin_lift))), [118, 119]]
 
 
 SIZE = 2 + 3 * 36 + 4 + 2 + 2 + 3 + 3 + 8 * LIMIT
@@ -259,5 +264,11 @@ def _in_water(system: TorpedoVehicle, true: Torpedo, dt: float, mismatch: Mismat
             geom.fluid_ellipsoid = int(geom.name == "hull")  # the fins keep their own lift
         acting = replace(true, added=np.zeros((6, 6)), drag=np.zeros(4), lift=np.zeros(2))
     return Vehicle(
-        system, theta_of(true), spec, acting.numbers(mismatch.lag > 0), forces(), mismatch
+        system,
+        theta_of(true),
+        spec,
+        acting.numbers(mismatch.lag > 0),
+        forces(),
+        mismatch,
+        acting.gain_places,
     )

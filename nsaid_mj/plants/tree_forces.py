@@ -122,6 +122,16 @@ class TreeForces:
         joints = np.column_stack([motors, self.viscous, self.coulomb, self.gain])
         return np.concatenate([header, thrusters.ravel(), cylinders.ravel(), joints.ravel()])
 
+    @property
+    def gain_places(self) -> list[list[int]]:
+        """Where in `numbers` every motor's gain, then every thruster's thrust and torque are."""
+        thrusters, motors = len(self.thrust), len(self.gain)
+        joints = _HEADER + _THRUSTER * thrusters + _CYLINDER * len(self.links)
+        return [
+            *([joints + _JOINT * k + 3] for k in range(motors)),
+            *([_HEADER + _THRUSTER * k + i for i in (6, 7)] for k in range(thrusters)),
+        ]
+
 
 @njit(cache=True)
 def _add_inertia(A, t, Q, turning, twist, inertia):

@@ -38,7 +38,7 @@ class BlueROV2Plant(PlantConfig):
         system = UnderwaterVehicle(
             scales_of(nominal), nominal.positions, nominal.directions, nominal.curve
         )
-        return body_in_water("bluerov2", system, true, dt, self.mismatch)
+        return body_in_water("bluerov2", system, true, dt, self.mismatch).failing(self.fault)
 
 
 def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hydrodynamics:
@@ -81,7 +81,13 @@ def body_in_water(
         still = np.zeros(6)
         acting = replace(true, added=np.zeros((6, 6)), linear=still, quadratic=still)
     return Vehicle(
-        system, theta_of(true), spec, acting.numbers(mismatch.lag > 0), fossen(), mismatch
+        system,
+        theta_of(true),
+        spec,
+        acting.numbers(mismatch.lag > 0),
+        fossen(),
+        mismatch,
+        acting.gain_places,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -35,6 +36,8 @@ class Vehicle(Plant):
         numbers: what the callback reads from userdata.
         passive: the compiled callback that makes the body's forces, None for none.
         mismatch: what the structure does not know.
+        gain_places: for every command where in `numbers` its actuator's gains are; empty where
+            MuJoCo's actuators have them.
     """
 
     system: RigidBody
@@ -47,8 +50,10 @@ class Vehicle(Plant):
         numbers: Array,
         passive: Any | None,
         mismatch: Mismatch,
+        gain_places: Sequence[Sequence[int]] = (),
     ):
         self.system, self._truth, self.passive = system, truth, passive
+        self.gain_places = gain_places
         spec.nuserdata = max(spec.nuserdata, len(numbers))
         self._numbers = numbers
         self._compile(spec, mismatch)

@@ -86,6 +86,7 @@ class VehicleWithArm(Plant):
         self._compile(spec, mismatch)
         self.joints = joint_map(self.model, names)
         self._numbers = forces.numbers(self.model, self.joints.motors, mismatch.lag > 0)
+        self.gain_places = forces.gain_places
         self._looks = GeomLooks(self.model, system.model) if looks is None else looks
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
 
@@ -179,7 +180,8 @@ class UvmsPlant(PlantConfig):
         )  # fmt: skip
         spec = tree_spec(model, dt)
         _dress(spec, arm)
-        return VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
+        vehicle = VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
+        return vehicle.failing(self.fault)
 
 
 def uvms_model(base: Hydrodynamics, arm: dict[str, Any]) -> pin.Model:
@@ -383,4 +385,4 @@ class FlyingArmPlant(PlantConfig):
         spec = tree_spec(robot.model, dt)
         return VehicleWithArm(
             system, truth, robot.model, rotor, forces, spec, Looks(robot), self.mismatch
-        )
+        ).failing(self.fault)

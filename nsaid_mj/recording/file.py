@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 
 from ..experiment import Run
-from ..metrics import true_nullspace
+from ..metrics import true_nullspace, true_theta
 from ..record import Record
 from .forces import COMMANDED, ESTIMATED, Arrows, Rows
 from .layout import blueprint
@@ -37,12 +37,12 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
     record, plant = run.record, run.plant
     space = plant.system.space
     t = record["t"]
-    nullspace = true_nullspace(run)
+    nullspace, truth = true_nullspace(run), true_theta(run)
     rows = spread(len(t), _POINTS)
     frames = spread(len(t), min(_FRAMES, max(2, int((t[-1] - t[0]) * _RATE))))
     scene = Scene(plant)
     some = _rows(record, spread(len(t), _LOOKS))
-    told = shared(space, nullspace.r, plant.truth)
+    told = shared(space, nullspace.r, truth)
     kinds = [b for b, place in space if place.start in told]
     kind = kinds[0].name if kinds else ""
     if len(kinds) > 1:
@@ -52,7 +52,7 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
     camera = None if scene.empty else scene.camera(some.q, some.v)
     arrows = None
     if camera and scene.vehicle:
-        arrows = Arrows.of(plant.system, camera.size, some, plant.truth)
+        arrows = Arrows.of(plant.system, camera.size, some, truth)
     layout = blueprint(
         space,
         camera,
@@ -73,9 +73,10 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
     scene.log_poses(rec, t[frames], record["q"][frames])
     if arrows:
         drawn, theta_hat = _rows(record, frames), record["theta_hat"][frames]
-        factor = along(theta_hat / space.scale, plant.truth / space.scale)  # nobody can know it
+        truth = plant.truth_at(t[frames])
+        factor = along(theta_hat / space.scale, truth / space.scale)  # nobody can know it
         arrows.log_style(rec, COMMANDED, ESTIMATED)
-        arrows.log(rec, COMMANDED, drawn, plant.truth)
+        arrows.log(rec, COMMANDED, drawn, truth)
         arrows.log(rec, ESTIMATED, drawn, theta_hat / factor[:, None])
     for curve in shown:
         curve.log_style(rec)

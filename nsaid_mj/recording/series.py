@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from ..experiment import Run
-from ..metrics import OWN, lyapunov
+from ..metrics import OWN, distance, energy
 from ..nullspace import Nullspace
 from ..parameters import Array, Block, ParameterSpace
 from ..plants import Plant
@@ -113,14 +113,14 @@ def excitation(everywhere: Array, perpendicular: Array) -> list[Curves]:
 
 
 def shares(theta_hat: Array, truth: Array) -> Array:
-    """(N, k) estimate over truth, relative to its mean over the k parameters: 1 is right."""
+    """(N, k) estimates over truths (N, k), relative to the mean over the k: 1 is right."""
     ratio = theta_hat / truth
     return ratio / ratio.mean(axis=1, keepdims=True)
 
 
 def along(theta_s: Array, true_s: Array) -> Array:
-    """(N,) the factor with which the truth (p,) is nearest to estimates (N, p), all in θ/scale."""
-    return (theta_s @ true_s) / (true_s @ true_s)
+    """(N,) the factors with which truths (N, p) are nearest to estimates (N, p), in θ/scale."""
+    return np.sum(theta_s * true_s, axis=1) / np.sum(true_s**2, axis=1)
 
 
 def shared(space: ParameterSpace, r: int, truth: Array) -> Indices:
@@ -144,8 +144,8 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices) -> list[Curves]:
         nullspace: P_s(θ) and P_⊥(θ) under the true θ.
         rows: (N,) which rows of the record to show.
     """
-    record, system, truth = run.record, run.plant.system, run.plant.truth
-    space, law = system.space, run.identifiers[""]
+    record, system, t = run.record, run.plant.system, run.record["t"][rows]
+    space, law, truth = system.space, run.identifiers[""], run.plant.truth_at(t)
     theta_hat, v = record["theta_hat"][rows], record["v"][rows]
     theta_s, true_s = theta_hat / space.scale, truth / space.scale
     direction = along(theta_s, true_s)[:, None] * true_s
@@ -156,7 +156,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices) -> list[Curves]:
             [f"θ̄_P⊥ {i} [1]" for i in range(1, nullspace.P_perp.shape[1] + 1)],
             theta_s @ nullspace.P_perp,
         ),
-        Curves("lyapunov", ["V (66) [J]"], lyapunov(system, law, record, truth)[rows, None]),
+        Curves("lyapunov", ["V (66) [J]"], energy(run)[rows, None]),
         *excitation(record["pe"][rows, None], record["pe_perp"][rows, None]),
         Curves("velocity", velocity_names(run.plant, ""), v),
         Curves("command", [f"u_{i} [1]" for i in range(1, system.n_u + 1)], record["u"][rows]),
@@ -173,26 +173,27 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices) -> list[Curves]:
                 pale=True,
             ),
         ]
-    told = shared(space, nullspace.r, truth)
+    told = shared(space, nullspace.r, truth[-1])
     if len(told):
         names = [f"{space.names[i]} [1]" for i in told]
-        found.append(Curves("share", names, shares(theta_hat[:, told], truth[told])))
+        found.append(Curves("share", names, shares(theta_hat[:, told], truth[:, told])))
     if law.conserves:
-        drift = law.conserved(theta_hat) / law.conserved(record["theta_hat"][:1]) - 1
+        now = law.conserved(theta_hat) + record["spent"][rows]
+        drift = now / float(law.conserved(record["theta_hat"][0])) - 1
         size = np.log10(np.maximum(np.abs(drift), np.finfo(float).eps))
         found.append(Curves("conserved", ["drift of ‖θ̂‖² under Γ⁻¹ [log₁₀]"], size[:, None]))
     for k, name in enumerate(["", *record.rivals]):
         suffix, title = (f"_{name}", name) if name else ("", OWN)
         estimate = record[f"theta_hat{suffix}"][rows]
         dv = record[f"v_hat{suffix}"][rows] - v
-        ratio = nullspace.ratio(estimate / space.scale)
+        ratio = distance(run, t, estimate)
         of = [
             ("distance", "[1]", ratio),
             ("log_distance", "[log₁₀]", np.log10(np.maximum(ratio, 1e-16))),
             ("velocity_rms", "rms Δv [SI]", np.sqrt(np.mean(dv**2, axis=1))),
         ]
         if len(told):
-            error = np.abs(shares(estimate[:, told], truth[told]) - 1).max(axis=1)
+            error = np.abs(shares(estimate[:, told], truth[:, told]) - 1).max(axis=1)
             of.append(("share_error", "[%]", 100 * error))
         found += [
             Curves(path(what, title), [f"{title} {unit}"], values[:, None], color=k)

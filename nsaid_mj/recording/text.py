@@ -36,6 +36,7 @@ def result(run: Run, summary: dict[str, Any]) -> str:
             if summary["mismatch"]
             else []
         ),
+        *([f"Fault: {summary['fault']}.", ""] if summary["fault"] else []),
         f"| | {' | '.join(identifiers)} |",
         "|---|" + "---|" * len(identifiers),
     ]

@@ -17,7 +17,7 @@ from numba import njit
 from ..kernels import cholesky, solve
 from ..parameters import Array, Block, ParameterSpace
 from ..spatial import bracket
-from ..system import Instant
+from ..system import DIFFERENCE, Instant
 from .joints import JointTree
 from .rigid_body import INERTIAL, INERTIAL_UNITS
 
@@ -119,6 +119,15 @@ class Multibody(JointTree):
             self._torque_regressor(q, 0.5 * (v - w), self._zero),
             out=W[:, : self._links],
         )
+        return W
+
+    def _transport(self, q: Array, v: Array) -> Array:
+        W = np.zeros((self.n, self.p))
+        step = DIFFERENCE / (1.0 + np.abs(v).max(initial=0.0))
+        ahead = self._torque_regressor(self.integrate(q, step * v), self._zero, v).copy()
+        behind = self._torque_regressor(self.integrate(q, -step * v), self._zero, v)
+        W[:, : self._links] = (ahead - behind) / (2 * step)
+        W[:, : self._links] -= self._torque_regressor(q, v, self._zero)  # of C v: rotors have none
         return W
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:

@@ -60,6 +60,9 @@ class RigidBody(SecondOrderSystem):
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
         return turned(self.group, w, momentum(*self.inertia, self.p, v))
 
+    def _transport(self, q: Array, v: Array) -> Array:
+        return -self._W_C(q, v, v)  # M is constant in the body, and C skew
+
     def _mass_tensor(self, q: Array) -> Array:
         return self._constant
 

@@ -12,6 +12,11 @@ from . import actuators, fluid
 from .rigid_body import RigidBody
 
 _UP = np.array([0.0, 0.0, 1.0])
+_MASS = (
+    (0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 2, 1, 1.0), (3, 3, 2, 1.0), (4, 4, 3, 1.0), (5, 5, 3, 1.0),
+    (5, 1, 4, 1.0), (4, 2, 4, -1.0), (4, 0, 5, 1.0), (3, 1, 5, -1.0),
+)  # fmt: skip
+"""Rows (i, j, l, value), i ≥ j: M of a body of revolution about x has value · θ_l at i, j."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +111,10 @@ def _forces(q, v, u, allocation, slip, p):
 
 
 def _mass_tensor(p: int) -> Array:
-    """(6, 6, p) of a body of revolution about x: six entries of M."""
+    """(6, 6, p) of a body of revolution about x: six numbers for M."""
     tensor = np.zeros((6, 6, p))
-    for k, axes in enumerate(((0,), (1, 2), (3,), (4, 5))):
-        for i in axes:
-            tensor[i, i, k] = 1.0
-    for k, i, j, sign in ((4, 1, 5, 1.0), (4, 2, 4, -1.0), (5, 0, 4, 1.0), (5, 1, 3, -1.0)):
-        tensor[i, j, k] = tensor[j, i, k] = sign
+    for i, j, k, value in _MASS:
+        tensor[i, j, k] = tensor[j, i, k] = value
     return tensor
 
 
@@ -122,13 +124,13 @@ def _space(s: TorpedoScales) -> ParameterSpace:
     return ParameterSpace(
         (
             Block(
-                "inertia",
-                ("M_11", "M_22", "M_44", "M_55"),
-                ("kg", "kg", "kg·m²", "kg·m²"),
-                s.inertia,
-                "positive",
+                "mass matrix",
+                ("M_11", "M_22", "M_44", "M_55", "M_26", "M_15"),
+                ("kg", "kg", "kg·m²", "kg·m²", "kg·m", "kg·m"),
+                np.concatenate([s.inertia, s.coupling]),
+                "tied",
+                entries=_MASS,
             ),
-            Block("inertia coupling", ("M_26", "M_15"), ("kg·m",) * 2, s.coupling),
             Block(
                 "quadratic drag",
                 ("dq_along", "dq_across", "dq_roll", "dq_turn"),

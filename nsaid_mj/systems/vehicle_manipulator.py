@@ -108,6 +108,15 @@ class VehicleManipulator(JointTree):
         add_inertial(W, self._entries, J, along(J_dot, w), along(J, v), along(J, w))
         return W
 
+    def _transport(self, q: Array, v: Array) -> Array:
+        J, J_dot, _ = kinematics(self._tree, q, v)
+        W, V = np.zeros((self.n, self.p)), along(J, v)
+        still = 0.0 * V
+        # Ṁ v − C v = Σ J̇ᵀ I V + Jᵀ ad_Vᵀ I V
+        add_inertial(W, self._entries, J_dot, V, still, still)
+        add_inertial(W, self._entries, J, still, -V, V)
+        return W
+
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
         J, _, up = kinematics(self._tree, q, v)
         return self._forces(J, up, q, v, u)

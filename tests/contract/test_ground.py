@@ -450,7 +450,7 @@ def test_under_the_rovers_mismatch_the_estimate_stays_bounded_and_predicts_bette
     """No θ fits, so nothing converges; yet θ̂ stays on its sphere, and beats prior and parts."""
     p = rover(seed)
     prior = believed(p, seed)
-    law = NullspaceAID(K=10.0, gain=0.05).build(p.system, prior, p.dt, True)
+    law = NullspaceAID(K=10.0, gain=0.05).build(p.system, prior, p.dt)
     later = driven("rover", p, 30, seed + 50)
     with p.running():
         samples = trajectory(p, driver("rover", p, seed), round(120 / p.dt), None, Cost())

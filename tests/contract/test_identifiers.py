@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import pickle
 import types
 from dataclasses import replace
 from functools import cache
@@ -19,7 +20,7 @@ from nsaid_mj import experiment
 from nsaid_mj.cli import load
 from nsaid_mj.control import FourierTracking, MultisineCommand
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.identifiers import ConventionalAID, NullspaceAID, State, Status
+from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
@@ -45,9 +46,12 @@ SCENARIOS = {
     "continuous": Scenario(ArmPlant("double_pendulum_continuous"), FourierTracking(0.2)),
     "kinova": Scenario(ArmPlant("kinova"), FourierTracking(0.2)),
 } | {name: packed(name) for name in VEHICLES}
+OFTEN = MemoryConfig(block=4e-3, interval=8e-3)
 LAWS = {
     "NullspaceAID": NullspaceAID,
     "linear": lambda K, gain: NullspaceAID(K, gain, "linear"),
+    "cone": lambda K, gain: NullspaceAID(K, gain, law="cone"),
+    "memory": lambda K, gain: NullspaceAID(K, gain, law="memory", memory=OFTEN),
     "ConventionalAID": lambda K, gain: ConventionalAID(K, gain, ("actuators",)),
 }
 ALL = [(system, law) for system in SCENARIOS for law in LAWS]
@@ -58,8 +62,8 @@ runs = pytest.mark.parametrize("name", ["scalar", "double_pendulum", "continuous
 
 @cache
 def motion(name: str):
-    """(system, prior, 41 measurements) of a driven plant, dt = 1 ms."""
-    scenario = replace(SCENARIOS[name], dt=1e-3)
+    """(system, prior in the cone, 41 measurements) of a driven plant, dt = 1 ms."""
+    scenario = replace(SCENARIOS[name], dt=1e-3, rivals={"cone": NullspaceAID(law="cone")})
     plant, prior, _ = experiment.prepare(scenario)
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
     with plant.running():
@@ -70,7 +74,7 @@ def motion(name: str):
 def build(name: str, law: str):
     system, prior, _ = motion(name)
     config = SCENARIOS[name].identifier
-    return LAWS[law](config.K, config.gain).build(system, prior, 1e-3, quiet=True)
+    return LAWS[law](config.K, config.gain).build(system, prior, 1e-3)
 
 
 def identify(identifier, seen) -> list[State]:
@@ -84,6 +88,7 @@ def assert_same(one: State, other: State) -> None:
     """Equal to the bit."""
     for a, b in zip(one[:5], other[:5], strict=True):
         assert np.array_equal(np.asarray(a), np.asarray(b))
+    assert pickle.dumps((one.memory, one.spent)) == pickle.dumps((other.memory, other.spent))
 
 
 # -- init and step -----------------------------------------------------------------------------
@@ -218,9 +223,9 @@ def test_a_prior_is_one_number_for_each_parameter(name, change):
 @contract
 def test_K_is_within_what_rk4_can_follow(name, law):
     system, prior, _ = motion(name)
-    LAWS[law](2.49e3, 1.0).build(system, prior, 1e-3, True)
+    LAWS[law](2.49e3, 1.0).build(system, prior, 1e-3)
     with pytest.raises(InvalidInput, match="K ≤ 2500") as caught:
-        LAWS[law](2.51e3, 1.0).build(system, prior, 1e-3, True)
+        LAWS[law](2.51e3, 1.0).build(system, prior, 1e-3)
     assert caught.value.name == "K"
     K = 2e3 * np.eye(system.n) + 600.0 * np.ones((system.n, system.n))  # λ_max = 2000 + 600 n
     with pytest.raises(InvalidInput, match="λ_max"):
@@ -248,7 +253,7 @@ def test_a_diagonal_and_a_matrix_are_the_same_gain(name):
 def test_an_estimate_without_positive_mass_is_a_status(name, law):
     system, prior, seen = motion(name)
     for theta in (-prior, 0 * prior):
-        identifier = LAWS[law](5.0, 0.01).build(system, theta, 1e-3, True)
+        identifier = LAWS[law](5.0, 0.01).build(system, theta, 1e-3)
         state = identifier.init(seen[0])
         ended = identifier.step(state, seen[0], seen[1])
         assert ended.status is Status.estimate_not_positive_definite and not ended.pivot > 0
@@ -260,7 +265,7 @@ def test_an_estimate_without_positive_mass_is_a_status(name, law):
 def test_the_mass_may_go_bad_within_a_step(name):
     """A gain that throws θ̂ out of the cone between two measurements ends with the last good one."""
     system, prior, seen = motion(name)
-    wild = NullspaceAID(K=5.0, gain=1e9).build(system, prior, 1e-3, True)
+    wild = NullspaceAID(K=5.0, gain=1e9).build(system, prior, 1e-3)
     states = identify(wild, seen[:2])
     while states[-1].status is Status.completed and len(states) < 40:
         k = len(states) - 1
@@ -311,7 +316,7 @@ def test_what_is_known_is_held_to_the_bit_and_the_rest_moves(name):
     first = system.space.names[0]
     for known in (("actuators",), (first,), (first, "actuators")):
         config = SCENARIOS[name].identifier
-        identifier = ConventionalAID(config.K, config.gain, known).build(system, prior, 1e-3, True)
+        identifier = ConventionalAID(config.K, config.gain, known).build(system, prior, 1e-3)
         held = known_mask(system.space, known)
         actuators = len(system.space.actuators)
         assert held.sum() == (first in known) + ("actuators" in known) * actuators
@@ -348,7 +353,7 @@ def test_a_zero_velocity_error_is_an_equilibrium_of_theta(seed):
     scenario = replace(SCENARIOS["double_pendulum"], initial_error=0.0)
     _, truth, identifiers = experiment.prepare(scenario)
     wrong = truth * (1 + 0.3 * np.random.default_rng(seed).uniform(-1, 1, system.p))
-    other = NullspaceAID().build(system, wrong, 1e-3, True)
+    other = NullspaceAID().build(system, wrong, 1e-3)
 
     def moved(identifier, prior):
         step = identify(identifier, seen)[-1].theta_hat - prior
@@ -392,12 +397,22 @@ def poison(plant: Plant, monkeypatch) -> None:
         hidden[:] = np.nan
 
 
-@runs
+WALLED = [(name, "paper") for name in ["scalar", "double_pendulum", "continuous", *VEHICLES]]
+WALLED += [(name, "memory") for name in ["scalar", "double_pendulum", "bluerov2", "f1tenth"]]
+
+
+@pytest.mark.parametrize("name,law", WALLED)
 @pytest.mark.parametrize("sensors", ["ideal", "noisy"])
 def test_with_a_poisoned_truth_the_record_is_the_same_to_the_bit(
-    name, sensors, tmp_path, monkeypatch
+    name, law, sensors, tmp_path, monkeypatch
 ):
-    clean = record(name, tmp_path / "clean", sensors=sensors)
+    identifier = replace(SCENARIOS[name].identifier, law=law)
+    if law == "memory":
+        identifier = replace(identifier, memory=MemoryConfig(block=0.01, interval=0.05))
+    changes = {"sensors": sensors, "identifier": identifier}
+    clean = record(name, tmp_path / "clean", **changes)
+    spent = experiment.Record.read(tmp_path / "clean")["spent"]
+    assert spent.any() == (law == "memory")
     honest, poisoned = experiment.prepare, []
 
     def prepare(scenario):
@@ -407,7 +422,7 @@ def test_with_a_poisoned_truth_the_record_is_the_same_to_the_bit(
         return plant, prior, identifiers
 
     monkeypatch.setattr(experiment, "prepare", prepare)
-    assert record(name, tmp_path / "poisoned", sensors=sensors) == clean
+    assert record(name, tmp_path / "poisoned", **changes) == clean
     with pytest.raises(ReachedError):
         _ = poisoned[0].truth
 

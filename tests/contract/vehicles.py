@@ -51,10 +51,12 @@ def coordinate_map(plant: Any) -> Any:
     return getattr(plant, "joints", None) or getattr(plant, "body", None)
 
 
-def acceleration(plant: Plant, numbers: Array, v: Array, u: Array) -> Array:
+def acceleration(
+    plant: Plant, numbers: Array, v: Array, u: Array, as_at: float | None = None
+) -> Array:
     """(n,) MuJoCo's own v̇ in the system's coordinates, at one state and command."""
     with plant.running():
-        plant.reset(numbers, v)
+        plant.reset(numbers, v, as_at)
         plant.data.ctrl[:] = u
         mujoco.mj_forward(plant.model, plant.data)
         at = coordinate_map(plant)

@@ -49,7 +49,7 @@ def test_46_without_it_definiteness_can_be_lost():
     """Where (46) fails, M̂ may stop being positive definite on the way, and the run says so."""
     table = bench("scalar_rov")
     prior = table.truth * [0.1, 3.0, -2.0, 0.3]
-    law = NullspaceAID(K=5.0, gain=1.0).build(table.system, prior, table.dt, True)
+    law = NullspaceAID(K=5.0, gain=1.0).build(table.system, prior, table.dt)
     samples = table.drive(20.0)
     state = law.init(samples[0])
     for previous, now in pairwise(samples):
@@ -120,7 +120,7 @@ def test_46_is_about_one_member_and_any_will_do():
     ]
     assert margins[0] < 0 < margins[1]
     samples = simulate(system, truth, lambda t: np.sin([t, 2 * t]), dt, 200)
-    law = NullspaceAID(K=2.0, gain=1.0).build(system, prior, dt, True)
+    law = NullspaceAID(K=2.0, gain=1.0).build(system, prior, dt)
     state = law.init(samples[0])
     for previous, now in pairwise(samples):
         state = law.step(state, previous, now)

@@ -32,7 +32,7 @@ def case(request: pytest.FixtureRequest):
     table = bench(request.param)
     system, truth, prior = table.system, table.truth, table.prior(0.3)
     samples = table.drive(0.5, prior=prior)
-    states = identify(table.law.build(system, prior, table.dt, True), samples)
+    states = identify(table.law.build(system, prior, table.dt), samples)
     pick = slice(10, None, len(samples) // 20)
     t, x, v, u = (part[pick] for part in columns(samples))
     v_hat, theta_hat = (part[pick] for part in estimates(states))
@@ -113,7 +113,7 @@ def test_55_65_error_system_by_differences():
     counts, errors = np.array([80, 160, 320, 640]), []
     for count in counts:
         dt, samples = motion.seconds / count, motion.samples(count)
-        states = identify(table.law.build(system, prior, dt, True), samples)
+        states = identify(table.law.build(system, prior, dt), samples)
         k = np.arange(5, 40, 5) * count // 40  # the same times for every dt
         t, x, v, u = columns(samples)
         v_hat, theta_hat = estimates(states)

@@ -65,9 +65,9 @@ def test_17_reduced_form_agrees_with_the_nullspace():
     table = bench("scalar_rov")
     samples, system, truth = table.drive(60.0), table.system, table.truth
     prior = table.prior(0.5)
-    nullspace_law = NullspaceAID(K=5.0, gain=0.3).build(system, prior, table.dt, True)
+    nullspace_law = NullspaceAID(K=5.0, gain=0.3).build(system, prior, table.dt)
     reduced_law = ConventionalAID(K=5.0, gain=0.01, known=("mass",)).build(
-        system, np.concatenate([[1.0], prior[1:] / prior[0]]), table.dt, True
+        system, np.concatenate([[1.0], prior[1:] / prior[0]]), table.dt
     )
     full = identify(nullspace_law, samples)[-1].theta_hat
     reduced = identify(reduced_law, samples)[-1].theta_hat

@@ -30,7 +30,7 @@ def test_69_V_never_rises(name: str, seconds: float):
     table = bench(name)
     system, prior = table.system, table.prior(0.3)
     samples = table.drive(seconds, prior=prior)
-    law = table.law.build(system, prior, table.dt, True)
+    law = table.law.build(system, prior, table.dt)
     states = identify(law, samples)
     V = lyapunov(system, table.truth, law.Gamma, samples, states)
     conserved = law.conserved(estimates(states)[1])
@@ -47,7 +47,7 @@ def test_69_rate_of_V():
     counts, errors = np.array([100, 200, 400, 800]), []
     for count in counts:
         dt, samples = motion.seconds / count, motion.samples(count)
-        law = table.law.build(system, prior, dt, True)
+        law = table.law.build(system, prior, dt)
         states = identify(law, samples)
         V = lyapunov(system, table.truth, law.Gamma, samples, states)
         t, x, v, _ = columns(samples)
@@ -110,7 +110,7 @@ def test_70_velocity_error_vanishes_and_estimates_settle():
     prior = table.prior(0.5)
     samples = table.drive(100.0)
     v_hat, theta_hat = estimates(
-        identify(table.law.build(table.system, prior, table.dt, True), samples)
+        identify(table.law.build(table.system, prior, table.dt), samples)
     )
     dv = np.abs(v_hat - columns(samples)[2]).max(axis=1)
     rate = np.abs(np.diff(theta_hat, axis=0) / table.system.space.scale).max(axis=1) / table.dt

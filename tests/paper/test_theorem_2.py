@@ -30,7 +30,7 @@ def converged() -> tuple[Bench, list[Measurement], Array, Array]:
     """A run of the vehicle (16), well excited: table, samples, v̂ (N, 1), θ̂ (N, 4)."""
     table = bench("scalar_rov")
     samples = table.drive(100.0)
-    law = table.law.build(table.system, table.prior(0.5), table.dt, True)
+    law = table.law.build(table.system, table.prior(0.5), table.dt)
     return table, samples, *estimates(identify(law, samples))
 
 
@@ -141,7 +141,7 @@ def test_theorem_2_fails_at_rest():
     assert np.abs(v).max() < 1e-12
     W = system.regressor(t, x, v, 0 * v, u) * system.space.scale
     assert level(W, table.dt, table.nullspace.P_perp) < 1e-9 * np.linalg.norm(W)
-    law = table.law.build(system, table.truth * [1.4, 0.6, 1.4, 0.8], table.dt, True)
+    law = table.law.build(system, table.truth * [1.4, 0.6, 1.4, 0.8], table.dt)
     v_hat, theta_hat = estimates(identify(law, samples))
     ratio = table.nullspace.ratio(theta_hat / system.space.scale)
     assert np.abs(v_hat - v)[-100:].max() < 1e-6

@@ -75,7 +75,7 @@ def test_30_45_conserve_the_length_of_the_estimate(name: str):
     """(30) in (45): d/dt ½ θ̂ᵀ Γ⁻¹ θ̂ = (W θ̂)ᵀ Δv = 0, along MuJoCo's plant; Δθᵀ Γ⁻¹ Δθ is not."""
     table = bench(name)
     prior = table.prior(0.3)
-    law = table.law.build(table.system, prior, table.dt, True)
+    law = table.law.build(table.system, prior, table.dt)
     _, theta_hat = estimates(identify(law, table.drive(2.0, prior=prior)))
     length, error = law.conserved(theta_hat), law.conserved(theta_hat - table.truth)
     assert np.abs(length / length[0] - 1).max() < 1e-8

@@ -1,0 +1,65 @@
+"""Zero-phase filters of a log and of its regression."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import signal
+
+from ..parameters import Array
+from ..system import SecondOrderSystem
+from .base import Log
+
+_ORDER = 4
+
+
+def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
+    """The log with q and v through a zero-phase Butterworth filter; u stays what it was.
+
+    Positions that are not plain numbers are filtered as numbers, and each is then moved along the
+    tangent of its own measurement, so that it stays a position.
+
+    Args:
+        system: the structure.
+        log: at a constant rate.
+        cutoff: of the filter [Hz]; at most 0.8 of the Nyquist frequency is used.
+    """
+    rate = 1 / log.step
+    sections = signal.butter(_ORDER, min(cutoff, 0.4 * rate), fs=rate, output="sos")
+    reach = min(len(log.t) - 1, int(3 * rate / cutoff))
+
+    def low_pass(x: Array) -> Array:
+        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
+
+    q = _continuous(system, log.q)
+    filtered = low_pass(q)
+    if system.m != system.n:
+        steps = [np.linalg.lstsq(system.J(z), dz)[0] for z, dz in zip(q, filtered - q, strict=True)]
+        filtered = np.array([system.integrate(z, dz) for z, dz in zip(q, steps, strict=True)])
+    return log._replace(q=filtered, v=low_pass(log.v))
+
+
+def _continuous(system: SecondOrderSystem, q: Array) -> Array:
+    """Positions (N, m) whose quaternions, the same attitude twice over, do not change sides."""
+    if system.group != 6:
+        return q
+    attitude = q[:, 3:7]
+    turned = np.sum(attitude[1:] * attitude[:-1], axis=1) < 0
+    side = np.where(np.cumsum(turned) % 2, -1.0, 1.0)
+    q = q.copy()
+    q[1:, 3:7] *= side[:, None]
+    return q
+
+
+def low_passed(W: Array, rate: float, cutoff: float) -> Array:
+    """(K, n, p) rows (N, n, p) through one and the same zero-phase filter, decimated to 4 cutoff.
+
+    The filter is a window of finite length with a linear phase, half its amplitude at the
+    cut-off; only samples that it covers whole are kept.
+    """
+    half = int(np.ceil(1.5 * rate / cutoff))
+    kernel = signal.firwin(2 * half + 1, cutoff, fs=rate)
+    every = max(1, int(rate / (4 * cutoff)))
+    flat = W.reshape(len(W), -1)
+    starts = range(0, len(W) - 2 * half, every)
+    rows = np.array([kernel @ flat[k : k + 2 * half + 1] for k in starts], dtype=np.float64)
+    return rows.reshape(len(starts), *W.shape[1:])

@@ -1,0 +1,90 @@
+"""Driven plants, and a memory that follows them: what the tests of the memory share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from nsaid_mj.cli import load
+from nsaid_mj.experiment import Cost, trajectory
+from nsaid_mj.identifiers.memory import Memory, Recorder
+from nsaid_mj.identifiers.nullspace_aid import half_way
+from nsaid_mj.parameters import Array
+from nsaid_mj.plants import Plant, SensorNoise
+from nsaid_mj.system import Measurement, SecondOrderSystem
+
+
+class Log(NamedTuple):
+    """What was measured of a plant, and its time step."""
+
+    plant: Plant
+    dt: float
+    rows: list[Measurement]
+
+    def every(self, k: int) -> Log:
+        """Every k-th row; the command must have been held that long."""
+        return Log(self.plant, k * self.dt, self.rows[::k])
+
+
+@cache
+def driven(name: str, seconds: float, hold: int = 1, seed: int = 0) -> Log:
+    """A packed scenario's plant and driver; the plant makes `hold` steps to each command."""
+    scenario = load(name)
+    dt = scenario.dt / hold
+    plant, rng = scenario.plant.build(dt, 3), np.random.default_rng(seed)
+    driver = scenario.excitation.build(plant.system, plant.truth, rng)
+    rows: list[Measurement] = []
+    with plant.running():
+        if hold == 1:
+            return Log(plant, dt, list(trajectory(plant, driver, round(seconds / dt), None, Cost())))
+        plant.reset(*driver.start())
+        for k in range(round(seconds / dt)):
+            coordinates, v = plant.coordinates()
+            q, t = plant.position(coordinates), k * dt
+            u = driver.command(t, q, v) if k % hold == 0 else rows[-1].u
+            rows.append(Measurement(t, q, v, u))
+            plant.step(u)
+    return Log(plant, dt, rows)
+
+
+def noisy(log: Log, noise: SensorNoise, seed: int) -> Log:
+    """The same motion and commands, measured by noisy sensors."""
+    rng, system = np.random.default_rng(seed), log.plant.system
+    rows = []
+    for t, q, v, u in log.rows:
+        step, v = noise.corrupt(np.zeros(system.n), v, rng)
+        rows.append(Measurement(t, system.integrate(q, step), v, u))
+    return Log(log.plant, log.dt, rows)
+
+
+def between(
+    system: SecondOrderSystem, a: Measurement, b: Measurement, hermite: bool = True
+) -> tuple[Array, Array]:
+    """(q, v) half-way, as the identifiers have it."""
+    dq = system.difference(a.q, b.q)
+    half, v = half_way(dq, a.v, b.v, b.t - a.t, hermite, system.group)
+    return system.integrate(a.q, half), v
+
+
+def remember(recorder: Recorder, rows: list[Measurement], hermite: bool = True) -> Iterator[Memory]:
+    """The memory at every row."""
+    memory = recorder.begin(rows[0])
+    yield memory
+    for a, b in pairwise(rows):
+        memory = recorder.add(memory, a, between(recorder.system, a, b, hermite), b)
+        yield memory
+
+
+def regressors(recorder: Recorder, rows: list[Measurement], hermite: bool = True) -> Array:
+    """(N, n, p) Y at every row but the first."""
+    seen = list(remember(recorder, rows, hermite))[1:]
+    return np.array([m.balance.momentum - m.balance.lag for m in seen])
+
+
+def off(Y: Array, theta: Array) -> float:
+    """Largest |Y θ|, in shares of the largest of the terms it is the sum of."""
+    return float(np.abs(Y @ theta).max() / np.abs(Y * theta).max())

@@ -1,0 +1,241 @@
+"""The cost of remembered data: its slope, its curvature, and what a change of scale does not do."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nsaid_mj.identifiers.memory import Memory, MemoryConfig, Recorder
+from nsaid_mj.identifiers.quotient import Quotient, quotient
+from nsaid_mj.parameters import Array
+from nsaid_mj.plants import SensorNoise
+from nsaid_mj.system import EXACT
+from tests.remembered import Log, driven, noisy, remember
+
+FEW = settings(deadline=None, max_examples=25)
+seeds = st.integers(0, 2**32 - 1)
+NAMES = ["scalar_rov", "bluerov2", "double_pendulum", "crazyflie"]
+NOISE = SensorNoise()
+
+
+@cache
+def remembered(name: str, sensors: str) -> tuple[Log, Memory]:
+    """A memory of a few seconds of a driven plant."""
+    log = driven(name, 3.0)
+    exact = sensors == "ideal"
+    levels = EXACT if exact else NOISE.levels
+    rows = log.rows if exact else noisy(log, NOISE, 1).rows
+    own = Recorder(log.plant.system, MemoryConfig(), log.dt, levels)
+    *_, memory = remember(own, rows, exact)
+    return log, memory
+
+
+def near(log: Log, rng: np.random.Generator, error: float = 0.3) -> Array:
+    """θ within ±error of the truth, those near 0 of their scale."""
+    size = np.abs(log.plant.truth) + 0.1 * log.plant.system.space.scale
+    return log.plant.truth + error * size * rng.uniform(-1, 1, len(size))
+
+
+def weighted(name: str, sensors: str, theta: Array) -> Quotient:
+    log, memory = remembered(name, sensors)
+    found = quotient(memory, log.plant.system.space)
+    assert found is not None
+    return found.weighted(theta, memory)[0]
+
+
+def drawn(rng: np.random.Generator, n: int = 3, p: int = 7) -> tuple[Quotient, Array]:
+    """A quotient of random data with a θ* > 0 in the nullspace of all, its first 3 actuators."""
+    truth = np.exp(rng.uniform(-1, 1, p))
+    rows = rng.standard_normal((n, 5, p))
+    rows -= (rows @ truth)[..., None] * truth / (truth @ truth)
+    effort = np.zeros((n, p))
+    effort[:, :3] = rng.uniform(0, 2, (n, 3))
+    G = np.einsum("ikp,ikq->ipq", rows, rows)
+    return Quotient(G, np.zeros_like(G), effort, rng.uniform(0.1, 9, n)), truth
+
+
+each = pytest.mark.parametrize("name", NAMES)
+both = pytest.mark.parametrize("sensors", ["ideal", "noisy"])
+
+
+@each
+@both
+@FEW
+@given(seeds)
+def test_the_gradient_is_the_slope(name, sensors, seed):
+    log, _ = remembered(name, sensors)
+    rng, scale = np.random.default_rng(seed), log.plant.system.space.scale
+    theta = near(log, rng)
+    cost = weighted(name, sensors, theta)
+    step = 1e-5 * (np.abs(theta) + 0.1 * scale) * rng.standard_normal(len(theta))
+    slope = cost.gradient(theta) @ step
+    rise = 0.5 * (cost.value(theta + step) - cost.value(theta - step))
+    terms = np.abs(cost.gradient(theta) * step).sum()
+    assert rise == pytest.approx(slope, abs=1e-7 * terms + 1e-11 * cost.weights.sum())
+
+
+@each
+@both
+@FEW
+@given(seeds, st.floats(1e-6, 1e6))
+def test_a_change_of_scale_changes_nothing(name, sensors, seed, factor):
+    """R(sθ) = R(θ), so θᵀ ∇R = 0; and the weights have no scale either."""
+    log, memory = remembered(name, sensors)
+    theta = near(log, np.random.default_rng(seed))
+    cost = weighted(name, sensors, theta)
+    assert cost.value(factor * theta) == pytest.approx(cost.value(theta), rel=1e-9)
+    pull = theta * cost.gradient(theta)
+    assert abs(pull.sum()) < 1e-9 * np.abs(pull).sum()
+    again = weighted(name, sensors, factor * theta)
+    np.testing.assert_allclose(again.weights, cost.weights, rtol=1e-7)
+    hessian, noise = cost.curvature(theta)
+    for part in (hessian, noise):  # Π θ = 0
+        assert np.abs(theta * (part @ theta)).max() <= 1e-9 * np.abs(np.outer(theta, theta) * part).max()
+
+
+@FEW
+@given(seeds)
+def test_every_true_theta_sees_the_cost_fall(seed):
+    """θ*ᵀ ∇R ≤ −2 R min θ*/θ̂ over the actuators, wherever G_i θ* = 0: no other stationary point."""
+    rng = np.random.default_rng(seed)
+    cost, truth = drawn(rng)
+    theta = truth * np.exp(rng.uniform(-2, 2, len(truth)))
+    share = (truth / theta)[:3].min()
+    fall, size = truth @ cost.gradient(theta), np.abs(truth * cost.gradient(theta)).sum()
+    assert fall <= -2 * share * cost.value(theta) + 1e-12 * size
+    assert cost.value(truth) == pytest.approx(0, abs=1e-12 * cost.weights.sum())
+    assert np.abs(truth * cost.gradient(truth)).max() < 1e-10 * cost.weights.sum()
+
+
+@pytest.mark.parametrize("name", ["scalar_rov", "double_pendulum", "crazyflie"])
+@FEW
+@given(seeds)
+def test_so_does_a_plants(name, seed):
+    log, _ = remembered(name, "ideal")
+    rng, truth = np.random.default_rng(seed), log.plant.truth
+    theta = truth * np.exp(rng.uniform(-1, 1, len(truth)))
+    cost = weighted(name, "ideal", theta)
+    k = log.plant.system.space.actuators
+    share = (truth[k] / theta[k]).min()
+    assert truth @ cost.gradient(theta) <= -2 * share * cost.value(theta) * (1 - 1e-3)
+
+
+@FEW
+@given(seeds)
+def test_curvature_is_gauss_newtons(seed):
+    """Jᵀ J of the residuals r_ik = (w_i/θᵀΣ_iθ)^½ y_ik θ, s_i held or not: here by differences."""
+    rng = np.random.default_rng(seed)
+    n, count, p = 2, 6, 5
+    rows, effort = rng.standard_normal((n, count, p)), np.zeros((n, p))
+    effort[:, :2] = rng.uniform(0.1, 2, (n, 2))
+    theta, weights = rng.uniform(0.5, 2, p), rng.uniform(0.1, 9, n)
+    G = np.einsum("ikp,ikq->ipq", rows, rows)
+    N = 0.1 * np.einsum("ikp,ikq->ipq", rows[:, :3], rows[:, :3])
+    cost = Quotient(G, N, effort, weights)
+
+    def residuals(theta: Array, rows: Array) -> Array:
+        return ((rows @ theta) * np.sqrt(weights / (effort @ theta**2))[:, None]).ravel()
+
+    steps = 1e-6 * np.eye(p)
+    for part, seen in zip(cost.curvature(theta), (rows, 0.1**0.5 * rows[:, :3]), strict=True):
+        J = np.stack([residuals(theta + s, seen) - residuals(theta - s, seen) for s in steps], 1)
+        J /= 2e-6
+        np.testing.assert_allclose(part, J.T @ J, atol=1e-6 * np.abs(part).max())
+        np.testing.assert_allclose(part, part.T, atol=1e-12 * np.abs(part).max())
+    J = np.stack([residuals(theta + s, rows) - residuals(theta - s, rows) for s in steps], 1) / 2e-6
+    whole = Quotient(G, 0 * N, effort, weights)
+    np.testing.assert_allclose(whole.gradient(theta), J.T @ residuals(theta, rows), rtol=1e-5,
+                               atol=1e-6 * np.abs(J).max())  # fmt: skip
+
+
+@each
+@both
+@FEW
+@given(seeds)
+def test_curvature_is_positive_semidefinite(name, sensors, seed):
+    log, _ = remembered(name, sensors)
+    theta = near(log, np.random.default_rng(seed))
+    hessian, _ = weighted(name, sensors, theta).curvature(theta)
+    balanced = hessian * np.outer(theta, theta)
+    assert np.linalg.eigvalsh(balanced)[0] > -1e-9 * np.abs(balanced).max()
+
+
+# -- what the data are measured in ---------------------------------------------------------------
+
+
+@each
+def test_residuals_are_measured_on_actuators_only(name):
+    log, memory = remembered(name, "ideal")
+    space = log.plant.system.space
+    found = quotient(memory, space)
+    assert found is not None and (found.effort >= 0).all() and (found.effort @ space.scale**2 > 0).all()
+    rest = np.setdiff1d(np.arange(len(space)), space.actuators)
+    assert (found.effort[:, rest] == 0).all()
+
+
+def test_an_actuator_that_never_moved_is_not_seen():
+    """Nothing pulls at it, and no residual is excused by it."""
+    log = driven("bluerov2", 3.0)
+    space, still = log.plant.system.space, 2
+    rows = [row._replace(u=row.u * (np.arange(len(row.u)) != still)) for row in log.rows]
+    own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
+    *_, memory = remember(own, rows)
+    found = quotient(memory, space)
+    assert found is not None
+    k = space.actuators[still]
+    assert (found.effort[:, k] == 0).all() and (found.gramian[:, k] == 0).all()
+    theta = near(log, np.random.default_rng(0))
+    cost, _ = found.weighted(theta, memory)
+    assert cost.gradient(theta)[k] == 0 and (cost.curvature(theta)[0][k] == 0).all()
+
+
+@pytest.mark.parametrize("name", ["scalar_rov", "bluerov2"])
+def test_without_any_command_there_is_no_quotient(name):
+    log = driven(name, 1.0)
+    own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
+    *_, memory = remember(own, [row._replace(u=0 * row.u) for row in log.rows])
+    assert np.abs(memory.gramian).max() > 0
+    assert quotient(memory, log.plant.system.space) is None
+
+
+def test_a_row_without_an_actuator_is_measured_in_shares_of_the_others():
+    """A rotor pushes along one axis: the others' balances have no effort of their own."""
+    log, memory = remembered("crazyflie", "ideal")
+    space = log.plant.system.space
+    own = np.einsum("ipp->ip", memory.gramian)[:, space.actuators].sum(axis=1)
+    found = quotient(memory, space)
+    assert (own[:2] == 0).all() and found is not None
+    assert (found.effort[:2][:, space.actuators] > 0).any(axis=1).all()
+
+
+def test_a_row_in_which_nothing_happened_says_nothing():
+    log, memory = remembered("bluerov2", "ideal")
+    gramian, lagged, before = (part.copy() for part in (memory.gramian, memory.lagged, memory.before))
+    for part in (gramian, lagged, before):
+        part[1] = 0.0
+    theta = near(log, np.random.default_rng(1))
+    still = memory._replace(gramian=gramian, lagged=lagged, before=before)
+    found = quotient(still, log.plant.system.space)
+    assert found is not None
+    cost, view = found.weighted(theta, still)
+    assert np.isfinite(cost.weights).all() and np.isfinite(view.share).all()
+    alone = Quotient(*(part[[1]] for part in (cost.gramian, cost.noise, cost.effort)), cost.weights[[1]])
+    assert alone.value(theta) == 0 and (alone.gradient(theta) == 0).all()
+    assert np.isfinite(cost.gradient(theta)).all()
+
+
+@both
+def test_weights_are_one_over_the_residuals(sensors):
+    """½ Σ w λ = ½ blocks for every row whose residuals are above the floor, noise not subtracted."""
+    log, memory = remembered("bluerov2", sensors)
+    theta = near(log, np.random.default_rng(2))
+    cost = weighted("bluerov2", sensors, theta)
+    loud = Quotient(cost.gramian, 0 * cost.noise, cost.effort, cost.weights)
+    assert loud.value(theta) == pytest.approx(0.5 * memory.blocks * len(cost.weights), rel=1e-9)
+    truth = log.plant.truth
+    floor = weighted("bluerov2", sensors, truth)
+    assert np.isfinite(floor.weights).all() and (floor.weights > 0).all()
