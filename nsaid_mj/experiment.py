@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -103,6 +103,7 @@ class Run:
         ending: how the run ended.
         cost: where the time went.
         states: the identifiers' last states, by name; none where the run was read back.
+        confidence: as an earlier summary of the run told it, where it was read back.
     """
 
     scenario: Scenario
@@ -115,6 +116,7 @@ class Run:
     ending: Ending
     cost: Cost
     states: dict[str, State] = field(default_factory=dict)
+    confidence: dict[str, Any] | None = None
 
 
 class Observer:

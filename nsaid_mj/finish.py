@@ -68,6 +68,7 @@ def _recall_ending(run: Run) -> None:
         return
     words = {status.words: status for status in Status}
     run.ending = Ending(words[summary["status"]], summary["status_time"], summary["status_signal"])
+    run.confidence = summary.get("confidence")
     for name, rival in summary["rivals"].items():
         run.statuses[name] = words[rival["status"]]
     steps = round(end / scenario.dt)
@@ -103,6 +104,8 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
         cells = (metrics.figure(s[key], unit) for s in identifiers.values())
         table.add_row("  " + label, *cells)
     console.print(table)
+    for line in metrics.confidence_lines(summary):
+        console.print(f"  {line}", soft_wrap=True)
     r, p = summary["r"], summary["p"]
     console.print(f"  {p - r} of {p} directions of θ can be known; {r} cannot, among them:")
     lines = metrics.unobservable_lines(summary)

@@ -25,6 +25,7 @@ from .system import SecondOrderSystem
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
 _ROWS = 2000  # how many rows of a trajectory judge a force residual, at most
 _NUMBERS = 20_000_000  # how many numbers of regressors are held at once
+_UNSOLVED = 1e-6  # share of V(0) that an implicit step may miss its solution by
 _WINDOW_ROWS = 100  # how many regressors judge one window's excitation
 
 OWN = "NS-AID"
@@ -107,7 +108,7 @@ def _findings(run: Run) -> dict[str, Any]:
     rises[np.diff(run.plant.struck(record["t"]))] = 0.0  # where the truth jumped, and V with it
     stepped = law.implicit(record["t"])
     if "" in run.states:
-        bound = bound + stepped * law.slack(run.states[""], truth)
+        bound = bound + stepped * (law.slack(run.states[""], truth) + _UNSOLVED * V[0])
     else:
         rises[stepped] = 0.0  # only a memory could judge its steps
     conserved = kept(law, record)
@@ -169,11 +170,11 @@ def kept(law: Identifier, record: Record) -> Array:
 def confidence(run: Run) -> dict[str, Any] | None:
     """How well the run's own identifier says it knows every direction, and whether it is right.
 
-    None where the law does not say, or the run was read back from its record.
+    None where the law does not say, or the run was read back and nobody has told it before.
     """
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     if stated is None:
-        return None
+        return run.confidence
     system, theta = run.plant.system, run.record["theta_hat"][-1]
     space = system.space
     rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
@@ -196,6 +197,24 @@ def confidence(run: Run) -> dict[str, Any] | None:
             )
         ],
     }  # fmt: skip
+
+
+def confidence_lines(summary: dict[str, Any]) -> list[str]:
+    """What the confidence says, in words; none where the law does not say."""
+    stated = summary["confidence"]
+    if stated is None:
+        return []
+    worst, actuators = stated["worst_known"][0], stated["actuators"]
+    lines = [
+        f"known to ±{stated['deviation_median']:.2g} of ‖θ̂‖ along half of {stated['directions']} "
+        f"directions, to ±{stated['deviation_largest']:.2g} along the worst "
+        f"({', '.join(worst['parameters'])}); {stated['below_noise']} are below the noise",
+        f"95 % intervals hold the truth in {100 * stated['covered']:.0f} % of the directions",
+    ]
+    if len(actuators) > 1:
+        name = max(actuators, key=lambda key: actuators[key])
+        lines.append(f"actuators' shares to ±{100 * actuators[name]:.2g} % or better ({name})")
+    return lines
 
 
 def leading(direction: Array, space: ParameterSpace, count: int = 3) -> dict[str, float]:

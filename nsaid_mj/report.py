@@ -57,7 +57,7 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
 {html.escape(summary["sensors"])} sensors, seed {summary["seed"]}</p>{ended}
 <h2>What was found</h2>{_figures(summary)}
 <h2>How it went</h2><img alt="curves of the run" src="{_curves(run)}">
-<h2>What cannot be known</h2>{_unobservable(summary)}
+{_confidence(summary)}<h2>What cannot be known</h2>{_unobservable(summary)}
 <h2>Parameters</h2><p>An estimate is right up to the directions above; for comparison it is
 scaled by the one factor that brings it nearest to the truth in θ/scale.</p>
 <div class="scroll">{_parameters(summary)}</div>
@@ -123,6 +123,30 @@ def _curves(run: Run) -> str:
     figure.savefig(stream, format="png", dpi=110)
     plt.close(figure)
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
+
+
+def _confidence(summary: dict[str, Any]) -> str:
+    stated = summary["confidence"]
+    if stated is None:
+        return ""
+    told = "".join(f"<li>{html.escape(line)}</li>" for line in metrics.confidence_lines(summary))
+    body = ""
+    for row in stated["worst_known"]:
+        parts = ", ".join(f"{weight:+.2f} {name}" for name, weight in row["parameters"].items())
+        low = "below the noise" if row["below_noise"] else ""
+        body += (
+            f"<tr><td>{html.escape(parts)}</td><td>±{row['deviation']:.2g}</td><td>{low}</td></tr>"
+        )
+    gains = "".join(
+        f"<tr><td>{html.escape(name)}</td><td>±{100 * s:.2g} %</td></tr>"
+        for name, s in stated["actuators"].items()
+    )
+    return (
+        f"<h2>How well it is known</h2><ul>{told}</ul>"
+        f'<div class="scroll"><table><tr><th>least known directions of θ/scale (largest parts)</th>'
+        f"<th>of ‖θ̂/scale‖</th><th></th></tr>{body}</table></div>"
+        f"<table><tr><th>actuator</th><th>its share</th></tr>{gains}</table>"
+    )
 
 
 def _unobservable(summary: dict[str, Any]) -> str:

@@ -56,7 +56,7 @@ def identifier_step(plant: Plant, dt: float) -> Callable[[], object]:
     a = system.acceleration(0.0, np.r_[q, v], v, u, plant.truth)
     first = Measurement(0.0, q, v, u)
     second = Measurement(dt, system.integrate(q, dt * v + 0.5 * dt**2 * a), v + dt * a, u)
-    law = NullspaceAID().build(system, plant.truth, dt, True)
+    law = NullspaceAID().build(system, plant.truth, dt)
     state = law.init(first)
     assert law.step(state, first, second).pivot > 0
     return lambda: law.step(state, first, second)

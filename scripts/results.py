@@ -1,6 +1,7 @@
 """The README's table of results: every scenario, seeds 0 to 2, worst of them, as Markdown.
 
-`python scripts/results.py [--gamma simulated] [--seeds 10,11] [NAME …]`; takes some minutes.
+`python scripts/results.py [--law memory --duration 30] [--sensors noisy] [--gamma simulated]
+[--seeds 10,11] [NAME …]`; takes some minutes.
 """
 
 import argparse
@@ -8,6 +9,9 @@ import dataclasses
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from nsaid_mj.cli import load
 from nsaid_mj.experiment import run
@@ -19,24 +23,34 @@ WORST = ("theta_perp_ratio_initial", "theta_perp_ratio", "force_residual_ratio",
          "actuator_ratio_error", "conserved_drift", "lyapunov_violations")  # fmt: skip
 
 
-def worst(name: str, gamma: str, seeds: tuple[int, ...]) -> str:
-    """One row: the worst of the seeds, and the fastest run's real-time factor."""
+def worst(name: str, changes: dict[str, Any], seeds: tuple[int, ...], typical: bool) -> str:
+    """One row: the worst (or the median) of the seeds, and the fastest run's real-time factor."""
     scenario = load(name)
     law = scenario.identifier
     if isinstance(law, NullspaceAID):
-        law = dataclasses.replace(law, gamma=gamma)
-    scenario = dataclasses.replace(scenario, identifier=law)
+        own = {key: changes[key] for key in ("gamma", "law")}
+        law = dataclasses.replace(law, **own)
+    duration = changes["duration"] or scenario.duration
+    scenario = dataclasses.replace(
+        scenario, identifier=law, duration=duration, sensors=changes["sensors"]
+    )
     summaries = []
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
             result = run(dataclasses.replace(scenario, seed=seed), Path(folder))
             summaries.append(summarize(result))
         print(f"  {name} seed {seed}: {result.ending.status.words}", file=sys.stderr)
-    figures = [f"{max(s[key] for s in summaries):.2g}" for key in WORST]
+    of = np.median if typical else np.max
+    figures = []
+    for key in WORST:
+        values = [s[key] for s in summaries if s[key] is not None]
+        figures.append(f"{of(values):.2g}" if values else "–")
+    covered = [s["confidence"]["covered"] for s in summaries if s["confidence"]]
     first = summaries[0]
     speed = max(s["real_time_factor"] for s in summaries)
     cells = [f"`{name}`", f"{first['n']}, {first['p']}, {first['r']}", f"{scenario.duration:g} s"]
-    return "| " + " | ".join([*cells, *figures, f"{speed:.0f} ×"]) + " |"
+    told = [f"{np.mean(covered):.2f}"] if covered else ["–"]
+    return "| " + " | ".join([*cells, *figures, *told, f"{speed:.0f} ×"]) + " |"
 
 
 def main() -> None:
@@ -44,14 +58,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--gamma", choices=("scale", "simulated"), default="scale")
-    parser.add_argument("--seeds", default="0,1,2")
+    parser.add_argument("--law", choices=("paper", "cone", "memory"), default="paper")
+    parser.add_argument("--sensors", choices=("ideal", "noisy"), default="ideal")
+    parser.add_argument("--duration", type=float, help="[s]; the scenario's own otherwise")
+    parser.add_argument("--median", action="store_true", help="of the seeds, not the worst")
+    parser.add_argument("--seeds", default="0,1,2", help="0,1,2 or 0:10")
     chosen = parser.parse_args()
-    seeds = tuple(int(seed) for seed in chosen.seeds.split(","))
+    first, _, end = chosen.seeds.partition(":")
+    seeds = (tuple(range(int(first), int(end))) if end
+             else tuple(int(seed) for seed in chosen.seeds.split(",")))  # fmt: skip
     heads = ["scenario", "n, p, r", "run", "‖θ̄_P⊥‖/‖θ̂‖ at first", "at the end", "force residual",
-             "gains' shares", "conserved drift", "V rises", "real time"]  # fmt: skip
+             "gains' shares", "conserved drift", "V rises", "95 % covers", "real time"]  # fmt: skip
     print("| " + " | ".join(heads) + " |\n|" + "---|" * len(heads))
     for name in chosen.names or scenarios():
-        print(worst(name, chosen.gamma, seeds), flush=True)
+        print(worst(name, vars(chosen), seeds, chosen.median), flush=True)
 
 
 if __name__ == "__main__":

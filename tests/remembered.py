@@ -40,7 +40,9 @@ def driven(name: str, seconds: float, hold: int = 1, seed: int = 0) -> Log:
     rows: list[Measurement] = []
     with plant.running():
         if hold == 1:
-            return Log(plant, dt, list(trajectory(plant, driver, round(seconds / dt), None, Cost())))
+            return Log(
+                plant, dt, list(trajectory(plant, driver, round(seconds / dt), None, Cost()))
+            )
         plant.reset(*driver.start())
         for k in range(round(seconds / dt)):
             coordinates, v = plant.coordinates()
@@ -56,8 +58,8 @@ def noisy(log: Log, noise: SensorNoise, seed: int) -> Log:
     rng, system = np.random.default_rng(seed), log.plant.system
     rows = []
     for t, q, v, u in log.rows:
-        step, v = noise.corrupt(np.zeros(system.n), v, rng)
-        rows.append(Measurement(t, system.integrate(q, step), v, u))
+        step, told = noise.corrupt(np.zeros(system.n), v, rng)
+        rows.append(Measurement(t, system.integrate(q, step), told, u))
     return Log(log.plant, log.dt, rows)
 
 
@@ -70,19 +72,33 @@ def between(
     return system.integrate(a.q, half), v
 
 
-def remember(recorder: Recorder, rows: list[Measurement], hermite: bool = True) -> Iterator[Memory]:
+def added(
+    recorder: Recorder, memory: Memory, a: Measurement, b: Measurement, hermite: bool = True
+) -> Memory:
+    """The memory at b, from that at a."""
+    return recorder.add(memory, a, between(recorder.system, a, b, hermite), b)
+
+
+def remember(recorder: Recorder, log: Log, hermite: bool = True) -> Iterator[Memory]:
     """The memory at every row."""
-    memory = recorder.begin(rows[0])
+    memory = recorder.begin(log.rows[0])
     yield memory
-    for a, b in pairwise(rows):
-        memory = recorder.add(memory, a, between(recorder.system, a, b, hermite), b)
+    for a, b in pairwise(log.rows):
+        memory = added(recorder, memory, a, b, hermite)
         yield memory
 
 
-def regressors(recorder: Recorder, rows: list[Measurement], hermite: bool = True) -> Array:
+def regressors(recorder: Recorder, log: Log, hermite: bool = True) -> Array:
     """(N, n, p) Y at every row but the first."""
-    seen = list(remember(recorder, rows, hermite))[1:]
+    seen = list(remember(recorder, log, hermite))[1:]
     return np.array([m.balance.momentum - m.balance.lag for m in seen])
+
+
+def blocks(recorder: Recorder, log: Log, hermite: bool = True) -> Array:
+    """(k, n, p) means of Y over whole blocks, by hand."""
+    Y = regressors(recorder, log, hermite)
+    whole = len(Y) // recorder.block
+    return Y[: whole * recorder.block].reshape(whole, recorder.block, *Y.shape[1:]).mean(axis=1)
 
 
 def off(Y: Array, theta: Array) -> float:

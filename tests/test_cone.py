@@ -313,12 +313,12 @@ def test_a_step_of_a_tied_matrix_is_held_inside_whatever_its_length(seed, log_le
     others[place] = False
     np.testing.assert_array_equal(held[others], end[others])
     P, Q = (dense(MIXED.blocks[-2], theta[place]) for theta in (start, held))
-    assert np.linalg.eigvals(np.linalg.solve(P, Q)).real.min() >= 0.5 - 1e-9
+    assert np.linalg.eigvals(np.linalg.solve(P, Q)).real.min() >= 0.1 - 1e-9
     metric, d = dense_hessian(theta)[1][place, place], (end - start)[place]
     length = np.sqrt(d @ metric @ d)
-    if length < 0.499:
+    if length < 0.899:
         np.testing.assert_array_equal(held, end)
-    share = min(1.0, 0.5 / length)
+    share = min(1.0, 0.9 / length)
     np.testing.assert_allclose((held - start)[place], share * d, rtol=1e-6, atol=1e-12)
 
 
@@ -455,20 +455,25 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, path):
 
 @pytest.mark.parametrize("path", ["_body_step", "_step"])
 def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch, path):
-    """Steps as long as the cone is wide are cut; the run goes on."""
+    """Steps as long as the cone is wide are cut, and followed by others."""
     measured, system = rows("torpedo", 5.0), plant("torpedo").system
     cone, place = geometry.cone_of(system.space), system.space["mass matrix"]
     held = 0
-    for seed in range(2):
-        law = build("torpedo", inside("torpedo", seed, 1.0), gain=400.0, mu=1e-4)
+    for seed in range(4):
+        law = build("torpedo", inside("torpedo", seed, 1.0), gain=700.0, mu=1e-4)
         monkeypatch.setattr(law, "_body_step", getattr(law, path))
-        theta = np.array([s.theta_hat[place] for s in identify(law, measured)])
-        for before, after in pairwise(theta):
-            whole = np.r_[before, np.ones(system.p - len(before))]
-            metric, d = geometry.gradient_and_hessian(cone, whole)[1][place, place], after - before
+        state, cut = law.init(measured[0]), False
+        for before, after in pairwise(measured):
+            following = law.step(state, before, after)
+            if following.status is not Status.completed:
+                break
+            held += cut
+            whole = np.r_[state.theta_hat[place], np.ones(system.p - 6)]
+            metric = geometry.gradient_and_hessian(cone, whole)[1][place, place]
+            d = (following.theta_hat - state.theta_hat)[place]
             length = np.sqrt(d @ metric @ d)
-            assert length <= 0.5 + 1e-6
-            held += length > 0.5 - 1e-6
+            assert length <= 0.9 + 1e-6
+            state, cut = following, bool(length > 0.9 - 1e-6)
     assert held > 0
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import pickle
+from dataclasses import fields
 from functools import cache
 from itertools import pairwise
 
@@ -19,7 +19,7 @@ from nsaid_mj.identifiers.quotient import quotient
 from nsaid_mj.plants import ArmPlant, Plant, RoverPlant, ScalarRovPlant, SensorNoise
 from nsaid_mj.system import EXACT, SensorLevels
 from tests.contract.vehicles import VEHICLES
-from tests.remembered import Log, between, driven, noisy, off, regressors, remember
+from tests.remembered import Log, added, blocks, driven, noisy, off, regressors, remember
 
 FEW = settings(deadline=None, max_examples=5)
 ARMS = ["ur5", "kinova", "panda", "double_pendulum", "solo12"]
@@ -37,7 +37,9 @@ def plant(name: str) -> Plant:
     return PLANTS[name].build(1e-3, 7)
 
 
-def recorder(log: Log, config: MemoryConfig | None = None, levels: SensorLevels = EXACT) -> Recorder:
+def recorder(
+    log: Log, config: MemoryConfig | None = None, levels: SensorLevels = EXACT
+) -> Recorder:
     return Recorder(log.plant.system, config or MemoryConfig(), log.dt, levels)
 
 
@@ -68,14 +70,13 @@ KINKED = ["scalar_rov", "bluerov2", "remus100", "uvms"]
 def test_the_truth_is_in_the_nullspace_to_the_order_of_simpsons_rule(name):
     log = driven(name, 0.5 if name in ("uvms", "borinot") else 1.0, hold=8)
     coarse, middle, fine = (
-        off(regressors(recorder(log.every(k)), log.every(k).rows), log.plant.truth)
-        for k in (8, 4, 2)
+        off(regressors(recorder(log.every(k)), log.every(k)), log.plant.truth) for k in (8, 4, 2)
     )
     order = np.log2(coarse / fine) / 2
     assert (3.6 if name in SMOOTH else 2.2) < order < 5.5
     assert coarse < 1e-6 and middle < coarse and fine < 3e-9
     wrong = log.plant.truth * (1 + 0.1 * np.cos(np.arange(log.plant.system.p)))
-    assert off(regressors(recorder(log.every(4)), log.every(4).rows), wrong) > 1e-3
+    assert off(regressors(recorder(log.every(4)), log.every(4)), wrong) > 1e-3
 
 
 @pytest.mark.parametrize("name", ["double_pendulum", "bluerov2"])
@@ -90,7 +91,7 @@ def test_the_balance_is_the_regressor_with_the_true_acceleration_behind_the_leak
     W = system.regressor(t, x, v, system.acceleration(t, x, v, u, log.plant.truth), u)
     grown = np.exp(t / config.window)[:, None, None]
     expected = cumulative_simpson(W * grown, x=t, axis=0) / grown[1:]
-    Y = regressors(recorder(log, config), rows)
+    Y = regressors(recorder(log, config), log._replace(rows=rows))
     scale = system.space.scale
     assert np.abs((Y - expected) * scale).max() < 1e-6 * np.abs(Y * scale).max()
 
@@ -98,7 +99,7 @@ def test_the_balance_is_the_regressor_with_the_true_acceleration_behind_the_leak
 def test_two_leaks_are_related_as_their_windows():
     """Ẏ = −a Y + W for every a, so Y_a − Y_b = (b − a) ∫ e^{−a(t−τ)} Y_b dτ."""
     log = driven("ur5", 0.5)
-    slow, fast = (regressors(recorder(log, MemoryConfig(window=w)), log.rows) for w in (0.5, 0.1))
+    slow, fast = (regressors(recorder(log, MemoryConfig(window=w)), log) for w in (0.5, 0.1))
     t = np.array([row.t for row in log.rows[1:]])
     grown = np.exp(t / 0.5)[:, None, None]
     first = log.dt * np.exp(t[0] / 0.5) * fast[0] / 2
@@ -114,16 +115,10 @@ def test_samples_need_not_be_regular(name):
     inner = [k for k in range(len(log.rows)) if k % 8 == 0 or rng.uniform() < 0.3]
     rows = [log.rows[k] for k in inner]
     assert len({round((b.t - a.t) / log.dt) for a, b in pairwise(rows)}) > 4
-    assert off(regressors(recorder(log), rows), log.plant.truth) < 1e-6
+    assert off(regressors(recorder(log), log._replace(rows=rows)), log.plant.truth) < 1e-6
 
 
 # -- the means -----------------------------------------------------------------------------------
-
-
-def blocks(log: Log, own: Recorder, hermite: bool = True) -> list[np.ndarray]:
-    """Whole blocks' means of Y, by hand."""
-    Y = regressors(own, log.rows, hermite)
-    return [Y[k : k + own.block].mean(axis=0) for k in range(0, len(Y) - own.block + 1, own.block)]
 
 
 @pytest.mark.parametrize("horizon", [0.0, 0.7])
@@ -131,7 +126,7 @@ def blocks(log: Log, own: Recorder, hermite: bool = True) -> list[np.ndarray]:
 def test_the_means_are_those_of_a_list_of_blocks(name, horizon):
     log = driven(name, 2.03)
     own = recorder(log, MemoryConfig(horizon=horizon))
-    kept, listed = list(remember(own, log.rows))[-1], blocks(log, own)
+    kept, listed = list(remember(own, log))[-1], blocks(own, log)
     assert len(listed) == 20 and own.block == round(0.1 / log.dt)
     age = 0.1 * np.arange(len(listed))[::-1]
     weight = np.exp(-age / horizon) if horizon else np.ones(len(listed))
@@ -144,7 +139,7 @@ def test_the_means_are_those_of_a_list_of_blocks(name, horizon):
     np.testing.assert_allclose(kept.gramian, gramian, rtol=1e-10, atol=1e-14 * size)
     symmetric = 0.5 * (lagged + lagged.transpose(0, 2, 1))
     np.testing.assert_allclose(kept.lagged, symmetric, rtol=1e-10, atol=1e-14 * size)
-    np.testing.assert_array_equal(kept.last, listed[-1])
+    np.testing.assert_allclose(kept.last, listed[-1], rtol=1e-9)
     assert kept.noise is None and kept.shaken is None
 
 
@@ -154,10 +149,10 @@ def test_the_innovations_gramian_is_that_of_the_listed_differences(horizon):
     log = driven("bluerov2", 4.0)
     own, space = recorder(log, MemoryConfig(horizon=horizon)), log.plant.system.space
     theta = log.plant.truth * (1 + 0.2 * np.cos(np.arange(len(space))))
-    kept, listed = list(remember(own, log.rows))[-1], np.array(blocks(log, own))
+    kept, listed = list(remember(own, log))[-1], blocks(own, log)
     found = quotient(kept, space)
     assert found is not None
-    cost, view = found.weighted(theta, kept)
+    cost, view = found.weighted(theta, kept, np.eye(len(space)))
     before = np.concatenate([np.zeros_like(listed[:1]), listed[:-1]])
     age = 0.1 * np.arange(len(listed))[::-1]
     weight = np.exp(-age / horizon) if horizon else np.ones(len(listed))
@@ -179,24 +174,25 @@ def test_the_innovations_gramian_is_that_of_the_listed_differences(horizon):
 def test_the_noises_gramian_is_that_of_many_draws(name):
     """E[ΔY ΔYᵀ] of blocks measured with noise less the same without; neighbours likewise."""
     log, noise, draws = driven(name, 6.0), SensorNoise(), 20
-    system, exact = log.plant.system, recorder(log)
+    system, same = log.plant.system, recorder(log, levels=noise.levels)
     scale = np.outer(system.space.scale, system.space.scale)
-    clean = np.array(blocks(log, exact, False))
+    clean = blocks(same, log, False)
     true, told = [], []
     for seed in range(draws):
-        change = np.array(blocks(noisy(log, noise, seed), exact, False)) - clean
+        change = blocks(same, noisy(log, noise, seed), False) - clean
         before = np.concatenate([np.zeros_like(change[:1]), change[:-1]])
         true.append([np.einsum("kip,kip,pp->i", change, other, scale) / len(change)
                      for other in (change, before)])  # fmt: skip
         own, rng = recorder(log, levels=noise.levels), np.random.default_rng(seed + draws)
-        own.__dict__["_draws"] = rng.standard_normal(own._draws.shape) * np.array(noise.levels)[:, None]
-        *_, kept = remember(own, noisy(log, noise, seed + draws).rows, hermite=False)
+        unit = rng.standard_normal(own._draws.shape)
+        own.__dict__["_draws"] = unit * np.array(noise.levels)[:, None]
+        *_, kept = remember(own, noisy(log, noise, seed + draws), hermite=False)
         assert kept.noise is not None
         told.append(np.einsum("aipp,pp->ai", kept.noise, scale))
     error = np.sqrt((np.var(true, axis=0) + np.var(told, axis=0)) / draws)
     expected, stated = np.mean(true, axis=0), np.mean(told, axis=0)
     assert (np.abs(stated - expected) < 4 * error).all()
-    assert np.median(error[0] / expected[0]) < 0.15  # it could have been seen
+    assert np.median(error[0] / expected[0]) < 0.2  # a factor of 2 would be seen
     assert (stated[1] > 0.1 * stated[0]).any()  # neighbours do correlate
 
 
@@ -206,9 +202,9 @@ LOUD = SensorNoise(position=1e-3, velocity=2e-2)
 def test_noise_of_positions_or_of_velocities_alone_is_noise():
     log = driven("ur5", 0.3)
     for levels in (SensorLevels(position=1e-3), SensorLevels(velocity=1e-2)):
-        *_, kept = remember(recorder(log, levels=levels), log.rows, hermite=False)
+        *_, kept = remember(recorder(log, levels=levels), log, hermite=False)
         assert kept.noise is not None and np.abs(kept.noise[0]).max() > 0
-    *_, kept = remember(recorder(log), log.rows)
+    *_, kept = remember(recorder(log), log)
     assert kept.noise is None and kept.shaken is None
 
 
@@ -223,14 +219,15 @@ def flat(memory: Memory) -> bytes:
 def test_adding_is_pure(levels):
     log = driven("f1tenth", 2.0)
     one, other = recorder(log, levels=levels), recorder(log, levels=levels)
-    kept = list(remember(one, log.rows, levels.exact))
+    kept = list(remember(one, log, levels.exact))
     frozen = [flat(memory) for memory in kept]
     for k in (300, 7, 300, 24, 25):  # in any order, by any instance, within a block or closing one
-        middle = between(one.system, log.rows[k], log.rows[k + 1], levels.exact)
-        inputs = copy.deepcopy((log.rows[k], middle, log.rows[k + 1]))
+        a, b = log.rows[k : k + 2]
+        inputs = pickle.dumps((a, b))
         for own in (one, other):
-            assert flat(own.add(kept[k], log.rows[k], middle, log.rows[k + 1])) == frozen[k + 1]
-        assert pickle.dumps(inputs) == pickle.dumps((log.rows[k], middle, log.rows[k + 1]))
+            again = added(own, kept[k], a, b, levels.exact)
+            assert flat(again) == frozen[k + 1]
+        assert inputs == pickle.dumps((a, b))
     assert [flat(memory) for memory in kept] == frozen
 
 
@@ -243,7 +240,7 @@ def nbytes(value) -> int:
 @pytest.mark.parametrize("levels", [EXACT, LOUD.levels], ids=["exact", "noisy"])
 def test_it_does_not_grow(levels):
     log = driven("scalar_rov", 60.0)
-    sizes = [nbytes(memory) for memory in remember(recorder(log, levels=levels), log.rows)]
+    sizes = [nbytes(memory) for memory in remember(recorder(log, levels=levels), log)]
     assert len(set(sizes)) == 1 and sizes[0] < 10_000
 
 
@@ -251,19 +248,19 @@ def test_a_block_is_at_least_a_sample():
     log = driven("double_pendulum", 0.3)
     config = MemoryConfig(block=1e-4, interval=1e-4)
     own = recorder(log, config)
-    *_, kept = remember(own, log.rows)
+    *_, kept = remember(own, log)
     assert own.block == 1 and kept.blocks == len(log.rows) - 1 and (kept.total == 0).all()
 
 
 def test_a_plant_that_nothing_moves_leaves_no_quotient():
     log = driven("scalar_rov", 1.0)
     rest = [row._replace(v=0 * row.v, q=0 * row.q, u=0 * row.u) for row in log.rows]
-    *_, kept = remember(recorder(log), rest)
+    *_, kept = remember(recorder(log), log._replace(rows=rest))
     assert quotient(kept, log.plant.system.space) is None
     assert quotient(recorder(log).begin(rest[0]), log.plant.system.space) is None
 
 
-@pytest.mark.parametrize("field", ["window", "block", "interval", "pace", "anchor", "horizon", "surprise"])
+@pytest.mark.parametrize("field", [field.name for field in fields(MemoryConfig)])
 @pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
 def test_a_bad_number_is_refused(field, bad):
     with pytest.raises(InvalidInput) as caught:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -28,9 +29,9 @@ def remembered(name: str, sensors: str) -> tuple[Log, Memory]:
     log = driven(name, 3.0)
     exact = sensors == "ideal"
     levels = EXACT if exact else NOISE.levels
-    rows = log.rows if exact else noisy(log, NOISE, 1).rows
+    seen = log if exact else noisy(log, NOISE, 1)
     own = Recorder(log.plant.system, MemoryConfig(), log.dt, levels)
-    *_, memory = remember(own, rows, exact)
+    *_, memory = remember(own, seen, exact)
     return log, memory
 
 
@@ -40,11 +41,11 @@ def near(log: Log, rng: np.random.Generator, error: float = 0.3) -> Array:
     return log.plant.truth + error * size * rng.uniform(-1, 1, len(size))
 
 
-def weighted(name: str, sensors: str, theta: Array) -> Quotient:
+def weighted(name: str, sensors: str, theta: Array, prior: float = 1.0) -> Quotient:
     log, memory = remembered(name, sensors)
-    found = quotient(memory, log.plant.system.space)
+    found, scale = quotient(memory, log.plant.system.space), log.plant.system.space.scale
     assert found is not None
-    return found.weighted(theta, memory)[0]
+    return found.weighted(theta, memory, prior * np.diag(scale**-2.0))[0]
 
 
 def drawn(rng: np.random.Generator, n: int = 3, p: int = 7) -> tuple[Quotient, Array]:
@@ -55,7 +56,7 @@ def drawn(rng: np.random.Generator, n: int = 3, p: int = 7) -> tuple[Quotient, A
     effort = np.zeros((n, p))
     effort[:, :3] = rng.uniform(0, 2, (n, 3))
     G = np.einsum("ikp,ikq->ipq", rows, rows)
-    return Quotient(G, np.zeros_like(G), effort, rng.uniform(0.1, 9, n)), truth
+    return Quotient(G, effort, rng.uniform(0.1, 9, n), None, effort.mean(axis=0)), truth
 
 
 each = pytest.mark.parametrize("name", NAMES)
@@ -84,17 +85,16 @@ def test_the_gradient_is_the_slope(name, sensors, seed):
 @given(seeds, st.floats(1e-6, 1e6))
 def test_a_change_of_scale_changes_nothing(name, sensors, seed, factor):
     """R(sθ) = R(θ), so θᵀ ∇R = 0; and the weights have no scale either."""
-    log, memory = remembered(name, sensors)
+    log, _ = remembered(name, sensors)
     theta = near(log, np.random.default_rng(seed))
     cost = weighted(name, sensors, theta)
     assert cost.value(factor * theta) == pytest.approx(cost.value(theta), rel=1e-9)
     pull = theta * cost.gradient(theta)
     assert abs(pull.sum()) < 1e-9 * np.abs(pull).sum()
-    again = weighted(name, sensors, factor * theta)
+    again = weighted(name, sensors, factor * theta, factor**-2.0)
     np.testing.assert_allclose(again.weights, cost.weights, rtol=1e-7)
-    hessian, noise = cost.curvature(theta)
-    for part in (hessian, noise):  # Π θ = 0
-        assert np.abs(theta * (part @ theta)).max() <= 1e-9 * np.abs(np.outer(theta, theta) * part).max()
+    pulls = np.outer(theta, theta) * cost.curvature(theta)  # Π θ = 0
+    assert np.abs(pulls.sum(axis=1)).max() <= 1e-9 * np.abs(pulls).max()
 
 
 @FEW
@@ -133,23 +133,19 @@ def test_curvature_is_gauss_newtons(seed):
     rows, effort = rng.standard_normal((n, count, p)), np.zeros((n, p))
     effort[:, :2] = rng.uniform(0.1, 2, (n, 2))
     theta, weights = rng.uniform(0.5, 2, p), rng.uniform(0.1, 9, n)
-    G = np.einsum("ikp,ikq->ipq", rows, rows)
-    N = 0.1 * np.einsum("ikp,ikq->ipq", rows[:, :3], rows[:, :3])
-    cost = Quotient(G, N, effort, weights)
+    cost = Quotient(np.einsum("ikp,ikq->ipq", rows, rows), effort, weights, None, effort[0])
 
-    def residuals(theta: Array, rows: Array) -> Array:
+    def residuals(theta: Array) -> Array:
         return ((rows @ theta) * np.sqrt(weights / (effort @ theta**2))[:, None]).ravel()
 
     steps = 1e-6 * np.eye(p)
-    for part, seen in zip(cost.curvature(theta), (rows, 0.1**0.5 * rows[:, :3]), strict=True):
-        J = np.stack([residuals(theta + s, seen) - residuals(theta - s, seen) for s in steps], 1)
-        J /= 2e-6
-        np.testing.assert_allclose(part, J.T @ J, atol=1e-6 * np.abs(part).max())
-        np.testing.assert_allclose(part, part.T, atol=1e-12 * np.abs(part).max())
-    J = np.stack([residuals(theta + s, rows) - residuals(theta - s, rows) for s in steps], 1) / 2e-6
-    whole = Quotient(G, 0 * N, effort, weights)
-    np.testing.assert_allclose(whole.gradient(theta), J.T @ residuals(theta, rows), rtol=1e-5,
-                               atol=1e-6 * np.abs(J).max())  # fmt: skip
+    J = np.stack([residuals(theta + s) - residuals(theta - s) for s in steps], axis=1) / 2e-6
+    own, size = cost.curvature(theta), np.abs(J.T @ J).max()
+    np.testing.assert_allclose(own, J.T @ J, atol=1e-6 * size)
+    np.testing.assert_allclose(own, own.T, atol=1e-12 * size)
+    assert cost.value(theta) == pytest.approx(0.5 * residuals(theta) @ residuals(theta))
+    slope = J.T @ residuals(theta)
+    np.testing.assert_allclose(cost.gradient(theta), slope, atol=1e-6 * np.abs(J).max() ** 2)
 
 
 @each
@@ -159,9 +155,28 @@ def test_curvature_is_gauss_newtons(seed):
 def test_curvature_is_positive_semidefinite(name, sensors, seed):
     log, _ = remembered(name, sensors)
     theta = near(log, np.random.default_rng(seed))
-    hessian, _ = weighted(name, sensors, theta).curvature(theta)
+    hessian = weighted(name, sensors, theta).curvature(theta)
     balanced = hessian * np.outer(theta, theta)
     assert np.linalg.eigvalsh(balanced)[0] > -1e-9 * np.abs(balanced).max()
+
+
+@each
+@FEW
+@given(seeds, st.floats(1e-3, 1e3))
+def test_noise_takes_no_more_than_there_is(name, seed, prior):
+    """0 ⪯ B ≺ the curvature with Σ held and the prior's: R with the prior has a lower bound."""
+    log, _ = remembered(name, "noisy")
+    scale = log.plant.system.space.scale
+    theta = near(log, np.random.default_rng(seed))
+    cost = weighted(name, "noisy", theta, prior)
+    assert cost.excess is not None and weighted(name, "ideal", theta).excess is None
+    whole = np.tensordot(cost.weights / (cost.effort @ theta**2), cost.gramian, 1)
+    whole += prior * np.diag(scale**-2.0)
+    unit = 1 / np.sqrt(np.diag(whole))
+    left = (whole - cost.excess) * np.outer(unit, unit)
+    assert np.linalg.eigvalsh(left)[0] > 0.01 * np.linalg.eigvalsh(whole * np.outer(unit, unit))[0]
+    made = cost.excess * np.outer(unit, unit)
+    assert np.linalg.eigvalsh(made)[0] > -1e-9 and np.abs(made).max() > 0
 
 
 # -- what the data are measured in ---------------------------------------------------------------
@@ -172,7 +187,11 @@ def test_residuals_are_measured_on_actuators_only(name):
     log, memory = remembered(name, "ideal")
     space = log.plant.system.space
     found = quotient(memory, space)
-    assert found is not None and (found.effort >= 0).all() and (found.effort @ space.scale**2 > 0).all()
+    assert (
+        found is not None
+        and (found.effort >= 0).all()
+        and (found.effort @ space.scale**2 > 0).all()
+    )
     rest = np.setdiff1d(np.arange(len(space)), space.actuators)
     assert (found.effort[:, rest] == 0).all()
 
@@ -183,21 +202,21 @@ def test_an_actuator_that_never_moved_is_not_seen():
     space, still = log.plant.system.space, 2
     rows = [row._replace(u=row.u * (np.arange(len(row.u)) != still)) for row in log.rows]
     own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
-    *_, memory = remember(own, rows)
+    *_, memory = remember(own, log._replace(rows=rows))
     found = quotient(memory, space)
     assert found is not None
     k = space.actuators[still]
     assert (found.effort[:, k] == 0).all() and (found.gramian[:, k] == 0).all()
     theta = near(log, np.random.default_rng(0))
-    cost, _ = found.weighted(theta, memory)
-    assert cost.gradient(theta)[k] == 0 and (cost.curvature(theta)[0][k] == 0).all()
+    cost, _ = found.weighted(theta, memory, np.eye(len(space)))
+    assert cost.gradient(theta)[k] == 0 and (cost.curvature(theta)[k] == 0).all()
 
 
 @pytest.mark.parametrize("name", ["scalar_rov", "bluerov2"])
 def test_without_any_command_there_is_no_quotient(name):
     log = driven(name, 1.0)
     own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
-    *_, memory = remember(own, [row._replace(u=0 * row.u) for row in log.rows])
+    *_, memory = remember(own, log._replace(rows=[row._replace(u=0 * row.u) for row in log.rows]))
     assert np.abs(memory.gramian).max() > 0
     assert quotient(memory, log.plant.system.space) is None
 
@@ -205,36 +224,39 @@ def test_without_any_command_there_is_no_quotient(name):
 def test_a_row_without_an_actuator_is_measured_in_shares_of_the_others():
     """A rotor pushes along one axis: the others' balances have no effort of their own."""
     log, memory = remembered("crazyflie", "ideal")
-    space = log.plant.system.space
-    own = np.einsum("ipp->ip", memory.gramian)[:, space.actuators].sum(axis=1)
-    found = quotient(memory, space)
-    assert (own[:2] == 0).all() and found is not None
-    assert (found.effort[:2][:, space.actuators] > 0).any(axis=1).all()
+    space, gramian = log.plant.system.space, memory.gramian.copy()
+    gramian[:2, space.actuators] = gramian[:2, :, space.actuators] = 0.0
+    found = quotient(memory._replace(gramian=gramian), space)
+    assert found is not None
+    own = found.effort[:, space.actuators]
+    shares = own / np.einsum("ipp,p->i", gramian, space.scale**2)[:, None]
+    np.testing.assert_allclose(shares[:2], np.tile(shares[2:].mean(axis=0), (2, 1)), rtol=1e-9)
+    assert (own[:2] > 0).any(axis=1).all()
 
 
 def test_a_row_in_which_nothing_happened_says_nothing():
     log, memory = remembered("bluerov2", "ideal")
-    gramian, lagged, before = (part.copy() for part in (memory.gramian, memory.lagged, memory.before))
-    for part in (gramian, lagged, before):
-        part[1] = 0.0
+    moving = (np.arange(log.plant.system.n) != 1)[:, None, None]
     theta = near(log, np.random.default_rng(1))
-    still = memory._replace(gramian=gramian, lagged=lagged, before=before)
+    parts = ("gramian", "lagged", "before")
+    still = memory._replace(**{name: moving * getattr(memory, name) for name in parts})
     found = quotient(still, log.plant.system.space)
     assert found is not None
-    cost, view = found.weighted(theta, still)
+    cost, view = found.weighted(theta, still, np.eye(len(theta)))
     assert np.isfinite(cost.weights).all() and np.isfinite(view.share).all()
-    alone = Quotient(*(part[[1]] for part in (cost.gramian, cost.noise, cost.effort)), cost.weights[[1]])
+    parts = cost.gramian[[1]], cost.effort[[1]], cost.weights[[1]]
+    alone = Quotient(*parts, None, cost.reference)
     assert alone.value(theta) == 0 and (alone.gradient(theta) == 0).all()
     assert np.isfinite(cost.gradient(theta)).all()
 
 
 @both
 def test_weights_are_one_over_the_residuals(sensors):
-    """½ Σ w λ = ½ blocks for every row whose residuals are above the floor, noise not subtracted."""
+    """½ w λ = ½ blocks for every row whose residuals are above the floor, without N."""
     log, memory = remembered("bluerov2", sensors)
     theta = near(log, np.random.default_rng(2))
     cost = weighted("bluerov2", sensors, theta)
-    loud = Quotient(cost.gramian, 0 * cost.noise, cost.effort, cost.weights)
+    loud = replace(cost, excess=None)
     assert loud.value(theta) == pytest.approx(0.5 * memory.blocks * len(cost.weights), rel=1e-9)
     truth = log.plant.truth
     floor = weighted("bluerov2", sensors, truth)

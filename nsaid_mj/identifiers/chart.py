@@ -13,14 +13,14 @@ import numpy as np
 
 from ..cone import block_solve, compiled, factor, inverse, matrix, metric_solve, read, tied
 
-_REACH = 0.5  # of a step of a tied block, in the metric ∇²b; a Dikin ellipsoid is inside up to 1
+_REACH = 0.9  # of a step of a tied block, in the metric ∇²b; a Dikin ellipsoid is inside up to 1
 
 
 @compiled
 def confine(cone, start, eta):
     """Cuts the step from `start` (p,) to η (p,) back, in every tied block, to where it is inside.
 
-    The block is then inside after any step: P ⪰ (1 − 0.5) P(start). A step that is cut is shorter
+    The block is then inside after any step: P ⪰ (1 − 0.9) P(start). A step that is cut is shorter
     than RK4's, so that V may rise and the conserved quantity drift.
     """
     for block in range(cone.blocks.shape[0]):

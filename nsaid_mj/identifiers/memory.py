@@ -28,7 +28,7 @@ from ..system import EXACT, Measurement, SecondOrderSystem, SensorLevels
 
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)
 _DETERMINED = 3  # rows for each parameter before their residuals say how large they are
-_DRAWS = 4093  # of noise, used again and again: a prime, so that no block repeats soon
+_DRAWS = 32749  # of noise, used again and again: a prime, so that no block repeats soon
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,13 @@ class Balance(NamedTuple):
         lag: (n, p) z.
         momentum: (n, p) W_M(q, v).
         drive: (n, p) a W_M(q, v) and the regressor of Cᵀ v: of ż, what no command changes.
+        track: (m,) the position that velocities and positions agree on best.
     """
 
     lag: Array
     momentum: Array
     drive: Array
+    track: Array
 
 
 class View(NamedTuple):
@@ -163,6 +165,7 @@ class Recorder:
     ):
         self.system, self.leak, self.levels = system, 1 / config.window, levels
         self.surprise = config.surprise
+        self.trust = _steady_gain(levels, dt)
         self.block = max(1, round(config.block / dt))
         self.kept = np.exp(-self.block * dt / config.horizon) if config.horizon else 1.0
 
@@ -214,12 +217,13 @@ class Recorder:
 
     def _close(self, memory: Memory) -> Memory:
         """Takes the block that is full into the means."""
-        row, blocks = memory.total / self.block, self.kept * memory.blocks + 1
+        row, spread = memory.total / self.block, memory.spread / self.block
+        blocks = self.kept * memory.blocks + 1
         share = 1 / blocks
         gramian = memory.gramian + share * (_square(row, row) - memory.gramian)
         lagged = memory.lagged + share * (_square(row, memory.last) - memory.lagged)
         before = memory.before + share * (_square(memory.last, memory.last) - memory.before)
-        noise, spread = memory.noise, memory.spread / self.block
+        noise = memory.noise
         if noise is not None:
             now = np.stack([_square(spread, spread), _square(spread, memory.stirred)])
             noise = noise + share * (now - noise)
@@ -282,7 +286,7 @@ class Recorder:
     def _balance(self, q: Array, v: Array) -> Balance:
         """The balance at its start: Y = 0."""
         momentum = self.system._W_M(q, v)
-        return Balance(momentum, momentum, self._drive(q, v, momentum))
+        return Balance(momentum, momentum, self._drive(q, v, momentum), q)
 
     def _drive(self, q: Array, v: Array, momentum: Array) -> Array:
         return self.leak * momentum + self.system._transport(q, v)
@@ -294,22 +298,43 @@ class Recorder:
         middle: tuple[Array, Array],
         following: Measurement,
     ) -> Balance:
-        """One step of ż by Simpson's rule."""
+        """One step of ż by Simpson's rule.
+
+        Velocities' noise adds up in the integral of what is proportional to them, a position's does
+        not: where both are noisy the velocity half-way is corrected so that its integral follows
+        the position (a steady Kalman filter).
+        """
         system, (t, q0, v0, u), (q, v) = self.system, previous, middle
         dt = following.t - t
         fade = np.exp(-0.5 * self.leak * dt)
+        track = following.q
+        if self.trust:
+            ahead = system.integrate(balance.track, 0.5 * dt * (v0 + following.v))
+            missed = self.trust * system.difference(ahead, following.q)
+            track = system.integrate(ahead, missed)
+            v = v + 1.5 / dt * missed  # Simpson's rule counts the middle two thirds
         momentum = system._W_M(following.q, following.v)
         drive = self._drive(following.q, following.v, momentum)
         lag = fade * fade * (balance.lag + dt / 6 * (balance.drive + system._F(t, q0, v0, u)))
         half = self._drive(q, v, system._W_M(q, v)) + system._F(t + 0.5 * dt, q, v, u)
         lag += (2 / 3 * dt * fade) * half
         lag += dt / 6 * (drive + system._F(following.t, following.q, following.v, u))
-        return Balance(lag, momentum, drive)
+        return Balance(lag, momentum, drive, track)
 
     def _shake(self, step: int, q: Array, v: Array) -> tuple[Array, Array]:
         """A measured state with as much noise again."""
         position, velocity = self._draws[step % _DRAWS]
         return self.system.integrate(q, position), v + velocity
+
+
+def _steady_gain(levels: SensorLevels, dt: float) -> float:
+    """Gain of the steady Kalman filter of a position that noisy velocities carry on; 0 if exact."""
+    if levels.velocity == 0:
+        return 0.0
+    if levels.position == 0:
+        return 1.0
+    ratio = levels.velocity * dt / levels.position
+    return 0.5 * ratio * (np.sqrt(ratio**2 + 4) - ratio)
 
 
 def _square(a: Array, b: Array) -> Array:

@@ -26,7 +26,6 @@ _REACH = 0.5  # of a Newton step in the metric: a Dikin ellipsoid lies inside th
 _NEWTON, _HALVINGS = 30, 8  # at most, in one implicit step
 _DONE = 1e-7  # a Newton step this short ends it
 _HINT = 1e-6  # weight of the prior, at least, in what is said of the unobservable
-_LEFT = 0.1  # share of the curvature that subtracting the noise must leave everywhere
 
 
 class MemoryIdentifier(ConeIdentifier):
@@ -67,8 +66,8 @@ class MemoryIdentifier(ConeIdentifier):
         self.config = config or MemoryConfig()
         self.anchor = self.config.weight(levels)
         self.recorder = Recorder(system, self.config, dt, levels)
-        self._dt = dt
-        self._every = max(1, round(self.config.interval / dt))
+        self._dt, self._every = dt, max(1, round(self.config.interval / dt))
+        self._pace = self.config.pace * self._every * dt
         inverse = np.diag(1 / self.Gamma) if self.Gamma.ndim == 1 else np.linalg.inv(self.Gamma)
         self._stiffness = inverse / self.mu
         self._mirror_prior, self._metric_prior = self._mirror(self.prior)
@@ -88,7 +87,7 @@ class MemoryIdentifier(ConeIdentifier):
         theta, spent = moved.theta_hat, state.spent
         if memory.step % self._every == 0:
             theta, memory = self.settle(theta, self.recorder.doubt(memory))
-            spent += float(self.conserved(moved.theta_hat) - self.conserved(theta))
+            spent += self._cost(moved.theta_hat, theta)
         return moved._replace(theta_hat=theta, memory=memory, spent=spent)
 
     def settle(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
@@ -99,25 +98,33 @@ class MemoryIdentifier(ConeIdentifier):
         remembered = quotient(memory, self.system.space)
         if remembered is None:
             return theta, memory
-        (cost, _), start = remembered.weighted(theta, memory), theta
-        pace, anchor = self.config.pace * self.config.interval, self.anchor
-        mirror, _ = self._mirror(start)
+        pace, anchor, start = self._pace, self.anchor, theta
+        mirror, metric = self._mirror(start)
+        prior = (anchor + 1 / pace) * metric
+        cost, _ = remembered.weighted(theta, memory, prior)
         for _ in range(_NEWTON):
             slope, metric = self._mirror(theta)
             anchored = anchor * (slope - self._mirror_prior)
             gradient = pace * (cost.gradient(theta) + anchored) + slope - mirror
-            data, noise = cost.curvature(theta)
-            hessian = _convex(pace * data + (pace * anchor + 1) * metric, pace * noise)
-            way = -_solve(hessian, gradient)
+            own, whole = (pace * anchor + 1) * metric, pace * cost.curvature(theta)
+            made = 0.0 if cost.excess is None else pace * cost.excess
+            with np.errstate(invalid="ignore"):  # not positive definite: NaN, and then without B
+                way = -_solve(whole + own - made, gradient)
+            if not gradient @ way < 0:  # far from where B was found
+                way = -_solve(whole + own, gradient)
             length = float(np.sqrt(way @ metric @ way))
             if not length > _DONE:  # NaN too: what was reached stands
                 break
-            theta, moved = self._descend(
-                cost, start, theta, min(1.0, _REACH / length) * way, float(gradient @ way)
-            )
+            theta, moved = self._descend(cost, start, theta, min(1.0, _REACH / length) * way)
             if not moved:
                 break
-        return theta, memory._replace(view=remembered.weighted(theta, memory)[1])
+        return theta, memory._replace(view=remembered.weighted(theta, memory, prior)[1])
+
+    def _cost(self, before: Array, after: Array) -> float:
+        """What an implicit step takes from the conserved quantity: 2 D_ψ(θ⁺‖θ̂), if unanchored."""
+        if self.anchor:
+            return float(self.conserved(before) - self.conserved(after))
+        return 2 * float(self.divergence(after, before))
 
     def slack(self, state: State, theta: Array) -> float:
         """½ κ h R(θ) max_j θ_j/θ̂_j over the actuators, the most that a step can raise V by."""
@@ -125,10 +132,11 @@ class MemoryIdentifier(ConeIdentifier):
         remembered = None if memory is None else quotient(memory, self.system.space)
         if memory is None or remembered is None:
             return 0.0
-        cost, _ = remembered.weighted(state.theta_hat, memory)
+        _, metric = self._mirror(state.theta_hat)
+        cost, _ = remembered.weighted(state.theta_hat, memory, metric)
         k = self.system.space.actuators
         largest = float(np.max(theta[k] / state.theta_hat[k]))
-        pace = self.mu * self.config.pace * self.config.interval
+        pace = self.mu * self._pace
         return max(0.0, 0.5 * pace * cost.value(theta) * largest)
 
     def implicit(self, t: Array) -> np.ndarray:
@@ -150,11 +158,12 @@ class MemoryIdentifier(ConeIdentifier):
             return None
         cost = quotient(memory, self.system.space)
         assert cost is not None  # there was a view
-        cost, view = cost.weighted(theta, memory)
-        data, noise = cost.curvature(theta)
         _, metric = self._mirror(theta)
         prior = max(self.anchor, _HINT) * metric
-        bread = _inverse(_convex(data + prior, noise))
+        cost, view = cost.weighted(theta, memory, prior)
+        data = cost.curvature(theta)
+        made = 0.0 if cost.excess is None else cost.excess
+        bread = _inverse(data + prior - made)
         bias = memory.blocks * memory.bias
         scatter = data + memory.blocks * memory.meat + np.outer(bias, bias)
         return Confidence(
@@ -164,7 +173,7 @@ class MemoryIdentifier(ConeIdentifier):
         )
 
     def _descend(
-        self, cost: Quotient, start: Array, theta: Array, way: Array, slope: float
+        self, cost: Quotient, start: Array, theta: Array, way: Array
     ) -> tuple[Array, bool]:
         """The first of way, way/2, way/4 … that lowers what an implicit step makes least."""
         before = self._objective(cost, start, theta)
@@ -177,7 +186,7 @@ class MemoryIdentifier(ConeIdentifier):
 
     def _objective(self, cost: Quotient, start: Array, theta: Array) -> float:
         """κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ]/μ + D_ψ(θ‖θ̂)/μ."""
-        pace = self.config.pace * self.config.interval
+        pace = self._pace
         near = self.divergence(theta, start) + pace * self.anchor * self.divergence(
             theta, self.prior
         )
@@ -187,17 +196,6 @@ class MemoryIdentifier(ConeIdentifier):
         """(p,) ∇ψ(θ)/μ and (p, p) ∇²ψ(θ)/μ."""
         slope, metric = gradient_and_hessian(self.cone, theta)
         return self._stiffness @ theta + slope, self._stiffness + metric
-
-
-def _convex(curvature: Array, noise: Array) -> Array:
-    """The curvature less the noise's, or as much of it as leaves a tenth in every direction."""
-    if not noise.any():
-        return curvature
-    scale = 1 / np.sqrt(np.diag(curvature))
-    L = np.linalg.cholesky(curvature * np.outer(scale, scale))
-    half = np.linalg.solve(L, noise * np.outer(scale, scale))
-    largest = np.linalg.eigvalsh(np.linalg.solve(L, half.T))[-1]
-    return curvature - min(1.0, (1 - _LEFT) / max(largest, 1e-300)) * noise
 
 
 def _solve(matrix: Array, right: Array) -> Array:

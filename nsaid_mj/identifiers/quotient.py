@@ -1,10 +1,11 @@
 """How badly a θ explains remembered data: a cost that a change of scale does not change.
 
-    R(θ) = ½ Σ_i w_i λ_i(θ),    λ_i(θ) = θᵀ (G_i − N_i) θ / θᵀ Σ_i θ,
+    R(θ) = ½ Σ_i w_i θᵀ G_i θ / θᵀ Σ_i θ − ½ θᵀ B θ / θᵀ Σ̄ θ,
 
-G_i the Gramian of row i of the momentum balance, N_i the part of it that sensor noise made, Σ_i ⪰ 0
-diagonal on the actuators: the balance is measured in shares of the actuators' own effort, as if
-every command had a relative error. θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
+G_i the Gramian of row i of the momentum balance and Σ_i ⪰ 0 diagonal on the actuators: the balance
+is measured in shares of the actuators' own effort, as if every command had a relative error. B is
+what sensor noise has made of the first sum's curvature, 0 where sensors are exact; Σ̄ is a mean of
+the Σ_i. θᵀ∇R = 0, and with B = 0, ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ _QUADRATURE = 1e-8  # floor of λ where sensors are exact: what is left is the q
 _NOISE = 1e-12  # … and where they are not
 _DRIVEN = 1e-6  # share of a row's size below which it counts as not actuated
 _CORRELATED = 0.95  # correlation of neighbouring blocks, at most
+_OWN = 1e-2  # share of a row's size that its own positive parameters must have to measure it
+_SURE = 3.0  # standard errors by which motion must stand out from noise, 1/√blocks each
+_LEFT = 1e-3  # share of the prior's curvature that is left to what noise has made alone
 
 
 @dataclass(frozen=True)
@@ -28,73 +32,93 @@ class Quotient:
 
     Attributes:
         gramian: (n, p, p) G_i, means over the blocks.
-        noise: (n, p, p) N_i, likewise; zeros where sensors are exact.
         effort: (n, p) diagonals of Σ_i.
         weights: (n,) w_i.
+        excess: (p, p) B ⪰ 0; None where sensors are exact.
+        reference: (p,) diagonal of Σ̄.
     """
 
     gramian: Array
-    noise: Array
     effort: Array
     weights: Array
+    excess: Array | None
+    reference: Array
 
     def value(self, theta: Array) -> float:
         """R(θ)."""
-        return 0.5 * float(self.weights @ self._levels(theta, self.gramian - self.noise))
+        value = self.weights @ self.levels(theta)
+        if self.excess is not None:
+            value -= theta @ self.excess @ theta / (self.reference @ theta**2)
+        return 0.5 * float(value)
 
     def gradient(self, theta: Array) -> Array:
-        """(p,) ∇R(θ) = Σ_i w_i (E_i θ − λ_i Σ_i θ) / θᵀ Σ_i θ, E_i = G_i − N_i."""
-        pull = (self.gramian - self.noise) @ theta
-        effort = self.effort @ theta**2
+        """(p,) ∇R(θ); the first sum's is Σ_i w_i (G_i θ − λ_i Σ_i θ) / θᵀ Σ_i θ."""
+        pull, effort = self.gramian @ theta, self.effort @ theta**2
         level = pull @ theta / effort
-        return (self.weights / effort) @ (pull - level[:, None] * self.effort * theta)
+        gradient = (self.weights / effort) @ (pull - level[:, None] * self.effort * theta)
+        if self.excess is None:
+            return gradient
+        made, size = self.excess @ theta, self.reference @ theta**2
+        return gradient - (made - theta @ made / size * self.reference * theta) / size
 
-    def curvature(self, theta: Array) -> tuple[Array, Array]:
-        """(p, p) Gauss–Newton's Hessian without N, and what N takes from it.
+    def curvature(self, theta: Array) -> Array:
+        """(p, p) Gauss–Newton's Hessian of the first sum.
 
-        With Π = 1 − θ (Σ_i θ)ᵀ / θᵀ Σ_i θ the first is Σ_i w_i Πᵀ G_i Π / θᵀ Σ_i θ ⪰ 0.
+        With Π = 1 − θ (Σ_i θ)ᵀ / θᵀ Σ_i θ it is Σ_i w_i Πᵀ G_i Π / θᵀ Σ_i θ ⪰ 0.
         """
         effort = self.effort @ theta**2
-        share = self.weights / effort
-        return tuple(_projected(G, self.effort * theta, theta, effort, share)
-                     for G in (self.gramian, self.noise))  # type: ignore[return-value]  # fmt: skip
+        return _projected(self.gramian, self.effort * theta, theta, effort, self.weights / effort)
 
-    def weighted(self, theta: Array, memory: Memory) -> tuple[Quotient, View]:
+    def levels(self, theta: Array, gramian: Array | None = None) -> Array:
+        """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ."""
+        G = self.gramian if gramian is None else gramian
+        return (G @ theta) @ theta / (self.effort @ theta**2)
+
+    def weighted(self, theta: Array, memory: Memory, prior: Array) -> tuple[Quotient, View]:
         """R as a log-likelihood near θ, for residuals that are correlated from block to block.
 
         With ρ_i the correlation of neighbours in row i at θ, Y − ρ_i Y′ is what is new in a block
         (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949); its Gramian takes G_i's place, and
-        w_i = blocks/λ_i(θ).
+        w_i = blocks/λ_i(θ). B is the sum of the noise's own Gramians, so weighted; but of a
+        direction in which it leaves no more than chance would, B takes all: data that cannot
+        be told from noise say nothing, and neither bend nor hold the estimate.
+
+        Args:
+            theta: (p,) an estimate.
+            memory: whose R this is.
+            prior: (p, p) curvature that the estimate has without data.
 
         Returns:
             R with these weights, and how they weigh what comes next.
         """
         floor = _QUADRATURE if memory.noise is None else _NOISE
-        level = np.maximum(self._levels(theta, self.gramian), floor)
-        rho = np.clip(self._levels(theta, memory.lagged) / level, 0.0, _CORRELATED)
-        r = rho[:, None, None]
-        new = replace(
-            self,
-            gramian=memory.gramian - 2 * r * memory.lagged + r**2 * memory.before,
-            noise=self.noise
-            if memory.noise is None
-            else (1 + r**2) * memory.noise[0] - 2 * r * memory.noise[1],
-        )
-        least = np.maximum(new._levels(theta, new.noise), floor)  # few data can be fitted too well
-        level = np.maximum(new._levels(theta, new.gramian), least)
-        view = View(theta, rho, 1 / (level * (self.effort @ theta**2)))
-        return replace(new, weights=memory.blocks / level), view
-
-    def _levels(self, theta: Array, gramian: Array) -> Array:
-        """(n,) θᵀ G_i θ / θᵀ Σ_i θ."""
-        return (gramian @ theta) @ theta / (self.effort @ theta**2)
+        level = np.maximum(self.levels(theta), floor)
+        rho = np.clip(self.levels(theta, memory.lagged) / level, 0.0, _CORRELATED)
+        r, effort = rho[:, None, None], self.effort @ theta**2
+        gramian = memory.gramian - 2 * r * memory.lagged + r**2 * memory.before
+        new, least = replace(self, gramian=gramian), np.full(len(rho), floor)
+        noise = None
+        if memory.noise is not None:
+            noise = (1 + r**2) * memory.noise[0] - 2 * r * memory.noise[1]
+            least = np.maximum(least, self.levels(theta, noise))  # few data are fitted too well
+        weights = memory.blocks / np.maximum(new.levels(theta), least)
+        view = View(theta, rho, weights / (memory.blocks * effort))
+        share = weights * new.levels(theta)
+        reference = (share / (np.sum(share) * effort)) @ self.effort
+        new = replace(new, weights=weights, reference=reference)
+        if noise is None:
+            return new, view
+        excess, whole = (np.einsum("i,ipq->pq", weights / effort, G) for G in (noise, gramian))
+        certain = max(0.5, 1 - _SURE / np.sqrt(memory.blocks))
+        return replace(new, excess=_told_apart(excess, whole + _LEFT * prior, certain)), view
 
 
 def quotient(memory: Memory, space: ParameterSpace) -> Quotient | None:
     """R of a memory, with weights 0; None as long as no actuator has moved anything.
 
-    A row without an actuator of its own (a rotor pushes along one axis only) is measured in shares
-    of all others' effort.
+    A row without an actuator of its own (tyres, not the engine, push sideways) is measured in
+    shares of what its other positive parameters do, tyres or drag; where they do next to nothing
+    of it, of all others' effort.
     """
     size = np.einsum("ipp,p->i", memory.gramian, space.scale**2)
     effort = np.zeros(memory.last.shape)
@@ -103,11 +127,29 @@ def quotient(memory: Memory, space: ParameterSpace) -> Quotient | None:
     if not driven.any():
         return None
     shared = np.mean(effort[driven] / size[driven, None], axis=0)
-    effort = np.where(driven[:, None], effort, size[:, None] * shared)
-    noise = np.zeros_like(memory.gramian) if memory.noise is None else memory.noise[0]
-    still = size <= 0  # a row in which nothing has happened says nothing
-    effort[still] = shared
-    return Quotient(memory.gramian, noise, effort, np.zeros(len(size)))
+    own = np.einsum("ipp->ip", memory.gramian) * positive(space)
+    others = np.where((own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared)
+    effort = np.where(driven[:, None], effort, others)
+    effort[size <= 0] = shared  # a row in which nothing has happened says nothing
+    return Quotient(memory.gramian, effort, np.zeros(len(size)), None, shared)
+
+
+def positive(space: ParameterSpace) -> Array:
+    """(p,) 1 where a parameter is a positive number of its own, 0 elsewhere."""
+    mask = np.zeros(len(space))
+    for block, place in space:
+        mask[place] = block.geometry == "positive"
+    return mask
+
+
+def _told_apart(excess: Array, whole: Array, certain: float) -> Array:
+    """B ⪰ 0 with all of `whole` ≻ 0 in every direction in which its share is not below `certain`."""
+    scale = np.sqrt(np.diag(whole))
+    L = np.linalg.cholesky(whole / np.outer(scale, scale))
+    half = np.linalg.solve(L, excess / np.outer(scale, scale))
+    shares, vectors = np.linalg.eigh(np.linalg.solve(L, half.T))
+    root = scale[:, None] * (L @ vectors)
+    return (root * np.where(shares < certain, np.maximum(shares, 0.0), 1.0)) @ root.T
 
 
 def _projected(gramian: Array, slope: Array, theta: Array, effort: Array, share: Array) -> Array:

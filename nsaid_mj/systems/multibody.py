@@ -272,7 +272,12 @@ def link_block(number: int, mass: float, length: float) -> Block:
 
 
 def joint_block(
-    name: str, letter: str, units: tuple[str, str], slides: list[bool], scale: Array, **kinds: bool
+    name: str,
+    letter: str,
+    units: tuple[str, str],
+    slides: list[bool],
+    scale: Array,
+    actuator: bool = False,
 ) -> Block:
     """One positive parameter for each joint; units of turning and of sliding ones."""
     return Block(
@@ -281,7 +286,7 @@ def joint_block(
         tuple(units[sliding] for sliding in slides),
         scale,
         "positive",
-        **kinds,
+        actuator,
     )
 
 
