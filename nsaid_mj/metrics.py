@@ -420,7 +420,8 @@ def lyapunov_rises(V: Array, law: Identifier, record: Record) -> tuple[Array, Ar
     """
     conserved = kept(law, record)
     defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
-    rounding = 8 * np.finfo(float).eps * np.maximum(V[1:], conserved[1:])
+    sizes = np.maximum(V[1:], conserved[1:]) + law.cancelling
+    rounding = 8 * np.finfo(float).eps * sizes
     return np.diff(V), defect + rounding
 
 

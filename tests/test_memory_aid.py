@@ -253,7 +253,6 @@ def one_axis(kind: type[Heave], seconds: float) -> Log:
     return Log(plant, dt, rows)
 
 
-@pytest.mark.xfail(strict=True, reason="R less its noise is not yet bounded where all is noise")
 @pytest.mark.parametrize("anchor", [None, 0.0])
 def test_noise_does_not_blow_up_what_nothing_moves(anchor):
     """Where all that is seen of a direction is noise, its Gramian less N is not ⪰ 0."""

@@ -87,10 +87,12 @@ class Identifier(ABC):
     Attributes:
         system: the structure it knows.
         conserves: whether its conserved quantity exists.
+        cancelling: size of what cancels in V's second term, beside V itself [J]: it rounds.
     """
 
     system: SecondOrderSystem
     conserves: bool
+    cancelling: float = 0.0
 
     @abstractmethod
     def init(self, first: Measurement) -> State:

@@ -118,6 +118,7 @@ class ConeIdentifier(NullspaceIdentifier):
                 "Take a smaller initial_error, or draw it in the cone: --prior cone.",
             )  # fmt: skip
         self._offset = barrier(self.cone, self.prior)
+        self.cancelling = self.mu * (2 * abs(self._offset) + self.cone.degree)
 
     def _step(
         self, state: State, previous: Measurement, following: Measurement, dt: float

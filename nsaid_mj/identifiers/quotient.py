@@ -23,6 +23,7 @@ _DRIVEN = 1e-6  # share of a row's size below which it counts as not actuated
 _CORRELATED = 0.95  # correlation of neighbouring blocks, at most
 _OWN = 1e-2  # share of a row's size that its own positive parameters must have to measure it
 _SURE = 3.0  # standard errors by which motion must stand out from noise, 1/√blocks each
+_RIDGE = 1e-9  # added to a curvature of unit diagonal, whose last digits may not be ⪰ 0
 _LEFT = 1e-3  # share of the prior's curvature that is left to what noise has made alone
 
 
@@ -143,9 +144,9 @@ def positive(space: ParameterSpace) -> Array:
 
 
 def _told_apart(excess: Array, whole: Array, certain: float) -> Array:
-    """B ⪰ 0 with all of `whole` ≻ 0 in every direction in which its share is not below `certain`."""
+    """B ⪰ 0, and all of `whole` ≻ 0 in directions of which its share is not below `certain`."""
     scale = np.sqrt(np.diag(whole))
-    L = np.linalg.cholesky(whole / np.outer(scale, scale))
+    L = np.linalg.cholesky(whole / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)))
     half = np.linalg.solve(L, excess / np.outer(scale, scale))
     shares, vectors = np.linalg.eigh(np.linalg.solve(L, half.T))
     root = scale[:, None] * (L @ vectors)

@@ -109,9 +109,7 @@ def test_70_velocity_error_vanishes_and_estimates_settle():
     table = bench("scalar_rov")
     prior = table.prior(0.5)
     samples = table.drive(100.0)
-    v_hat, theta_hat = estimates(
-        identify(table.law.build(table.system, prior, table.dt), samples)
-    )
+    v_hat, theta_hat = estimates(identify(table.law.build(table.system, prior, table.dt), samples))
     dv = np.abs(v_hat - columns(samples)[2]).max(axis=1)
     rate = np.abs(np.diff(theta_hat, axis=0) / table.system.space.scale).max(axis=1) / table.dt
     tenth = len(dv) // 10
