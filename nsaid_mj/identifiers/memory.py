@@ -28,6 +28,7 @@ from ..system import EXACT, Measurement, SecondOrderSystem, SensorLevels
 
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)
 _DETERMINED = 3  # rows for each parameter before their residuals say how large they are
+_JUDGED = 50  # blocks, at least, before an estimate is old enough to be contradicted
 _DRAWS = 32749  # of noise, used again and again: a prime, so that no block repeats soon
 
 
@@ -46,8 +47,9 @@ class MemoryConfig:
             where they are exact: what such data do not tell stays where it is.
         horizon: time constant of forgetting [s]; 0 remembers all.
         surprise: how many times what was expected the squared residuals must be, in two intervals
-            one after the other, for an actuator to count as changed: what was known of the
-            actuators is forgotten then, and what was known of the rest is kept. 0 is never.
+            one after the other, for an actuator to count as changed: the estimate goes back to
+            where it was before, and of all that was known then only what was known of the
+            actuators is forgotten. 0 is never.
     """
 
     window: float = 0.5
@@ -103,6 +105,18 @@ class View(NamedTuple):
     share: Array
 
 
+class Trusted(NamedTuple):
+    """An estimate that no later data have contradicted yet.
+
+    Attributes:
+        theta: (p,) the estimate.
+        plant: (p, p) the curvature of R there, whatever the actuators' gains: its Schur complement.
+    """
+
+    theta: Array
+    plant: Array
+
+
 class Memory(NamedTuple):
     """What is kept of all data up to a sample.
 
@@ -127,6 +141,8 @@ class Memory(NamedTuple):
             expected; and how many they are.
         alarmed: whether the interval before has surprised.
         before: (n, p, p) mean of Y′ᵀ Y′, of the blocks that had a successor.
+        trusted: the last estimate before any alarm.
+        kept: (p, p) what was known of all but the actuators when they were doubted last.
     """
 
     step: int
@@ -148,6 +164,8 @@ class Memory(NamedTuple):
     recent: tuple[float, int]
     alarmed: bool
     before: Array
+    trusted: Trusted | None
+    kept: Array | None
 
 
 class Recorder:
@@ -177,15 +195,20 @@ class Recorder:
 
     def begin(self, first: Measurement) -> Memory:
         """A memory at the first measurement: of nothing."""
+        q, v = first.q, first.v
+        shaken = None if self.levels.exact else self._balance(*self._shake(0, q, v))
+        return self._nothing(self._balance(q, v), shaken)
+
+    def _nothing(self, balance: Balance, shaken: Balance | None) -> Memory:
+        """A memory of nothing, at these balances."""
         n, p = self.system.n, self.system.p
         flat, cube = np.zeros((n, p)), np.zeros((n, p, p))
-        exact = self.levels.exact
         return Memory(
-            0, self._balance(first.q, first.v), flat, 0.0, cube, cube, flat,
-            None if exact else self._balance(*self._shake(0, first.q, first.v)),
-            flat, None if exact else np.stack([cube, cube]), flat,
-            None, np.zeros((_NEIGHBOURS, p)), np.zeros((p, p)), np.zeros(p), 0.0,
-            (0.0, 0), False, cube,
+            step=0, balance=balance, total=flat, blocks=0.0, gramian=cube, lagged=cube, last=flat,
+            shaken=shaken, spread=flat, noise=None if shaken is None else np.stack([cube, cube]),
+            stirred=flat, view=None, scores=np.zeros((_NEIGHBOURS, p)), meat=np.zeros((p, p)),
+            bias=np.zeros(p), scored=0.0, recent=(0.0, 0), alarmed=False, before=cube,
+            trusted=None, kept=None,
         )  # fmt: skip
 
     def add(
@@ -256,31 +279,23 @@ class Recorder:
         )  # fmt: skip
 
     def doubt(self, memory: Memory) -> Memory:
-        """The memory without what it knows of the actuators, if its last blocks contradict it.
+        """The memory at the end of an interval: alarmed if the interval contradicts it.
 
-        Every row's Gramian becomes its Schur complement: what is known of the other parameters
-        whatever the actuators' gains have been. Neighbours keep the correlation they have had.
+        If the interval before did as well, and from the same view, the data are forgotten.
+        What stays is what had been known, before the first of them, of all but the actuators. The
+        balance begins anew: behind the leak there is motion under the old gains.
         """
-        mean, _ = memory.recent
-        view, alarmed = memory.view, bool(0 < self.surprise < mean)
-        fresh = memory._replace(recent=(0.0, 0), alarmed=alarmed and not memory.alarmed)
         n, p = memory.last.shape
-        if view is None or not (
-            alarmed and memory.alarmed and memory.scored * n >= _DETERMINED * p
-        ):
-            return fresh
-        k, kept = self.system.space.actuators, memory.gramian.copy()
-        for i, G in enumerate(memory.gramian):
-            kept[i] -= G[:, k] @ np.linalg.pinv(G[np.ix_(k, k)], hermitian=True) @ G[k]
-        kept[:, k], kept[:, :, k] = 0.0, 0.0
-        lagged = view.rho[:, None, None] * kept
-        return fresh._replace(
-            gramian=kept,
-            before=kept,
-            lagged=lagged,
-            meat=0.0 * memory.meat,
-            scored=0.0,
-            bias=0.0 * memory.bias,
+        alarmed = bool(0 < self.surprise < memory.recent[0])
+        sure = memory.scored >= max(_JUDGED, _DETERMINED * p / n)
+        if memory.trusted is None or not (alarmed and memory.alarmed):
+            return memory._replace(recent=(0.0, 0), alarmed=alarmed and sure)
+        balance, shaken = (
+            old and old._replace(lag=old.momentum) for old in (memory.balance, memory.shaken)
+        )
+        assert balance is not None
+        return self._nothing(balance, shaken)._replace(
+            step=memory.step, trusted=memory.trusted, kept=memory.trusted.plant
         )
 
     def _balance(self, q: Array, v: Array) -> Balance:

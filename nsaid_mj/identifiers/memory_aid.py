@@ -19,7 +19,7 @@ from ..parameters import Array
 from ..system import EXACT, Measurement, SecondOrderSystem, SensorLevels
 from .base import Confidence, State, Status
 from .cone_aid import ConeIdentifier
-from .memory import Memory, MemoryConfig, Recorder
+from .memory import Memory, MemoryConfig, Recorder, Trusted
 from .quotient import Quotient, quotient
 
 _REACH = 0.5  # of a Newton step in the metric: a Dikin ellipsoid lies inside the cone up to 1
@@ -86,8 +86,13 @@ class MemoryIdentifier(ConeIdentifier):
         memory = self.recorder.add(state.memory, previous, between, following)
         theta, spent = moved.theta_hat, state.spent
         if memory.step % self._every == 0:
-            theta, memory = self.settle(theta, self.recorder.doubt(memory))
-            spent += self._cost(moved.theta_hat, theta)
+            blocks, memory = memory.blocks, self.recorder.doubt(memory)
+            if memory.trusted is not None and memory.blocks < blocks:  # an actuator has changed
+                theta = memory.trusted.theta
+                spent += float(self.conserved(moved.theta_hat) - self.conserved(theta))
+            elif not memory.alarmed:
+                theta, memory = self.settle(theta, memory)
+                spent += self._cost(moved.theta_hat, theta)
         return moved._replace(theta_hat=theta, memory=memory, spent=spent)
 
     def settle(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
@@ -107,7 +112,7 @@ class MemoryIdentifier(ConeIdentifier):
             anchored = anchor * (slope - self._mirror_prior)
             gradient = pace * (cost.gradient(theta) + anchored) + slope - mirror
             own, whole = (pace * anchor + 1) * metric, pace * cost.curvature(theta)
-            made = 0.0 if cost.excess is None else pace * cost.excess
+            made = pace * cost.made(theta)
             with np.errstate(invalid="ignore"):  # not positive definite: NaN, and then without B
                 way = -_solve(whole + own - made, gradient)
             if not gradient @ way < 0:  # far from where B was found
@@ -118,7 +123,9 @@ class MemoryIdentifier(ConeIdentifier):
             theta, moved = self._descend(cost, start, theta, min(1.0, _REACH / length) * way)
             if not moved:
                 break
-        return theta, memory._replace(view=remembered.weighted(theta, memory, prior)[1])
+        cost, view = remembered.weighted(theta, memory, prior)
+        trusted = Trusted(theta, cost.plant(theta, self.system.space.actuators))
+        return theta, memory._replace(view=view, trusted=trusted)
 
     def _cost(self, before: Array, after: Array) -> float:
         """What an implicit step takes from the conserved quantity: 2 D_ψ(θ⁺‖θ̂), if unanchored."""
@@ -162,8 +169,7 @@ class MemoryIdentifier(ConeIdentifier):
         prior = max(self.anchor, _HINT) * metric
         cost, view = cost.weighted(theta, memory, prior)
         data = cost.curvature(theta)
-        made = 0.0 if cost.excess is None else cost.excess
-        bread = _inverse(data + prior - made)
+        bread = _inverse(data + prior - cost.made(theta))
         bias = memory.blocks * memory.bias
         scatter = data + memory.blocks * memory.meat + np.outer(bias, bias)
         return Confidence(

@@ -4,8 +4,9 @@
 
 G_i the Gramian of row i of the momentum balance and Σ_i ⪰ 0 diagonal on the actuators: the balance
 is measured in shares of the actuators' own effort, as if every command had a relative error. B is
-what sensor noise has made of the first sum's curvature, 0 where sensors are exact; Σ̄ is a mean of
-the Σ_i. θᵀ∇R = 0, and with B = 0, ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
+what sensor noise has made of the first sum's curvature, less what is kept of a time before the
+actuators changed; it is 0 where sensors are exact and nothing has. Σ̄ is a mean of the Σ_i.
+θᵀ∇R = 0, and with B ⪯ 0, ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..parameters import Array, ParameterSpace
+from ..parameters import Array, Indices, ParameterSpace
 from .memory import Memory, View
 
 _QUADRATURE = 1e-8  # floor of λ where sensors are exact: what is left is the quadrature's error
@@ -35,7 +36,7 @@ class Quotient:
         gramian: (n, p, p) G_i, means over the blocks.
         effort: (n, p) diagonals of Σ_i.
         weights: (n,) w_i.
-        excess: (p, p) B ⪰ 0; None where sensors are exact.
+        excess: (p, p) B; None where it is 0.
         reference: (p,) diagonal of Σ̄.
     """
 
@@ -69,6 +70,13 @@ class Quotient:
         """
         effort = self.effort @ theta**2
         return _projected(self.gramian, self.effort * theta, theta, effort, self.weights / effort)
+
+    def made(self, theta: Array) -> Array:
+        """(p, p) what the second term takes from the curvature; 0 where there is none."""
+        if self.excess is None:
+            return np.zeros((len(theta), len(theta)))
+        size = np.array([self.reference @ theta**2])
+        return _projected(self.excess[None], self.reference[None] * theta, theta, size, 1 / size)
 
     def levels(self, theta: Array, gramian: Array | None = None) -> Array:
         """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ."""
@@ -107,11 +115,28 @@ class Quotient:
         share = weights * new.levels(theta)
         reference = (share / (np.sum(share) * effort)) @ self.effort
         new = replace(new, weights=weights, reference=reference)
+        if memory.kept is not None:
+            new = replace(new, excess=-memory.kept)
         if noise is None:
             return new, view
         excess, whole = (np.einsum("i,ipq->pq", weights / effort, G) for G in (noise, gramian))
         certain = max(0.5, 1 - _SURE / np.sqrt(memory.blocks))
-        return replace(new, excess=_told_apart(excess, whole + _LEFT * prior, certain)), view
+        made = _told_apart(excess, whole + _LEFT * prior, certain)
+        return replace(new, excess=made if memory.kept is None else made - memory.kept), view
+
+    def plant(self, theta: Array, actuators: Indices) -> Array:
+        """(p, p) curvature at θ whatever the actuators' gains: Schur's complement, Σ held."""
+        whole = np.einsum("i,ipq->pq", self.weights / (self.effort @ theta**2), self.gramian)
+        if self.excess is not None:
+            whole = whole - self.excess
+        k = actuators
+        scale = 1 / np.sqrt(np.maximum(np.diag(whole)[k], 1e-300))
+        inner = np.linalg.pinv(
+            whole[np.ix_(k, k)] * np.outer(scale, scale), rcond=1e-12, hermitian=True
+        )
+        rest = whole - whole[:, k] @ (inner * np.outer(scale, scale)) @ whole[k]
+        rest[k], rest[:, k] = 0.0, 0.0
+        return rest
 
 
 def quotient(memory: Memory, space: ParameterSpace) -> Quotient | None:
