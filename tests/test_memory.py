@@ -152,7 +152,7 @@ def test_the_innovations_gramian_is_that_of_the_listed_differences(horizon):
     kept, listed = list(remember(own, log))[-1], blocks(own, log)
     found = quotient(kept, space)
     assert found is not None
-    cost, view = found.weighted(theta, kept, np.eye(len(space)))
+    cost, view = found.weighted(theta, kept)
     before = np.concatenate([np.zeros_like(listed[:1]), listed[:-1]])
     age = 0.1 * np.arange(len(listed))[::-1]
     weight = np.exp(-age / horizon) if horizon else np.ones(len(listed))

@@ -107,7 +107,7 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
         for k in range(4):
             found = quotient(memory, log.plant.system.space)
             assert found is not None
-            cost, _ = found.weighted(theta, memory, law._mirror(theta)[1] / reach)
+            cost, _ = found.weighted(theta, memory)
             ahead, seen = law.settle(theta, memory)
             assert seen.view is not None and geometry.inside(law.cone, ahead)
             old, new = (reach * cost.value(x) + float(law.divergence(x, theta)) / law.mu

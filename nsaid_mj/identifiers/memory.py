@@ -29,6 +29,7 @@ from ..system import EXACT, Measurement, SecondOrderSystem, SensorLevels
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)
 _DETERMINED = 3  # rows for each parameter before their residuals say how large they are
 _JUDGED = 50  # blocks, at least, before an estimate is old enough to be contradicted
+_PAYBACK = 0.1  # in which velocities make up for what positions say they have missed [s]
 _DRAWS = 32749  # of noise, used again and again: a prime, so that no block repeats soon
 
 
@@ -83,12 +84,14 @@ class Balance(NamedTuple):
         momentum: (n, p) W_M(q, v).
         drive: (n, p) a W_M(q, v) and the regressor of Cᵀ v: of ż, what no command changes.
         track: (m,) the position that velocities and positions agree on best.
+        owed: (n,) by how much the velocities' integral is still behind it [rad or m].
     """
 
     lag: Array
     momentum: Array
     drive: Array
     track: Array
+    owed: Array
 
 
 class View(NamedTuple):
@@ -301,7 +304,8 @@ class Recorder:
     def _balance(self, q: Array, v: Array) -> Balance:
         """The balance at its start: Y = 0."""
         momentum = self.system._W_M(q, v)
-        return Balance(momentum, momentum, self._drive(q, v, momentum), q)
+        drive = self._drive(q, v, momentum)
+        return Balance(momentum, momentum, drive, q, np.zeros(self.system.n))
 
     def _drive(self, q: Array, v: Array, momentum: Array) -> Array:
         return self.leak * momentum + self.system._transport(q, v)
@@ -316,25 +320,27 @@ class Recorder:
         """One step of ż by Simpson's rule.
 
         Velocities' noise adds up in the integral of what is proportional to them, a position's does
-        not: where both are noisy the velocity half-way is corrected so that its integral follows
-        the position (a steady Kalman filter).
+        not: where both are noisy the velocity half-way is corrected, little by little, so that its
+        integral follows the position (a steady Kalman filter).
         """
         system, (t, q0, v0, u), (q, v) = self.system, previous, middle
         dt = following.t - t
         fade = np.exp(-0.5 * self.leak * dt)
-        track = following.q
+        track, owed = following.q, balance.owed
         if self.trust:
             ahead = system.integrate(balance.track, 0.5 * dt * (v0 + following.v))
             missed = self.trust * system.difference(ahead, following.q)
             track = system.integrate(ahead, missed)
-            v = v + 1.5 / dt * missed  # Simpson's rule counts the middle two thirds
+            paid = min(1.0, dt / _PAYBACK) * owed
+            v = v + 1.5 / dt * paid  # Simpson's rule counts the middle two thirds
+            owed = owed + missed - paid
         momentum = system._W_M(following.q, following.v)
         drive = self._drive(following.q, following.v, momentum)
         lag = fade * fade * (balance.lag + dt / 6 * (balance.drive + system._F(t, q0, v0, u)))
         half = self._drive(q, v, system._W_M(q, v)) + system._F(t + 0.5 * dt, q, v, u)
         lag += (2 / 3 * dt * fade) * half
         lag += dt / 6 * (drive + system._F(following.t, following.q, following.v, u))
-        return Balance(lag, momentum, drive, track)
+        return Balance(lag, momentum, drive, track, owed)
 
     def _shake(self, step: int, q: Array, v: Array) -> tuple[Array, Array]:
         """A measured state with as much noise again."""

@@ -104,26 +104,21 @@ class MemoryIdentifier(ConeIdentifier):
         if remembered is None:
             return theta, memory
         pace, anchor, start = self._pace, self.anchor, theta
-        mirror, metric = self._mirror(start)
-        prior = (anchor + 1 / pace) * metric
-        cost, _ = remembered.weighted(theta, memory, prior)
+        mirror, _ = self._mirror(start)
+        cost, _ = remembered.weighted(theta, memory)
         for _ in range(_NEWTON):
             slope, metric = self._mirror(theta)
             anchored = anchor * (slope - self._mirror_prior)
             gradient = pace * (cost.gradient(theta) + anchored) + slope - mirror
-            own, whole = (pace * anchor + 1) * metric, pace * cost.curvature(theta)
-            made = pace * cost.made(theta)
-            with np.errstate(invalid="ignore"):  # not positive definite: NaN, and then without B
-                way = -_solve(whole + own - made, gradient)
-            if not gradient @ way < 0:  # far from where B was found
-                way = -_solve(whole + own, gradient)
+            hessian = pace * cost.curvature(theta) + (pace * anchor + 1) * metric
+            way = -_solve(hessian, gradient)
             length = float(np.sqrt(way @ metric @ way))
             if not length > _DONE:  # NaN too: what was reached stands
                 break
             theta, moved = self._descend(cost, start, theta, min(1.0, _REACH / length) * way)
             if not moved:
                 break
-        cost, view = remembered.weighted(theta, memory, prior)
+        cost, view = remembered.weighted(theta, memory)
         trusted = Trusted(theta, cost.plant(theta, self.system.space.actuators))
         return theta, memory._replace(view=view, trusted=trusted)
 
@@ -139,8 +134,7 @@ class MemoryIdentifier(ConeIdentifier):
         remembered = None if memory is None else quotient(memory, self.system.space)
         if memory is None or remembered is None:
             return 0.0
-        _, metric = self._mirror(state.theta_hat)
-        cost, _ = remembered.weighted(state.theta_hat, memory, metric)
+        cost, _ = remembered.weighted(state.theta_hat, memory)
         k = self.system.space.actuators
         largest = float(np.max(theta[k] / state.theta_hat[k]))
         pace = self.mu * self._pace
@@ -167,9 +161,9 @@ class MemoryIdentifier(ConeIdentifier):
         assert cost is not None  # there was a view
         _, metric = self._mirror(theta)
         prior = max(self.anchor, _HINT) * metric
-        cost, view = cost.weighted(theta, memory, prior)
-        data = cost.curvature(theta)
-        bread = _inverse(data + prior - cost.made(theta))
+        cost, view = cost.weighted(theta, memory)
+        bread = _inverse(cost.curvature(theta) + prior)
+        data = cost.curvature(theta) if cost.seen is None else cost.seen
         bias = memory.blocks * memory.bias
         scatter = data + memory.blocks * memory.meat + np.outer(bias, bias)
         return Confidence(

@@ -1,12 +1,14 @@
 """How badly a θ explains remembered data: a cost that a change of scale does not change.
 
-    R(θ) = ½ Σ_i w_i θᵀ G_i θ / θᵀ Σ_i θ − ½ θᵀ B θ / θᵀ Σ̄ θ,
+    R(θ) = ½ Σ_i w_i λ_i(θ),    λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ,
 
-G_i the Gramian of row i of the momentum balance and Σ_i ⪰ 0 diagonal on the actuators: the balance
-is measured in shares of the actuators' own effort, as if every command had a relative error. B is
-what sensor noise has made of the first sum's curvature, less what is kept of a time before the
-actuators changed; it is 0 where sensors are exact and nothing has. Σ̄ is a mean of the Σ_i.
-θᵀ∇R = 0, and with B ⪯ 0, ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
+G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 diagonal on the actuators: the
+balance is measured in shares of the actuators' own effort, as if every command had a relative
+error. θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
+
+Where sensors are noisy, or something is kept of a time before the actuators changed, all rows
+become one, of the same slope at the estimate θ̂: G = Σ_i w_i G_i/θ̂ᵀΣ_iθ̂ − B + (what is kept) ⪰ 0
+over a mean Σ̄ of the Σ_i. B is what noise has made of the first sum.
 """
 
 from __future__ import annotations
@@ -25,7 +27,6 @@ _CORRELATED = 0.95  # correlation of neighbouring blocks, at most
 _OWN = 1e-2  # share of a row's size that its own positive parameters must have to measure it
 _SURE = 3.0  # standard errors by which motion must stand out from noise, 1/√blocks each
 _RIDGE = 1e-9  # added to a curvature of unit diagonal, whose last digits may not be ⪰ 0
-_LEFT = 1e-3  # share of the prior's curvature that is left to what noise has made alone
 
 
 @dataclass(frozen=True)
@@ -36,54 +37,40 @@ class Quotient:
         gramian: (n, p, p) G_i, means over the blocks.
         effort: (n, p) diagonals of Σ_i.
         weights: (n,) w_i.
-        excess: (p, p) B; None where it is 0.
-        reference: (p,) diagonal of Σ̄.
+        seen: (p, p) the curvature before B was taken from it; None where nothing was.
+        excess: (p, p) B, for who wants to know; None likewise.
     """
 
     gramian: Array
     effort: Array
     weights: Array
-    excess: Array | None
-    reference: Array
+    seen: Array | None = None
+    excess: Array | None = None
 
     def value(self, theta: Array) -> float:
         """R(θ)."""
-        value = self.weights @ self.levels(theta)
-        if self.excess is not None:
-            value -= theta @ self.excess @ theta / (self.reference @ theta**2)
-        return 0.5 * float(value)
+        return 0.5 * float(self.weights @ self.levels(theta))
 
     def gradient(self, theta: Array) -> Array:
-        """(p,) ∇R(θ); the first sum's is Σ_i w_i (G_i θ − λ_i Σ_i θ) / θᵀ Σ_i θ."""
+        """(p,) ∇R(θ) = Σ_i w_i (G_i θ − λ_i Σ_i θ) / θᵀ Σ_i θ."""
         pull, effort = self.gramian @ theta, self.effort @ theta**2
         level = pull @ theta / effort
-        gradient = (self.weights / effort) @ (pull - level[:, None] * self.effort * theta)
-        if self.excess is None:
-            return gradient
-        made, size = self.excess @ theta, self.reference @ theta**2
-        return gradient - (made - theta @ made / size * self.reference * theta) / size
+        return (self.weights / effort) @ (pull - level[:, None] * self.effort * theta)
 
     def curvature(self, theta: Array) -> Array:
-        """(p, p) Gauss–Newton's Hessian of the first sum.
+        """(p, p) Gauss–Newton's Hessian.
 
         With Π = 1 − θ (Σ_i θ)ᵀ / θᵀ Σ_i θ it is Σ_i w_i Πᵀ G_i Π / θᵀ Σ_i θ ⪰ 0.
         """
         effort = self.effort @ theta**2
         return _projected(self.gramian, self.effort * theta, theta, effort, self.weights / effort)
 
-    def made(self, theta: Array) -> Array:
-        """(p, p) what the second term takes from the curvature; 0 where there is none."""
-        if self.excess is None:
-            return np.zeros((len(theta), len(theta)))
-        size = np.array([self.reference @ theta**2])
-        return _projected(self.excess[None], self.reference[None] * theta, theta, size, 1 / size)
-
     def levels(self, theta: Array, gramian: Array | None = None) -> Array:
         """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ."""
         G = self.gramian if gramian is None else gramian
         return (G @ theta) @ theta / (self.effort @ theta**2)
 
-    def weighted(self, theta: Array, memory: Memory, prior: Array) -> tuple[Quotient, View]:
+    def weighted(self, theta: Array, memory: Memory) -> tuple[Quotient, View]:
         """R as a log-likelihood near θ, for residuals that are correlated from block to block.
 
         With ρ_i the correlation of neighbours in row i at θ, Y − ρ_i Y′ is what is new in a block
@@ -95,7 +82,6 @@ class Quotient:
         Args:
             theta: (p,) an estimate.
             memory: whose R this is.
-            prior: (p, p) curvature that the estimate has without data.
 
         Returns:
             R with these weights, and how they weigh what comes next.
@@ -114,21 +100,25 @@ class Quotient:
         view = View(theta, rho, weights / (memory.blocks * effort))
         share = weights * new.levels(theta)
         reference = (share / (np.sum(share) * effort)) @ self.effort
-        new = replace(new, weights=weights, reference=reference)
-        if memory.kept is not None:
-            new = replace(new, excess=-memory.kept)
-        if noise is None:
+        new = replace(new, weights=weights)
+        if noise is None and memory.kept is None:
             return new, view
-        excess, whole = (np.einsum("i,ipq->pq", weights / effort, G) for G in (noise, gramian))
-        certain = max(0.5, 1 - _SURE / np.sqrt(memory.blocks))
-        made = _told_apart(excess, whole + _LEFT * prior, certain)
-        return replace(new, excess=made if memory.kept is None else made - memory.kept), view
+        seen, excess = (
+            np.einsum("i,ipq->pq", weights / effort, gramian),
+            np.zeros(gramian.shape[1:]),
+        )
+        if noise is not None:
+            certain = max(0.5, 1 - _SURE / np.sqrt(memory.blocks))
+            excess = np.einsum("i,ipq->pq", weights / effort, noise)
+            excess = _told_apart(excess, seen, certain)
+        if memory.kept is not None:
+            seen = seen + memory.kept
+        left = (seen - excess)[None]
+        return Quotient(left, reference[None], np.ones(1), seen, excess), view
 
     def plant(self, theta: Array, actuators: Indices) -> Array:
         """(p, p) curvature at θ whatever the actuators' gains: Schur's complement, Σ held."""
         whole = np.einsum("i,ipq->pq", self.weights / (self.effort @ theta**2), self.gramian)
-        if self.excess is not None:
-            whole = whole - self.excess
         k = actuators
         scale = 1 / np.sqrt(np.maximum(np.diag(whole)[k], 1e-300))
         inner = np.linalg.pinv(
@@ -157,7 +147,7 @@ def quotient(memory: Memory, space: ParameterSpace) -> Quotient | None:
     others = np.where((own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared)
     effort = np.where(driven[:, None], effort, others)
     effort[size <= 0] = shared  # a row in which nothing has happened says nothing
-    return Quotient(memory.gramian, effort, np.zeros(len(size)), None, shared)
+    return Quotient(memory.gramian, effort, np.zeros(len(size)))
 
 
 def positive(space: ParameterSpace) -> Array:
@@ -169,8 +159,9 @@ def positive(space: ParameterSpace) -> Array:
 
 
 def _told_apart(excess: Array, whole: Array, certain: float) -> Array:
-    """B ⪰ 0, and all of `whole` ≻ 0 in directions of which its share is not below `certain`."""
-    scale = np.sqrt(np.diag(whole))
+    """B ⪰ 0, and all of `whole` ⪰ 0 in directions of which its share is not below `certain`."""
+    size = np.diag(whole)
+    scale = np.sqrt(np.where(size > 0, size, 1.0))
     L = np.linalg.cholesky(whole / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)))
     half = np.linalg.solve(L, excess / np.outer(scale, scale))
     shares, vectors = np.linalg.eigh(np.linalg.solve(L, half.T))
