@@ -1,4 +1,4 @@
-"""The command line: `nsaid list`, `run`, `verify`, `compare`, `view`; `main` for scenario scripts.
+"""The command line: `nsaid list`, `run`, `sweep` …; `main` for scenario scripts.
 
 Heavy modules are imported where they are needed, so that `nsaid --help` answers at once.
 """
@@ -106,6 +106,9 @@ def command(arguments: Sequence[str]) -> int:
     compare.add_argument("--sensors", metavar="ideal,noisy", help="one or both")
     compare.add_argument("--noise-scales", metavar="X,X", help="multiples of the scenario's noise")
     compare.add_argument("--budget", metavar="S", help="search time of sysid, at most [s]")
+    _add_sweep(commands)
+    report = commands.add_parser("report", help="draw a sweep's distributions, on one page")
+    report.add_argument("sweep", type=Path, help="the sweep's folder, e.g. runs/ur5-sweep")
     view = commands.add_parser("view", help="open a run's recording in the Rerun viewer")
     view.add_argument("run", type=Path, help="the run's folder, e.g. runs/ur5")
     view.add_argument("--web", action="store_true", help="serve it to a browser on this machine")
@@ -131,11 +134,44 @@ def command(arguments: Sequence[str]) -> int:
         return _verify_folder(chosen.run, "--json" in rest, "--quiet" in rest)
     if chosen.command == "compare":
         return _compare(chosen, rest)
+    if chosen.command == "sweep":
+        return _sweep(chosen, rest)
     if rest:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
+    if chosen.command == "report":
+        return _report(chosen.sweep)
     if chosen.command == "view":
         return _view(chosen.run, chosen.web, chosen.rebuild)
     return _list()
+
+
+def _add_sweep(commands: Any) -> None:
+    sweep = commands.add_parser(
+        "sweep",
+        help="run a scenario many times, with fields varied and seeds drawn",
+        usage="nsaid sweep NAME_OR_FILE [--vary FIELD=A,B,C … --seeds N --jobs N --timeout S\n"
+        "                                 --engine loky|dask|ray --address ADDRESS --out FOLDER\n"
+        "                                 --retry --json --quiet … any field]",
+        description="Runs every combination of the varied fields with every seed, in parallel. The "
+        "same command goes on where an earlier one was stopped. Fields of the scenario are flags, "
+        "as in `nsaid run`; --seed is the master that all seeds are drawn from. Exit code 1 where "
+        "a run has no result.",
+        allow_abbrev=False,
+    )
+    sweep.add_argument("scenario", metavar="NAME_OR_FILE", help="see `nsaid list`, or a path")
+    sweep.add_argument(
+        "--vary", metavar="FIELD=A,B,C", action="append", default=[],
+        help="a field's values, e.g. identifier.gain=0.1,1,10; once for every field",
+    )  # fmt: skip
+    sweep.add_argument("--seeds", metavar="N", type=int, default=10, help="how many; 10")
+    sweep.add_argument("--jobs", metavar="N", type=int, help="at once; as many as processors")
+    sweep.add_argument("--timeout", metavar="S", type=float, help="for a run, which is then lost")
+    sweep.add_argument("--engine", default="loky", help="loky (this machine), dask or ray")
+    sweep.add_argument("--address", help="of the cluster's scheduler")
+    sweep.add_argument("--retry", action="store_true", help="make the lost runs once more")
+    sweep.add_argument("--out", type=Path, metavar="FOLDER", help="runs/NAME-sweep")
+    sweep.add_argument("--json", action="store_true", help="print medians and failures as JSON")
+    sweep.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
 def load(name: str) -> Scenario:
@@ -263,6 +299,36 @@ def _compare(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
     compare.run(plan, folder, quiet=output.quiet or output.json)
     if output.json:
         print((folder / compare.FILES[0]).read_text(encoding="utf-8"), end="")
+    return 0
+
+
+def _sweep(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
+    from .options import Output, parse
+
+    path = Path(chosen.scenario)
+    script = str(path.resolve()) if path.suffix == ".py" else chosen.scenario
+    scenario, output = parse(path.stem, load(script), arguments, "sweep")
+    if output != Output():
+        raise InvalidInput("--live", "a flag of single runs to be left out", "it", "Leave it out.")
+    from . import sweep, sweep_engine, sweep_results
+
+    vary = sweep.varied(chosen.vary, scenario)
+    plan = sweep.Plan(script, scenario, vary, chosen.seeds, tuple(arguments))
+    engine = sweep_engine.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
+    folder = chosen.out or Path("runs") / f"{path.stem}-sweep"
+    found = sweep.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
+    if chosen.json:
+        print(json.dumps(sweep_results.document(found), indent=2, ensure_ascii=False))
+    elif not chosen.quiet:
+        sweep_results.tell(found)
+    return FAILED if found.lost else 0
+
+
+def _report(folder: Path) -> int:
+    from . import sweep_report, sweep_results
+
+    for path in sweep_report.write(sweep_results.read(folder)):
+        print(path)
     return 0
 
 

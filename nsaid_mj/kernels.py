@@ -33,8 +33,15 @@ def cholesky(M, L):
 @njit(cache=True)
 def solve(L, b):
     """x (n,) with L Lᵀ x = b."""
-    n = b.shape[0]
     x = b.copy()
+    solve_in_place(L, x)
+    return x
+
+
+@njit(cache=True)
+def solve_in_place(L, x):
+    """Overwrites b in x (n,) by the solution of L Lᵀ x = b."""
+    n = x.shape[0]
     for i in range(n):
         for k in range(i):
             x[i] -= L[i, k] * x[k]
@@ -43,7 +50,6 @@ def solve(L, b):
         for k in range(i + 1, n):
             x[i] -= L[k, i] * x[k]
         x[i] /= L[i, i]
-    return x
 
 
 @njit(cache=True)
@@ -52,6 +58,16 @@ def times(gain, vector):
     if gain.ndim == 1:
         return gain * vector
     return np.dot(gain, vector)
+
+
+@njit(cache=True)
+def times_into(gain, vector, product):
+    """The same, into `product` (k,)."""
+    if gain.ndim == 1:
+        for i in range(vector.shape[0]):
+            product[i] = gain[i] * vector[i]
+    else:
+        np.dot(gain, vector, product)
 
 
 @njit(cache=True)

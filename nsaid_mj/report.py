@@ -22,7 +22,7 @@ FILE = "report.html"
 _POINTS = 1500  # of a curve
 _COLOURS = ("#0b6e99", "#d9480f", "#5f3dc4", "#2b8a3e", "#c2255c")
 
-_STYLE = """
+STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1c2733;max-width:68rem;
 margin:2rem auto;padding:0 1rem}
 h1{margin-bottom:0}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde5;padding-bottom:.2rem}
@@ -50,7 +50,7 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
         ended += f"<h2>Fault</h2><p>{html.escape(summary['fault'])}</p>"
     versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())
     page = f"""<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>{name}</title><style>{_STYLE}</style>
+<meta name="viewport" content="width=device-width"><title>{name}</title><style>{STYLE}</style>
 <h1>{name}</h1>
 <p class="lead">{html.escape(type(run.scenario.plant).__name__)}, {summary["n"]} velocities,
 {summary["p"]} parameters, {summary["sim_s"]:.4g} s simulated in {summary["wall_s"]:.1f} s,

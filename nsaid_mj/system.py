@@ -72,6 +72,25 @@ class ConstantInertia(NamedTuple):
     values: Array
 
 
+class Linkage(NamedTuple):
+    """A tree of bodies on 1-DOF joints, the first on a free flyer or not, for `recursion`.
+
+    Attributes:
+        joints: (b, 40) of every body's joint: nine numbers each of R₀, R_c and R_s, the body's axes
+            in its parent's being R₀ + R_c cos + R_s sin; its place [m], the way it slides, its
+            unit twist [v, ω], the speed at which Coulomb friction is developed [rad/s or m/s].
+        numbers: (b, 3) rows [parent or −1, where q holds the joint's number, kind of joint].
+        gravity: (3,) in the world's axes [m/s²].
+        columns: (4,) where rotor inertias, viscous and Coulomb friction and motor gains begin in θ;
+            the first two are equal where there are no rotors. The links begin at 0.
+    """
+
+    joints: Array
+    numbers: Indices
+    gravity: Array
+    columns: Indices
+
+
 class SecondOrderSystem(ABC):
     """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 
@@ -85,12 +104,14 @@ class SecondOrderSystem(ABC):
             where all velocities are rates of numbers. See `spatial`.
         inertia: M, where it does not depend on the position; then C w = −ad_wᵀ M v in that group,
             and an identifier need not form W_M and W_C.
+        linkage: the tree, where its bodies are moved by compiled recursions.
         mounts: (k, 3) where the force of every actuator parameter acts in the body's axes [m], NaN
             where it makes none; None where there is nothing to draw.
     """
 
     group: int = 0
     inertia: ConstantInertia | None = None
+    linkage: Linkage | None = None
     mounts: Array | None = None
 
     space: ParameterSpace

@@ -17,7 +17,8 @@ FILES = {
 }
 HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"}
 SHOWING = {"cli", "compare", "compare_plots", "finish", "metrics", "options", "progress",
-           "recording", "report", "verify"}  # fmt: skip
+           "recording", "report", "sweep", "sweep_engine", "sweep_report", "sweep_results",
+           "sweep_worker", "verify"}  # fmt: skip
 RUNNING = {"plants", "scenario", "experiment", "record"} | SHOWING
 
 
@@ -64,6 +65,8 @@ def test_the_package_itself_is_weightless():
         ("parameters", {"errors", "parameters"}),
         ("kernels", {"kernels"}),
         ("spatial", {"spatial"}),
+        ("triples", {"triples"}),
+        ("recursion", {"kernels", "spatial", "triples", "recursion"}),
         ("system", {"errors", "parameters", "kernels", "system"}),
         ("excitation", {"errors", "parameters", "excitation"}),
         ("persistence", {"errors", "parameters", "persistence"}),
@@ -71,10 +74,11 @@ def test_the_package_itself_is_weightless():
         ("cone", {"errors", "parameters", "kernels", "cone"}),
         ("rehearsal", {"errors", "parameters", "kernels", "system", "rehearsal"}),
         ("identifiers",
-         {"errors", "parameters", "kernels", "spatial", "cone", "system", "identifiers"}),
+         {"errors", "parameters", "kernels", "spatial", "triples", "recursion", "cone", "system",
+          "identifiers"}),
         ("baselines",
-         {"errors", "parameters", "kernels", "spatial", "cone", "system", "nullspace",
-          "identifiers", "baselines"}),
+         {"errors", "parameters", "kernels", "spatial", "triples", "recursion", "cone", "system",
+          "nullspace", "identifiers", "baselines"}),
     ],
 )  # fmt: skip
 def test_the_lower_parts_know_arrays_and_the_protocol_only(module, allowed):
@@ -87,7 +91,8 @@ def test_the_lower_parts_know_arrays_and_the_protocol_only(module, allowed):
 def test_a_system_knows_no_world(module):
     modules = imported(f"import nsaid_mj.{module}")
     assert {part(m) for m in ours(modules)} <= {"errors", "parameters", "kernels", "spatial",
-                                                "system", "systems"}  # fmt: skip
+                                                "triples", "recursion", "system",
+                                                "systems"}  # fmt: skip
     assert not modules & (HEAVY - {"pinocchio"})
 
 
@@ -117,12 +122,20 @@ def test_the_upper_parts_import_one_way(module, forbidden):
         ("rerun", {"recording"}),
         ("tyro", {"options", "cli"}),
         ("pinocchio", {"plants", "systems", "recording"}),
-        ("matplotlib", {"report", "compare_plots"}),
-        ("pyarrow", {"record", "recording"}),
+        ("matplotlib", {"report", "compare_plots", "sweep_report"}),
+        ("pyarrow", {"record", "recording", "sweep_results"}),
+        ("joblib", {"sweep_engine"}),
     ],
 )
 def test_a_heavy_package_has_its_home(package, homes):
     assert {part(m) for m, path in FILES.items() if package in written(path)} <= homes
+
+
+def test_a_sweeps_workers_wait_light():
+    """An engine's worker makes no run: its child does."""
+    modules = imported("import nsaid_mj.sweep_worker")
+    assert ours(modules) == {"errors", "resources", "sweep_worker"}
+    assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
 
 
 def test_mujocos_coordinates_stay_with_the_plants():

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -44,13 +44,14 @@ from nsaid_mj.plants import (
 )
 from nsaid_mj.resources import scenarios
 from nsaid_mj.scenario import Scenario
+from nsaid_mj.systems.multibody import Backend
 
 FEW = settings(deadline=None, max_examples=50)
 positive, share = st.floats(1e-9, 1e9), st.floats(0, 0.99)
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
-guess = st.none() | positive
+guess, backend = st.none() | positive, st.sampled_from(get_args(Backend))
 PLANT = st.builds(ScalarRovPlant, positive, positive, positive, positive, share) | st.builds(
-    ArmPlant, text, guess, guess, guess, positive, share, positive
+    ArmPlant, text, guess, guess, guess, positive, share, positive, backend
 )
 DRIVER = st.builds(
     FourierTracking, positive, st.integers(1, 9), st.floats(0.01, 1), positive, guess
@@ -130,7 +131,7 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         yield ()
     elif isinstance(value, str):
         others = {"sensors": "noisy", "interpolation": "linear", "gamma": "simulated",
-                  "law": "cone",                  "fluid": "ellipsoid"}  # fmt: skip
+                  "law": "cone", "fluid": "ellipsoid", "backend": "compiled"}  # fmt: skip
         yield others.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1
@@ -190,6 +191,7 @@ NOT_POSITIVE = [0.0, -1.0, NAN, INF]
 BAD_ARM = {
     "damping": NOT_POSITIVE, "friction": NOT_POSITIVE, "armature": [-1.0, NAN, INF],
     "gain": [0.0, -1.0, NAN, INF], "spread": [-0.1, 1.0, NAN], "friction_speed": NOT_POSITIVE,
+    "backend": ["fortran", ""],
 }  # fmt: skip
 NO_SHARE = [0.0, -0.1, 1.01, NAN]
 BAD = {

@@ -15,10 +15,11 @@ from ..cone import barrier, cone_of, coordinates, gradient_and_hessian, inside
 from ..errors import InvalidInput
 from ..kernels import times
 from ..parameters import Array
+from ..recursion import tree_gradient, tree_state, tree_work
 from ..system import Instant, Measurement, SecondOrderSystem
 from .base import State
 from .chart import confine, from_chart, natural_rate, to_chart
-from .nullspace_aid import NullspaceIdentifier, body_gradient
+from .nullspace_aid import NullspaceIdentifier, body_gradient, tree_half_way
 
 
 @njit(cache=True)
@@ -78,6 +79,39 @@ def cone_body_step(
             K, cone, pairing, stiffness, mu,
         )  # fmt: skip
     return z[:n].copy(), theta, smallest if inside(cone, theta) else np.nan
+
+
+@njit(cache=True)
+def cone_tree_step(
+    joints, numbers, gravity, columns, q0, v0, u, q1, v1, v_hat, theta_hat, dt, hermite,
+    K, cone, pairing, stiffness, mu,
+):  # fmt: skip
+    """One RK4 step in the cone's chart for a tree of bodies; returns as `tree_step` does."""
+    linkage, n, p = (joints, numbers, gravity, columns), v_hat.shape[0], theta_hat.shape[0]
+    q, v, end = np.empty(q0.shape[0]), np.empty(n), np.empty(n + p + 1)
+    tree_half_way(linkage, q0, v0, q1, v1, dt, hermite, q, v)
+    work, a_hat, gradient = tree_work(linkage, n), np.empty(n), np.empty((1, p))
+    state0, state1 = tree_state(linkage, q0, v0), tree_state(linkage, q, v)
+    state2 = tree_state(linkage, q1, v1)
+    start = begin(cone, v_hat, theta_hat)
+    z, theta, total, smallest = start, theta_hat, start.copy(), np.inf
+    for state, v_x, weight, reach in (
+        (state0, v0, dt / 6, dt / 2),
+        (state1, v, dt / 3, dt / 2),
+        (state1, v, dt / 3, dt),
+        (state2, v1, dt / 6, 0.0),
+    ):
+        pivot = tree_gradient(linkage, state, v_x, u, z[:n], theta, work, a_hat, gradient)
+        if not pivot > 0.0:
+            end[:n], end[n:-1], end[-1] = v_hat, theta_hat, pivot
+            return end
+        smallest = min(smallest, pivot)
+        z, theta = body_stage(
+            start, total, z, theta, v_x, a_hat, gradient[0], weight, reach,
+            K, cone, pairing, stiffness, mu,
+        )  # fmt: skip
+    end[:n], end[n:-1], end[-1] = z[:n], theta, smallest if inside(cone, theta) else np.nan
+    return end
 
 
 class ConeIdentifier(NullspaceIdentifier):
@@ -149,6 +183,17 @@ class ConeIdentifier(NullspaceIdentifier):
         )  # fmt: skip
         t, q, v, _ = following
         return v_hat, theta_hat, pivot, Instant(self.system, t, q, v, previous.u)
+
+    def _tree_step(
+        self, state: State, previous: Measurement, following: Measurement, dt: float
+    ) -> tuple[Array, Array, float, Instant]:
+        (_, q0, v0, u), (t, q1, v1, _), n = previous, following, self.system.n
+        assert self.system.linkage is not None
+        end = cone_tree_step(
+            *self.system.linkage, q0, v0, u, q1, v1, state.v_hat, state.theta_hat, dt,
+            self.hermite, *self._gains,
+        )  # fmt: skip
+        return end[:n], end[n:-1], float(end[-1]), self.system.at(t, q1, v1, u)
 
     def conserved(self, theta_hat: Array) -> Array:
         """½ θ̂ᵀ Γ⁻¹ θ̂ − μ (b(θ̂) − b(θ̂₀)), twice: as the base class's for μ = 0."""

@@ -6,8 +6,9 @@ import numpy as np
 from numba import njit
 
 from ..errors import InvalidInput
-from ..kernels import cholesky, solve, times
+from ..kernels import cholesky, solve, times, times_into
 from ..parameters import Array, Indices
+from ..recursion import BASE, CIRCLE, tree_gradient, tree_state, tree_work
 from ..spatial import (
     bracket,
     coadjoint,
@@ -120,6 +121,75 @@ def half_way(dq, v0, v1, dt, hermite, group):
     return half, slope - 0.5 * once + bracket(group, half, once) / 6
 
 
+@njit(cache=True)
+def tree_half_way(linkage, q0, v0, q1, v1, dt, hermite, q, v):
+    """The same for a tree of joints, into q and v."""
+    joint = 0
+    for at, kind in linkage[1][:, 1:]:
+        if kind == BASE:
+            q[:7], v[:6] = body_half_way(6, q0[:7], v0[:6], q1[:7], v1[:6], dt, hermite)
+            joint = 6
+            continue
+        if kind == CIRCLE:
+            c, s = q0[at], q0[at + 1]
+            dq = np.arctan2(c * q1[at + 1] - s * q1[at], c * q1[at] + s * q1[at + 1])
+        else:
+            dq = q1[at] - q0[at]
+        half = 0.5 * dq + 0.125 * dt * (v0[joint] - v1[joint])
+        if kind == CIRCLE:
+            cosine, sine = np.cos(half), np.sin(half)
+            q[at], q[at + 1] = c * cosine - s * sine, s * cosine + c * sine
+        else:
+            q[at] = q0[at] + half
+        if hermite:
+            v[joint] = 1.5 / dt * dq - 0.25 * (v0[joint] + v1[joint])
+        else:
+            v[joint] = 0.5 * (v0[joint] + v1[joint])
+        joint += 1
+
+
+@njit(cache=True)
+def tree_step(
+    joints, numbers, gravity, columns, q0, v0, u, q1, v1, v_hat, theta_hat, dt, hermite, K, Gamma
+):
+    """One RK4 step of (44, 45) for a tree of bodies; the first four arguments are its `Linkage`.
+
+    Returns:
+        (n+p+1,) v̂ and θ̂ at the end, and the smallest pivot of M̂ on the way.
+    """
+    linkage, n, p = (joints, numbers, gravity, columns), v_hat.shape[0], theta_hat.shape[0]
+    q, v = np.empty(q0.shape[0]), np.empty(n)
+    tree_half_way(linkage, q0, v0, q1, v1, dt, hermite, q, v)
+    work, a_hat, gradient = tree_work(linkage, n), np.empty(n), np.empty((1, p))
+    state0, state1 = tree_state(linkage, q0, v0), tree_state(linkage, q, v)
+    state2 = tree_state(linkage, q1, v1)
+    start = np.concatenate((v_hat, theta_hat))
+    z, rate, end, smallest = start.copy(), np.empty(n + p), np.empty(n + p + 1), np.inf
+    end[: n + p] = start
+    for state, v_x, weight, reach in (
+        (state0, v0, dt / 6, dt / 2),
+        (state1, v, dt / 3, dt / 2),
+        (state1, v, dt / 3, dt),
+        (state2, v1, dt / 6, 0.0),
+    ):
+        pivot = tree_gradient(linkage, state, v_x, u, z[:n], z[n:], work, a_hat, gradient)
+        if not pivot > 0.0:
+            end[-1] = pivot
+            return end
+        smallest = min(smallest, pivot)
+        for i in range(n):
+            z[i] -= v_x[i]  # (37)
+        times_into(K, z[:n], rate[:n])
+        times_into(Gamma, gradient[0], rate[n:])  # (45)
+        for i in range(n):
+            rate[i] = a_hat[i] - rate[i]  # (44)
+        for i in range(n + p):
+            end[i] += weight * rate[i]
+            z[i] = start[i] + reach * rate[i]
+    end[-1] = smallest
+    return end
+
+
 class NullspaceIdentifier(Identifier):
     """(44) and (45), integrated by RK4 between measurements, the command held.
 
@@ -187,7 +257,12 @@ class NullspaceIdentifier(Identifier):
             here.q.shape, here.v.shape, here.u.shape,
         ):  # fmt: skip
             checked(self.system, following)  # says which
-        advance = self._step if self.system.inertia is None else self._body_step
+        if self.system.linkage is not None:
+            advance = self._tree_step
+        elif self.system.inertia is not None:
+            advance = self._body_step
+        else:
+            advance = self._step
         v_hat, theta_hat, pivot, last = advance(state, previous, following, dt)
         if pivot > 0:
             return State(following.t, v_hat, theta_hat, pivot, Status.completed, last)
@@ -226,6 +301,18 @@ class NullspaceIdentifier(Identifier):
         )  # fmt: skip
         t, q, v, _ = following
         return v_hat, theta_hat, pivot, Instant(self.system, t, q, v, previous.u)
+
+    def _tree_step(
+        self, state: State, previous: Measurement, following: Measurement, dt: float
+    ) -> tuple[Array, Array, float, Instant]:
+        """The same for a tree whose bodies are moved by `recursion`, in one compiled call."""
+        (_, q0, v0, u), (t, q1, v1, _), n = previous, following, self.system.n
+        assert self.system.linkage is not None
+        end = tree_step(
+            *self.system.linkage, q0, v0, u, q1, v1, state.v_hat, state.theta_hat, dt,
+            self.hermite, self.K, self.Gamma,
+        )  # fmt: skip
+        return end[:n], end[n:-1], float(end[-1]), self.system.at(t, q1, v1, u)
 
     def _instants(
         self, state: State, previous: Measurement, following: Measurement, dt: float

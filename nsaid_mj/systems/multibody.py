@@ -9,17 +9,31 @@ Iyz, Izz.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 import pinocchio as pin
 from numba import njit
 
+from ..errors import InvalidInput
 from ..kernels import cholesky, solve
 from ..parameters import Array, Block, ParameterSpace
 from ..spatial import bracket
 from ..system import DIFFERENCE, Instant
+from .compiled import (
+    tree_evaluate,
+    tree_forces,
+    tree_inertial,
+    tree_mass_tensor,
+    tree_regressor,
+    tree_transport,
+)
 from .joints import JointTree
 from .rigid_body import INERTIAL, INERTIAL_UNITS
+from .tree import linkage_of
+
+Backend = Literal["pinocchio", "compiled"]
+"""Where a robot's regressors come from: Pinocchio, or our own recursions, which agree with it."""
 
 _BASE_SPEED = 1.0  # a base that floats is probed at up to this [m/s, rad/s]
 
@@ -61,9 +75,23 @@ class Multibody(JointTree):
         model: kinematics and gravity; its inertias are not read and not kept.
         scales: data-sheet guesses, which become the scale of θ.
         friction_speed: (k,) joint speed at which Coulomb friction is developed [rad/s or m/s].
+        backend: where the regressors come from.
+
+    Raises:
+        InvalidInput: no such backend.
     """
 
-    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
+    def __init__(
+        self,
+        model: pin.Model,
+        scales: JointScales,
+        friction_speed: Array,
+        backend: Backend = "pinocchio",
+    ):
+        if backend not in get_args(Backend):
+            raise InvalidInput(
+                "backend", " or ".join(get_args(Backend)), backend, "Both give the same numbers."
+            )
         super().__init__(model)
         self._weightless = pin.Model(self.model)
         self._weightless.gravity.setZero()
@@ -87,6 +115,9 @@ class Multibody(JointTree):
             self._coulomb,
             self._gain,
         )
+        if backend == "compiled":
+            columns = np.array([self._links, self._viscous, self._coulomb, self._gain])
+            self.linkage = linkage_of(self.model, self.friction_speed, columns)
         self._smallest_mass = 1e-6 * scales.mass
         self._parents = np.array([parent - 1 for parent in list(self.model.parents)[1:]])
         self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
@@ -98,6 +129,8 @@ class Multibody(JointTree):
         return pin.computeJointTorqueRegressor(self._weightless, self._data_0, q, v, a)
 
     def _W_M(self, q: Array, a: Array) -> Array:
+        if self.linkage is not None:
+            return tree_inertial(self.linkage, q, self._zero, self._zero, a, self.p)
         W = np.zeros((self.n, self.p))
         W[:, : self._links] = self._torque_regressor(q, self._zero, a)
         if self._rotor is not None:
@@ -105,6 +138,8 @@ class Multibody(JointTree):
         return W
 
     def _mass_tensor(self, q: Array) -> Array:
+        if self.linkage is not None:
+            return tree_mass_tensor(self.linkage, q, self.n, self.p)
         tensor = np.zeros((self.n, self.n, self.p))
         for j in range(self.n):
             tensor[j, :, : self._links] = self._torque_regressor(q, self._zero, self._unit[j])
@@ -113,6 +148,8 @@ class Multibody(JointTree):
         return tensor
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
+        if self.linkage is not None:
+            return tree_inertial(self.linkage, q, v, w, self._zero, self.p)
         W = np.zeros((self.n, self.p))
         np.subtract(
             self._torque_regressor(q, 0.5 * (v + w), 0.5 * bracket(self.group, v, w)),
@@ -122,6 +159,8 @@ class Multibody(JointTree):
         return W
 
     def _transport(self, q: Array, v: Array) -> Array:
+        if self.linkage is not None:
+            return tree_transport(self.linkage, q, v, self.p)
         W = np.zeros((self.n, self.p))
         step = DIFFERENCE / (1.0 + np.abs(v).max(initial=0.0))
         ahead = self._torque_regressor(self.integrate(q, step * v), self._zero, v).copy()
@@ -131,12 +170,16 @@ class Multibody(JointTree):
         return W
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        if self.linkage is not None:
+            return tree_forces(self.linkage, q, v, u, self.p)
         F = self._joint_forces(v, u)
         weight = pin.computeJointTorqueRegressor(self.model, self._data, q, self._zero, self._zero)
         np.negative(weight, out=F[:, : self._links])
         return F
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        if self.linkage is not None:
+            return tree_regressor(self.linkage, q, v, w, a, u, self.p)
         W = -self._joint_forces(v, u)
         turned = a + 0.5 * bracket(self.group, v, w)
         np.subtract(
@@ -158,6 +201,8 @@ class Multibody(JointTree):
 
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
         """The robot at one measured state and command."""
+        if self.linkage is not None:
+            return _CompiledInstant(self, t, q, v, u)
         if self.n == 1:  # Pinocchio squeezes a single joint's matrices to vectors
             return Instant(self, t, q, v, u)
         return _TreeInstant(self, t, q, v, u)
@@ -204,6 +249,21 @@ class _TreeInstant(Instant):
     def commanded(self, t: float, u: Array) -> Instant:
         """The same state under another command."""
         return _TreeInstant(self.system, t, self.q, self.v, u)
+
+
+class _CompiledInstant(Instant):
+    """A robot at one state, by `recursion`: all of θ̂ is welcome, M̂ ≻ 0 or not."""
+
+    system: Multibody
+
+    def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
+        """As in the base class."""
+        theta = np.ascontiguousarray(theta)
+        return tree_evaluate(self.system.linkage, self.q, self.v, self.u, w, theta)
+
+    def commanded(self, t: float, u: Array) -> Instant:
+        """The same state under another command."""
+        return _CompiledInstant(self.system, t, self.q, self.v, u)
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""A floating tree of bodies, each in its own frame, compiled.
+"""Trees of bodies, each in its own frame, compiled; here what floats and may carry added mass.
 
 Body 0 floats; body i hangs on one joint. With J_i (6, n) the Jacobian of body i's twist in its own
 axes, V_i = J_i v and W_i = J_i w, an inertia I_i, constant in the body, gives
@@ -17,18 +17,21 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
+from .. import recursion
 from ..kernels import cholesky, solve
 from ..parameters import Array, Indices
 from ..spatial import unrotate
+from ..system import Linkage
+from .joints import floats
 
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 class Tree(NamedTuple):
-    """How the b bodies of a floating tree hang together.
+    """How the b bodies of a tree hang together.
 
     Attributes:
-        parents: (b,) body that each hangs on, −1 for the base.
+        parents: (b,) body that each hangs on, −1 for the base and for what hangs on the ground.
         rotations: (b, 3, 3) joint frame to parent's axes, at joint number 0.
         places: (b, 3) of the joint frame in the parent's axes [m].
         axes: (b, 6) unit twist [v, ω] of the joint in its own frame, 0 for the base.
@@ -61,11 +64,11 @@ class Entries(NamedTuple):
 
 
 def tree_of(model: pin.Model) -> Tree:
-    """The tree of a Pinocchio model whose root is a free flyer."""
+    """The tree of a Pinocchio model of 1-DOF joints, whose root may be a free flyer."""
     data, joints = model.createData(), list(model.joints)[1:]
     pin.computeJointJacobians(model, data, pin.neutral(model))
     axes = np.zeros((len(joints), 6))
-    for joint in joints[1:]:
+    for joint in joints[floats(model) :]:
         jacobian = pin.getJointJacobian(model, data, joint.id, pin.ReferenceFrame.LOCAL)
         axes[joint.id - 1] = jacobian[:, joint.idx_v]
     placements = list(model.jointPlacements)[1:]
@@ -77,6 +80,38 @@ def tree_of(model: pin.Model) -> Tree:
         np.array([joint.idx_q for joint in joints]),
         np.array([joint.nq == 2 for joint in joints]),
     )
+
+
+def linkage_of(model: pin.Model, friction_speed: Array, columns: Indices) -> Linkage:
+    """The tree of a Pinocchio model for `recursion`.
+
+    Args:
+        model: as for `tree_of`.
+        friction_speed: (k,) of the joints [rad/s or m/s].
+        columns: (4,) as in `Linkage`.
+    """
+    tree = tree_of(model)
+    joints = np.zeros((len(tree.parents), recursion.WIDTH))
+    numbers = np.column_stack([tree.parents, tree.numbers, np.zeros_like(tree.parents)])
+    first = len(joints) - len(friction_speed)
+    numbers[:first, 2] = recursion.BASE
+    for b in range(first, len(joints)):
+        R, slide, turn = tree.rotations[b], tree.axes[b, :3], tree.axes[b, 3:]
+        along = np.outer(turn, turn)
+        turns = np.linalg.norm(turn) > 0.5
+        held = along if turns else np.eye(3)
+        across = np.array([np.cross(turn, e) for e in np.eye(3)]).T
+        for start, part in (
+            (recursion.FIXED, held), (recursion.COSINE, np.eye(3) - held), (recursion.SINE, across),
+        ):  # fmt: skip
+            joints[b, start : start + 9] = (R @ part).ravel()
+        joints[b, recursion.PLACE : recursion.PLACE + 3] = tree.places[b]
+        joints[b, recursion.TRAVEL : recursion.TRAVEL + 3] = R @ slide
+        joints[b, recursion.AXIS : recursion.AXIS + 6] = tree.axes[b]
+        joints[b, recursion.FRICTION_SPEED] = friction_speed[b - first]
+        turning = recursion.CIRCLE if tree.circular[b] else recursion.TURN
+        numbers[b, 2] = turning if turns else recursion.SLIDE
+    return Linkage(joints, numbers, model.gravity.linear.copy(), columns)
 
 
 class Carried(NamedTuple):

@@ -1,0 +1,190 @@
+"""Regressors of trees of rigid bodies, whole, by the recursions of `recursion`.
+
+Row j of a body's columns is the power of what the body asks for on J_i e_j, the twist that joint j
+gives it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..recursion import (
+    AXIS,
+    BASE,
+    FRICTION_SPEED,
+    MOTION,
+    TWIST,
+    accelerate,
+    carried,
+    felt,
+    joint_columns,
+    move,
+    tree_state,
+    tree_work,
+    write_power,
+)
+from ..triples import add, cross, put, three
+
+
+@njit(cache=True)
+def _reach(linkage, state, n, rates):
+    """(b·n, 6) J_i, or with `rates` the columns of dJ_i/dt in an inertial frame; body by body.
+
+    Only the columns of a body's own joint and of those it hangs on are written.
+    """
+    joints, numbers, _, _ = linkage
+    reach = np.empty((numbers.shape[0] * n, 6))
+    for b in range(numbers.shape[0]):
+        first, last = joint_columns(numbers, b)
+        v_l, v_a = three(state, b, TWIST), three(state, b, TWIST + 3)
+        for j in range(first, last + 1):
+            row = b * n + j
+            if numbers[b, 2] == BASE:
+                for i in range(6):
+                    reach[row, i] = 1.0 if i == j else 0.0
+            else:
+                for i in range(6):
+                    reach[row, i] = joints[b, AXIS + i]
+            if rates:  # S turns with its body
+                s_l, s_a = three(reach, row, 0), three(reach, row, 3)
+                put(
+                    reach, row, 0, add(cross(v_a, s_l), cross(v_l, s_a)), cross(v_a, s_a)
+                )  # fmt: skip
+        parent = numbers[b, 0]
+        ancestor = parent
+        while ancestor >= 0:
+            first, last = joint_columns(numbers, ancestor)
+            for j in range(first, last + 1):
+                held = parent * n + j
+                linear, angular = carried(state, b, three(reach, held, 0), three(reach, held, 3))
+                put(reach, b * n + j, 0, linear, angular)
+            ancestor = numbers[ancestor, 0]
+    return reach
+
+
+@njit(cache=True)
+def _regressor(linkage, state, v, w, a, weight, W):
+    """Writes the links' columns of W_M a + W_C w, under `weight` times gravity."""
+    numbers, n = linkage[1], v.shape[0]
+    motion, J = np.empty((numbers.shape[0], MOTION)), _reach(linkage, state, n, False)
+    move(linkage, state, v, w, a, weight, motion)
+    for b in range(numbers.shape[0]):
+        a_felt, alpha, omega, turning = felt(state, motion, b)
+        ancestor = b
+        while ancestor >= 0:
+            first, last = joint_columns(numbers, ancestor)
+            for j in range(first, last + 1):
+                row = b * n + j
+                d, delta = three(J, row, 0), three(J, row, 3)
+                write_power(W, j, 10 * b, d, delta, a_felt, alpha, omega, turning)
+            ancestor = numbers[ancestor, 0]
+
+
+@njit(cache=True)
+def _joints(linkage, v, u, W):
+    """Writes the columns of friction and motors: −F."""
+    joints, _, _, (_, viscous, coulomb, gain) = linkage
+    bodies, base, count = joints.shape[0], v.shape[0] - u.shape[0], u.shape[0]
+    for k in range(count):
+        rate = v[base + k]
+        W[base + k, viscous + k] = rate
+        W[base + k, coulomb + k] = np.tanh(rate / joints[bodies - count + k, FRICTION_SPEED])
+        W[base + k, gain + k] = -u[k]
+
+
+@njit(cache=True)
+def _rotors(linkage, a, W):
+    """Writes the columns of the rotors' inertia."""
+    rotor, viscous = linkage[3][0], linkage[3][1]
+    for k in range(viscous - rotor):
+        W[a.shape[0] - (viscous - rotor) + k, rotor + k] = a[a.shape[0] - (viscous - rotor) + k]
+
+
+@njit(cache=True)
+def tree_inertial(linkage, q, v, w, a, p):
+    """(n, p) W_M(q, a) + W_C(q, v, w)."""
+    W = np.zeros((v.shape[0], p))
+    _regressor(linkage, tree_state(linkage, q, v), v, w, a, 0.0, W)
+    _rotors(linkage, a, W)
+    return W
+
+
+@njit(cache=True)
+def tree_forces(linkage, q, v, u, p):
+    """(n, p) F of (4): weight, friction and motors."""
+    W, still = np.zeros((v.shape[0], p)), np.zeros(v.shape[0])
+    _regressor(linkage, tree_state(linkage, q, still), still, still, still, 1.0, W)
+    _joints(linkage, v, u, W)
+    return -W
+
+
+@njit(cache=True)
+def tree_regressor(linkage, q, v, w, a, u, p):
+    """(n, p) W of (10)."""
+    W, state = np.zeros((v.shape[0], p)), tree_state(linkage, q, v)
+    _regressor(linkage, state, v, w, a, 1.0, W)
+    _rotors(linkage, a, W)
+    _joints(linkage, v, u, W)
+    return W
+
+
+@njit(cache=True)
+def tree_transport(linkage, q, v, p):
+    """(n, p) of C(x)ᵀ v = Ṁ v − C v: row j is Σ (dJ_ij/dt)ᵀ I_i V_i, taken in an inertial frame."""
+    numbers, n = linkage[1], v.shape[0]
+    W, state, still = np.zeros((n, p)), tree_state(linkage, q, v), (0.0, 0.0, 0.0)
+    J_dot = _reach(linkage, state, n, True)
+    for b in range(numbers.shape[0]):
+        v_l, v_a, ancestor = three(state, b, TWIST), three(state, b, TWIST + 3), b
+        while ancestor >= 0:
+            first, last = joint_columns(numbers, ancestor)
+            for j in range(first, last + 1):
+                row = b * n + j
+                d, delta = three(J_dot, row, 0), three(J_dot, row, 3)
+                write_power(W, j, 10 * b, d, delta, v_l, v_a, still, still)
+            ancestor = numbers[ancestor, 0]
+    return W
+
+
+@njit(cache=True)
+def tree_mass_tensor(linkage, q, n, p):
+    """(n, n, p) with M(q, θ) = tensor · θ."""
+    numbers, still = linkage[1], (0.0, 0.0, 0.0)
+    tensor = np.zeros((n * n, p))
+    J = _reach(linkage, tree_state(linkage, q, np.zeros(n)), n, False)
+    for b in range(numbers.shape[0]):
+        one = b
+        while one >= 0:
+            first, last = joint_columns(numbers, one)
+            for j in range(first, last + 1):
+                d, delta = three(J, b * n + j, 0), three(J, b * n + j, 3)
+                other = b
+                while other >= 0:
+                    low, high = joint_columns(numbers, other)
+                    for k in range(low, high + 1):
+                        a, alpha = three(J, b * n + k, 0), three(J, b * n + k, 3)
+                        write_power(tensor, j * n + k, 10 * b, d, delta, a, alpha, still, still)
+                    other = numbers[other, 0]
+            one = numbers[one, 0]
+    rotor, viscous = linkage[3][0], linkage[3][1]
+    for k in range(viscous - rotor):
+        i = n - (viscous - rotor) + k
+        tensor[i * n + i, rotor + k] = 1.0
+    return tensor.reshape(n, n, p)
+
+
+@njit(cache=True)
+def tree_evaluate(linkage, q, v, u, w, theta):
+    """â of (29), W of (10, 31) and M̂'s smallest pivot."""
+    n = v.shape[0]
+    state, a, W = tree_state(linkage, q, v), np.empty(n), np.zeros((n, theta.shape[0]))
+    pivot = accelerate(linkage, state, v, w, u, theta, tree_work(linkage, n), a)
+    if not pivot > 0.0:
+        a[:] = 0.0
+    _regressor(linkage, state, v, w, a, 1.0, W)
+    _rotors(linkage, a, W)
+    _joints(linkage, v, u, W)
+    if not pivot > 0.0:
+        a[:] = np.nan
+    return a, W, pivot
