@@ -6,6 +6,8 @@ Heavy modules are imported where they are needed, so that `nsaid --help` answers
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import importlib.util
 import json
 import os
@@ -36,6 +38,9 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
 def run_from_shell() -> NoReturn:
     """The console script `nsaid`."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: threads only cost
+    os.environ.setdefault("MUJOCO_GL", "disable")  # Rerun draws
+    gc.set_threshold(50_000)  # what imports make stays: to look for garbage in it takes long
+    atexit.register(gc.freeze)  # nor look in it when the process ends: that takes half a second
     _exit(lambda: command(sys.argv[1:]))
 
 
@@ -107,6 +112,7 @@ def command(arguments: Sequence[str]) -> int:
     compare.add_argument("--noise-scales", metavar="X,X", help="multiples of the scenario's noise")
     compare.add_argument("--budget", metavar="S", help="search time of sysid, at most [s]")
     _add_sweep(commands)
+    _add_montecarlo(commands)
     report = commands.add_parser("report", help="draw a sweep's distributions, on one page")
     report.add_argument("sweep", type=Path, help="the sweep's folder, e.g. runs/ur5-sweep")
     view = commands.add_parser("view", help="open a run's recording in the Rerun viewer")
@@ -136,6 +142,8 @@ def command(arguments: Sequence[str]) -> int:
         return _compare(chosen, rest)
     if chosen.command == "sweep":
         return _sweep(chosen, rest)
+    if chosen.command == "montecarlo":
+        return _montecarlo(chosen, rest)
     if rest:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     if chosen.command == "report":
@@ -172,6 +180,30 @@ def _add_sweep(commands: Any) -> None:
     sweep.add_argument("--out", type=Path, metavar="FOLDER", help="runs/NAME-sweep")
     sweep.add_argument("--json", action="store_true", help="print medians and failures as JSON")
     sweep.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def _add_montecarlo(commands: Any) -> None:
+    montecarlo = commands.add_parser(
+        "montecarlo",
+        help="follow one motion, or many plants', from many priors, in one process",
+        usage="nsaid montecarlo NAME_OR_FILE [--runs N --jobs N --own-plants --out FOLDER --json\n"
+        "                                      --quiet … any field]",
+        description="Simulates first, then identifies in compiled threads, and tells the quantiles "
+        "of the final figures. The same command goes on where an earlier one was stopped. Fields "
+        "of the scenario are flags, as in `nsaid run`; --seed is the master that all draws are "
+        "made from.",
+        allow_abbrev=False,
+    )
+    montecarlo.add_argument("scenario", metavar="NAME_OR_FILE", help="see `nsaid list`, or a path")
+    montecarlo.add_argument("--runs", metavar="N", type=int, default=256, help="how many; 256")
+    montecarlo.add_argument("--jobs", metavar="N", type=int, help="at once; as many as processors")
+    montecarlo.add_argument(
+        "--own-plants", action="store_true",
+        help="a plant with its own truth and motion for every run, not one for all",
+    )  # fmt: skip
+    montecarlo.add_argument("--out", type=Path, metavar="FOLDER", help="runs/NAME-montecarlo")
+    montecarlo.add_argument("--json", action="store_true", help="print quantiles as JSON")
+    montecarlo.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
 def load(name: str) -> Scenario:
@@ -322,6 +354,26 @@ def _sweep(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
     elif not chosen.quiet:
         sweep_results.tell(found)
     return FAILED if found.lost else 0
+
+
+def _montecarlo(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
+    from .options import Output, parse
+
+    path = Path(chosen.scenario)
+    script = str(path.resolve()) if path.suffix == ".py" else chosen.scenario
+    scenario, output = parse(path.stem, load(script), arguments, "montecarlo")
+    if output != Output():
+        raise InvalidInput("--live", "a flag of single runs to be left out", "it", "Leave it out.")
+    from . import montecarlo
+
+    plan = montecarlo.Plan(script, scenario, chosen.runs, not chosen.own_plants, tuple(arguments))
+    folder = chosen.out or Path("runs") / f"{path.stem}-montecarlo"
+    found = montecarlo.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
+    if chosen.json:
+        print(json.dumps(montecarlo.document(found), indent=2, ensure_ascii=False))
+    elif not chosen.quiet:
+        montecarlo.tell(found)
+    return 0
 
 
 def _report(folder: Path) -> int:

@@ -23,10 +23,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from . import metrics
-from .baselines import BATCH, Estimate, Log, Method, Problem, follow
+from .baselines import BATCH, Estimate, Method, Problem, follow
 from .errors import BadRun, InvalidInput, NoEstimate, NsaidError, UnknownName
 from .experiment import Cost, Ending, Run, Seeds, prepare, trajectory
+from .files import write_json, write_text
 from .identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
+from .plants import Sensors
 from .plants.sysid import BUDGET, sysid
 from .record import Record
 from .scenario import Scenario
@@ -170,11 +172,9 @@ class World:
         driver = scenario.excitation.build(
             plant.system, prior, np.random.default_rng(seeds.excitation)
         )
-        corrupt = None
-        if noise:
-            corrupt = partial(scenario.noise.corrupt, rng=np.random.default_rng(seeds.sensors))
+        sensors = Sensors(scenario.noise if noise else None, np.random.default_rng(seeds.sensors))
         with plant.running():
-            log = Log.of(list(trajectory(plant, driver, scenario.steps, corrupt, Cost())))
+            log = trajectory(plant, driver, scenario.steps, sensors)
         if plant.diverged or not all(np.isfinite(part).all() for part in log):
             raise NoEstimate(f"the plant diverged ({plant.diverged})", "Take a smaller dt.")
         self._problem = Problem(plant.system, log, prior, scenario.noise.levels if noise else EXACT)
@@ -190,7 +190,7 @@ class World:
 
     def warm_up(self) -> None:
         """Lets every quick method run once, so that no figure counts compiling."""
-        short = self._problem._replace(log=Log(*(part[:64] for part in self._problem.log)))
+        short = self._problem._replace(log=self._problem.log.first(64))
         for name, method in self._methods.items():
             if name != "sysid":
                 _attempt(method, short)
@@ -322,7 +322,7 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        metrics.write_json(folder / FILES[0], {
+        write_json(folder / FILES[0], {
             "scenario": plan.scenario.to_json(),
             "methods": list(plan.methods), "seeds": list(plan.seeds),
             "durations": list(plan.durations), "noises": list(plan.noises),
@@ -333,7 +333,7 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
         writer = csv.DictWriter(stream, [f.name for f in fields(Cell)], lineterminator="\n")
         writer.writeheader()
         writer.writerows(asdict(cell) for cell in cells)
-        metrics.write_text(folder / FILES[1], stream.getvalue())
+        write_text(folder / FILES[1], stream.getvalue())
     except OSError as error:
         raise BadRun(
             folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"

@@ -30,6 +30,8 @@ class Cone(NamedTuple):
         entries: (e, 3) rows [i, j, l], i ≥ j, ordered by l: P_ij holds θ_l …
         values: (e,) … times this.
         weights: (e,) these, twice off the diagonal: tr(X E_l) = Σ weights X_ij if X is symmetric.
+        links: (l,) first parameters of the blocks that are pseudo-inertias.
+        others: (b − l,) indices of the blocks that are not.
         degree: ν, the number of `positive` and the sum of all k.
     """
 
@@ -38,12 +40,15 @@ class Cone(NamedTuple):
     entries: Indices
     values: Array
     weights: Array
+    links: Indices
+    others: Indices
     degree: int
 
 
 def cone_of(space: ParameterSpace) -> Cone:
     """The cones of a parameter space."""
     positive, blocks, entries, values, degree = [], [], [], [], 0
+    links, others = [], []
     for block, place in space:
         if block.geometry == "positive":
             positive += range(place.start, place.stop)
@@ -51,6 +56,10 @@ def cone_of(space: ParameterSpace) -> Cone:
         elif block.geometry != "free":
             basis = _basis(block)
             k = 1 + max(i for i, *_ in basis)
+            if block.geometry == "pseudo_inertia":
+                links.append(place.start)
+            else:
+                others.append(len(blocks))
             blocks.append((place.start, place.stop, k, len(entries), len(entries) + len(basis)))
             entries += [(i, j, place.start + at) for i, j, at, _ in basis]
             values += [value for *_, value in basis]
@@ -62,6 +71,8 @@ def cone_of(space: ParameterSpace) -> Cone:
         places,
         np.array(values, dtype=np.float64),
         np.where(places[:, 0] == places[:, 1], 1.0, 2.0) * values,
+        np.array(links, dtype=np.intp),
+        np.array(others, dtype=np.intp),
         degree,
     )
 
@@ -97,7 +108,7 @@ def coordinates(cone: Cone) -> Array:
     """(e,) the way back: θ_l is the sum of its entries' P_ij, each times this; 0 if tied."""
     pairing = np.zeros(len(cone.values))
     for block, (start, _, k, first, last) in enumerate(cone.blocks):
-        if tied(cone, block):
+        if tied.py_func(cone, block):  # an import that asks must not compile
             continue
         own = slice(first, last)
         i, j, at = cone.entries[own].T
@@ -110,22 +121,37 @@ def coordinates(cone: Cone) -> Array:
 @compiled
 def matrix(cone, block, theta):
     """(k, k) lower triangle of a block's P."""
-    _, _, k, first, last = cone.blocks[block]
-    P = np.zeros((k, k))
-    for e in range(first, last):
-        i, j, at = cone.entries[e]
-        P[i, j] += cone.values[e] * theta[at]
+    start, _, k, first, last = cone.blocks[block]
+    P = np.empty((k, k))
+    matrix_into(cone.entries[first:last], cone.values[first:last], start, theta[start:], P, k)
     return P
+
+
+@compiled
+def matrix_into(entries, values, start, theta, P, k):
+    """Writes the lower triangle of a block's P into (k, k); the rest of it becomes 0.
+
+    `entries`, `values` are the block's own, `theta` its parameters, θ_start the first.
+    """
+    P[:k, :k] = 0.0
+    for e in range(entries.shape[0]):
+        P[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2] - start]
 
 
 @compiled
 def read(cone, block, P, pairing, theta):
     """Writes a block's parameters in θ (p,) from the lower triangle of its P (k, k)."""
     start, end, _, first, last = cone.blocks[block]
-    theta[start:end] = 0.0
-    for e in range(first, last):
-        i, j, at = cone.entries[e]
-        theta[at] += pairing[e] * P[i, j]
+    own = cone.entries[first:last]
+    read_into(own, pairing[first:last], start, P, theta[start:end])
+
+
+@compiled
+def read_into(entries, pairing, start, P, theta):
+    """Writes a block's parameters from the lower triangle of its P; arguments as above."""
+    theta[:] = 0.0
+    for e in range(entries.shape[0]):
+        theta[entries[e, 2] - start] += pairing[e] * P[entries[e, 0], entries[e, 1]]
 
 
 @compiled
@@ -140,22 +166,32 @@ def factor(cone, block, theta):
 @compiled
 def inverse(L):
     """(k, k) P⁻¹ of P = L Lᵀ."""
-    k = L.shape[0]
-    X, S = np.zeros((k, k)), np.zeros((k, k))
-    for j in range(k):  # X = L⁻ᵀ, row by row of its upper triangle
-        X[j, j] = 1 / L[j, j]
+    X, S = L.copy(), np.empty(L.shape)
+    for i in range(L.shape[0]):
+        X[i, i] = 1 / L[i, i]
+    inverse_into(X, X, S, L.shape[0])
+    return S
+
+
+@compiled
+def inverse_into(L, X, S, k):
+    """Writes P⁻¹ of P = L Lᵀ into S (k, k) and L⁻¹ into X (k, k), which may be L itself.
+
+    Here and below a factor holds the inverses of its diagonal.
+    """
+    for j in range(k):
+        X[j, j] = L[j, j]
         for i in range(j + 1, k):
-            total = 0.0
-            for m in range(j, i):
-                total += L[i, m] * X[j, m]
-            X[j, i] = -total / L[i, i]
+            total = L[i, j] * X[j, j]
+            for m in range(j + 1, i):
+                total += L[i, m] * X[m, j]
+            X[i, j] = -total * L[i, i]
     for i in range(k):
         for j in range(i + 1):
-            total = 0.0
-            for m in range(i, k):
-                total += X[i, m] * X[j, m]
+            total = X[i, i] * X[i, j]
+            for m in range(i + 1, k):
+                total += X[m, i] * X[m, j]
             S[i, j] = S[j, i] = total
-    return S
 
 
 @compiled
@@ -164,8 +200,16 @@ def inside(cone, theta):
     for j in cone.positive:
         if not theta[j] > 0:
             return False
+    k = 0
     for block in range(cone.blocks.shape[0]):
-        if np.isnan(factor(cone, block, theta)[0, 0]):
+        k = max(k, cone.blocks[block, 2])
+    L = np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        start, end, k, first, last = cone.blocks[block]
+        own = cone.entries[first:last]
+        matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
+        factor_in_place(L, k)
+        if not L[k - 1, k - 1] < np.inf:
             return False
     return True
 
@@ -198,22 +242,20 @@ def block_gradient(cone, block, S, gradient):
 
 
 @compiled
-def block_hessian(cone, block, S, mu):
-    """(c, c) lower triangle of a block's μ tr(P⁻¹E_l P⁻¹E_m), from S = P⁻¹."""
-    start, end, _, first, last = cone.blocks[block]
-    entries, weights = cone.entries[first:last], cone.weights[first:last]
-    hessian = np.zeros((end - start, end - start))
-    for e in range(last - first):
+def hessian_into(entries, weights, start, S, hessian, c):
+    """Writes the lower triangle of a block's tr(P⁻¹E_l P⁻¹E_m) into (c, c), from S = P⁻¹.
+
+    `entries`, `weights` are the block's own, θ_start its first parameter.
+    """
+    hessian[:c, :c] = 0.0
+    for e in range(entries.shape[0]):
         a, b, row = entries[e, 0], entries[e, 1], entries[e, 2] - start
-        weight = 0.5 * mu * weights[e]
-        for f in range(last - first):
-            column = entries[f, 2] - start
+        for f in range(entries.shape[0]):
+            i, j, column = entries[f, 0], entries[f, 1], entries[f, 2] - start
             if column > row:
                 break
-            c, d = entries[f, 0], entries[f, 1]
-            product = S[a, c] * S[b, d] + S[a, d] * S[b, c]
-            hessian[row, column] += weight * weights[f] * product
-    return hessian
+            weight = 0.5 * weights[e] * weights[f]
+            hessian[row, column] += weight * (S[a, i] * S[b, j] + S[a, j] * S[b, i])
 
 
 @compiled
@@ -227,69 +269,64 @@ def gradient_and_hessian(cone, theta):
     for block in range(cone.blocks.shape[0]):
         S = inverse(factor(cone, block, theta))
         block_gradient(cone, block, S, gradient)
-        part, start = block_hessian(cone, block, S, 1.0), cone.blocks[block, 0]
-        for i in range(part.shape[0]):
-            for j in range(i + 1):
-                hessian[start + i, start + j] = hessian[start + j, start + i] = part[i, j]
+        start, end, _, first, last = cone.blocks[block]
+        entries, weights = cone.entries[first:last], cone.weights[first:last]
+        part, c = hessian[start:end, start:end], end - start
+        hessian_into(entries, weights, start, S, part, c)
+        for i in range(c):
+            for j in range(i):
+                part[j, i] = part[i, j]
     return gradient, hessian
 
 
 @compiled
 def metric_solve(cone, theta, stiffness, mu, gradient):
-    """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,), block by block where Γ is diagonal.
+    """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
 
     Args:
         cone: the cones.
         theta: (p,) θ inside; the result is NaN where it is not.
-        stiffness: (p,) or (p, p) Γ⁻¹.
+        stiffness: (p, p) Γ⁻¹.
         mu: weight μ of the barrier.
         gradient: (p,) what to raise.
     """
-    if stiffness.ndim == 2:
-        return solved(stiffness + mu * gradient_and_hessian(cone, theta)[1], gradient)
-    x = gradient / stiffness
-    for j in cone.positive:
-        own = theta[j] if theta[j] > 0 else np.nan
-        x[j] = gradient[j] / (stiffness[j] + mu / (own * own))
-    for block in range(cone.blocks.shape[0]):
-        block_solve(cone, block, factor(cone, block, theta), stiffness, mu, gradient, x)
+    metric, x = stiffness + mu * gradient_and_hessian(cone, theta)[1], gradient.copy()
+    factor_in_place(metric, x.shape[0])
+    solve_in_place(metric, x, x.shape[0])
     return x
 
 
 @compiled
-def block_solve(cone, block, L, stiffness, mu, gradient, x):
-    """Writes a block's part of `metric_solve` into x (p,), from the factor L of its P."""
-    metric, start = block_hessian(cone, block, inverse(L), mu), cone.blocks[block, 0]
-    end = start + metric.shape[0]
-    for i in range(metric.shape[0]):
-        metric[i, i] += stiffness[start + i]
-    x[start:end] = solved(metric, gradient[start:end])
+def factor_in_place(A, n):
+    """Turns the lower triangle of A (n, n) into its Cholesky factor; NaN where A is not ≻ 0.
 
-
-@compiled
-def solved(A, b):
-    """x (c,) with A x = b, from A's lower triangle, which is used up; NaN where A is not ≻ 0."""
-    x, n = b.copy(), b.shape[0]
-    for i in range(n):  # A becomes its Cholesky factor, with the inverses of its diagonal
-        for j in range(i):
+    No decision is taken, so that the code can be emitted for many at once: the root of a pivot < 0
+    is NaN, and so is what follows from a pivot 0.
+    """
+    for j in range(n):  # by columns: the entries of one do not wait for each other
+        pivot = A[j, j]
+        for m in range(j):
+            pivot -= A[j, m] * A[j, m]
+        A[j, j] = 1 / np.sqrt(pivot)
+        for i in range(j + 1, n):
             total = A[i, j]
             for m in range(j):
                 total -= A[i, m] * A[j, m]
             A[i, j] = total * A[j, j]
-        pivot, total = A[i, i], x[i]
+
+
+@compiled
+def solve_in_place(L, x, n):
+    """Overwrites b in x (n,) by the solution of L Lᵀ x = b."""
+    for i in range(n):
+        total = x[i]
         for m in range(i):
-            pivot -= A[i, m] * A[i, m]
-            total -= A[i, m] * x[m]
-        if not pivot > 0:
-            x[:] = np.nan
-            return x
-        A[i, i] = 1 / np.sqrt(pivot)
-        x[i] = total * A[i, i]
+            total -= L[i, m] * x[m]
+        x[i] = total * L[i, i]
     for i in range(n - 1, -1, -1):
-        x[i] *= A[i, i]
+        x[i] *= L[i, i]
         for m in range(i):
-            x[m] -= A[i, m] * x[i]
-    return x
+            x[m] -= L[i, m] * x[i]
 
 
 def drawn_inside(

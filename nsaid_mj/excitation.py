@@ -2,10 +2,47 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
 
 from .errors import InvalidInput
 from .parameters import Array
+
+
+class Series(NamedTuple):
+    """A finite Fourier series for every joint.
+
+    Attributes:
+        omega: (h,) of the harmonics [rad/s].
+        coefficients: (n, 2 h) of the sines, then of the cosines.
+        centre: (n,) of the motion [rad or m].
+    """
+
+    omega: Array
+    coefficients: Array
+    centre: Array
+
+
+@njit(cache=True)
+def fourier(series, t, motion):
+    """Writes position, velocity and acceleration at time t [s] into motion (n, 3)."""
+    omega, coefficients, centre = series
+    count = omega.shape[0]
+    motion[:] = 0.0
+    for k in range(count):
+        rate = omega[k]
+        s, c = np.sin(rate * t), np.cos(rate * t)
+        for i in range(motion.shape[0]):
+            a, b = coefficients[i, k], coefficients[i, count + k]
+            swing = a * s + b * c
+            motion[i, 0] += swing
+            motion[i, 1] += rate * (a * c - b * s)
+            motion[i, 2] -= rate * rate * swing
+    for i in range(motion.shape[0]):
+        motion[i, 0] += centre[i]
 
 
 class FourierTrajectory:
@@ -20,6 +57,9 @@ class FourierTrajectory:
         fundamental: frequency of the first harmonic [Hz].
         harmonics: number of harmonics.
         rng: source of the coefficients.
+
+    Attributes:
+        series: of the joints.
 
     Raises:
         InvalidInput: a frequency or count is not positive.
@@ -38,35 +78,26 @@ class FourierTrajectory:
             raise InvalidInput("fundamental", "a frequency > 0 Hz", fundamental, "0.1 suits arms.")
         if harmonics < 1:
             raise InvalidInput("harmonics", "a whole number ≥ 1", harmonics, "5 suits arms.")
-        self._omega = 2 * np.pi * fundamental * np.arange(1, harmonics + 1)
-        self._rates = np.concatenate([self._omega, -self._omega])  # of sines, of cosines
-        self._coefficients = rng.standard_normal((len(low), 2 * harmonics)) / np.tile(
+        omega = 2 * np.pi * fundamental * np.arange(1, harmonics + 1, dtype=np.float64)
+        coefficients = rng.standard_normal((len(low), 2 * harmonics)) / np.tile(
             np.arange(1, harmonics + 1), 2
         )
-        self._centre = 0.5 * (low + high)
+        self.series = Series(omega, coefficients, np.zeros(len(low)))
         period = np.linspace(0, 1 / fundamental, 40 * harmonics, endpoint=False)
-        position, velocity, _ = np.array([self._series(t) for t in period]).transpose(2, 1, 0)
+        position, velocity, _ = np.array([self(t) for t in period]).transpose(1, 2, 0)
         reach = np.maximum(
             np.abs(position).max(axis=1) / (0.5 * (high - low)),
             np.abs(velocity).max(axis=1) / speed,
         )
         reach /= np.cos(np.pi / 40)  # a peak between samples is higher by at most this
-        self._coefficients /= reach[:, None]
-
-    def _series(self, t: float) -> Array:
-        """(n, 3) position, velocity and acceleration about the centre."""
-        phase = self._omega * t
-        s, c = np.sin(phase), np.cos(phase)
-        basis = np.empty((len(self._rates), 3))
-        basis[:, 0] = np.concatenate([s, c])
-        basis[:, 1] = self._rates * np.concatenate([c, s])
-        basis[:, 2] = -(self._rates**2) * basis[:, 0]
-        return self._coefficients @ basis
+        self.series = Series(omega, coefficients / reach[:, None], 0.5 * (low + high))
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """(n,) position, velocity and acceleration at time t [s]."""
-        position, velocity, acceleration = self._series(t).T
-        return self._centre + position, velocity, acceleration
+        motion = np.empty((len(self.series.centre), 3))
+        fourier(self.series, t, motion)
+        position, velocity, acceleration = motion.T
+        return position, velocity, acceleration
 
 
 class Multisine:
@@ -105,7 +136,22 @@ class Multisine:
         self._amplitude = amplitude / tones**0.5
         self._bound = amplitude
 
-    def __call__(self, t: float) -> Array:
-        """(channels,) the signals at time t [s], clipped to ±amplitude."""
-        signal = self._amplitude * np.sin(self._omega * t + self._phase).sum(axis=1)
-        return np.clip(signal, -self._bound, self._bound)
+    def __call__(self, t: ArrayLike) -> Array:
+        """(..., channels) the signals at times t (...) [s], clipped to ±amplitude."""
+        times = np.asarray(t, dtype=np.float64)
+        signal = _sines(times.ravel(), self._omega, self._phase, self._amplitude, self._bound)
+        return signal.reshape(*times.shape, -1)
+
+
+@njit(cache=True)
+def _sines(t, omega, phase, amplitude, bound):
+    """(k, channels) sums of sines at times t (k,), clipped."""
+    channels, tones = omega.shape
+    signal = np.empty((t.shape[0], channels))
+    for k in range(t.shape[0]):
+        for i in range(channels):
+            total = 0.0
+            for j in range(tones):
+                total += np.sin(omega[i, j] * t[k] + phase[i, j])
+            signal[k, i] = min(max(amplitude * total, -bound), bound)
+    return signal

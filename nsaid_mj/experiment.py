@@ -7,14 +7,13 @@ again until the run has ended.
 
 from __future__ import annotations
 
-import math
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,19 +23,23 @@ from .cone import drawn_inside
 from .control import Driver
 from .errors import BadRun
 from .identifiers import Identifier, State, Status
+from .identifiers.base import Estimates
 from .nullspace import structural
 from .parameters import Array, ParameterSpace
 from .persistence import PersistenceMonitor
-from .plants import Plant
+from .plants import Plant, Sensors
+from .plants.sensors import EXACT_SENSORS
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
 from .rehearsal import expected_gramian
 from .scenario import Scenario
-from .system import EXACT, Measurement
+from .system import EXACT, Log, Measurement, SecondOrderSystem
 
 DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json")
-_PE_SAMPLES = 100  # regressors in a window of the online persistence levels
+_CHECK = 0.5  # between two looks at the conserved quantities [s]
+_PE_SAMPLES = 50  # regressors in a window of the online persistence levels
 _REHEARSAL = 60.0  # how long the motion is simulated that designs a gain, at most [s]
-_DRIFT = 1e-3  # of the conserved quantity: beyond it RK4 no longer follows the law
+DRIFT = 1e-3
+"""Of the conserved quantity, relative; beyond it RK4 no longer follows the law."""
 
 
 class Seeds(NamedTuple):
@@ -120,13 +123,19 @@ class Run:
 
 
 class Observer:
-    """Watches a run: a progress bar, a live viewer. Does nothing by itself."""
+    """Watches a run: a progress bar, a live viewer. Does nothing by itself.
+
+    Attributes:
+        period: how often it wants to look, at least [s of the run].
+    """
+
+    period: float = np.inf
 
     def start(self, scenario: Scenario, plant: Plant) -> None:
         """Called before the first step."""
 
     def see(self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]):
-        """Called about twenty times a second of the run."""
+        """Called at the end of every stretch of the run."""
 
     def stop(self) -> None:
         """Called when the run has ended, however it did."""
@@ -174,26 +183,14 @@ def trajectory(
     plant: Plant,
     driver: Driver,
     steps: int,
-    corrupt: Callable[[Array, Array], tuple[Array, Array]] | None,
-    cost: Cost,
+    sensors: Sensors = EXACT_SENSORS,
     as_at: float | None = None,
-) -> Iterator[Measurement]:
-    """Yields steps + 1 measurements of a driven plant; the driver sees what the sensors say.
+) -> Log:
+    """steps + 1 measurements of a plant that is running, fewer where it diverges.
 
     With `as_at` [s] the plant's actuators stay as they are at that time of a run.
     """
-    plant.reset(*driver.start(), as_at)
-    for k in range(steps + 1):
-        coordinates, v = plant.coordinates()
-        if corrupt is not None:
-            coordinates, v = corrupt(coordinates, v)
-        q, t = plant.position(coordinates), k * plant.dt
-        u = driver.command(t, q, v)
-        yield Measurement(t, q, v, u)
-        if k < steps:
-            begin = time.perf_counter()
-            plant.step(u)
-            cost.plant += time.perf_counter() - begin
+    return plant.drive(driver, plant.begin(driver, sensors, as_at), steps, sensors)
 
 
 def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
@@ -234,7 +231,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
             "scale": system.space.scale.tolist(),
             "r": r,
         },
-        batch=max(1, round(BATCH_SECONDS / (scenario.dt * scenario.record_every))),
+        batch=max(1, stretch_of(scenario) // scenario.record_every),
     )
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
     loop = _Loop(scenario, plant, driver, identifiers, monitor, writer, observers)
@@ -281,31 +278,54 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
 
 def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
     """The plant with its hidden truth, the prior (p,), and the identifiers by name."""
+    plant = plant_for(scenario)
+    prior = draw_for(scenario, plant)
+    return plant, prior, laws_for(scenario, plant.system, prior)
+
+
+def plant_for(scenario: Scenario) -> Plant:
+    """The plant whose truth a scenario's seed draws."""
     seeds = Seeds.of(scenario.seed)
-    plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
-    system = plant.system
-    prior = draw_prior(
+    return scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
+
+
+def draw_for(scenario: Scenario, plant: Plant) -> Array:
+    """(p,) the prior that a scenario's seed draws about a plant's truth."""
+    return draw_prior(
         plant.truth,
-        system.space,
+        plant.system.space,
         scenario.initial_error,
         scenario.gain_error,
-        np.random.default_rng(seeds.prior),
+        np.random.default_rng(Seeds.of(scenario.seed).prior),
         any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values())),
     )
+
+
+def laws_for(scenario: Scenario, system: SecondOrderSystem, prior: Array) -> dict[str, Identifier]:
+    """A scenario's identifiers by name, all from one prior (p,)."""
     noise = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
+    rng = np.random.default_rng(Seeds.of(scenario.seed).rehearsal)
 
     @cache
     def gramian() -> Array:
-        driver = scenario.excitation.build(system, prior, np.random.default_rng(seeds.rehearsal))
+        driver = scenario.excitation.build(system, prior, rng)
         return expected_gramian(
             system, driver, prior, scenario.dt, min(scenario.duration, _REHEARSAL)
         )
 
-    identifiers = {
+    return {
         name: config.build(system, prior, scenario.dt, noise, gramian)
         for name, config in {"": scenario.identifier, **scenario.rivals}.items()
     }
-    return plant, prior, identifiers
+
+
+def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
+    """How a run ends, and the signal that shows it: divergence, or no number; None if sound."""
+    if plant.diverged:
+        return Status.plant_diverged, plant.diverged
+    parts = {"q": last.q, "v": last.v, "u": last.u}  # u comes last: it follows from q and v
+    bad = [name for name, part in parts.items() if not np.isfinite(part).all()]
+    return (Status.measurement_not_finite, bad[0]) if bad else None
 
 
 def reopen(folder: Path, record: Record) -> Run:
@@ -331,6 +351,11 @@ def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, in
     return own | estimates
 
 
+def stretch_of(scenario: Scenario) -> int:
+    """How many steps a plant makes before its identifiers follow and all is recorded."""
+    return max(1, round(BATCH_SECONDS / scenario.dt))
+
+
 @dataclass
 class _Loop:
     scenario: Scenario
@@ -344,100 +369,106 @@ class _Loop:
     ending: Ending = field(default_factory=Ending)
     cost: Cost = field(default_factory=Cost)
     stopped: bool = False
+    conserved: dict[str, float] = field(default_factory=dict)
 
     def stop(self) -> None:
-        """Asks the loop to end after the step it is in."""
+        """Asks the loop to end after the stretch it is in."""
         self.stopped = True
 
     def __call__(self, sensor_seed: np.random.SeedSequence) -> None:
-        scenario, plant, cost = self.scenario, self.plant, self.cost
-        rng = np.random.default_rng(sensor_seed)
-        corrupt = None
-        if scenario.sensors == "noisy":
-            corrupt = partial(scenario.noise.corrupt, rng=rng)
-        states = self.states
-        conserved: dict[str, float] = {}
-        watch = max(1, round(0.05 / scenario.dt))
-        check = max(1, round(BATCH_SECONDS / scenario.dt))
-        excite = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
-        previous: Measurement | None = None
+        """Stretch by stretch: the plant moves, then its identifiers follow."""
+        scenario, plant, dt = self.scenario, self.plant, self.scenario.dt
+        noise = scenario.noise if scenario.sensors == "noisy" else None
+        sensors = Sensors(noise, np.random.default_rng(sensor_seed))
+        period = min((observer.period for observer in self.observers), default=np.inf)
+        stretch = max(1, round(min(period / dt, stretch_of(scenario))))
         with plant.running():
-            for k, now in enumerate(trajectory(plant, self.driver, scenario.steps, corrupt, cost)):
-                self.ending.time = now.t
-                if self._bad(now):
-                    return
-                begin = time.perf_counter()
-                if previous is None:
-                    states |= {name: law.init(now) for name, law in self.identifiers.items()}
-                    conserved = {name: float(law.conserved(states[name].theta_hat))
-                                 for name, law in self.identifiers.items()}  # fmt: skip
-                else:
-                    for name, law in self.identifiers.items():
-                        if states[name].status is Status.completed:
-                            states[name] = law.step(states[name], previous, now)
-                    if states[""].status is not Status.completed:
-                        self._end(states[""].status, f"pivot {states[''].pivot:.3g}")
-                        return
-                cost.identifier += time.perf_counter() - begin
-                cost.steps = k
-                if k % excite == 0:
-                    self._excite(states[""], excite)
-                if k % scenario.record_every == 0:
-                    self._record(now, states)
-                if (
-                    k
-                    and (k % check == 0 or k == scenario.steps)
-                    and self._drifted(states, conserved)
-                ):
-                    return
-                if k % watch == 0:
-                    levels = self.monitor.level, self.monitor.level_perp
-                    for observer in self.observers:
-                        observer.see(now, states, levels)
-                if self.stopped:
-                    self._end(Status.interrupted, "")
-                    return
-                previous = now
+            log = Log.of([plant.begin(self.driver, sensors)])
+            if self._unsound(log):
+                return
+            self.states |= {name: law.init(log.at(0)) for name, law in self.identifiers.items()}
+            self.conserved = {name: float(law.conserved(self.states[name].theta_hat))
+                              for name, law in self.identifiers.items()}  # fmt: skip
+            first = {name: Estimates.of(state) for name, state in self.states.items()}
+            self._keep(0, 0, log, first)
+            k = 0
+            while k < scenario.steps and self.ending.status is Status.completed:
+                begin, steps = time.perf_counter(), min(stretch, scenario.steps - k)
+                log = plant.drive(self.driver, log.at(-1), steps, sensors)
+                self.cost.plant += time.perf_counter() - begin
+                log, estimates = self._follow(k, log.first(len(log.t) - self._unsound(log)))
+                self._keep(k, 1, log, estimates)
+                k += len(log.t) - 1
+                self.cost.steps = k
+                if self.stopped and self.ending.status is Status.completed:
+                    self._end(Status.interrupted, "", self.ending.time)
 
-    def _bad(self, now: Measurement) -> bool:
-        """Ends the run where the plant has diverged or a measurement is not finite."""
-        signal = self.plant.diverged
-        if signal:
-            self._end(Status.plant_diverged, signal)
-            return True
-        if math.isfinite(now.q.sum() + now.v.sum() + now.u.sum()):
-            return False
-        parts = {"q": now.q, "v": now.v, "u": now.u}  # u comes last: it follows from q and v
-        bad = next((name for name, part in parts.items() if not np.isfinite(part).all()), "u")
-        self._end(Status.measurement_not_finite, bad)
-        return True
+    def _unsound(self, log: Log) -> bool:
+        """Ends the run where the plant has diverged or the last measurement is not finite."""
+        last = log.at(-1)
+        end = ended(self.plant, last)
+        if end:
+            self._end(*end, last.t)
+        return end is not None
 
-    def _end(self, status: Status, signal: str) -> None:
-        self.ending.status, self.ending.signal = status, signal
+    def _end(self, status: Status, signal: str, t: float) -> None:
+        self.ending.status, self.ending.signal, self.ending.time = status, signal, t
 
-    def _excite(self, state: State, stride: int) -> None:
-        _, W, _ = state.instant.evaluate(state.v_hat, state.theta_hat)
-        self.monitor.add(W * self.plant.system.space.scale, stride * self.scenario.dt)
+    def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
+        """What identifiers make of a stretch from step k, as far as the scenario's own comes."""
+        begin, estimates = time.perf_counter(), {}
+        for name, law in self.identifiers.items():  # the scenario's own is the first
+            state, made = law.follow(self.states[name], log)
+            lost = float(log.t[len(made.pivot)]) if len(made.pivot) < len(log.t) else None
+            row, signal = self._drifted(name, k, made), f"pivot {state.pivot:.3g}"
+            if row is not None:
+                state = state._replace(
+                    status=Status.adaptation_too_fast, v_hat=made.v_hat[row],
+                    theta_hat=made.theta_hat[row],
+                )  # fmt: skip
+                made = made.first(row + 1)
+                lost, signal = float(log.t[row]), "theta_hat"
+            if not name and lost is not None:
+                self._end(state.status, signal, lost)
+                log = log.first(len(made.pivot))
+            self.states[name], estimates[name] = state, made.padded(len(log.t))
+        self.cost.identifier += time.perf_counter() - begin
+        return log, estimates
 
-    def _record(self, now: Measurement, states: dict[str, State]) -> None:
-        estimates = [part for s in states.values() for part in (s.v_hat, s.theta_hat)]
-        own = states[""]
-        pivot = own.pivot if np.isfinite(own.pivot) else 0.0
-        self.writer.append(
-            now.t, now.q, now.v, now.u, pivot, own.spent, self.monitor.level,
-            self.monitor.level_perp, *estimates,
-        )  # fmt: skip
+    def _drifted(self, name: str, k: int, made: Estimates) -> int | None:
+        """At which row of a stretch, if any, RK4 is seen no longer to follow a law."""
+        law, scenario = self.identifiers[name], self.scenario
+        if not law.conserves:
+            return None
+        steps = k + np.arange(len(made.pivot))
+        due = (steps % max(1, round(_CHECK / scenario.dt)) == 0) | (steps == scenario.steps)
+        rows = np.flatnonzero(due[1:]) + 1
+        if not len(rows):
+            return None
+        now = law.conserved(made.theta_hat[rows]) + made.spent[rows]
+        drifted = rows[~(np.abs(now / self.conserved[name] - 1) <= DRIFT)]
+        return int(drifted[0]) if len(drifted) else None
 
-    def _drifted(self, states: dict[str, State], conserved: dict[str, float]) -> bool:
-        for name, law in self.identifiers.items():
-            now = float(law.conserved(states[name].theta_hat)) + states[name].spent
-            lost = states[name].status is not Status.completed  # it keeps its own reason
-            if law.conserves and not lost and not abs(now / conserved[name] - 1) <= _DRIFT:
-                states[name] = states[name]._replace(status=Status.adaptation_too_fast)
-        if states[""].status is Status.adaptation_too_fast:
-            self._end(Status.adaptation_too_fast, "theta_hat")
-            return True
-        return False
+    def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
+        """Records a stretch that begins with step k, from its row `fresh` on; shows its end."""
+        scenario, own, rows = self.scenario, estimates[""], np.arange(fresh, len(log.t))
+        every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
+        levels = np.empty((len(log.t), 2))
+        levels[:] = self.monitor.level, self.monitor.level_perp
+        for j in rows[(k + rows) % every == 0]:
+            instant = self.plant.system.at(*log.at(j))
+            _, W, _ = instant.evaluate(own.v_hat[j], own.theta_hat[j])
+            self.monitor.add(W * self.plant.system.space.scale, every * scenario.dt)
+            levels[j:] = self.monitor.level, self.monitor.level_perp
+        first = fresh + -(k + fresh) % scenario.record_every
+        pivot = np.where(np.isfinite(own.pivot), own.pivot, 0.0)
+        columns = [*log, pivot, own.spent, *levels.T]
+        columns += [part for made in estimates.values() for part in (made.v_hat, made.theta_hat)]
+        self.writer.extend(*(column[first :: scenario.record_every] for column in columns))
+        if self.ending.status is Status.completed:
+            self.ending.time = float(log.t[-1])
+        for observer in self.observers:
+            observer.see(log.at(-1), self.states, (self.monitor.level, self.monitor.level_perp))
 
 
 def held_out(run: Run) -> Record | None:
@@ -451,9 +482,7 @@ def held_out(run: Run) -> Record | None:
     driver = scenario.excitation.build(plant.system, run.prior, np.random.default_rng(seed))
     steps = max(2, round(scenario.held_out / scenario.dt))
     with plant.running():
-        rows = list(trajectory(plant, driver, steps, None, Cost(), run.ending.time))
-    finite = all(np.isfinite(part).all() for row in rows for part in row[1:])
-    if plant.diverged or not finite:
+        log = trajectory(plant, driver, steps, as_at=run.ending.time)
+    if plant.diverged or not all(np.isfinite(part).all() for part in log):
         return None
-    t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))
-    return Record({"t": t, "q": q, "v": v, "u": u}, {}, True)
+    return Record(log._asdict(), {}, True)

@@ -12,6 +12,7 @@ from rich.table import Table
 from . import metrics, recording, report
 from .errors import BadRun
 from .experiment import Ending, Run, reopen
+from .files import write_json, write_text
 from .identifiers import Status
 from .record import Record
 
@@ -27,8 +28,8 @@ def finish(run: Run, progress: bool = False) -> dict[str, Any]:
     """
     with Console(stderr=True, quiet=not progress).status("judging the estimate"):
         summary = metrics.summarize(run)
-        metrics.write_json(run.folder / SUMMARY, summary)
-        metrics.write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+        write_json(run.folder / SUMMARY, summary)
+        write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
     if not len(run.record):
         return summary  # nothing to show
     with Console(stderr=True, quiet=not progress).status("writing recording and report"):

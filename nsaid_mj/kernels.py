@@ -53,6 +53,36 @@ def solve_in_place(L, x):
 
 
 @njit(cache=True)
+def solve_positive(M, L, x):
+    """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
+
+    M = L D Lᵀ, without square roots and with one division in a row: below L's diagonal is L, on it
+    1/D, above it (L D)ᵀ. Where the pivot is not > 0, x is unfinished.
+    """
+    n = M.shape[0]
+    smallest = np.inf
+    for i in range(n):
+        pivot, y = M[i, i], x[i]
+        for j in range(i):
+            s = M[i, j]
+            for k in range(j):
+                s -= L[k, i] * L[j, k]
+            L[j, i] = s
+            L[i, j] = s * L[j, j]
+            pivot -= s * L[i, j]
+            y -= L[i, j] * x[j]
+        if not pivot > 0.0:
+            return pivot
+        smallest = min(smallest, pivot)
+        L[i, i], x[i] = 1.0 / pivot, y
+    for i in range(n - 1, -1, -1):
+        x[i] *= L[i, i]
+        for k in range(i + 1, n):
+            x[i] -= L[k, i] * x[k]
+    return smallest
+
+
+@njit(cache=True)
 def times(gain, vector):
     """A gain given by its diagonal (k,) or whole (k, k), times a vector (k,)."""
     if gain.ndim == 1:

@@ -216,7 +216,8 @@ def _sparsen(basis: Array, pivots: list[int]) -> Array:
                 if c == d or not len(shared):
                     continue
                 ratios = basis[shared, c] / basis[shared, d]
-                ratio = min(ratios, key=lambda r: -np.isclose(ratios, r).sum())
+                same = np.abs(ratios[:, None] - ratios) <= 1e-8 + 1e-5 * np.abs(ratios)
+                ratio = ratios[np.argmax(same.sum(axis=0))]  # the commonest
                 candidate = basis[:, c] - ratio * basis[:, d]
                 candidate[np.abs(candidate) < _SMALL] = 0.0
                 if _cost(candidate) < _cost(basis[:, c]) and abs(candidate[pivot]) > 1e-3:

@@ -60,18 +60,16 @@ class PersistenceMonitor:
     def __init__(self, p: int, r: int, window: float):
         if not (np.isfinite(window) and window > 0):
             raise InvalidInput("pe_window", "a time > 0 s", window, "One period of excitation.")
-        self._gramian, self._time, self._window, self._r = np.zeros((p, p)), 0.0, window, r
+        self._samples, self._time, self._window, self._r = [], 0.0, window, min(r, p - 1)
         self.level, self.level_perp = 0.0, 0.0
 
     def add(self, W_s: Array, dt: float) -> None:
         """Adds a sample W·diag(scale) (n, p) that stands for dt seconds."""
-        self._gramian += dt * (W_s.T @ W_s)
+        self._samples.append(np.sqrt(dt) * W_s)
         self._time += dt
         if self._time >= self._window * (1 - 1e-9):
-            eigenvalues = np.maximum(np.linalg.eigvalsh(self._gramian), 0.0)
+            B = np.concatenate(self._samples)
+            eigenvalues = np.maximum(np.linalg.eigvalsh(B.T @ B), 0.0)
             self.level = float(np.sqrt(self._time * eigenvalues[0]))
-            self.level_perp = float(
-                np.sqrt(self._time * eigenvalues[min(self._r, len(eigenvalues) - 1)])
-            )
-            self._gramian[:] = 0.0
-            self._time = 0.0
+            self.level_perp = float(np.sqrt(self._time * eigenvalues[self._r]))
+            self._samples, self._time = [], 0.0

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .kernels import cholesky, solve_in_place
+from .kernels import solve_positive
 from .spatial import rotation
 from .triples import add, back, cross, dot, forth, put, scale, symmetric, three
 
@@ -36,13 +36,25 @@ _W, _A, _F, _MASS, _H, _I, MOTION = 0, 6, 12, 18, 19, 22, 28  # columns of a mot
 
 
 @njit(cache=True)
+def tree_room(linkage):
+    """(b, ·) room for a state."""
+    return np.empty((linkage[1].shape[0], STATE))
+
+
+@njit(cache=True)
 def tree_state(linkage, q, v):
     """(b, ·) every body's rotation and place on its parent, its twist, and tanh of its rate."""
+    state = tree_room(linkage)
+    tree_place(linkage, q, v, state)
+    return state
+
+
+@njit(cache=True)
+def tree_place(linkage, q, v, state):
+    """Writes the state."""
     joints, numbers, _, _ = linkage
-    bodies = numbers.shape[0]
-    state = np.empty((bodies, STATE))
     column = 0
-    for b in range(bodies):
+    for b in range(numbers.shape[0]):
         parent, at, kind = numbers[b]
         linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         if kind == BASE:
@@ -77,7 +89,6 @@ def tree_state(linkage, q, v):
         put(state, b, TWIST, linear, angular)
         state[b, SLIP] = np.tanh(rate / joints[b, FRICTION_SPEED])
         column += 1
-    return state
 
 
 # -- from the base outwards ------------------------------------------------------------------------
@@ -128,6 +139,32 @@ def move(linkage, state, v, w, a, weight, motion):
 
 
 @njit(cache=True)
+def _push(linkage, state, a, motion):
+    """Adds to all A_i what the rates a of the velocities do; the bodies' forces are spoilt."""
+    joints, numbers, _, _ = linkage
+    column = 0
+    for b in range(numbers.shape[0]):
+        parent = numbers[b, 0]
+        a_l, a_a = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        if numbers[b, 2] == BASE:
+            a_l, a_a = (a[0], a[1], a[2]), (a[3], a[4], a[5])
+            column = 6
+        else:
+            if parent >= 0:
+                a_l, a_a = carried(
+                    state, b, three(motion, parent, _F), three(motion, parent, _F + 3)
+                )
+            a_l = add(a_l, scale(a[column], three(joints, b, AXIS)))
+            a_a = add(a_a, scale(a[column], three(joints, b, AXIS + 3)))
+            column += 1
+        put(motion, b, _F, a_l, a_a)
+        put(
+            motion, b, _A,
+            add(three(motion, b, _A), a_l), add(three(motion, b, _A + 3), a_a),
+        )  # fmt: skip
+
+
+@njit(cache=True)
 def felt(state, motion, b):
     """a*, α, ω_V and ω_W of a body."""
     omega, turning = three(state, b, TWIST + 3), three(motion, b, _W + 3)
@@ -171,6 +208,22 @@ def write_power(W, i, k, d, delta, a, alpha, omega, turning):
         + (x[1] * turning[2] + x[2] * turning[1])
         + (y[1] * omega[2] + y[2] * omega[1])
     )
+
+
+@njit(cache=True)
+def add_power(W, i, k, d, delta, a, alpha):
+    """Adds the same to W[i, k : k + 10] for a body at rest: ω_V = ω_W = 0."""
+    h = add(cross(d, alpha), cross(a, delta))
+    W[i, k] += dot(d, a)
+    W[i, k + 1] += h[0]
+    W[i, k + 2] += h[1]
+    W[i, k + 3] += h[2]
+    W[i, k + 4] += delta[0] * alpha[0]
+    W[i, k + 5] += delta[0] * alpha[1] + delta[1] * alpha[0]
+    W[i, k + 6] += delta[1] * alpha[1]
+    W[i, k + 7] += delta[0] * alpha[2] + delta[2] * alpha[0]
+    W[i, k + 8] += delta[1] * alpha[2] + delta[2] * alpha[1]
+    W[i, k + 9] += delta[2] * alpha[2]
 
 
 @njit(cache=True)
@@ -308,43 +361,27 @@ def accelerate(linkage, state, v, w, u, theta, work, a):
         a[i] += friction - theta[gain + k] * u[k]
         if rotor < viscous:
             M[i, i] += theta[rotor + k]
-    pivot = cholesky(M, L)
-    if pivot > 0.0:
-        for i in range(v.shape[0]):
-            a[i] = -a[i]
-        solve_in_place(L, a)
-    return pivot
+    for i in range(v.shape[0]):
+        a[i] = -a[i]
+    return solve_positive(M, L, a)
 
 
 @njit(cache=True)
 def tree_gradient(linkage, state, v, u, v_hat, theta, work, a, gradient):
     """Writes â of (29) into a and Wᵀ Δv into gradient (1, p); returns M̂'s smallest pivot.
 
-    W itself is not formed: body i's columns of Wᵀ Δv are those of its power on the twist J_i Δv.
+    W itself is not formed: body i's columns of Wᵀ Δv are those of its power on the twist J_i Δv,
+    which is W_i − V_i.
     """
-    joints, numbers, _, (rotor, viscous, coulomb, gain) = linkage
+    numbers, (rotor, viscous, coulomb, gain) = linkage[1], linkage[3]
     motion = work[0]
     pivot = accelerate(linkage, state, v, v_hat, u, theta, work, a)
     if not pivot > 0.0:
         return pivot
-    move(linkage, state, v, v_hat, a, 1.0, motion)
-    column = 0
+    _push(linkage, state, a, motion)
     for b in range(numbers.shape[0]):
-        if numbers[b, 2] == BASE:
-            d = v_hat[0] - v[0], v_hat[1] - v[1], v_hat[2] - v[2]
-            delta = v_hat[3] - v[3], v_hat[4] - v[4], v_hat[5] - v[5]
-            column = 6
-        else:
-            d, delta, parent = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), numbers[b, 0]
-            if parent >= 0:
-                d, delta = carried(
-                    state, b, three(motion, parent, _F), three(motion, parent, _F + 3)
-                )
-            dv = v_hat[column] - v[column]
-            d = add(d, scale(dv, three(joints, b, AXIS)))
-            delta = add(delta, scale(dv, three(joints, b, AXIS + 3)))
-            column += 1
-        put(motion, b, _F, d, delta)
+        d = add(three(motion, b, _W), scale(-1.0, three(state, b, TWIST)))
+        delta = add(three(motion, b, _W + 3), scale(-1.0, three(state, b, TWIST + 3)))
         a_felt, alpha, omega, turning = felt(state, motion, b)
         write_power(gradient, 0, 10 * b, d, delta, a_felt, alpha, omega, turning)
     first, base = numbers.shape[0] - u.shape[0], v.shape[0] - u.shape[0]
@@ -356,3 +393,65 @@ def tree_gradient(linkage, state, v, u, v_hat, theta, work, a, gradient):
         gradient[0, coulomb + k] = dv * state[first + k, SLIP]
         gradient[0, gain + k] = -dv * u[k]
     return pivot
+
+
+@njit(cache=True)
+def tree_torque(linkage, state, v, a, theta, work, torque):
+    """Writes M a + C v + g + f, all the motors must make, into torque (n,): inverse dynamics.
+
+    `work` is room for every body's acceleration and force (b, 12). The base, if it floats, gets the
+    force that is missing there.
+    """
+    joints, numbers, gravity, (rotor, viscous, coulomb, _) = linkage
+    column = 0
+    for b in range(numbers.shape[0]):
+        parent = numbers[b, 0]
+        v_l, omega = three(state, b, TWIST), three(state, b, TWIST + 3)
+        if parent < 0:
+            a_l, alpha = back(state, b, (-gravity[0], -gravity[1], -gravity[2])), (0.0, 0.0, 0.0)
+        else:
+            a_l, alpha = carried(state, b, three(work, parent, 0), three(work, parent, 3))
+        if numbers[b, 2] == BASE:
+            a_l, alpha = add(a_l, (a[0], a[1], a[2])), (a[3], a[4], a[5])
+            column = 6
+        else:
+            s_l, s_a = three(joints, b, AXIS), three(joints, b, AXIS + 3)
+            swung = add(cross(omega, s_l), cross(v_l, s_a))
+            a_l = add(a_l, add(scale(a[column], s_l), scale(v[column], swung)))
+            alpha = add(
+                alpha, add(scale(a[column], s_a), scale(v[column], cross(omega, s_a)))
+            )  # fmt: skip
+            column += 1
+        put(work, b, 0, a_l, alpha)
+        k = 10 * b
+        h = (theta[k + 1], theta[k + 2], theta[k + 3])
+        inertia = (
+            theta[k + 4], theta[k + 5], theta[k + 6], theta[k + 7], theta[k + 8], theta[k + 9]
+        )  # fmt: skip
+        star = add(a_l, cross(omega, v_l))
+        turned = add(cross(alpha, h), cross(omega, cross(omega, h)))
+        spun = add(symmetric(inertia, alpha), cross(omega, symmetric(inertia, omega)))
+        put(work, b, 6, add(scale(theta[k], star), turned), add(cross(h, star), spun))
+    for b in range(numbers.shape[0] - 1, -1, -1):
+        parent, force, moment = numbers[b, 0], three(work, b, 6), three(work, b, 9)
+        last = joint_columns(numbers, b)[1]
+        if numbers[b, 2] == BASE:
+            for i in range(6):
+                torque[i] = work[b, 6 + i]
+        else:
+            torque[last] = dot(three(joints, b, AXIS), force) + dot(
+                three(joints, b, AXIS + 3), moment
+            )
+        if parent >= 0:
+            force = forth(state, b, force)
+            moment = add(forth(state, b, moment), cross(three(state, b, AT), force))
+            for i in range(3):
+                work[parent, 6 + i] += force[i]
+                work[parent, 9 + i] += moment[i]
+    motors = numbers.shape[0] - (1 if numbers[0, 2] == BASE else 0)
+    first, base = numbers.shape[0] - motors, v.shape[0] - motors
+    for k in range(motors):
+        i = base + k
+        torque[i] += theta[viscous + k] * v[i] + theta[coulomb + k] * state[first + k, SLIP]
+        if rotor < viscous:
+            torque[i] += theta[rotor + k] * a[i]

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
 from . import metrics
+from .charts import Chart, svg
 from .experiment import Run
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
+from .files import write_text
 
 FILE = "report.html"
 _POINTS = 1500  # of a curve
@@ -28,7 +23,7 @@ margin:2rem auto;padding:0 1rem}
 h1{margin-bottom:0}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde5;padding-bottom:.2rem}
 .lead{color:#51606f;margin-top:.2rem}table{border-collapse:collapse;font-variant-numeric:tabular-nums}
 td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #e6ecf1}
-td:first-child,th:first-child{text-align:left}img{width:100%}.bad{color:#c92a2a;font-weight:600}
+td:first-child,th:first-child{text-align:left}img,svg{width:100%}.bad{color:#c92a2a;font-weight:600}
 code{background:#f0f4f7;padding:.1rem .3rem;border-radius:3px}
 .scroll{max-height:32rem;overflow:auto}
 .scroll th{position:sticky;top:0;background:#fff}
@@ -56,7 +51,7 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
 {summary["p"]} parameters, {summary["sim_s"]:.4g} s simulated in {summary["wall_s"]:.1f} s,
 {html.escape(summary["sensors"])} sensors, seed {summary["seed"]}</p>{ended}
 <h2>What was found</h2>{_figures(summary)}
-<h2>How it went</h2><img alt="curves of the run" src="{_curves(run)}">
+<h2>How it went</h2>{_curves(run)}
 {_confidence(summary)}<h2>What cannot be known</h2>{_unobservable(summary)}
 <h2>Parameters</h2><p>An estimate is right up to the directions above; for comparison it is
 scaled by the one factor that brings it nearest to the truth in θ/scale.</p>
@@ -67,7 +62,7 @@ scenario {summary["scenario_hash"]} in <code>scenario.json</code>; all figures i
 <code>run.rrd</code> (<code>nsaid view {html.escape(str(run.folder))}</code>).</p></html>
 """
     path = run.folder / FILE
-    metrics.write_text(path, page)
+    write_text(path, page)
     return path
 
 
@@ -91,38 +86,26 @@ def _figures(summary: dict[str, Any]) -> str:
 
 
 def _curves(run: Run) -> str:
-    """The run's curves as a PNG in a data URL."""
+    """The run's curves, as SVG."""
     record = run.record
     k = slice(None, None, max(1, len(record) // _POINTS))
     t, truth = record["t"][k], run.plant.truth_at(record["t"][k])
-    figure, axes = plt.subplots(2, 2, figsize=(12, 7), sharex=True, constrained_layout=True)
-    (distance, gains), (error, energy) = axes
+    distance = Chart("‖θ̄_P⊥‖ / ‖θ̂‖", "distance to the true set", logarithmic=True)
+    gains = Chart("k̂/k over its mean", "actuator gains, up to the common scale: 1 is right")
+    error = Chart("rms Δv [rad/s or m/s]", logarithmic=True)
+    energy = Chart("Lyapunov function V [J]", logarithmic=True)
     for name, colour in zip(["", *record.rivals], _COLOURS, strict=False):
         suffix, label = (f"_{name}", name) if name else ("", metrics.OWN)
         ratio = metrics.distance(run, t, record[f"theta_hat{suffix}"][k])
-        distance.semilogy(t, ratio, color=colour, label=label)
+        distance.add(t, ratio, colour, label if record.rivals else "")
         dv = record[f"v_hat{suffix}"][k] - record["v"][k]
-        error.semilogy(t[1:], np.sqrt(np.mean(dv[1:] ** 2, axis=1)), color=colour, lw=0.8)
-    distance.set_ylabel("‖θ̄_P⊥‖ / ‖θ̂‖")
-    distance.set_title("distance to the true set")
-    if record.rivals:
-        distance.legend()
-    error.set_ylabel("rms Δv [rad/s or m/s]")
-    error.set_xlabel("t [s]")
+        error.add(t[1:], np.sqrt(np.mean(dv[1:] ** 2, axis=1)), colour)
     actuators = run.plant.system.space.actuators
     ratio = record["theta_hat"][k][:, actuators] / truth[:, actuators]
-    gains.plot(t, ratio / ratio.mean(axis=1, keepdims=True), lw=1)
-    gains.set_ylabel("k̂/k over its mean")
-    gains.set_title("actuator gains, up to the common scale: 1 is right")
-    energy.semilogy(t, metrics.energy(run)[k], color=_COLOURS[0])
-    energy.set_ylabel("Lyapunov function V [J]")
-    energy.set_xlabel("t [s]")
-    for axis in axes.ravel():
-        axis.grid(alpha=0.3)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    plt.close(figure)
-    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
+    for share in (ratio / ratio.mean(axis=1, keepdims=True)).T:
+        gains.add(t, share)
+    energy.add(t, metrics.energy(run)[k], _COLOURS[0])
+    return svg([distance, gains, error, energy])
 
 
 def _confidence(summary: dict[str, Any]) -> str:

@@ -22,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from . import metrics
 from .errors import BadRun, InvalidInput
+from .files import write_json
 from .options import field_path, field_value, with_field
 from .scenario import Scenario
 from .sweep_engine import Engine
@@ -160,7 +161,7 @@ def run(
         BadRun: the folder cannot be written, or holds another sweep.
     """
     engine = engine or Engine()
-    known = _opened(folder, plan.manifest)
+    known = opened(folder, plan.manifest)
     if retry:
         known = {number: row for number, row in known.items() if row["failure"] is None}
     longest = max(engine.time(scenario) for scenario in plan.scenarios)
@@ -191,7 +192,7 @@ def run(
     return read(folder)
 
 
-def _opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
+def opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
     """Makes a sweep's folder, or finds the rows that an earlier one of the same plan has left."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -202,7 +203,7 @@ def _opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
                 raise BadRun(folder, f"it holds another sweep; {', '.join(differ)} differ",
                              "Give another folder with --out, or take this one away")  # fmt: skip
         else:
-            metrics.write_json(folder / MANIFEST, manifest)
+            write_json(folder / MANIFEST, manifest)
             (folder / ROWS).write_bytes(b"")
         rows, size = read_rows(folder)
         os.truncate(folder / ROWS, size)  # half a line is no row

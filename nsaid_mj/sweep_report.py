@@ -13,7 +13,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from .metrics import write_text
+from .files import write_text
 from .report import FILE, STYLE
 from .sweep_results import HEADS, Group, Sweep, cells
 
@@ -44,13 +44,14 @@ def _page(sweep: Sweep, picture: bytes) -> str:
     results = len(sweep.rows) - len(sweep.lost)
     missing = manifest["runs"] - len(sweep.rows)
     unfinished = f'<p class="bad">{missing} runs are still to be made.</p>' if missing else ""
+    seeds = manifest.get("seeds", manifest["runs"])  # `nsaid montecarlo`: one for every run
     data = base64.b64encode(picture).decode()
     versions = ", ".join(f"{key} {value}" for key, value in manifest["versions"].items())
     return f"""<!doctype html><html lang="en"><meta charset="utf-8">
 <meta name="viewport" content="width=device-width"><title>{name}</title><style>{STYLE}</style>
 <h1>{name}</h1>
 <p class="lead">{html.escape(manifest["script"])}: {results} of {manifest["runs"]} runs have a
-result; {manifest["seeds"]} seeds from the master seed {manifest["master_seed"]}</p>{unfinished}
+result; {seeds} seeds from the master seed {manifest["master_seed"]}</p>{unfinished}
 <h2>Distributions</h2><img alt="distributions over the varied fields"
 src="data:image/png;base64,{data}">
 <p>Every dot is a run that has a result. Boxes hold the middle half, whiskers the middle 90 %, the

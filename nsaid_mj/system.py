@@ -12,6 +12,7 @@ acceleration, u command, θ (p,) parameters. F is always evaluated at the measur
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -38,6 +39,62 @@ class Measurement(NamedTuple):
     q: Array
     v: Array
     u: Array
+
+
+class Log(NamedTuple):
+    """What was measured and commanded, in order.
+
+    Attributes:
+        t: (N,) times [s], increasing.
+        q: (N, m) positions.
+        v: (N, n) velocities.
+        u: (N, n_u) commands; u[k] is held from t[k] to t[k+1].
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+
+    @staticmethod
+    def of(measurements: Sequence[Measurement]) -> Log:
+        """The log of one or more measurements in order."""
+        return Log(*(np.array(part, dtype=np.float64) for part in zip(*measurements, strict=True)))
+
+    def at(self, k: int) -> Measurement:
+        """The k-th measurement."""
+        return Measurement(float(self.t[k]), self.q[k], self.v[k], self.u[k])
+
+    @property
+    def rows(self) -> list[Measurement]:
+        """The measurements."""
+        return [self.at(k) for k in range(len(self.t))]
+
+    def part(self, start: int, end: int) -> Log:
+        """Its measurements start … end − 1."""
+        return Log(*(part[start:end] for part in self))
+
+    def first(self, count: int) -> Log:
+        """Its first measurements."""
+        return self.part(0, count)
+
+    def until(self, duration: float) -> Log:
+        """The log's first `duration` seconds."""
+        end = np.searchsorted(self.t, self.t[0] + duration * (1 + 1e-9), side="right")
+        return self.first(int(end))
+
+    @property
+    def step(self) -> float:
+        """Time between two samples [s], for methods that need it constant.
+
+        Raises:
+            InvalidInput: it is not, within a thousandth.
+        """
+        steps = np.diff(self.t)
+        if len(steps) < 2 or not np.ptp(steps) <= 1e-3 * abs(float(np.median(steps))):
+            raise InvalidInput("t", "at least 3 samples at a constant rate", f"{len(self.t)} times",
+                               "Resample the log.")  # fmt: skip
+        return float((self.t[-1] - self.t[0]) / len(steps))
 
 
 class SensorLevels(NamedTuple):
@@ -91,6 +148,25 @@ class Linkage(NamedTuple):
     columns: Indices
 
 
+class LoadedTree(NamedTuple):
+    """A tree whose base floats and whose bodies carry inertias of any kind, for `loaded`.
+
+    Entry (i, j) of a body's 6×6 inertia, in its own frame, is numbered 72 body + 6 i + j where it
+    only resists acceleration, as added mass does, and 36 more where it has weight.
+
+    Attributes:
+        linkage: how the bodies hang together. Its `columns` say where the inertias end in θ.
+        places: (e,) what number an entry has …
+        parameters: (e,) that holds this parameter of θ …
+        values: (e,) … times this.
+    """
+
+    linkage: Linkage
+    places: Indices
+    parameters: Indices
+    values: Array
+
+
 class SecondOrderSystem(ABC):
     """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 
@@ -105,6 +181,8 @@ class SecondOrderSystem(ABC):
         inertia: M, where it does not depend on the position; then C w = −ad_wᵀ M v in that group,
             and an identifier need not form W_M and W_C.
         linkage: the tree, where its bodies are moved by compiled recursions.
+        loaded: the tree, where its bodies carry more than their own mass; what else acts on them
+            is said by `applied`.
         mounts: (k, 3) where the force of every actuator parameter acts in the body's axes [m], NaN
             where it makes none; None where there is nothing to draw.
     """
@@ -112,6 +190,7 @@ class SecondOrderSystem(ABC):
     group: int = 0
     inertia: ConstantInertia | None = None
     linkage: Linkage | None = None
+    loaded: LoadedTree | None = None
     mounts: Array | None = None
 
     space: ParameterSpace
@@ -157,6 +236,46 @@ class SecondOrderSystem(ABC):
     def position(self, coordinates: Array) -> Array:
         """(..., m) q of position numbers (..., n), one for each velocity, as sensors give them."""
         return np.array(coordinates, dtype=np.float64)
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """(N, n, p) F for N samples t (N,), q (N, m), v (N, n), u (N, n_u); unchecked."""
+        rows = zip(t.tolist(), q, v, u, strict=True)
+        return np.stack([self._F(*row) for row in rows])
+
+    def applied(self, states: Array, u: Array) -> Array:
+        """(N, n, k) the last k columns of F, of what acts on a `loaded` tree's bodies but weight.
+
+        Args:
+            states: (N, b, ·) of `recursion`.
+            u: (N, n_u) commands.
+        """
+        return np.zeros((len(u), self.n, 0))
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """What the momentum balance behind a leak is made of, along a log of N samples; unchecked.
+
+        Args:
+            leak: its rate a [1/s].
+            log: the samples.
+            q: (N−1, m) positions half-way between them.
+            v: (N−1, n) velocities there.
+
+        Returns:
+            (N, n, p) W_M(q, v) at the samples; and (N−1, n, p) a W_M(q, v) + F + the regressor of
+            Cᵀ v at start, middle and end of every step, its command held.
+        """
+        t, held = log.t, log.u[:-1]
+        momenta = np.stack([self._W_M(*row) for row in zip(log.q, log.v, strict=True)])
+        drive = leak * momenta
+        drive += np.stack([self._transport(*row) for row in zip(log.q, log.v, strict=True)])
+        half = self.forces(0.5 * (t[:-1] + t[1:]), q, v, held)
+        half += np.stack([leak * self._W_M(*row) + self._transport(*row)
+                          for row in zip(q, v, strict=True)])  # fmt: skip
+        start = drive[:-1] + self.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+        end = drive[1:] + self.forces(t[1:], log.q[1:], log.v[1:], held)
+        return momenta, start, half, end
 
     def _mass_tensor(self, q: Array) -> Array:
         """(n, n, p), entry [j] is W_M(q, e_j): M(q, θ) = tensor · θ for every θ."""
@@ -240,6 +359,29 @@ class SecondOrderSystem(ABC):
         force = (self.F(t, x, u) - self.W_C(x, w)) @ theta
         a = np.linalg.solve(self.mass_matrix(x, theta), force[..., None])[..., 0]
         return np.asarray(a, dtype=np.float64)
+
+    def evaluate(self, t: Array, x: Array, w: Array, u: Array, theta: Array) -> tuple[Array, Array]:
+        """What `acceleration` is, and `regressor` at it, of N samples in less time; unchecked.
+
+        Args:
+            t: (N,) times [s].
+            x: (N, m+n) measured states.
+            w: (N, n) velocities that C multiplies.
+            u: (N, n_u) commands.
+            theta: (p,) or (N, p) parameters.
+
+        Returns:
+            (N, n) v̇(t, x, w, θ) (29), and (N, n, p) W(t, x, w, v̇) (10).
+        """
+        q, v = self.split(x)
+        a, W = np.empty((len(t), self.n)), np.empty((len(t), self.n, self.p))
+        thetas = np.broadcast_to(theta, (len(t), self.p))
+        for k, (time, *rest) in enumerate(zip(t.tolist(), q, v, u, w, thetas, strict=True)):
+            a[k], W[k], pivot = self.at(time, *rest[:3]).evaluate(*rest[3:])
+            if not pivot > 0:  # an identifier would stop here
+                a[k] = self.acceleration(time, x[k], w[k], u[k], thetas[k])
+                W[k] = self._W(time, q[k], v[k], w[k], a[k], u[k])
+        return a, W
 
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
         """The system at one measured state and command."""

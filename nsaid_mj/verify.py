@@ -17,6 +17,7 @@ from rich.console import Console
 from . import metrics
 from .errors import BadRun
 from .experiment import Run, reopen
+from .files import write_json
 from .identifiers import ConventionalAID
 from .identifiers import Status as Ended
 from .record import Record
@@ -26,6 +27,7 @@ SETTLED = 0.1  # of its first size: what is smaller has vanished as far as a run
 DRIFT = 1e-4  # of the conserved quantity: a tenth of what ends a run
 UNEXCITED = 1e-9  # of a window's excitation, or of ‖θ̂‖: no more than rounding and its propagation
 BLIND = 1e-2  # of V(0): a bound on rises beyond which none that matters would be seen
+_ROUNDING = 1e-9  # of its first size: what is smaller by less has not fallen
 _ROWS = 20  # two to a tenth
 
 Word = Literal["holds", "not yet", "fails", "not applicable"]
@@ -119,7 +121,7 @@ def _limit(
     words = f"{what} {first:.2g} at first, {last:.2g} at last: {share:.2g} of it, bound {SETTLED:g}"
     if share <= SETTLED:
         return Verdict(name, claim, "holds", share, SETTLED, words)
-    if share < 1:
+    if share < 1 - _ROUNDING:
         return Verdict(name, claim, "not yet", share, SETTLED, words)
     return Verdict(name, claim, "fails", share, SETTLED, words + "; it has not fallen")
 
@@ -201,7 +203,7 @@ def document(run: Run, verdicts: Sequence[Verdict]) -> dict[str, Any]:
 
 def write(run: Run, verdicts: Sequence[Verdict]) -> None:
     """Writes verify.json into the run's folder, whole or not at all."""
-    metrics.write_json(run.folder / FILE, document(run, verdicts))
+    write_json(run.folder / FILE, document(run, verdicts))
 
 
 def tell(name: str, run: Run, verdicts: Sequence[Verdict]) -> None:

@@ -1,159 +1,248 @@
 """`make bench`: what a step costs, as ratios measured inside one process.
 
+    python scripts/benchmark.py [FILE.json]
+
 Blocks of steps of both sides alternate, and the median of the blocks' ratios is told with its
-quartiles, so that a machine whose clock drifts changes neither side alone.
+quartiles, so that a machine whose clock drifts changes neither side alone. All runs are real ones:
+the scenarios' plants, drivers and gains, and `experiment.run` with its record on disk.
 """
 
 import json
-import platform
 import sys
+import tempfile
 import time
 from collections.abc import Callable
-from importlib.metadata import version
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from machine import machine
 
-from nsaid_mj import ArmPlant, Measurement, NullspaceAID, ScalarRovPlant
+from nsaid_mj import ArmPlant, Scenario
 from nsaid_mj.cli import load
+from nsaid_mj.control import Driver
+from nsaid_mj.experiment import Seeds, prepare, run, trajectory
 from nsaid_mj.plants import Plant
+from nsaid_mj.plants.arm import Backend
+from nsaid_mj.system import Log
 
-BLOCKS = 60
-VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee")
+BLOCKS = 15
+STEPS = 4000  # of a closed loop, in a block
+LAWS = ("paper", "cone", "memory")
+VEHICLES = (
+    "scalar_rov", "bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i",
+    "astrobee", "borinot", "uvms",
+)  # fmt: skip
 
 
-def seconds(action: Callable[[], object], repeats: int) -> float:
+def seven_joints(backend: Backend) -> Scenario:
+    """An arm of 7 joints and 91 parameters: without rotor inertias, its wrist's friction small."""
+    arm = ArmPlant("xarm7", armature=0.0, damping=3e-3, friction=3e-3, friction_speed=0.3,
+                   backend=backend)  # fmt: skip
+    return replace(load("ur5"), plant=arm, dt=1e-3)
+
+
+@dataclass
+class Row:
+    """One comparison."""
+
+    what: str
+    ours: list[float]
+    theirs: list[float]
+    bar: float | None = None
+
+    def told(self) -> dict[str, Any]:
+        """As in benchmark.json."""
+        ratios = np.array(self.ours) / np.array(self.theirs)
+        low, median, high = np.percentile(ratios, [25, 50, 75]).tolist()
+        return {
+            "what": self.what, "ratio": median, "quartiles": [low, high], "bar": self.bar,
+            "ours_us": 1e6 * float(np.median(self.ours)),
+            "theirs_us": 1e6 * float(np.median(self.theirs)),
+        }  # fmt: skip
+
+
+def alternating(
+    what: str, ours: Callable[[], float], theirs: Callable[[], float], bar: float | None = None
+) -> Row:
+    """Both sides' seconds per step, in alternating blocks after one of each that does not count."""
+    ours()
+    theirs()
+    pairs = [(ours(), theirs()) for _ in range(BLOCKS)]
+    return Row(what, [a for a, _ in pairs], [b for _, b in pairs], bar)
+
+
+def seconds(action: Callable[[], object], repeats: int) -> Callable[[], float]:
     """Mean time of an action [s]."""
-    begin = time.perf_counter()
-    for _ in range(repeats):
-        action()
-    return (time.perf_counter() - begin) / repeats
+
+    def block() -> float:
+        begin = time.perf_counter()
+        for _ in range(repeats):
+            action()
+        return (time.perf_counter() - begin) / repeats
+
+    return block
 
 
-def compare(
-    ours: Callable[[], object], theirs: Callable[[], object], repeats: int = 100
-) -> dict[str, float | list[float]]:
-    """Cost of ours over theirs: median and quartiles of alternating blocks."""
-    seconds(ours, 20)
-    seconds(theirs, 20)
-    rows = np.array([(seconds(ours, repeats), seconds(theirs, 5 * repeats)) for _ in range(BLOCKS)])
-    low, median, high = np.percentile(rows[:, 0] / rows[:, 1], [25, 50, 75])
-    return {
-        "ratio": float(median),
-        "quartiles": [float(low), float(high)],
-        "ours_us": float(1e6 * np.median(rows[:, 0])),
-        "theirs_us": float(1e6 * np.median(rows[:, 1])),
-    }
+# -- the whole loop --------------------------------------------------------------------------------
 
 
-def identifier_step(plant: Plant, dt: float) -> Callable[[], object]:
-    """One RK4 step of (44, 45) on a random motion."""
-    system, rng = plant.system, np.random.default_rng(0)
-    q, v, u = system.random_state(rng)
-    a = system.acceleration(0.0, np.r_[q, v], v, u, plant.truth)
-    first = Measurement(0.0, q, v, u)
-    second = Measurement(dt, system.integrate(q, dt * v + 0.5 * dt**2 * a), v + dt * a, u)
-    law = NullspaceAID().build(system, plant.truth, dt)
-    state = law.init(first)
-    assert law.step(state, first, second).pivot > 0
-    return lambda: law.step(state, first, second)
+def closed_loop(scenario: Scenario, law: str) -> Callable[[], float]:
+    """A run's loop: plant, controller, identifier, excitation's levels, record on disk."""
+    identifier = replace(scenario.identifier, law=law)
+    scenario = replace(scenario, identifier=identifier, duration=STEPS * scenario.dt)
+
+    def block() -> float:
+        with tempfile.TemporaryDirectory() as folder:
+            cost = run(scenario, Path(folder)).cost
+        assert cost.steps == STEPS
+        return cost.wall / STEPS
+
+    return block
 
 
-def plant_step(plant: Plant, integrator: int) -> Callable[[], object]:
-    """One step of MuJoCo from rest, with everything the plant needs."""
-    plant.reset(np.zeros(plant.system.n), np.zeros(plant.system.n))
-    plant.model.opt.integrator = integrator
-    return lambda: mujoco.mj_step(plant.model, plant.data)
+def plant_alone(scenario: Scenario) -> Callable[[], float]:
+    """MuJoCo's RK4 on the same motion, asked step by step, as a user's loop would."""
+    plant, driver, log = driven(replace(scenario, duration=STEPS * scenario.dt))
 
-
-def benchmarks() -> list[dict]:
-    """All rows."""
-    rows = []
-    arms = [("xarm7", 0.0), ("xarm7", None), ("ur5", 0.1)]
-    for robot, armature in arms:
-        plant = ArmPlant(robot, armature=armature).build(1e-3, 0)
-        system = plant.system
-        name = f"{robot}, {system.n} joints, {system.p} parameters"
-        step = identifier_step(plant, 1e-3)
+    def block() -> float:
         with plant.running():
-            euler = plant_step(plant, mujoco.mjtIntegrator.mjINT_EULER)
-            rows.append({"what": f"identifier RK4 step / MuJoCo Euler step: {name}",
-                         **compare(step, euler)})  # fmt: skip
-            rk4 = plant_step(plant, mujoco.mjtIntegrator.mjINT_RK4)
-            rows.append({"what": f"identifier RK4 step / MuJoCo RK4 step: {name}",
-                         **compare(step, rk4)})  # fmt: skip
-        model, data = plant.robot.model, plant.robot.model.createData()
-        q, zero = pin.neutral(model), np.zeros(model.nv)
-        rows.append({
-            "what": f"identifier RK4 step / one Pinocchio torque regressor: {name}",
-            **compare(step, lambda m=model, d=data, q=q, z=zero: (
-                pin.computeJointTorqueRegressor(m, d, q, z, z))),
-        })  # fmt: skip
-    rov = ScalarRovPlant().build(0.01, 0)
-    with rov.running():
-        euler = plant_step(rov, mujoco.mjtIntegrator.mjINT_EULER)
-        rows.append({"what": "identifier RK4 step / MuJoCo Euler step: scalar_rov, 4 parameters",
-                     **compare(identifier_step(rov, 0.01), euler)})  # fmt: skip
-    return rows + vehicles()
+            plant.reset(*driver.start())
+            model, data, ctrl = plant.model, plant.data, plant.data.ctrl
+            begin = time.perf_counter()
+            for u in log.u[:-1]:
+                ctrl[:] = u
+                mujoco.mj_step(model, data)
+            return (time.perf_counter() - begin) / STEPS
+
+    return block
 
 
-def vehicles() -> list[dict]:
-    """Vehicles' identifiers against a UR5 in MuJoCo, and what an exact callback costs a plant."""
+def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
+    """A scenario's plant, its driver, and what is measured."""
+    plant, prior, _ = prepare(scenario)
+    rng = np.random.default_rng(Seeds.of(scenario.seed).excitation)
+    driver = scenario.excitation.build(plant.system, prior, rng)
+    with plant.running():
+        return plant, driver, trajectory(plant, driver, scenario.steps)
+
+
+def loops() -> list[Row]:
+    """Closed loops over MuJoCo alone, and what the memory adds."""
     rows = []
-    arm = ArmPlant("ur5", armature=0.1).build(1e-3, 0)
-    for name in VEHICLES:
-        scenario = load(name)
-        plant = scenario.plant.build(scenario.dt, 0)
+    for name, scenario, laws, bar in (
+        ("7 joints, 91 parameters, compiled", seven_joints("compiled"), LAWS, 2.0),
+        ("7 joints, 91 parameters, Pinocchio", seven_joints("pinocchio"), LAWS[:1], 10.0),
+        ("bluerov2", load("bluerov2"), LAWS, 3.0),
+    ):
+        alone = plant_alone(scenario)
+        for law in laws:
+            rows.append(alternating(
+                f"closed loop / MuJoCo RK4 alone: {name}, {law}", closed_loop(scenario, law),
+                alone, bar if law == "paper" else None,
+            ))  # fmt: skip
+        for other in laws[:-1]:
+            rows.append(alternating(
+                f"closed loop with memory / with the {other}'s law alone: {name}",
+                closed_loop(scenario, "memory"), closed_loop(scenario, other),
+                1.5 if other == "paper" else None,
+            ))  # fmt: skip
+    return rows
+
+
+# -- the identifier --------------------------------------------------------------------------------
+
+
+def following(scenario: Scenario, law: str, steps: int = 2000) -> Callable[[], float]:
+    """An identifier along a log, as a run has it: stretches of half a second."""
+    scenario = replace(
+        scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
+    )
+    log = driven(scenario)[2]
+    identifier = prepare(scenario)[2][""]
+    stretch = max(1, round(0.5 / scenario.dt))
+
+    def block() -> float:
+        state = identifier.init(log.at(0))
+        begin = time.perf_counter()
+        for k in range(0, steps, stretch):
+            state, _ = identifier.follow(state, log.part(k, k + stretch + 1))
+        return (time.perf_counter() - begin) / steps
+
+    return block
+
+
+def step_by_step(scenario: Scenario, law: str, steps: int = 200) -> Callable[[], float]:
+    """The same, sample by sample from Python, as beside a robot."""
+    scenario = replace(
+        scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
+    )
+    log = driven(scenario)[2]
+    rows, identifier = log.rows, prepare(scenario)[2][""]
+
+    def block() -> float:
+        state = identifier.init(rows[0])
+        begin = time.perf_counter()
+        for k in range(steps):
+            state = identifier.step(state, rows[k], rows[k + 1])
+        return (time.perf_counter() - begin) / steps
+
+    return block
+
+
+def identifiers() -> list[Row]:
+    """Identifiers over one Pinocchio regressor, and vehicles' over a UR5 in MuJoCo."""
+    scenario, rows = seven_joints("compiled"), []
+    robot: Any = scenario.plant.build(scenario.dt, 0)
+    model, data, zero = robot.robot.model, robot.robot.model.createData(), np.zeros(7)
+    q = pin.neutral(model)
+    regressor = seconds(lambda: pin.computeJointTorqueRegressor(model, data, q, zero, zero), 2000)
+    for law in LAWS:
+        what = f"identifier RK4 step / one Pinocchio torque regressor: 91 parameters, {law}"
+        bar = 4.0 if law == "paper" else None
+        rows.append(alternating(what, following(scenario, law), regressor, bar))
+    rows.append(alternating(
+        "the same, sample by sample from Python: paper", step_by_step(scenario, "paper"), regressor
+    ))  # fmt: skip
+    arm = load("ur5").plant.build(1e-3, 0)
+    arm.model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    arm.reset(np.zeros(6), np.zeros(6))
+
+    def euler() -> float:
         with arm.running():
-            euler = plant_step(arm, mujoco.mjtIntegrator.mjINT_EULER)
-            what = f"identifier RK4 step / MuJoCo Euler step of a UR5: {name}, "
-            rows.append({"what": what + f"{plant.system.p} parameters",
-                         **compare(identifier_step(plant, scenario.dt), euler)})  # fmt: skip
-    plant = load("bluerov2").plant.build(0.01, 0)
-    callback: Any = plant.passive
-    rk4 = plant_step(plant, mujoco.mjtIntegrator.mjINT_RK4)
-    mujoco.mj_resetData(plant.model, plant.data)
+            return seconds(lambda: mujoco.mj_step(arm.model, arm.data), 2000)()
 
-    def with_callback() -> None:
-        mujoco.set_mjcb_passive(callback.ctypes)
-        for _ in range(100):
-            rk4()
-        mujoco.set_mjcb_passive(None)
-
-    def without() -> None:
-        for _ in range(100):
-            rk4()
-
-    try:
-        rows.append({"what": "100 RK4 steps of bluerov2 with / without the hydrodynamic callback",
-                     **compare(with_callback, without, 5)})  # fmt: skip
-    finally:
-        mujoco.set_mjcb_passive(None)
+    for name in VEHICLES:
+        for law in LAWS if name in ("bluerov2", "uvms", "borinot") else LAWS[:1]:
+            what = f"identifier RK4 step / MuJoCo Euler step of a UR5: {name}, {law}"
+            ours = following(load(name), law, 400 if name in ("uvms", "borinot") else 2000)
+            rows.append(alternating(what, ours, euler, 5.0 if law == "paper" else None))
     return rows
 
 
 def main() -> None:
-    """Prints a table and writes benchmark.json beside where it runs."""
-    rows = benchmarks()
-    machine = {
-        "machine": platform.machine(),
-        "processor": next((line.split(":")[1].strip() for line in
-                           Path("/proc/cpuinfo").read_text().splitlines()
-                           if line.startswith("model name")), platform.processor())
-        if Path("/proc/cpuinfo").is_file() else platform.processor(),
-        "python": platform.python_version(),
-        **{name: version(name) for name in ("mujoco", "pin", "numpy", "numba")},
-    }  # fmt: skip
-    print(", ".join(f"{key} {value}" for key, value in machine.items()))
-    for row in rows:
-        low, high = row["quartiles"]
-        print(f"{row['ratio']:6.1f} ({low:.1f} … {high:.1f})  {row['what']}  "
-              f"[{row['ours_us']:.1f} µs / {row['theirs_us']:.2f} µs]")  # fmt: skip
+    """Prints a table; writes JSON where a file is named."""
+    where = machine()
+    print(", ".join(f"{key} {value}" for key, value in where.items()), flush=True)
+    told = []
+    for part in (loops, identifiers):
+        for row in part():
+            told.append(row.told())
+            tell(told[-1])
     if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_text(json.dumps({"machine": machine, "rows": rows}, indent=2))
+        document = {"machine": where, "blocks": BLOCKS, "rows": told}
+        Path(sys.argv[1]).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+
+
+def tell(row: dict[str, Any]) -> None:
+    """One line."""
+    low, high = row["quartiles"]
+    bar = f" (bar {row['bar']:g})" if row["bar"] else ""
+    print(f"{row['ratio']:6.2f} ({low:.2f} … {high:.2f}){bar}  {row['what']}  "
+          f"[{row['ours_us']:.1f} µs / {row['theirs_us']:.2f} µs]", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from nsaid_mj.cli import load
-from nsaid_mj.experiment import Cost, trajectory
+from nsaid_mj.experiment import trajectory
 from nsaid_mj.identifiers.memory import Memory, Recorder
-from nsaid_mj.identifiers.nullspace_aid import half_way
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import Plant, SensorNoise
-from nsaid_mj.system import Measurement, SecondOrderSystem
+from nsaid_mj.system import Log as Measured
+from nsaid_mj.system import Measurement
 
 
 class Log(NamedTuple):
@@ -40,9 +40,7 @@ def driven(name: str, seconds: float, hold: int = 1, seed: int = 0) -> Log:
     rows: list[Measurement] = []
     with plant.running():
         if hold == 1:
-            return Log(
-                plant, dt, list(trajectory(plant, driver, round(seconds / dt), None, Cost()))
-            )
+            return Log(plant, dt, trajectory(plant, driver, round(seconds / dt)).rows)
         plant.reset(*driver.start())
         for k in range(round(seconds / dt)):
             coordinates, v = plant.coordinates()
@@ -63,40 +61,30 @@ def noisy(log: Log, noise: SensorNoise, seed: int) -> Log:
     return Log(log.plant, log.dt, rows)
 
 
-def between(
-    system: SecondOrderSystem, a: Measurement, b: Measurement, hermite: bool = True
-) -> tuple[Array, Array]:
-    """(q, v) half-way, as the identifiers have it."""
-    dq = system.difference(a.q, b.q)
-    half, v = half_way(dq, a.v, b.v, b.t - a.t, hermite, system.group)
-    return system.integrate(a.q, half), v
-
-
-def added(
-    recorder: Recorder, memory: Memory, a: Measurement, b: Measurement, hermite: bool = True
-) -> Memory:
+def added(recorder: Recorder, memory: Memory, a: Measurement, b: Measurement) -> Memory:
     """The memory at b, from that at a."""
-    return recorder.add(memory, a, between(recorder.system, a, b, hermite), b)
+    return recorder.follow(memory, Measured.of([a, b]))
 
 
-def remember(recorder: Recorder, log: Log, hermite: bool = True) -> Iterator[Memory]:
+def remember(recorder: Recorder, log: Log) -> Iterator[Memory]:
     """The memory at every row."""
     memory = recorder.begin(log.rows[0])
     yield memory
     for a, b in pairwise(log.rows):
-        memory = added(recorder, memory, a, b, hermite)
+        memory = added(recorder, memory, a, b)
         yield memory
 
 
-def regressors(recorder: Recorder, log: Log, hermite: bool = True) -> Array:
+def regressors(recorder: Recorder, log: Log) -> Array:
     """(N, n, p) Y at every row but the first."""
-    seen = list(remember(recorder, log, hermite))[1:]
-    return np.array([m.balance.momentum - m.balance.lag for m in seen])
+    W_M = recorder.system._W_M
+    seen = zip(log.rows, remember(recorder, log), strict=True)
+    return np.array([W_M(row.q, row.v) - kept.balance.lag for row, kept in seen][1:])
 
 
-def blocks(recorder: Recorder, log: Log, hermite: bool = True) -> Array:
+def blocks(recorder: Recorder, log: Log) -> Array:
     """(k, n, p) means of Y over whole blocks, by hand."""
-    Y = regressors(recorder, log, hermite)
+    Y = regressors(recorder, log)
     whole = len(Y) // recorder.block
     return Y[: whole * recorder.block].reshape(whole, recorder.block, *Y.shape[1:]).mean(axis=1)
 

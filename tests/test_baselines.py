@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.baselines import BATCH, Estimate, Log, follow
+from nsaid_mj.baselines import BATCH, Estimate, follow
 from nsaid_mj.baselines.filters import low_passed, smoothed
 from nsaid_mj.baselines.least_squares import (
     candidates,
@@ -21,7 +21,7 @@ from nsaid_mj.errors import InvalidInput, NoEstimate
 from nsaid_mj.experiment import run
 from nsaid_mj.plants import sysid as toolbox_module
 from nsaid_mj.plants.sysid import sysid
-from nsaid_mj.system import SensorLevels
+from nsaid_mj.system import Log, SensorLevels
 from nsaid_mj.systems.multibody import Multibody
 
 

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from nsaid_mj import cone as geometry
 from nsaid_mj.cli import load
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import Cost, Seeds, trajectory
+from nsaid_mj.experiment import Seeds, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status, chart
 from nsaid_mj.identifiers.cone_aid import ConeIdentifier
+from nsaid_mj.identifiers.midpoint import between_two
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, BlueROV2Plant, Plant, REMUS100Plant
@@ -45,7 +46,7 @@ def rows(name: str, seconds: float) -> list:
     rng = np.random.default_rng(Seeds.of(0).excitation)
     driver = scenario.excitation.build(p.system, p.truth, rng)
     with p.running():
-        return list(trajectory(p, driver, round(seconds / p.dt), None, Cost()))
+        return trajectory(p, driver, round(seconds / p.dt)).rows
 
 
 def identify(law: NullspaceIdentifier, measured: list) -> list:
@@ -255,6 +256,23 @@ def test_the_barrier_and_its_derivatives_are_those_of_the_dense_matrices(seed):
         np.testing.assert_allclose(own, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
+def theta_rate_of(space: ParameterSpace, theta: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """θ̇ of an η̇, by P = L Lᵀ, differentiated."""
+    theta_rate = rate.copy()
+    for part, place in space:
+        if part.geometry == "positive":
+            theta_rate[place] *= theta[place]
+        elif part.geometry not in ("free", "tied"):
+            L = np.linalg.cholesky(dense(part, theta[place]))
+            L_rate = np.zeros_like(L)
+            L_rate[np.tril_indices(len(L))] = rate[place]
+            L_rate[np.diag_indices(len(L))] *= np.diag(L)
+            P_rate = L_rate @ L.T + L @ L_rate.T
+            columns = np.array([dense(part, e).ravel() for e in np.eye(len(part))]).T
+            theta_rate[place] = np.linalg.lstsq(columns, P_rate.ravel())[0]
+    return theta_rate
+
+
 @FEW
 @given(seeds, st.floats(1e-3, 1e3))
 def test_the_metric_is_solved_block_by_block_as_densely(seed, mu):
@@ -262,14 +280,18 @@ def test_the_metric_is_solved_block_by_block_as_densely(seed, mu):
     theta, gradient = physical(rng), rng.standard_normal(len(MIXED))
     A = rng.standard_normal((len(MIXED), len(MIXED)))
     diagonal, full = rng.uniform(0.1, 10, len(MIXED)), A @ A.T + np.eye(len(MIXED))
-    kept = gradient.copy(), diagonal.copy(), full.copy()
-    for stiffness, matrix in ((diagonal, np.diag(diagonal)), (full, full)):
-        metric = matrix + mu * dense_hessian(theta)[1]
-        x = geometry.metric_solve(CONE, theta, stiffness, mu, gradient)
-        # backward stable: the residual is small whatever the condition
-        size = np.linalg.norm(metric) * np.linalg.norm(x)
-        assert np.linalg.norm(metric @ x - gradient) <= 1e-13 * size
-    for own, before in zip((gradient, diagonal, full), kept, strict=True):
+    eta, hessian = chart.to_chart(CONE, theta), dense_hessian(theta)[1]
+    kept = eta.copy(), gradient.copy(), diagonal.copy(), full.copy()
+    whole, parts = [slice(0, len(MIXED))], [place for _, place in MIXED]
+    for stiffness, places in ((diagonal, parts), (full, whole)):
+        metric = (np.diag(stiffness) if stiffness.ndim == 1 else stiffness) + mu * hessian
+        rate = chart.natural_rate(CONE, eta, theta, stiffness, mu, gradient)
+        x = theta_rate_of(MIXED, theta, rate)
+        for place in places:  # backward stable: the residual is small whatever the condition
+            own = metric[place, place]
+            size = np.linalg.norm(own) * np.linalg.norm(x[place])
+            assert np.linalg.norm(own @ x[place] - gradient[place]) <= 1e-12 * size
+    for own, before in zip((eta, gradient, diagonal, full), kept, strict=True):
         np.testing.assert_array_equal(own, before)
 
 
@@ -282,11 +304,6 @@ def test_the_charts_rate_is_that_of_choleskys_factor(seed):
     np.testing.assert_allclose(chart.from_chart(CONE, eta, PAIRING), theta, rtol=1e-12,
                                atol=1e-12 * np.abs(theta).max())  # fmt: skip
     rate = chart.chart_rate(CONE, eta, theta_rate)
-    for stiffness in (np.ones(len(MIXED)), np.eye(len(MIXED))):
-        moving = geometry.metric_solve(CONE, theta, stiffness, 2.0, theta_rate)
-        natural = chart.natural_rate(CONE, eta, theta, stiffness, 2.0, theta_rate)
-        np.testing.assert_allclose(natural, chart.chart_rate(CONE, eta, moving), rtol=1e-7,
-                                   atol=1e-10 * np.abs(natural).max())  # fmt: skip
     for part, place in MIXED:
         own, expected = rate[place], theta_rate[place]
         if part.geometry == "positive":
@@ -298,6 +315,32 @@ def test_the_charts_rate_is_that_of_choleskys_factor(seed):
             L_rate[np.diag_indices(len(L))] /= np.diag(L)
             expected = L_rate[np.tril_indices(len(L))]
         np.testing.assert_allclose(own, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@FEW
+@given(seeds, st.integers(1, 19), st.data())
+def test_links_do_not_depend_on_their_neighbours(seed, count, data):
+    """Eight are computed abreast: each as if it were alone, and one in NaN stays so alone."""
+    rng = np.random.default_rng(seed)
+    links = tuple(block(f"link {i}", 10, "pseudo_inertia") for i in range(count))
+    many, one = (geometry.cone_of(ParameterSpace(part)) for part in (links, links[:1]))
+    theta = np.concatenate([physical(rng)[MIXED["link"]] for _ in links])
+    bad = data.draw(st.integers(0, count - 1)) if data.draw(st.booleans()) else None
+    if bad is not None:
+        theta[10 * bad + data.draw(st.integers(0, 9))] = data.draw(st.sampled_from((np.nan, -9e9)))
+    stiffness, gradient = rng.uniform(0.1, 10, 10 * count), rng.standard_normal(10 * count)
+
+    def chain(cone, theta, stiffness, gradient):
+        eta, pairing = chart.to_chart(cone, theta), geometry.coordinates(cone)
+        rate = chart.natural_rate(cone, eta, theta, stiffness, 0.3, gradient)
+        return np.array([eta, chart.from_chart(cone, eta, pairing), rate])
+
+    together = chain(many, theta, stiffness, gradient)
+    for i in range(count):
+        own = slice(10 * i, 10 * i + 10)
+        alone = chain(one, theta[own], stiffness[own], gradient[own])
+        np.testing.assert_array_equal(together[:, own], alone)
+        assert np.isnan(alone).all() if i == bad else np.isfinite(alone).all()
 
 
 @FEW
@@ -330,9 +373,10 @@ def test_outside_is_seen_everywhere_and_in_its_own_block_only(name, how):
     assert not geometry.inside(CONE, theta) and geometry.barrier(CONE, theta) == np.inf
     eta = chart.to_chart(CONE, theta)
     stiffness, gradient = np.ones(len(MIXED)), np.ones(len(MIXED))
-    x = geometry.metric_solve(CONE, theta, stiffness, 1.0, gradient)
+    again = chart.from_chart(CONE, eta, PAIRING)
+    rate = chart.natural_rate(CONE, eta, again, stiffness, 1.0, gradient)
     slope, _ = geometry.gradient_and_hessian(CONE, theta)
-    for seen in (eta, x, slope):
+    for seen in (eta, again, rate, slope):
         assert np.isnan(seen[place]).all() and np.isnan(seen).sum() == place.stop - place.start
     full = geometry.metric_solve(CONE, theta, np.diag(stiffness), 1.0, gradient)
     assert np.isnan(full).all()
@@ -381,7 +425,7 @@ def test_no_start_and_no_gain_leaves_the_cone():
 def test_the_compiled_body_step_is_the_general_one(monkeypatch):
     measured, law = rows("rov", 5.0)[:60], build("rov", inside("rov", 2))
     fast = identify(law, measured)[-1]
-    monkeypatch.setattr(law, "_body_step", law._step)
+    monkeypatch.setattr(law, "_follow", law._follow_any)
     slow = identify(law, measured)[-1]
     scale = law.system.space.scale
     np.testing.assert_allclose(fast.theta_hat / scale, slow.theta_hat / scale, rtol=0, atol=1e-11)
@@ -393,7 +437,10 @@ def reference_step(law: ConeIdentifier, state, previous, following):
     cone, n = law.cone, law.system.n
     stiffness = np.linalg.inv(law.Gamma) if law.Gamma.ndim == 2 else np.diag(1 / law.Gamma)
     dt = following.t - previous.t
-    first, middle, last = law._instants(state, previous, following, dt)
+    at, u = law.system.at, previous.u
+    first, last = at(*previous), at(*following._replace(u=u))
+    half = between_two(law.system, previous, following, law.hermite)
+    middle = at(previous.t + 0.5 * dt, *half, u)
     pairing = geometry.coordinates(cone)
 
     def slope(instant, z):
@@ -434,14 +481,14 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
     assert moved > 1e-6  # else there was nothing to compare
 
 
-@pytest.mark.parametrize("path", ["_body_step", "_step"])
+@pytest.mark.parametrize("path", ["_follow", "_follow_any"])
 def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, path):
     """A law far too fast for dt ends with a status and the last good estimate, never in NaN."""
     cone, measured = geometry.cone_of(plant("rov").system.space), rows("rov", 5.0)[:60]
     endings = set()
     for seed in range(8):
         law = build("rov", inside("rov", seed), gain=3e3, mu=1 / 3e3)
-        monkeypatch.setattr(law, "_body_step", getattr(law, path))
+        monkeypatch.setattr(law, "_follow", getattr(law, path))
         state = law.init(measured[0])
         for before, after in pairwise(measured):
             state = law.step(state, before, after)
@@ -453,7 +500,7 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, path):
     assert Status.estimate_not_positive_definite in endings
 
 
-@pytest.mark.parametrize("path", ["_body_step", "_step"])
+@pytest.mark.parametrize("path", ["_follow", "_follow_any"])
 def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch, path):
     """Steps as long as the cone is wide are cut, and followed by others."""
     measured, system = rows("torpedo", 5.0), plant("torpedo").system
@@ -461,7 +508,7 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch,
     held = 0
     for seed in range(4):
         law = build("torpedo", inside("torpedo", seed, 1.0), gain=700.0, mu=1e-4)
-        monkeypatch.setattr(law, "_body_step", getattr(law, path))
+        monkeypatch.setattr(law, "_follow", getattr(law, path))
         state, cut = law.init(measured[0]), False
         for before, after in pairwise(measured):
             following = law.step(state, before, after)

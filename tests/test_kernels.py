@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.kernels import cholesky, evaluate, solve, times
+from nsaid_mj.kernels import cholesky, evaluate, solve, solve_positive, times
 
 FEW = settings(deadline=None, max_examples=40)
 seeds, sizes = st.integers(0, 2**32 - 1), st.integers(1, 8)
@@ -100,3 +100,19 @@ def test_evaluate_gives_NaN_and_no_pivot_where_M_is_not_positive():
     a, W, pivot = evaluate(tensor, W_C, F, -theta)
     assert np.isnan(a).all() and not pivot > 0
     np.testing.assert_array_equal(W, W_C - F)
+
+
+@FEW
+@given(seeds, sizes)
+def test_solving_at_once_is_numpys_and_tells_choleskys_smallest_pivot(seed, n):
+    rng = np.random.default_rng(seed)
+    M, b = spd(rng, n), rng.standard_normal(n)
+    x = b.copy()
+    pivot = solve_positive(np.tril(M), np.full((n, n), np.nan), x)
+    np.testing.assert_allclose(x, np.linalg.solve(M, b), rtol=1e-9, atol=1e-12)
+    assert pivot == pytest.approx(np.diag(np.linalg.cholesky(M)).min() ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("bad", [-1.0, 0.0, np.nan])
+def test_what_is_not_positive_definite_has_no_positive_pivot(bad):
+    assert not solve_positive(np.diag([2.0, bad, 1.0]), np.empty((3, 3)), np.ones(3)) > 0

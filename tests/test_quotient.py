@@ -29,8 +29,8 @@ def remembered(name: str, sensors: str) -> tuple[Log, Memory]:
     exact = sensors == "ideal"
     levels = EXACT if exact else NOISE.levels
     seen = log if exact else noisy(log, NOISE, 1)
-    own = Recorder(log.plant.system, MemoryConfig(), log.dt, levels)
-    *_, memory = remember(own, seen, exact)
+    own = Recorder(log.plant.system, MemoryConfig(), log.dt, levels, exact)
+    *_, memory = remember(own, seen)
     return log, memory
 
 
@@ -42,7 +42,7 @@ def near(log: Log, rng: np.random.Generator, error: float = 0.3) -> Array:
 
 def weighted(name: str, sensors: str, theta: Array) -> Quotient:
     log, memory = remembered(name, sensors)
-    found = quotient(memory, log.plant.system.space)
+    found = quotient(memory.means, log.plant.system.space)
     assert found is not None
     return found.weighted(theta, memory)[0]
 
@@ -73,7 +73,8 @@ def test_the_gradient_is_the_slope(name, sensors, seed):
     cost = weighted(name, sensors, theta)
     step = 1e-5 * (np.abs(theta) + 0.1 * scale) * rng.standard_normal(len(theta))
     slope = cost.gradient(theta) @ step
-    rise = 0.5 * (cost.value(theta + step) - cost.value(theta - step))
+    whole, half = ((cost.value(theta + x) - cost.value(theta - x)) / 2 for x in (step, step / 2))
+    rise = (8 * half - whole) / 3  # Richardson's extrapolation
     terms = np.abs(cost.gradient(theta) * step).sum()
     assert rise == pytest.approx(slope, abs=1e-7 * terms + 1e-11 * cost.weights.sum())
 
@@ -185,7 +186,7 @@ def test_residuals_are_measured_on_positive_numbers_only(name):
     """On a row's actuators, and where it has none on its other positive parameters."""
     log, memory = remembered(name, "ideal")
     space = log.plant.system.space
-    found = quotient(memory, space)
+    found = quotient(memory.means, space)
     assert (
         found is not None
         and (found.effort >= 0).all()
@@ -204,7 +205,7 @@ def test_an_actuator_that_never_moved_is_not_seen():
     rows = [row._replace(u=row.u * (np.arange(len(row.u)) != still)) for row in log.rows]
     own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
     *_, memory = remember(own, log._replace(rows=rows))
-    found = quotient(memory, space)
+    found = quotient(memory.means, space)
     assert found is not None
     k = space.actuators[still]
     assert (found.effort[:, k] == 0).all() and (found.gramian[:, k] == 0).all()
@@ -218,19 +219,19 @@ def test_without_any_command_there_is_no_quotient(name):
     log = driven(name, 1.0)
     own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
     *_, memory = remember(own, log._replace(rows=[row._replace(u=0 * row.u) for row in log.rows]))
-    assert np.abs(memory.gramian).max() > 0
-    assert quotient(memory, log.plant.system.space) is None
+    assert np.abs(memory.means.gramian).max() > 0
+    assert quotient(memory.means, log.plant.system.space) is None
 
 
 def test_a_row_without_an_actuator_is_measured_in_shares_of_the_others():
     """A rotor pushes along one axis: the others' balances are drag's, or have none of their own."""
     log, memory = remembered("crazyflie", "ideal")
-    space, gramian = log.plant.system.space, memory.gramian.copy()
-    dragged = quotient(memory, space)
+    space, gramian = log.plant.system.space, memory.means.gramian.copy()
+    dragged = quotient(memory.means, space)
     assert dragged is not None and (dragged.effort[:2, space.actuators] == 0).all()
     gramian[:2, positive(space) > 0] = 0.0
     gramian[:2, :, positive(space) > 0] = 0.0
-    found = quotient(memory._replace(gramian=gramian), space)
+    found = quotient(memory.means._replace(gramian=gramian), space)
     assert found is not None
     own = found.effort[:, space.actuators]
     shares = own / np.einsum("ipp,p->i", gramian, space.scale**2)[:, None]
@@ -242,9 +243,11 @@ def test_a_row_in_which_nothing_happened_says_nothing():
     log, memory = remembered("bluerov2", "ideal")
     moving = (np.arange(log.plant.system.n) != 1)[:, None, None]
     theta = near(log, np.random.default_rng(1))
-    parts = ("gramian", "lagged", "before")
-    still = memory._replace(**{name: moving * getattr(memory, name) for name in parts})
-    found = quotient(still, log.plant.system.space)
+    means = memory.means
+    still = memory._replace(means=means._replace(
+        gramian=moving * means.gramian, lagged=moving * means.lagged, last=moving[:, 0] * means.last
+    ))  # fmt: skip
+    found = quotient(still.means, log.plant.system.space)
     assert found is not None
     cost, view = found.weighted(theta, still)
     assert np.isfinite(cost.weights).all() and np.isfinite(view.share).all()
@@ -262,7 +265,7 @@ def test_weights_are_one_over_the_residuals(sensors):
     without = cost.value(theta)
     if cost.excess is not None:
         without += 0.5 * theta @ cost.excess @ theta
-    assert without == pytest.approx(0.5 * memory.blocks * log.plant.system.n, rel=1e-9)
+    assert without == pytest.approx(0.5 * memory.means.blocks * log.plant.system.n, rel=1e-9)
     truth = log.plant.truth
     floor = weighted("bluerov2", sensors, truth)
     assert np.isfinite(floor.weights).all() and (floor.weights > 0).all()

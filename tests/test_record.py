@@ -22,7 +22,7 @@ def rows(count: int, seed: int = 0):
 def write(path, values, batch=4, close=True):
     writer = RecordWriter(path, WIDTHS, METADATA, batch)
     for row in values:
-        writer.append(*row)
+        writer.extend(*(np.array([part]) for part in row))
     if close:
         writer.close()
     return writer
@@ -54,7 +54,7 @@ def test_every_float_comes_back(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("record") / FILE
     writer = RecordWriter(path, {"t": 0}, METADATA, 4)
     for value in values:
-        writer.append(value)
+        writer.extend(np.array([value]))
     writer.close()
     assert Record.read(path)["t"].tobytes() == np.array(values).tobytes()
 
@@ -152,7 +152,7 @@ def test_a_folder_without_a_record_is_a_bad_run(tmp_path, there):
 def test_a_row_has_one_value_for_each_column(tmp_path):
     writer = write(tmp_path / FILE, [], close=False)
     with pytest.raises(ValueError, match="zip"):
-        writer.append(*rows(1)[0][:-1])
+        writer.extend(*(np.array([part]) for part in rows(1)[0][:-1]))
     writer.close()
 
 

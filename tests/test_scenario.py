@@ -42,9 +42,9 @@ from nsaid_mj.plants import (
     SensorNoise,
     UvmsPlant,
 )
+from nsaid_mj.plants.arm import Backend
 from nsaid_mj.resources import scenarios
 from nsaid_mj.scenario import Scenario
-from nsaid_mj.systems.multibody import Backend
 
 FEW = settings(deadline=None, max_examples=50)
 positive, share = st.floats(1e-9, 1e9), st.floats(0, 0.99)

@@ -7,62 +7,66 @@ import numpy as np
 import pytest
 
 from nsaid_mj.cone import cone_of, inside
+from nsaid_mj.experiment import draw_for
 from nsaid_mj.identifiers import Status
+from nsaid_mj.montecarlo import Course, identify
+from nsaid_mj.sweep_results import Row
 from scripts import starts
 
 
 @cache
-def log(name: str, seconds: float) -> starts.Log:
-    return starts.simulate(name, 7, seconds)
+def course(name: str, seconds: float) -> Course:
+    return starts.motion(name, 7, seconds)
 
 
-def check(found: starts.Start) -> None:
-    assert found.status == Status.completed.words
-    assert not found.outside and not found.not_finite
-    assert found.drift <= 1e-3  # else a run would have ended
+def check(found: Row) -> None:
+    assert found["status"] == Status.completed.words
+    assert found["conserved_drift"] <= 1e-3
 
 
 @pytest.mark.parametrize("index", range(3))
 @pytest.mark.parametrize("name", ["remus100", "f1tenth"])
 def test_a_start_far_off_stays_inside_and_comes_nearer(name, index):
-    known = log(name, 5.0)
-    found = starts.identify(known, index, starts.drawn(known, index, 1.0))
+    known = course(name, 5.0)
+    (found,) = identify(known, [(index, starts.start(known.scenario, index, 1.0))])
     check(found)
-    assert found.time == pytest.approx(5.0)
-    assert found.ratio is not None and found.ratio < 0.1 * found.ratio_initial
+    assert found["status_time"] == pytest.approx(5.0)
+    assert found["theta_perp_ratio"] < 0.1 * found["theta_perp_ratio_initial"]
 
 
 def test_starts_are_inside_and_differ_and_can_be_drawn_again():
-    known = log("remus100", 5.0)
+    known = course("remus100", 5.0)
     cone = cone_of(known.plant.system.space)
-    drawn = [starts.drawn(known, index, 1.0) for index in range(50)]
+
+    def draw(index: int) -> np.ndarray:
+        return draw_for(starts.start(known.scenario, index, 1.0), known.plant)
+
+    drawn = [draw(index) for index in range(50)]
     assert all(inside(cone, theta) for theta in drawn)
     assert len({tuple(theta) for theta in drawn}) == 50
-    np.testing.assert_array_equal(drawn[7], starts.drawn(known, 7, 1.0))
+    np.testing.assert_array_equal(drawn[7], draw(7))
     off = np.abs(np.log(np.array(drawn)[:, cone.positive] / known.plant.truth[cone.positive]))
     assert 0.9 < off.max() <= 1.0 + 1e-12
 
 
-def test_a_law_that_loses_definiteness_is_seen():
+def test_a_law_that_loses_definiteness_is_seen(monkeypatch):
     """The paper's law with a gain far too large."""
-    known = log("remus100", 5.0)
-    law = replace(known.law, law="paper", gain=1e4)
-    broken = replace(known, law=law)
-    found = [starts.identify(broken, k, starts.drawn(broken, k, 1.0)) for k in range(3)]
-    lost = [
-        s for s in found
-        if s.outside or s.status == Status.estimate_not_positive_definite.words
-    ]  # fmt: skip
-    assert lost and all(s.ratio is None and s.time < 5.0 for s in lost)
-    assert f"| 3 | {len(lost)} | 0 | 3 |" in starts.row("remus100", found)
+    known = course("remus100", 5.0)
+    broken = replace(known.scenario, identifier=replace(known.scenario.identifier, law="paper",
+                                                        gain=1e4))  # fmt: skip
+    monkeypatch.setattr(starts, "motion", lambda *_: replace(known, scenario=broken))
+    found = starts.study("remus100", 7, 3, 5.0, 1.0)
+    words = Status.estimate_not_positive_definite.words
+    lost = [one for one in found if one["status"] == words]
+    assert lost and all(one["status_time"] < 5.0 for one in lost)
+    gone = sum(one["status"] != Status.completed.words for one in found)
+    assert f"| 3 | {gone} | 3 |" in starts.line("remus100", found)
     assert len(list(starts.failures(found))) == 3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", starts.VEHICLES)
 def test_vehicles_find_the_true_set_from_any_start(name):
-    for index in range(5):
-        known = log(name, 20.0)
-        found = starts.identify(known, index, starts.drawn(known, index, 1.0))
+    for found in starts.study(name, 7, 5, 20.0, 1.0):
         check(found)
-        assert found.near, found
+        assert starts.near(found), found

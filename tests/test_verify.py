@@ -171,8 +171,7 @@ def test_a_sabotaged_folder_exits_with_1_and_says_what_fails(honest, tmp_path):
     system = honest.plant.system
     widths = columns(system.n, system.m, system.n_u, system.p, [])
     writer = RecordWriter(tmp_path / FILE, widths, honest.record.metadata, 100)
-    for row in zip(*(record[name] for name in widths), strict=True):
-        writer.append(*row)
+    writer.extend(*(record[name] for name in widths))
     writer.close()
     assert isinstance(scenario, Scenario)
     code, said = shell("verify", "--run", tmp_path)

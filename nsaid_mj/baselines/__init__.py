@@ -2,7 +2,6 @@
 
 from .adaptive import follow as follow
 from .base import Estimate as Estimate
-from .base import Log as Log
 from .base import Method as Method
 from .base import Problem as Problem
 from .least_squares import ordinary, practitioners

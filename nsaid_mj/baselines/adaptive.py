@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from ..errors import NoEstimate
 from ..identifiers import Identifier, Status
-from ..system import Measurement
-from .base import Estimate, Log, Problem
+from .base import Estimate, Problem
 
 
 def follow(identifier: Identifier, problem: Problem) -> Estimate:
@@ -16,17 +13,9 @@ def follow(identifier: Identifier, problem: Problem) -> Estimate:
     Raises:
         NoEstimate: it ended early.
     """
-    samples = _samples(problem.log)
-    previous = next(samples)
-    state = identifier.init(previous)
-    for now in samples:
-        state = identifier.step(state, previous, now)
-        if state.status is not Status.completed:
-            raise NoEstimate(f"{state.status.words} at t = {now.t:.4g} s", state.status.remedy)
-        previous = now
+    log = problem.log
+    state, made = identifier.follow(identifier.init(log.at(0)), log)
+    if state.status is not Status.completed:
+        failed = log.t[len(made.pivot)]
+        raise NoEstimate(f"{state.status.words} at t = {failed:.4g} s", state.status.remedy)
     return Estimate(state.theta_hat)
-
-
-def _samples(log: Log) -> Iterator[Measurement]:
-    for t, q, v, u in zip(*log, strict=True):
-        yield Measurement(float(t), q, v, u)

@@ -6,8 +6,7 @@ import numpy as np
 from scipy import signal
 
 from ..parameters import Array
-from ..system import SecondOrderSystem
-from .base import Log
+from ..system import Log, SecondOrderSystem
 
 _ORDER = 4
 

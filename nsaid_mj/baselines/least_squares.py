@@ -7,8 +7,8 @@ import scipy.linalg
 
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..system import SecondOrderSystem
-from .base import Estimate, Log, Problem
+from ..system import Log, SecondOrderSystem
+from .base import Estimate, Problem
 from .filters import low_passed, smoothed
 from .regression import Gauge, central_rows, condense
 

@@ -9,8 +9,8 @@ from scipy import signal
 
 from ..errors import NoEstimate
 from ..parameters import Array
-from ..system import SecondOrderSystem, SensorLevels
-from .base import Estimate, Log, Problem
+from ..system import Log, SecondOrderSystem, SensorLevels
+from .base import Estimate, Problem
 from .least_squares import window
 from .regression import central_rows
 

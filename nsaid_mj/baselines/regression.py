@@ -13,8 +13,7 @@ import scipy.linalg
 from ..errors import InvalidInput
 from ..nullspace import TOLERANCE
 from ..parameters import Array
-from ..system import SecondOrderSystem
-from .base import Log
+from ..system import Log, SecondOrderSystem
 
 
 def central_rows(system: SecondOrderSystem, log: Log) -> Array:

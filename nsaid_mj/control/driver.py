@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..computed_torque import Tracking
 from ..parameters import Array
 from ..system import SecondOrderSystem
 
@@ -21,6 +22,15 @@ class Driver(ABC):
     @abstractmethod
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(n_u,) the command from t until the next sample, from the measured state."""
+
+    def compiled(self, t: Array) -> Array | Tracking | None:
+        """What compiled code needs to say the same as `command`, at times t (k,) [s].
+
+        Returns:
+            (k, n_u) commands where measurements do not matter; the numbers of `computed_torque`;
+            None where only `command` knows.
+        """
+        return None
 
 
 @dataclass(frozen=True)

@@ -43,3 +43,6 @@ class _MultisineDriver(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         return self._signal(t)
+
+    def compiled(self, t: Array) -> Array:
+        return self._signal(t)

@@ -44,14 +44,15 @@ class PoseHold(DriverConfig):
     one_sided: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("bandwidth", "period"):
+        for name, remedy in (("bandwidth", "0.05 Hz will do."), ("period", "20 s will do.")):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"excitation.{name}", "a number > 0", value, "See --help.")
+                raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
         if not isinstance(self.one_sided, bool):
             raise InvalidInput(
-                "excitation.one_sided", "true or false", self.one_sided, "See --help."
-            )
+                "excitation.one_sided", "true or false", self.one_sided,
+                "True is for nozzles, which cannot pull.",
+            )  # fmt: skip
         for name in ("travel", "turn", "bias"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..computed_torque import Tracking, computed_torque, tracking_room
 from ..errors import InvalidInput
 from ..excitation import FourierTrajectory
 from ..parameters import Array
@@ -77,18 +78,18 @@ class _ComputedTorque(Driver):
     def __init__(
         self, system: Multibody, prior: Array, trajectory: FourierTrajectory, omega: float
     ):
-        self._system, self._prior, self._trajectory = system, prior, trajectory
-        self._omega = omega
-        self._gain = prior[system.space["motor gain"]]
-        self._rest = np.zeros(system.n)
+        self._trajectory = trajectory
+        self._tracking = Tracking(system.tree, prior, trajectory.series, omega)
+        self._room = tracking_room(self._tracking)
 
     def start(self) -> tuple[Array, Array]:
         position, velocity, _ = self._trajectory(0.0)
         return position, velocity
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        position, velocity, acceleration = self._trajectory(t)
-        error = self._system.difference(q, self._system.position(position))
-        a = acceleration + 2 * self._omega * (velocity - v) + self._omega**2 * error
-        x = np.concatenate([q, v])
-        return self._system.regressor(t, x, v, a, self._rest) @ self._prior / self._gain
+        u = np.empty(len(v))
+        computed_torque(self._tracking, t, q, v, self._room, u)
+        return u
+
+    def compiled(self, t: Array) -> Tracking:
+        return self._tracking

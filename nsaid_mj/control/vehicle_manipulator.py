@@ -74,7 +74,9 @@ def _check_shares(config: DriverConfig, *names: str) -> None:
     for name in names:
         value = getattr(config, name)
         if not 0 < value <= 1:
-            raise InvalidInput(f"excitation.{name}", "a share in (0, 1]", value, "See --help.")
+            raise InvalidInput(
+                f"excitation.{name}", "a share in (0, 1]", value, _default(config, name)
+            )
 
 
 def _check_positive(config: DriverConfig, *names: str) -> None:
@@ -82,7 +84,12 @@ def _check_positive(config: DriverConfig, *names: str) -> None:
     for name in names:
         value = getattr(config, name)
         if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"excitation.{name}", "a number > 0", value, "See --help.")
+            raise InvalidInput(f"excitation.{name}", "a number > 0", value, _default(config, name))
+
+
+def _default(config: DriverConfig, name: str) -> str:
+    """A remedy: the value that the class has for a field."""
+    return f"{getattr(type(config), name):g} will do."
 
 
 class _SwimAndReach(Driver):

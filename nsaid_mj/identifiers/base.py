@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..parameters import Array
-from ..system import EXACT, Instant, Measurement, SecondOrderSystem, SensorLevels
+from ..system import EXACT, Log, Measurement, SecondOrderSystem, SensorLevels
 from .memory import Memory
 
 
@@ -52,7 +52,6 @@ class State(NamedTuple):
         pivot: smallest pivot of M̂'s Cholesky factorisation in the last step; > 0 where M̂ is
             positive definite.
         status: `completed` as long as the estimate may go on.
-        instant: the system at the last measured state, to be used again by the next step.
         memory: of past data, for laws that have one.
         spent: what the memory's implicit steps have taken from the conserved quantity.
     """
@@ -62,9 +61,45 @@ class State(NamedTuple):
     theta_hat: Array
     pivot: float
     status: Status
-    instant: Instant
     memory: Memory | None = None
     spent: float = 0.0
+
+
+class Estimates(NamedTuple):
+    """What an identifier has thought along a trajectory, one row for each measurement.
+
+    Attributes:
+        v_hat: (N, n) velocity of the identification plant.
+        theta_hat: (N, p) estimate.
+        pivot: (N,) smallest pivot of M̂ in the step up to there.
+        spent: (N,) as in `State`.
+    """
+
+    v_hat: Array
+    theta_hat: Array
+    pivot: Array
+    spent: Array
+
+    @staticmethod
+    def of(*states: State) -> Estimates:
+        """The states' own."""
+        rows = [(s.v_hat, s.theta_hat, s.pivot, s.spent) for s in states]
+        return Estimates(*(np.array(column) for column in zip(*rows, strict=True)))
+
+    def first(self, count: int) -> Estimates:
+        """Its first rows."""
+        return Estimates(*(part[:count] for part in self))
+
+    def after(self, count: int) -> Estimates:
+        """All but its first rows."""
+        return Estimates(*(part[count:] for part in self))
+
+    def padded(self, count: int) -> Estimates:
+        """As many rows: the last is repeated where there are fewer."""
+        if len(self.pivot) == count:
+            return self
+        rows = np.minimum(np.arange(count), len(self.pivot) - 1)
+        return Estimates(*(part[rows] for part in self))
 
 
 class Confidence(NamedTuple):
@@ -101,6 +136,26 @@ class Identifier(ABC):
     @abstractmethod
     def step(self, state: State, previous: Measurement, following: Measurement) -> State:
         """The state at the following measurement; the command is held in between."""
+
+    def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
+        """Steps along a log that begins where the state stands.
+
+        Args:
+            state: at the first measurement; one that may not go on stays as it is.
+            log: N measurements.
+
+        Returns:
+            The state at the last measurement, or where it may not go on; and the estimates from the
+            first measurement up to there, but not at a step that failed.
+        """
+        states = [state]
+        for k in range(1, len(log.t)):
+            if state.status is not Status.completed:
+                break
+            state = self.step(state, log.at(k - 1), log.at(k))
+            if state.status is Status.completed:
+                states.append(state._replace(memory=None))
+        return state, Estimates.of(*states)
 
     @abstractmethod
     def conserved(self, theta_hat: Array) -> Array:

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..cone import gradient_and_hessian
+from ..cone import barrier, gradient_and_hessian
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..system import EXACT, Measurement, SecondOrderSystem, SensorLevels
-from .base import Confidence, State, Status
+from ..system import EXACT, Log, Measurement, SecondOrderSystem, SensorLevels
+from .base import Confidence, Estimates, State, Status
 from .cone_aid import ConeIdentifier
 from .memory import Memory, MemoryConfig, Recorder, Trusted
-from .quotient import Quotient, quotient
+from .quotient import Quotient, inverse, quotient
 
 _REACH = 0.5  # of a Newton step in the metric: a Dikin ellipsoid lies inside the cone up to 1
 _NEWTON, _HALVINGS = 30, 8  # at most, in one implicit step
@@ -65,11 +65,11 @@ class MemoryIdentifier(ConeIdentifier):
             )
         self.config = config or MemoryConfig()
         self.anchor = self.config.weight(levels)
-        self.recorder = Recorder(system, self.config, dt, levels)
-        self._dt, self._every = dt, max(1, round(self.config.interval / dt))
+        self.recorder = Recorder(system, self.config, dt, levels, hermite)
+        self._dt, self._every = dt, self.recorder.every
         self._pace = self.config.pace * self._every * dt
-        inverse = np.diag(1 / self.Gamma) if self.Gamma.ndim == 1 else np.linalg.inv(self.Gamma)
-        self._stiffness = inverse / self.mu
+        whole = self._inverse_gain if self.Gamma.ndim == 2 else np.diag(self._inverse_gain)
+        self._stiffness = whole / self.mu
         self._mirror_prior, self._metric_prior = self._mirror(self.prior)
 
     def init(self, first: Measurement) -> State:
@@ -77,50 +77,63 @@ class MemoryIdentifier(ConeIdentifier):
         state = super().init(first)
         return state._replace(memory=self.recorder.begin(first))
 
-    def step(self, state: State, previous: Measurement, following: Measurement) -> State:
-        """One RK4 step of (44, 45); then, if it is time, an implicit step of the memory."""
-        moved = super().step(state, previous, following)
-        if moved.status is not Status.completed or state.memory is None:
-            return moved._replace(memory=state.memory, spent=state.spent)
-        between = self._between(previous, following, following.t - previous.t)
-        memory = self.recorder.add(state.memory, previous, between, following)
-        theta, spent = moved.theta_hat, state.spent
-        if memory.step % self._every == 0:
-            blocks, memory = memory.blocks, self.recorder.doubt(memory)
-            if memory.trusted is not None and memory.blocks < blocks:  # an actuator has changed
-                theta = memory.trusted.theta
-                spent += float(self.conserved(moved.theta_hat) - self.conserved(theta))
-            elif not memory.alarmed:
-                theta, memory = self.settle(theta, memory)
-                spent += self._cost(moved.theta_hat, theta)
-        return moved._replace(theta_hat=theta, memory=memory, spent=spent)
+    def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
+        """RK4 steps of (44, 45) along a log and, whenever it is time, an implicit step."""
+        made, at = [Estimates.of(state)], 0
+        while at < len(log.t) - 1 and state.status is Status.completed:
+            assert state.memory is not None
+            steps = self._every - state.memory.step % self._every
+            piece = log.part(at, at + steps + 1)
+            state, estimates = super().follow(state, piece)
+            if state.status is Status.completed:
+                state = self._remember(state, piece)
+                estimates.theta_hat[-1], estimates.spent[-1] = state.theta_hat, state.spent
+            made.append(estimates.after(1))
+            at += len(estimates.pivot) - 1
+        return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
+
+    def _remember(self, state: State, log: Log) -> State:
+        """Takes a log into the memory; then, if it is time, an implicit step."""
+        assert state.memory is not None
+        memory = self.recorder.follow(state.memory, log)
+        if memory.step % self._every:
+            return state._replace(memory=memory)
+        memory, changed = self.recorder.doubt(memory, log.at(-1))
+        theta, spent = state.theta_hat, state.spent
+        if changed:  # an actuator has
+            assert memory.trusted is not None
+            theta = memory.trusted.theta
+            spent += float(self.conserved(state.theta_hat) - self.conserved(theta))
+        elif not memory.alarmed:
+            theta, memory = self.settle(theta, memory)
+            spent += self._cost(state.theta_hat, theta)
+        return state._replace(theta_hat=theta, memory=memory, spent=spent)
 
     def settle(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
         """(p,) θ⁺ after an implicit step from θ̂, and the memory with its view of what comes next.
 
         θ̂ itself where the memory says nothing yet.
         """
-        remembered = quotient(memory, self.system.space)
+        remembered = quotient(memory.means, self.system.space)
         if remembered is None:
             return theta, memory
-        pace, anchor, start = self._pace, self.anchor, theta
-        mirror, _ = self._mirror(start)
+        pace, anchor = self._pace, self._pace * self.anchor
         cost, _ = remembered.weighted(theta, memory)
+        dual = self._mirror(theta)[0] + anchor * self._mirror_prior
         for _ in range(_NEWTON):
             slope, metric = self._mirror(theta)
-            anchored = anchor * (slope - self._mirror_prior)
-            gradient = pace * (cost.gradient(theta) + anchored) + slope - mirror
-            hessian = pace * cost.curvature(theta) + (pace * anchor + 1) * metric
-            way = -_solve(hessian, gradient)
+            gradient = pace * cost.gradient(theta) + (1 + anchor) * slope - dual
+            way = -_solve(pace * cost.curvature(theta) + (1 + anchor) * metric, gradient)
             length = float(np.sqrt(way @ metric @ way))
             if not length > _DONE:  # NaN too: what was reached stands
                 break
-            theta, moved = self._descend(cost, start, theta, min(1.0, _REACH / length) * way)
-            if not moved:
+            way = self._shortened(cost, dual, theta, min(1.0, _REACH / length) * way)
+            theta = theta + way
+            if not way.any():
                 break
-        cost, view = remembered.weighted(theta, memory)
+        view = remembered.view(theta, memory.means)
         trusted = Trusted(theta, cost.plant(theta, self.system.space.actuators))
-        return theta, memory._replace(view=view, trusted=trusted)
+        return theta, memory._replace(scores=memory.scores._replace(view=view), trusted=trusted)
 
     def _cost(self, before: Array, after: Array) -> float:
         """What an implicit step takes from the conserved quantity: 2 D_ψ(θ⁺‖θ̂), if unanchored."""
@@ -131,7 +144,7 @@ class MemoryIdentifier(ConeIdentifier):
     def slack(self, state: State, theta: Array) -> float:
         """½ κ h R(θ) max_j θ_j/θ̂_j over the actuators, the most that a step can raise V by."""
         memory = state.memory
-        remembered = None if memory is None else quotient(memory, self.system.space)
+        remembered = None if memory is None else quotient(memory.means, self.system.space)
         if memory is None or remembered is None:
             return 0.0
         cost, _ = remembered.weighted(state.theta_hat, memory)
@@ -155,42 +168,41 @@ class MemoryIdentifier(ConeIdentifier):
         square of the bias that noise gives where it enters a regressor beyond first order.
         """
         memory, theta = state.memory, state.theta_hat
-        if memory is None or memory.view is None or not memory.scored:
+        if memory is None or memory.scores.view is None or not memory.scores.count:
             return None
-        cost = quotient(memory, self.system.space)
+        cost = quotient(memory.means, self.system.space)
         assert cost is not None  # there was a view
         _, metric = self._mirror(theta)
         prior = max(self.anchor, _HINT) * metric
         cost, view = cost.weighted(theta, memory)
-        bread = _inverse(cost.curvature(theta) + prior)
+        bread = inverse(cost.curvature(theta) + prior)
         data = cost.curvature(theta) if cost.seen is None else cost.seen
-        bias = memory.blocks * memory.bias
-        scatter = data + memory.blocks * memory.meat + np.outer(bias, bias)
+        blocks, scores = memory.means.blocks, memory.scores
+        bias = blocks * scores.bias
+        scatter = data + blocks * scores.meat + np.outer(bias, bias)
         return Confidence(
             bread @ (scatter + prior) @ bread,
-            _inverse(self._metric_prior),
-            memory.blocks * (1 - view.rho) / (1 + view.rho),
+            inverse(self._metric_prior),
+            blocks * (1 - view.rho) / (1 + view.rho),
         )
 
-    def _descend(
-        self, cost: Quotient, start: Array, theta: Array, way: Array
-    ) -> tuple[Array, bool]:
-        """The first of way, way/2, way/4 … that lowers what an implicit step makes least."""
-        before = self._objective(cost, start, theta)
+    def _shortened(self, cost: Quotient, dual: Array, theta: Array, way: Array) -> Array:
+        """The first of way, way/2, way/4 … that lowers what an implicit step makes least; or 0."""
+        before = self._objective(cost, dual, theta)
         for _ in range(_HALVINGS):
-            ahead = theta + way
-            if self._objective(cost, start, ahead) <= before + 1e-12 * abs(before):
-                return ahead, True
+            if self._objective(cost, dual, theta + way) <= before + 1e-12 * abs(before):
+                return way
             way = 0.5 * way
-        return theta, False
+        return 0 * way
 
-    def _objective(self, cost: Quotient, start: Array, theta: Array) -> float:
-        """κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ]/μ + D_ψ(θ‖θ̂)/μ."""
-        pace = self._pace
-        near = self.divergence(theta, start) + pace * self.anchor * self.divergence(
-            theta, self.prior
-        )
-        return pace * cost.value(theta) + float(near) / self.mu
+    def _objective(self, cost: Quotient, dual: Array, theta: Array) -> float:
+        """κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ]/μ + D_ψ(θ‖θ̂)/μ, less what does not depend on θ.
+
+        `dual` is ∇ψ(θ̂)/μ + κ h w ∇ψ(θ̂₀)/μ.
+        """
+        psi = 0.5 * theta @ self._stiffness @ theta + barrier(self.cone, theta)
+        total = self._pace * cost.value(theta) + (1 + self._pace * self.anchor) * psi
+        return float(total - dual @ theta)
 
     def _mirror(self, theta: Array) -> tuple[Array, Array]:
         """(p,) ∇ψ(θ)/μ and (p, p) ∇²ψ(θ)/μ."""
@@ -202,10 +214,3 @@ def _solve(matrix: Array, right: Array) -> Array:
     """(p,) solves with a positive definite matrix whose entries differ by many orders of size."""
     scale = 1 / np.sqrt(np.diag(matrix))
     return np.linalg.solve(matrix * np.outer(scale, scale), right * scale) * scale
-
-
-def _inverse(matrix: Array) -> Array:
-    """(p, p) its inverse, where it is not singular to the last digit; 0 where it is."""
-    scale = 1 / np.sqrt(np.diag(matrix))
-    balanced = np.outer(scale, scale)
-    return np.linalg.pinv(matrix * balanced, rcond=1e-14, hermitian=True) * balanced

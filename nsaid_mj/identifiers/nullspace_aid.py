@@ -2,192 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
+
 import numpy as np
-from numba import njit
 
 from ..errors import InvalidInput
-from ..kernels import cholesky, solve, times, times_into
-from ..parameters import Array, Indices
-from ..recursion import BASE, CIRCLE, tree_gradient, tree_state, tree_work
-from ..spatial import (
-    bracket,
-    coadjoint,
-    planar_difference,
-    planar_integrate,
-    pose_difference,
-    pose_integrate,
+from ..parameters import Array
+from ..system import Log, Measurement, SecondOrderSystem, checked
+from .base import Estimates, Identifier, State, Status
+from .lanes import LANES
+from .laws import Flat, Law
+from .midpoint import between_two, midpoints
+from .motions import BodyMotion, LoadedMotion, Motion, TreeMotion, tree_motion
+from .rk4 import (
+    advance_by_regressor,
+    begin,
+    follow,
+    follow_eight,
+    inside_law,
+    room,
+    tree_follow,
 )
-from ..system import Instant, Measurement, SecondOrderSystem, checked
-from .base import Identifier, State, Status
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
-
-
-@njit(cache=True)
-def rates(a_hat, W, dv, K, Gamma):
-    """(n+p,) the rates of v̂ (44) and of θ̂ (45)."""
-    return np.concatenate((a_hat - times(K, dv), times(Gamma, np.dot(dv, W))))
-
-
-@njit(cache=True)
-def stage(z, total, v, a_hat, W, K, Gamma, weight, start, reach):
-    """Adds a stage's rates to RK4's total and returns the next stage's z = (v̂, θ̂)."""
-    dv = z[: v.shape[0]] - v  # (37)
-    rate = rates(a_hat, W, dv, K, Gamma)
-    total += weight * rate
-    return start + reach * rate
-
-
-@njit(cache=True)
-def body_gradient(entries, values, group, F, v, v_hat, theta_hat):
-    """â (n,) of (29), Wᵀ Δv (p,) and M̂'s smallest pivot, of a body with M constant in its frame.
-
-    With h = M̂ v and C w = −ad_wᵀ h, W need not be formed: Wᵀ Δv gathers, for every entry
-    M_ij = c θ_k, c (a_j Δv_i − v_j [v̂, Δv]_i).
-    """
-    n = v.shape[0]
-    dv = v_hat - v  # (37)
-    M, L = np.zeros((n, n)), np.zeros((n, n))
-    for e in range(values.shape[0]):
-        M[entries[e, 0], entries[e, 1]] += values[e] * theta_hat[entries[e, 2]]
-    pivot = cholesky(M, L)
-    gradient = -np.dot(dv, F)
-    if not pivot > 0.0:
-        return v_hat, gradient, pivot
-    a_hat = solve(L, np.dot(F, theta_hat) + coadjoint(group, v_hat, np.dot(M, v)))  # (29)
-    turned = bracket(group, v_hat, dv)
-    for e in range(values.shape[0]):
-        i, j, k = entries[e]
-        gradient[k] += values[e] * (a_hat[j] * dv[i] - v[j] * turned[i])
-    return a_hat, gradient, pivot
-
-
-@njit(cache=True)
-def body_rates(entries, values, group, F, v, z, K, Gamma):
-    """(n+p,) the rates of v̂ (44) and of θ̂ (45) for such a body, and M̂'s smallest pivot."""
-    n = v.shape[0]
-    a_hat, gradient, pivot = body_gradient(entries, values, group, F, v, z[:n], z[n:])
-    return np.concatenate((a_hat - times(K, z[:n] - v), times(Gamma, gradient))), pivot
-
-
-@njit(cache=True)
-def body_step(entries, values, group, F0, F1, F2, v0, v1, v2, v_hat, theta_hat, dt, K, Gamma):
-    """One RK4 step of (44, 45) for such a body; F (n, p) and v (n,) at start, middle and end.
-
-    Returns:
-        (n,) v̂ and (p,) θ̂ at the end; the smallest pivot of M̂ on the way.
-    """
-    start = np.concatenate((v_hat, theta_hat))
-    z, end, smallest = start, start.copy(), np.inf
-    for F, v, weight, reach in (
-        (F0, v0, dt / 6, dt / 2),
-        (F1, v1, dt / 3, dt / 2),
-        (F1, v1, dt / 3, dt),
-        (F2, v2, dt / 6, 0.0),
-    ):
-        rate, pivot = body_rates(entries, values, group, F, v, z, K, Gamma)
-        if not pivot > 0.0:
-            return v_hat, theta_hat, pivot
-        smallest = min(smallest, pivot)
-        end += weight * rate
-        z = start + reach * rate
-    n = v_hat.shape[0]
-    return end[:n].copy(), end[n:].copy(), smallest
-
-
-@njit(cache=True)
-def body_half_way(group, q0, v0, q1, v1, dt, hermite):
-    """The pose and the velocity half-way between two samples of a body; see `half_way`."""
-    dq = pose_difference(q0, q1) if group == 6 else planar_difference(q0, q1)
-    half, v = half_way(dq, v0, v1, dt, hermite, group)
-    return pose_integrate(q0, half) if group == 6 else planar_integrate(q0, half), v
-
-
-@njit(cache=True)
-def half_way(dq, v0, v1, dt, hermite, group):
-    """The tangent step to, and the velocity at, the middle of two samples dq (n,) apart.
-
-    The slope of the cubic through both positions and velocities is Simpson's rule solved for the
-    middle: exact to dt⁴, where the cubic itself is exact to dt³ only. Where the velocities are a
-    body twist, the cubic is that of the tangent step ξ, with v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] …
-    """
-    once = bracket(group, dq, v1)
-    slope1 = v1 + 0.5 * once + bracket(group, dq, once) / 12
-    half = 0.5 * dq + 0.125 * dt * (v0 - slope1)
-    if not hermite:
-        return half, 0.5 * (v0 + v1)
-    slope = 1.5 / dt * dq - 0.25 * (v0 + slope1)
-    once = bracket(group, half, slope)
-    return half, slope - 0.5 * once + bracket(group, half, once) / 6
-
-
-@njit(cache=True)
-def tree_half_way(linkage, q0, v0, q1, v1, dt, hermite, q, v):
-    """The same for a tree of joints, into q and v."""
-    joint = 0
-    for at, kind in linkage[1][:, 1:]:
-        if kind == BASE:
-            q[:7], v[:6] = body_half_way(6, q0[:7], v0[:6], q1[:7], v1[:6], dt, hermite)
-            joint = 6
-            continue
-        if kind == CIRCLE:
-            c, s = q0[at], q0[at + 1]
-            dq = np.arctan2(c * q1[at + 1] - s * q1[at], c * q1[at] + s * q1[at + 1])
-        else:
-            dq = q1[at] - q0[at]
-        half = 0.5 * dq + 0.125 * dt * (v0[joint] - v1[joint])
-        if kind == CIRCLE:
-            cosine, sine = np.cos(half), np.sin(half)
-            q[at], q[at + 1] = c * cosine - s * sine, s * cosine + c * sine
-        else:
-            q[at] = q0[at] + half
-        if hermite:
-            v[joint] = 1.5 / dt * dq - 0.25 * (v0[joint] + v1[joint])
-        else:
-            v[joint] = 0.5 * (v0[joint] + v1[joint])
-        joint += 1
-
-
-@njit(cache=True)
-def tree_step(
-    joints, numbers, gravity, columns, q0, v0, u, q1, v1, v_hat, theta_hat, dt, hermite, K, Gamma
-):
-    """One RK4 step of (44, 45) for a tree of bodies; the first four arguments are its `Linkage`.
-
-    Returns:
-        (n+p+1,) v̂ and θ̂ at the end, and the smallest pivot of M̂ on the way.
-    """
-    linkage, n, p = (joints, numbers, gravity, columns), v_hat.shape[0], theta_hat.shape[0]
-    q, v = np.empty(q0.shape[0]), np.empty(n)
-    tree_half_way(linkage, q0, v0, q1, v1, dt, hermite, q, v)
-    work, a_hat, gradient = tree_work(linkage, n), np.empty(n), np.empty((1, p))
-    state0, state1 = tree_state(linkage, q0, v0), tree_state(linkage, q, v)
-    state2 = tree_state(linkage, q1, v1)
-    start = np.concatenate((v_hat, theta_hat))
-    z, rate, end, smallest = start.copy(), np.empty(n + p), np.empty(n + p + 1), np.inf
-    end[: n + p] = start
-    for state, v_x, weight, reach in (
-        (state0, v0, dt / 6, dt / 2),
-        (state1, v, dt / 3, dt / 2),
-        (state1, v, dt / 3, dt),
-        (state2, v1, dt / 6, 0.0),
-    ):
-        pivot = tree_gradient(linkage, state, v_x, u, z[:n], z[n:], work, a_hat, gradient)
-        if not pivot > 0.0:
-            end[-1] = pivot
-            return end
-        smallest = min(smallest, pivot)
-        for i in range(n):
-            z[i] -= v_x[i]  # (37)
-        times_into(K, z[:n], rate[:n])
-        times_into(Gamma, gradient[0], rate[n:])  # (45)
-        for i in range(n):
-            rate[i] = a_hat[i] - rate[i]  # (44)
-        for i in range(n + p):
-            end[i] += weight * rate[i]
-            z[i] = start[i] + reach * rate[i]
-    end[-1] = smallest
-    return end
+_PIECE = 500  # steps whose motion is held at once
+_FEWEST = 4  # identifiers for which eight abreast, some idle, are faster than one after the other
 
 
 class NullspaceIdentifier(Identifier):
@@ -232,109 +71,147 @@ class NullspaceIdentifier(Identifier):
                 f"Take K ≤ {RK4_LIMIT / dt:g}/s or a smaller dt.",
             )
 
+    @property
+    def law(self) -> Law:
+        """Its gains and metric, for compiled loops."""
+        return Flat(self.K, self.Gamma)
+
     def init(self, first: Measurement) -> State:
         """v̂ = v, so that Δv(t₀) = 0 as (46) assumes, and θ̂ the prior."""
         first = checked(self.system, first)
-        instant = self.system.at(*first)
-        return State(first.t, first.v.copy(), self.prior.copy(), np.inf, Status.completed, instant)
+        return State(first.t, first.v.copy(), self.prior.copy(), np.inf, Status.completed)
 
     def step(self, state: State, previous: Measurement, following: Measurement) -> State:
         """One RK4 step of (44, 45) from `previous` to `following`.
 
         Raises:
-            InvalidInput: time does not increase.
+            InvalidInput: time does not increase, or a shape is wrong.
         """
-        dt = following.t - previous.t
-        if not 0 < dt < np.inf:
-            raise InvalidInput(
-                "t",
-                f"a time after {previous.t!r} s",
-                repr(following.t),
-                "Sort the samples by time.",
-            )
-        here = state.instant
-        if (following.q.shape, following.v.shape, following.u.shape) != (
-            here.q.shape, here.v.shape, here.u.shape,
-        ):  # fmt: skip
-            checked(self.system, following)  # says which
-        if self.system.linkage is not None:
-            advance = self._tree_step
-        elif self.system.inertia is not None:
-            advance = self._body_step
-        else:
-            advance = self._step
-        v_hat, theta_hat, pivot, last = advance(state, previous, following, dt)
-        if pivot > 0:
-            return State(following.t, v_hat, theta_hat, pivot, Status.completed, last)
-        finite = all(np.isfinite(part).all() for part in (*previous[1:], *following[1:]))
-        status = Status.estimate_not_positive_definite if finite else Status.measurement_not_finite
-        return state._replace(pivot=pivot, status=status)
+        for sample in (previous, following):
+            if tuple(map(np.shape, sample)) != ((), *((k,) for k in self._widths)):
+                checked(self.system, sample)  # says which
+        return self.follow(state, Log.of([previous, following]))[0]
 
-    def _step(
-        self, state: State, previous: Measurement, following: Measurement, dt: float
-    ) -> tuple[Array, Array, float, Instant]:
-        """v̂, θ̂, M̂'s smallest pivot (> 0 if the step succeeded), and the system at its end."""
-        n = self.system.n
-        first, middle, last = self._instants(state, previous, following, dt)
-        start = np.concatenate(state[1:3])
-        z, end, smallest = start, start.copy(), np.inf
-        for instant, weight, reach in (
-            (first, dt / 6, dt / 2),
-            (middle, dt / 3, dt / 2),
-            (middle, dt / 3, dt),
-            (last, dt / 6, 0.0),
+    def motion(self, log: Log) -> Motion | None:
+        """What a log alone decides of its steps; None where no compiled loop knows the system.
+
+        Identifiers of one system that have the state between samples the same way may share it.
+        """
+        system, (t, q, v, u) = self.system, log
+        if system.linkage is not None:
+            return tree_motion(system.linkage, self.hermite, *log)
+        if system.loaded is not None:
+            tree = tree_motion(system.loaded.linkage, self.hermite, *log)
+            F = np.stack([
+                system.applied(states, u[:-1])
+                for states in (tree.states[:-1], tree.middles, tree.states[1:])
+            ])  # fmt: skip
+            return LoadedMotion(system.loaded, *tree[1:], F)
+        if system.inertia is None:
+            return None
+        qm, vm = midpoints(system, log, self.hermite)
+        tm, held = 0.5 * (t[:-1] + t[1:]), u[:-1]
+        F = np.stack([
+            system.forces(t[:-1], q[:-1], v[:-1], held),
+            system.forces(tm, qm, vm, held),
+            system.forces(t[1:], q[1:], v[1:], held),
+        ])  # fmt: skip
+        return BodyMotion(system.inertia, system.group, t, v, vm, F)
+
+    def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
+        """RK4 steps of (44, 45) along a log.
+
+        Raises:
+            InvalidInput: time does not increase, or a shape is wrong.
+        """
+        return self.along(state, log)
+
+    def along(
+        self, state: State, log: Log, motion: Motion | None = None
+    ) -> tuple[State, Estimates]:
+        """The same, where the log's `motion` may be known already.
+
+        Raises:
+            InvalidInput: time does not increase, or a shape is wrong.
+        """
+        self._check(log)
+        estimates = Estimates(
+            np.empty((len(log.t), self.system.n)), np.empty((len(log.t), self.system.p)),
+            np.empty(len(log.t)), np.full(len(log.t), state.spent),
+        )  # fmt: skip
+        for start, part in zip(
+            estimates, (state.v_hat, state.theta_hat, state.pivot), strict=False
         ):
-            a_hat, W, pivot = instant.evaluate(z[:n], z[n:])  # (29), (10, 31)
-            if not pivot > 0:
-                return z[:n], z[n:], pivot, last
-            smallest = min(smallest, pivot)
-            z = stage(z, end, instant.v, a_hat, W, self.K, self.Gamma, weight, start, reach)
-        return end[:n], end[n:], smallest, last
+            start[0] = part
+        if state.status is not Status.completed:
+            return state, estimates.first(1)
+        return _end(state, log, estimates, self._follow(log, estimates, motion))
 
-    def _body_step(
-        self, state: State, previous: Measurement, following: Measurement, dt: float
-    ) -> tuple[Array, Array, float, Instant]:
-        """The same for a body whose M is constant in its frame, all stages in one compiled call."""
-        v_hat, theta_hat, pivot = body_step(
-            *self._body_stages(previous, following, dt), state.v_hat, state.theta_hat, dt, self.K,
-            self.Gamma,
-        )  # fmt: skip
-        t, q, v, _ = following
-        return v_hat, theta_hat, pivot, Instant(self.system, t, q, v, previous.u)
+    def _check(self, log: Log) -> None:
+        """Accepts a log."""
+        shapes = tuple(part.shape for part in log)
+        if shapes != (log.t.shape, *((len(log.t), k) for k in self._widths)):
+            checked(self.system, log.at(0))  # says which
+        wrong = ~((np.diff(log.t) > 0) & np.isfinite(log.t[1:]))
+        if wrong.any():
+            before, after = log.t[int(np.argmax(wrong)) :][:2].tolist()
+            raise InvalidInput("t", f"a time after {before!r} s", repr(after),
+                               "Sort the samples by time.")  # fmt: skip
 
-    def _tree_step(
-        self, state: State, previous: Measurement, following: Measurement, dt: float
-    ) -> tuple[Array, Array, float, Instant]:
-        """The same for a tree whose bodies are moved by `recursion`, in one compiled call."""
-        (_, q0, v0, u), (t, q1, v1, _), n = previous, following, self.system.n
-        assert self.system.linkage is not None
-        end = tree_step(
-            *self.system.linkage, q0, v0, u, q1, v1, state.v_hat, state.theta_hat, dt,
-            self.hermite, self.K, self.Gamma,
-        )  # fmt: skip
-        return end[:n], end[n:-1], float(end[-1]), self.system.at(t, q1, v1, u)
+    @property
+    def _widths(self) -> tuple[int, int, int]:
+        return self.system.m, self.system.n, self.system.n_u
 
-    def _instants(
-        self, state: State, previous: Measurement, following: Measurement, dt: float
-    ) -> tuple[Instant, Instant, Instant]:
-        """The system at the start, the middle and the end of a step, its command held."""
-        system, u = self.system, previous.u
-        return (
-            state.instant.commanded(previous.t, u),
-            system.at(previous.t + 0.5 * dt, *self._between(previous, following, dt), u),
-            system.at(following.t, following.q, following.v, u),
-        )
+    def _follow(self, log: Log, estimates: Estimates, motion: Motion | None = None) -> int:
+        """Writes the estimates from row 1 on; returns the row that failed, N where none did."""
+        system = self.system
+        if system.linkage is None and system.inertia is None and system.loaded is None:
+            return self._follow_any(log, estimates)
+        if motion is not None:
+            return follow(self.law, motion, *estimates[:3])
+        for at in range(0, len(log.t) - 1, _PIECE):
+            rows = [part[at : at + _PIECE + 1] for part in estimates[:3]]
+            piece = log.part(at, at + _PIECE + 1)
+            if system.linkage is not None:
+                failed = tree_follow(system.linkage, self.law, self.hermite, *piece, *rows)
+            else:
+                failed = follow(self.law, self.motion(piece), *rows)
+            if failed < len(rows[0]):
+                return at + failed
+        return len(log.t)
 
-    def _body_stages(
-        self, previous: Measurement, following: Measurement, dt: float
-    ) -> tuple[Indices, Array, int, Array, Array, Array, Array, Array, Array]:
-        """What `body_step` needs of the system: M's entries and group, then F and v three times."""
-        system, (t0, q0, v0, u), (t1, q1, v1, _) = self.system, previous, following
-        assert system.inertia is not None
-        q, v = body_half_way(system.group, q0, v0, q1, v1, dt, self.hermite)
-        F = system._F(t0, q0, v0, u), system._F(t0 + 0.5 * dt, q, v, u), system._F(t1, q1, v1, u)
-        entries, values = system.inertia
-        return entries, values, system.group, *F, v0, v, v1
+    def _follow_any(self, log: Log, estimates: Estimates, motion: Motion | None = None) -> int:
+        """The same for any system, stage by stage."""
+        system, n, law = self.system, self.system.n, self.law
+        work = room(law, n, system.p)
+        z, theta, last = work[1], work[4], system.at(*log.at(0))
+        for k in range(1, len(log.t)):
+            previous, following = log.at(k - 1), log.at(k)
+            (t, q, v, _), u = following, previous.u
+            dt = t - previous.t
+            between = between_two(system, previous, following, self.hermite)
+            first, last = last.commanded(previous.t, u), system.at(t, q, v, u)
+            middle = system.at(previous.t + 0.5 * dt, *between, u)
+            begin(law, work, estimates.v_hat[k - 1], estimates.theta_hat[k - 1])
+            smallest = np.inf
+            for instant, weight, reach in (
+                (first, dt / 6, dt / 2),
+                (middle, dt / 3, dt / 2),
+                (middle, dt / 3, dt),
+                (last, dt / 6, 0.0),
+            ):
+                a_hat, W, pivot = instant.evaluate(z[:n], theta)  # (29), (10, 31)
+                if not pivot > 0:
+                    estimates.pivot[k] = pivot
+                    return k
+                smallest = min(smallest, pivot)
+                advance_by_regressor(law, work, instant.v, a_hat, W, weight, reach)
+            if not inside_law(law, theta):
+                estimates.pivot[k] = np.nan
+                return k
+            estimates.v_hat[k], estimates.theta_hat[k] = z[:n], theta
+            estimates.pivot[k] = smallest
+        return len(log.t)
 
     def conserved(self, theta_hat: Array) -> Array:
         """θ̂ᵀ Γ⁻¹ θ̂ over the parameters that move, constant under (45) by (30).
@@ -347,13 +224,79 @@ class NullspaceIdentifier(Identifier):
             return np.sum(theta**2 / self.Gamma[moving], axis=-1)
         return np.sum(theta * np.linalg.solve(self.Gamma, theta[..., None])[..., 0], axis=-1)
 
-    def _between(
-        self, previous: Measurement, following: Measurement, dt: float
-    ) -> tuple[Array, Array]:
-        """(q, v) half-way between two measurements."""
-        dq = self.system.difference(previous.q, following.q)
-        half, v = half_way(dq, previous.v, following.v, dt, self.hermite, self.system.group)
-        return self.system.integrate(previous.q, half), v
+
+def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
+    """The state that a log has led to, up to the row that failed (N where none did)."""
+    last = failed - 1
+    state = state._replace(
+        t=float(log.t[last]), v_hat=estimates.v_hat[last].copy(),
+        theta_hat=estimates.theta_hat[last].copy(), pivot=float(estimates.pivot[last]),
+    )  # fmt: skip
+    if failed < len(log.t):
+        finite = all(np.isfinite(part[last : last + 2]).all() for part in log)
+        status = Status.estimate_not_positive_definite if finite else Status.measurement_not_finite
+        state = state._replace(pivot=float(estimates.pivot[failed]), status=status)
+    return state, estimates.first(failed)
+
+
+def side_by_side(
+    laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
+) -> Iterator[tuple[State, Estimates]]:
+    """`along` of several identifiers of one system; which ways they go changes no bit.
+
+    Those of a tree with the paper's law and diagonal gains go eight abreast. Where one of them
+    fails, all go that log anew, one after the other: each ends where it does alone.
+
+    Raises:
+        InvalidInput: as for `along`.
+    """
+    for at in range(0, len(laws), LANES):
+        group = laws[at : at + LANES], states[at : at + LANES]
+        made = _abreast(*group, log, motion) if _can_abreast(*group, motion) else None
+        if made is None:
+            made = [law.along(state, log, motion) for law, state in zip(*group, strict=True)]
+        yield from made
+
+
+def _can_abreast(
+    laws: Sequence[NullspaceIdentifier], states: Sequence[State], motion: Motion
+) -> bool:
+    return (
+        len(laws) >= _FEWEST
+        and isinstance(motion, TreeMotion)
+        and all(isinstance(law.law, Flat) and law.K.ndim == law.Gamma.ndim == 1 for law in laws)
+        and all(state.status is Status.completed for state in states)
+    )
+
+
+def _abreast(
+    laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
+) -> list[tuple[State, Estimates]] | None:
+    """The same of at most eight; None where one of them fails."""
+    laws[0]._check(log)
+    count = len(log.t)
+    full = np.minimum(np.arange(LANES), len(laws) - 1)  # the last is there more than once
+
+    def columns(rows: Iterable[Array | float]) -> Array:
+        return np.ascontiguousarray(np.array(list(rows))[full].T)
+
+    def rows_from(start: Array) -> Array:
+        rows = np.empty((count, *start.shape))
+        rows[0] = start
+        return rows
+
+    v_hat = rows_from(columns(state.v_hat for state in states))
+    theta_hat = rows_from(columns(state.theta_hat for state in states))
+    pivot = rows_from(columns(state.pivot for state in states))
+    K, Gamma = columns(law.K for law in laws), columns(law.Gamma for law in laws)
+    if follow_eight(K, Gamma, motion, v_hat, theta_hat, pivot) < count:
+        return None
+    made = []
+    for i, state in enumerate(states):
+        spent = np.full(count, state.spent)
+        own = Estimates(v_hat[..., i], theta_hat[..., i], pivot[..., i], spent)
+        made.append(_end(state, log, own, count))
+    return made
 
 
 def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None = None) -> Array:

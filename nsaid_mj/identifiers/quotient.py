@@ -8,17 +8,17 @@ error. θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
 
 Where sensors are noisy, or something is kept of a time before the actuators changed, all rows
 become one, of the same slope at the estimate θ̂: G = Σ_i w_i G_i/θ̂ᵀΣ_iθ̂ − B + (what is kept) ⪰ 0
-over a mean Σ̄ of the Σ_i. B is what noise has made of the first sum.
+over Σ̄, the mean of the Σ_i/θ̂ᵀΣ_iθ̂. B is what noise has made of the first sum.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..parameters import Array, Indices, ParameterSpace
-from .memory import Memory, View
+from .memory import Means, Memory, View
 
 _QUADRATURE = 1e-8  # floor of λ where sensors are exact: what is left is the quadrature's error
 _NOISE = 1e-12  # … and where they are not
@@ -86,68 +86,64 @@ class Quotient:
         Returns:
             R with these weights, and how they weigh what comes next.
         """
-        floor = _QUADRATURE if memory.noise is None else _NOISE
-        level = np.maximum(self.levels(theta), floor)
-        rho = np.clip(self.levels(theta, memory.lagged) / level, 0.0, _CORRELATED)
-        r, effort = rho[:, None, None], self.effort @ theta**2
-        gramian = memory.gramian - 2 * r * memory.lagged + r**2 * memory.before
-        new, least = replace(self, gramian=gramian), np.full(len(rho), floor)
-        noise = None
-        if memory.noise is not None:
-            noise = (1 + r**2) * memory.noise[0] - 2 * r * memory.noise[1]
-            least = np.maximum(least, self.levels(theta, noise))  # few data are fitted too well
-        weights = memory.blocks / np.maximum(new.levels(theta), least)
-        view = View(theta, rho, weights / (memory.blocks * effort))
-        share = weights * new.levels(theta)
-        reference = (share / (np.sum(share) * effort)) @ self.effort
-        new = replace(new, weights=weights)
-        if noise is None and memory.kept is None:
-            return new, view
-        seen, excess = (
-            np.einsum("i,ipq->pq", weights / effort, gramian),
-            np.zeros(gramian.shape[1:]),
-        )
-        if noise is not None:
-            certain = max(0.5, 1 - _SURE / np.sqrt(memory.blocks))
-            excess = np.einsum("i,ipq->pq", weights / effort, noise)
-            excess = _told_apart(excess, seen, certain)
-        if memory.kept is not None:
-            seen = seen + memory.kept
-        left = (seen - excess)[None]
-        return Quotient(left, reference[None], np.ones(1), seen, excess), view
+        means, kept, view = memory.means, memory.kept, self.view(theta, memory.means)
+        effort, share = self.effort @ theta**2, means.blocks * view.share
+        if means.noise is None and kept is None:
+            return Quotient(means.innovations(view.rho), self.effort, share * effort), view
+        seen = means.gathered(view.rho, share)
+        excess = np.zeros_like(seen)
+        if means.noise is not None:
+            certain = max(0.5, 1 - _SURE / np.sqrt(means.blocks))
+            excess = _told_apart(means.gathered_noise(view.rho, share), seen, certain)
+        if kept is not None:
+            seen = seen + kept
+        reference = np.mean(self.effort / effort[:, None], axis=0)
+        return Quotient((seen - excess)[None], reference[None], np.ones(1), seen, excess), view
+
+    def view(self, theta: Array, means: Means) -> View:
+        """How θ (p,) weighs the blocks of these means, and those to come; see `weighted`."""
+
+        def level(gramian: Array) -> Array:
+            return (gramian @ theta) @ theta / effort
+
+        effort, floor = self.effort @ theta**2, _QUADRATURE if means.noise is None else _NOISE
+        own, lagged, last = level(means.gramian), level(means.lagged), (means.last @ theta) ** 2
+        rho = np.clip(lagged / np.maximum(own, floor), 0.0, _CORRELATED)
+        new, least = means.of_innovations(rho, own, lagged, last / effort), np.full(len(rho), floor)
+        if means.noise is not None:  # few data are fitted too well
+            own, lagged = (level(part) for part in means.noise)
+            least = np.maximum(least, (1 + rho**2) * own - 2 * rho * lagged)
+        return View(theta, rho, 1 / (np.maximum(new, least) * effort))
 
     def plant(self, theta: Array, actuators: Indices) -> Array:
         """(p, p) curvature at θ whatever the actuators' gains: Schur's complement, Σ held."""
-        whole = np.einsum("i,ipq->pq", self.weights / (self.effort @ theta**2), self.gramian)
+        whole = np.tensordot(self.weights / (self.effort @ theta**2), self.gramian, 1)
         k = actuators
-        scale = 1 / np.sqrt(np.maximum(np.diag(whole)[k], 1e-300))
-        inner = np.linalg.pinv(
-            whole[np.ix_(k, k)] * np.outer(scale, scale), rcond=1e-12, hermitian=True
-        )
-        rest = whole - whole[:, k] @ (inner * np.outer(scale, scale)) @ whole[k]
+        rest = whole - whole[:, k] @ inverse(whole[np.ix_(k, k)]) @ whole[k]
         rest[k], rest[:, k] = 0.0, 0.0
         return rest
 
 
-def quotient(memory: Memory, space: ParameterSpace) -> Quotient | None:
-    """R of a memory, with weights 0; None as long as no actuator has moved anything.
+def quotient(means: Means, space: ParameterSpace) -> Quotient | None:
+    """R of means over blocks, with weights 0; None as long as no actuator has moved anything.
 
     A row without an actuator of its own (tyres, not the engine, push sideways) is measured in
     shares of what its other positive parameters do, tyres or drag; where they do next to nothing
     of it, of all others' effort.
     """
-    size = np.einsum("ipp,p->i", memory.gramian, space.scale**2)
-    effort = np.zeros(memory.last.shape)
-    effort[:, space.actuators] = np.einsum("ipp->ip", memory.gramian)[:, space.actuators]
+    diagonal = np.einsum("ipp->ip", means.gramian)
+    size = diagonal @ space.scale**2
+    effort = np.zeros_like(diagonal)
+    effort[:, space.actuators] = diagonal[:, space.actuators]
     driven = effort @ space.scale**2 > _DRIVEN * size
     if not driven.any():
         return None
     shared = np.mean(effort[driven] / size[driven, None], axis=0)
-    own = np.einsum("ipp->ip", memory.gramian) * positive(space)
+    own = diagonal * positive(space)
     others = np.where((own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared)
     effort = np.where(driven[:, None], effort, others)
     effort[size <= 0] = shared  # a row in which nothing has happened says nothing
-    return Quotient(memory.gramian, effort, np.zeros(len(size)))
+    return Quotient(means.gramian, effort, np.zeros(len(size)))
 
 
 def positive(space: ParameterSpace) -> Array:
@@ -169,9 +165,16 @@ def _told_apart(excess: Array, whole: Array, certain: float) -> Array:
     return (root * np.where(shares < certain, np.maximum(shares, 0.0), 1.0)) @ root.T
 
 
+def inverse(matrix: Array) -> Array:
+    """(k, k) its inverse, where it is not singular to the last digit; 0 where it is."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    balanced = np.outer(scale, scale)
+    return np.linalg.pinv(matrix * balanced, rcond=1e-14, hermitian=True) * balanced
+
+
 def _projected(gramian: Array, slope: Array, theta: Array, effort: Array, share: Array) -> Array:
     """Σ_i share_i Πᵀ G_i Π, Π = 1 − θ slope_iᵀ / effort_i."""
     pull = gramian @ theta
-    mixed = np.einsum("i,ip,iq->pq", share / effort, pull, slope)
-    bent = np.einsum("i,ip,iq->pq", share * (pull @ theta) / effort**2, slope, slope)
+    mixed = (pull * (share / effort)[:, None]).T @ slope
+    bent = (slope * (share * (pull @ theta) / effort**2)[:, None]).T @ slope
     return np.tensordot(share, gramian, 1) - mixed - mixed.T + bent

@@ -12,6 +12,7 @@ from .plant import PlantConfig as PlantConfig
 from .rover import RoverPlant as RoverPlant
 from .scalar_rov import ScalarRovPlant as ScalarRovPlant
 from .sensors import SensorNoise as SensorNoise
+from .sensors import Sensors as Sensors
 from .shapes import VisualMesh as VisualMesh
 from .space import AstrobeePlant as AstrobeePlant
 from .torpedo import REMUS100Plant as REMUS100Plant

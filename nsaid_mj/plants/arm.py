@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import mujoco
 import numpy as np
@@ -12,7 +12,8 @@ import pinocchio as pin
 
 from ..errors import BadRobot, EnginesDisagree, InvalidInput
 from ..parameters import Array
-from ..systems.multibody import Backend, JointScales, Multibody
+from ..systems.compiled import CompiledMultibody
+from ..systems.multibody import JointScales, Multibody
 from .callbacks import coulomb_friction
 from .coordinates import joint_map
 from .mismatch import Mismatch
@@ -20,6 +21,9 @@ from .plant import Plant, PlantConfig
 from .robots import Base, Robot, load_robot
 from .shapes import VisualMesh
 from .tree import Looks, tree_spec
+
+Backend = Literal["pinocchio", "compiled"]
+"""Where a robot's regressors come from: Pinocchio, or our own recursions, which agree with it."""
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
@@ -104,7 +108,8 @@ class ArmPlant(PlantConfig):
             coulomb=hidden(nominal.coulomb),
             gain=hidden(nominal.gain),
         )
-        system = Multibody(robot.model, nominal, np.full(n, self.friction_speed), self.backend)
+        structure = CompiledMultibody if self.backend == "compiled" else Multibody
+        system = structure(robot.model, nominal, np.full(n, self.friction_speed))
         return Arm(robot, system, hidden_joints, dt, self.mismatch).failing(self.fault)
 
 
@@ -163,6 +168,7 @@ class Arm(Plant):
                 robot.name, "", f"MuJoCo refuses it: {error}", "Mend the named body's inertia."
             ) from error
         self.joints = joint_map(self.model, list(robot.model.names)[1:])
+        self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
         self.passive = coulomb_friction()
         self._compare_engines()
         self._check_stiffness(dt)

@@ -95,7 +95,13 @@ def _calling(kinds: str) -> Any:
 
 
 @intrinsic
-def call_ppp(context, f, a, b, c):  # noqa: ARG001 (numba looks at the names only)
+def call_pp(context, f, a, b=None):  # noqa: ARG001 (numba looks at the names only)
+    """Calls f(a, b), both pointers."""
+    return _calling("pp")
+
+
+@intrinsic
+def call_ppp(context, f, a, b, c):  # noqa: ARG001
     """Calls f(a, b, c), all pointers."""
     return _calling("ppp")
 

@@ -3,13 +3,77 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numba import njit
 
-from ..parameters import Array
-from ..spatial import quaternion_of, rotate, rotation, rotation_vector, unrotate
+from ..parameters import Array, Indices
+from ..spatial import cross, quaternion_of, rotate, rotation, rotation_vector, unrotate
+
+
+class Reading(NamedTuple):
+    """Where MuJoCo and q hold a system's coordinates, for compiled code.
+
+    Attributes:
+        group: 6 where a free joint comes first, 3 where the joints are x, y and ψ of a body in the
+            plane, 0 where all are joints.
+        free: (2,) where qpos and qvel hold the free joint.
+        joints: (k, 4) rows [where qpos, qvel and q hold a 1-DOF joint, whether q holds its cosine
+            and sine].
+    """
+
+    group: int
+    free: Indices
+    joints: Indices
+
+
+def reading_of(
+    qpos: Indices, dof: Indices, circular: Sequence[bool] = (), free: Sequence[int] = ()
+) -> Reading:
+    """The reading of 1-DOF joints, plain unless told, after a free joint if `free` says where."""
+    circles = np.array(circular or np.zeros(len(qpos)), dtype=int)
+    places = (7 if free else 0) + np.cumsum(1 + circles) - (1 + circles)
+    joints = np.column_stack([qpos, dof, places, circles])
+    return Reading(6 if free else 0, np.array(free or (-1, -1)), joints)
+
+
+@njit(cache=True)
+def read_coordinates(reading, qpos, qvel, numbers, velocity):
+    """Writes position numbers (n,) and velocities (n,) of MuJoCo's qpos and qvel."""
+    first = 0
+    if reading.group == 6:
+        at, dof = reading.free
+        attitude = np.array([qpos[at + 4], qpos[at + 5], qpos[at + 6], qpos[at + 3]])
+        turn, linear = rotation_vector(attitude), unrotate(attitude, qvel[dof : dof + 3])
+        for i in range(3):
+            numbers[i], numbers[3 + i] = qpos[at + i], turn[i]
+            velocity[i], velocity[3 + i] = linear[i], qvel[dof + 3 + i]
+        first = 6
+    for k in range(reading.joints.shape[0]):
+        numbers[first + k] = qpos[reading.joints[k, 0]]
+        velocity[first + k] = qvel[reading.joints[k, 1]]
+    if reading.group == 3:
+        c, s = np.cos(numbers[2]), np.sin(numbers[2])
+        x, y = velocity[0], velocity[1]
+        velocity[0], velocity[1] = c * x + s * y, c * y - s * x
+
+
+@njit(cache=True)
+def write_position(reading, numbers, q):
+    """Writes q (m,) of position numbers (n,), as `JointTree` and `RigidBody` have it."""
+    first = 0
+    if reading.group == 6:
+        attitude = quaternion_of(numbers[3:6])
+        q[:3], q[3:7] = numbers[:3], attitude
+        first = 6
+    for k in range(reading.joints.shape[0]):
+        number, place = numbers[first + k], reading.joints[k, 2]
+        if reading.joints[k, 3]:
+            q[place], q[place + 1] = np.cos(number), np.sin(number)
+        else:
+            q[place] = number
 
 
 class JointMap:
@@ -31,6 +95,10 @@ class JointMap:
         self.qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
         self.dof = np.array([joint.dofadr[0] for joint in joints], dtype=int)
         self.motors = self.dof
+
+    def reading(self, circular: Sequence[bool] = ()) -> Reading:
+        """For compiled code; `circular` tells of which joints q holds cosine and sine."""
+        return reading_of(self.qpos, self.dof, circular)
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(n,) joint numbers and (n,) joint velocities."""
@@ -74,12 +142,14 @@ class PoseMap:
     def __init__(self, model: Any, joint: str):
         at, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
         self.qpos, self.dof = slice(at, at + 7), slice(dof, dof + 6)
+        nowhere = np.zeros(0, dtype=int)
+        self.reading = reading_of(nowhere, nowhere, free=(at, dof))
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(6,) position numbers and (6,) body twist."""
-        pose, qvel = pose_of(data.qpos[self.qpos]), data.qvel[self.dof]
-        numbers = np.concatenate([pose[:3], rotation_vector(pose[3:])])
-        return numbers, np.concatenate([unrotate(pose[3:], qvel[:3]), qvel[3:]])
+        numbers, twist = np.empty((2, 6))
+        read_coordinates(self.reading, data.qpos, data.qvel, numbers, twist)
+        return numbers, twist
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
         """Sets qpos and qvel from position numbers and a body twist."""
@@ -113,11 +183,17 @@ class FloatingMap:
         self.base, self.joints = PoseMap(model, base), JointMap(model, names)
         self.motors = self.joints.motors
         self.dof = np.concatenate([np.r_[self.base.dof], self.motors])
+        self._reading = self.reading()
+
+    def reading(self, circular: Sequence[bool] = ()) -> Reading:
+        """For compiled code; `circular` tells of which joints q holds cosine and sine."""
+        free = self.base.qpos.start, self.base.dof.start
+        return reading_of(self.joints.qpos, self.joints.dof, circular, free)
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) velocities."""
-        parts = zip(self.base.read(data), self.joints.read(data), strict=True)
-        numbers, velocity = (np.concatenate(part) for part in parts)
+        numbers, velocity = np.empty((2, len(self.dof)))
+        read_coordinates(self._reading, data.qpos, data.qvel, numbers, velocity)
         return numbers, velocity
 
     def write(self, data: Any, numbers: Array, velocity: Array) -> None:
@@ -170,11 +246,13 @@ class PlanarMap:
     def __init__(self, model: Any, joints: tuple[str, str, str] = ("x", "y", "yaw")):
         self.qpos = np.array([model.joint(name).qposadr[0] for name in joints])
         self.dof = np.array([model.joint(name).dofadr[0] for name in joints])
+        self.reading = reading_of(self.qpos, self.dof)._replace(group=3)
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(3,) x, y [m], ψ [rad] and (3,) body twist."""
-        numbers, qvel = data.qpos[self.qpos], data.qvel[self.dof]
-        return numbers, self._into_body(numbers[2], qvel)
+        numbers, twist = np.empty((2, 3))
+        read_coordinates(self.reading, data.qpos, data.qvel, numbers, twist)
+        return numbers, twist
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
         """Sets qpos and qvel from x, y, ψ and a body twist."""
@@ -210,16 +288,8 @@ class LevelMap:
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(3,) x, y [m], ψ [rad] and (3,) velocities along and across the heading, and ψ̇."""
-        pose, qvel = pose_of(data.qpos[self.pose.qpos]), data.qvel[self.pose.dof]
-        ahead = rotate(pose[3:], np.array([1.0, 0.0, 0.0]))
-        turning = np.cross(rotate(pose[3:], qvel[3:]), ahead)
-        length = np.hypot(ahead[0], ahead[1])
-        c, s = ahead[:2] / length
-        x, y = qvel[:2]
-        yaw_rate = (ahead[0] * turning[1] - ahead[1] * turning[0]) / length**2
-        return np.array([*pose[:2], np.arctan2(s, c)]), np.array(
-            [c * x + s * y, c * y - s * x, yaw_rate]
-        )
+        pose, qvel = data.qpos[self.pose.qpos], data.qvel[self.pose.dof]
+        return _seen_from_above(pose, qvel)
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
         """Sets x, y, ψ and a level motion; height stays, pitch and roll become 0."""
@@ -229,3 +299,16 @@ class LevelMap:
         c, s = np.cos(numbers[2]), np.sin(numbers[2])
         u, v, r = twist
         data.qvel[self.pose.dof] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]
+
+
+@njit(cache=True)
+def _seen_from_above(pose, qvel):
+    """What `LevelMap` reads of a free joint's qpos (7,) and qvel (6,)."""
+    attitude = (pose[4], pose[5], pose[6], pose[3])
+    ahead = rotate(attitude, (1.0, 0.0, 0.0))
+    turning = cross(rotate(attitude, qvel[3:]), ahead)
+    length = np.hypot(ahead[0], ahead[1])
+    c, s = ahead[0] / length, ahead[1] / length
+    yaw_rate = (ahead[0] * turning[1] - ahead[1] * turning[0]) / length**2
+    numbers = np.array([pose[0], pose[1], np.arctan2(s, c)])
+    return numbers, np.array([c * qvel[0] + s * qvel[1], c * qvel[1] - s * qvel[0], yaw_rate])

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import mujoco
 import numpy as np
@@ -16,11 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..system import Log, Measurement, SecondOrderSystem
 from .callbacks import installed
+from .coordinates import Reading
 from .fault import Fault
 from .mismatch import Mismatch
+from .sensors import EXACT_SENSORS, Sensors
 from .shapes import VisualMesh
+from .stepping import World, drive, sound, warnings_of
+
+if TYPE_CHECKING:
+    from ..control import Driver
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,8 @@ class Plant(ABC):
         fault: the actuator that weakens.
         gain_places: for every command the places in MuJoCo's userdata of its actuator's gains;
             empty where MuJoCo's actuators have the gains.
+        reading: where the system's coordinates are in MuJoCo's, None where compiled code has no
+            way to read them.
     """
 
     system: SecondOrderSystem
@@ -68,6 +76,7 @@ class Plant(ABC):
     mismatches: tuple[str, ...] = ()
     fault: Fault = Fault()
     gain_places: Sequence[Sequence[int]] = ()
+    reading: Reading | None = None
     _strikes: float = np.inf  # after which time of a run the actuator is weak
     _next_strike: float = np.inf  # the same on the plant's clock; none once it is weak, or held
 
@@ -190,6 +199,56 @@ class Plant(ABC):
                 yield
         finally:
             mujoco.set_mju_user_warning(handler)
+
+    def begin(
+        self, driver: Driver, sensors: Sensors = EXACT_SENSORS, as_at: float | None = None
+    ) -> Measurement:
+        """Puts the plant where the driver starts, and measures; `as_at` is that of `reset`."""
+        self.reset(*driver.start(), as_at)
+        return self._measure(0.0, driver, sensors)
+
+    def drive(
+        self, driver: Driver, last: Measurement, steps: int, sensors: Sensors = EXACT_SENSORS
+    ) -> Log:
+        """Goes on from the last measurement; the driver sees what the sensors say.
+
+        Args:
+            driver: chooses the commands.
+            last: what was measured last, of where the plant is.
+            steps: how many to make.
+            sensors: what measures.
+
+        Returns:
+            `steps` + 1 measurements, the first of them the last one; fewer where the plant diverges
+            or a measurement is not finite, which is then the last.
+        """
+        start = round(last.t / self.dt)
+        t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)
+        steady = not self.delay and self.t + steps * self.dt < self._next_strike
+        law = driver.compiled(t) if steady else None
+        if law is None or self.reading is None:
+            return self._ask(driver, last, t, sensors)
+        log = Log(t, *(np.empty((len(t), len(part))) for part in last[1:]))
+        for column, first in zip(log, last, strict=True):
+            column[0] = first
+        errors = sensors.errors(steps, self.system.n)
+        return log.first(drive(law, World.of(self.model, self.data), self.reading, errors, log))
+
+    def _ask(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
+        """The same, asking the driver at every time t (k,); the first is the last measurement's."""
+        rows, warnings = [last], warnings_of(self.data)
+        for now in t[1:]:
+            self.step(rows[-1].u)
+            rows.append(self._measure(float(now), driver, sensors))
+            if not sound(warnings, *rows[-1][1:]):
+                break
+        return Log.of(rows)
+
+    def _measure(self, t: float, driver: Driver, sensors: Sensors) -> Measurement:
+        """What is measured now, and the driver's answer."""
+        coordinates, v = sensors(*self.coordinates())
+        q = self.position(coordinates)
+        return Measurement(t, q, v, driver.command(t, q, v))
 
     def step(self, u: Array) -> None:
         """Holds the command u (n_u,) for one step of RK4."""

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import coal
 import numpy as np
 import pinocchio as pin
+from pinocchio import robot_wrapper
 
 from ..errors import BadRobot, UnknownName
 from ..systems.joints import floats
@@ -24,15 +28,20 @@ class Robot:
 
     Attributes:
         name: its name or file.
+        base: what has become of a floating base.
         model: Pinocchio's model.
-        visual: Pinocchio's visual geometry.
         held: the joint by which a floating-base robot is held on a stand, "" where there is none.
     """
 
     name: str
+    base: Base
     model: pin.Model
-    visual: Any
     held: str = ""
+
+    @cached_property
+    def visual(self) -> Any:
+        """Pinocchio's visual geometry, read when first asked for: a UR5's meshes take 0.3 s."""
+        return _described(self.name, self.base, meshes=True)[1]
 
 
 def known_robots() -> list[str]:
@@ -54,10 +63,18 @@ def load_robot(name: str, base: Base = "held") -> Robot:
         BadRobot: it cannot be loaded, has a joint of another kind, a link without a possible
             inertia, or no base that could be free.
     """
+    model, _, held = _described(name, base, meshes=False)
+    check_joints(name, model)
+    check_inertias(name, model)
+    return Robot(name, base, model, held)
+
+
+def _described(name: str, base: Base, meshes: bool) -> tuple[pin.Model, Any, str]:
+    """The model, its visual geometry, empty without meshes, and the joint that is held."""
     if name.endswith(".urdf") or "/" in name:
-        model, visual = _load_file(Path(name), base)
+        model, visual = _load_file(Path(name), base, meshes)
     elif name in known_robots():
-        model, visual = _load_named(name)
+        model, visual = _load_named(name, meshes)
     else:
         remedy = "A URDF file is given by its path, ending in .urdf."
         raise UnknownName("robot", name, known_robots(), remedy)
@@ -72,12 +89,10 @@ def load_robot(name: str, base: Base = "held") -> Robot:
             raise BadRobot(
                 name, f"joint {held}", f"Pinocchio cannot hold its base: {error}", "Take another."
             ) from error
-    check_joints(name, model)
-    check_inertias(name, model)
-    return Robot(name, model, visual, held)
+    return model, visual, held
 
 
-def _load_file(path: Path, base: Base) -> tuple[pin.Model, Any]:
+def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
     if not path.is_file():
         raise BadRobot(str(path), "", "there is no such file", "Give the path of a URDF file.")
     try:
@@ -87,6 +102,8 @@ def _load_file(path: Path, base: Base) -> tuple[pin.Model, Any]:
         raise BadRobot(
             str(path), "", f"Pinocchio cannot read it: {error}", "Mend the URDF."
         ) from error
+    if not meshes:
+        return model, pin.GeometryModel()
     try:
         visual = pin.buildGeomFromUrdf(
             model, str(path), pin.GeometryType.VISUAL, package_dirs=[str(path.parent)]
@@ -96,17 +113,35 @@ def _load_file(path: Path, base: Base) -> tuple[pin.Model, Any]:
     return model, visual
 
 
-def _load_named(name: str) -> tuple[pin.Model, Any]:
+def _load_named(name: str, meshes: bool) -> tuple[pin.Model, Any]:
     import example_robot_data
 
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), _reading(meshes):
             robot = example_robot_data.load(name)
     except Exception as error:  # loaders raise whatever their parser does
         raise BadRobot(
             name, "", f"example-robot-data cannot load it: {error}", "Choose another robot."
         ) from error
     return robot.model, robot.visual_model
+
+
+@contextlib.contextmanager
+def _reading(meshes: bool) -> Iterator[None]:
+    """Makes Pinocchio's wrapper read what is drawn alone, or no mesh: loaders ask for all."""
+    build: Any = robot_wrapper.buildModelsFromUrdf
+    kinds = [pin.GeometryType.VISUAL] if meshes else []
+    boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the quickest that shows its triangles
+
+    def build_less(*args: Any, **options: Any) -> tuple[Any, Any, Any]:
+        model, *visual = build(*args, **options, meshLoader=boxes, geometry_types=kinds)
+        return model, pin.GeometryModel(), visual[0] if visual else pin.GeometryModel()
+
+    robot_wrapper.buildModelsFromUrdf = build_less
+    try:
+        yield
+    finally:
+        robot_wrapper.buildModelsFromUrdf = build
 
 
 def check_joints(name: str, model: pin.Model) -> None:

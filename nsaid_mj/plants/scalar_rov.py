@@ -11,6 +11,7 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import asset
 from ..systems.scalar import ScalarVehicle
+from .coordinates import reading_of
 from .mismatch import Mismatch
 from .plant import Plant, PlantConfig, set_options
 from .shapes import VisualMesh, of_geom
@@ -78,6 +79,7 @@ class ScalarRov(Plant):
         spec.joint("heave").damping = [0, drag, 0]  # MuJoCo: −(a v + b v|v| + c v³)
         spec.actuator("thrusters").gainprm[0] = gain
         self._compile(spec, mismatch)
+        self.reading = reading_of(np.array([0]), np.array([0]))
 
     @property
     def truth(self) -> Array:

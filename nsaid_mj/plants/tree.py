@@ -147,9 +147,9 @@ def _mesh(geometry: Any) -> VisualMesh | None:
     shape = geometry.geometry
     if not hasattr(shape, "vertices") or not hasattr(shape, "num_tris"):
         return None
-    vertices = np.array([shape.vertex(i) for i in range(shape.num_vertices)])
+    vertices = np.array(shape.vertices())
     triangles = np.array(
-        [[t[0], t[1], t[2]] for t in (shape.tri_indices(i) for i in range(shape.num_tris))]
+        [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
     )
     red, green, blue, alpha = np.asarray(geometry.meshColor, dtype=float).ravel().tolist()
     return VisualMesh(geometry.name, vertices, triangles, (red, green, blue, alpha))

@@ -58,6 +58,7 @@ class Vehicle(Plant):
         self._numbers = numbers
         self._compile(spec, mismatch)
         self.body = PoseMap(self.model, "pose") if system.n == 6 else PlanarMap(self.model)
+        self.reading = self.body.reading
         self.reset(np.zeros(system.n), np.zeros(system.n))
 
     @property

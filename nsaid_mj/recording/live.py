@@ -22,7 +22,7 @@ from .series import Curves, estimate_names, excitation, path, velocity_names
 from .text import drawable
 from .viewer import GRPC_PORT, LOCAL, WEB_PORT, free_port, has_display, listening, program, serving
 
-_PERIOD = 0.05  # between two looks, of the wall's clock [s]
+_PERIOD = 0.05  # between two looks, of the run's and of the wall's clock [s]
 _SHARE = 10  # a robot is drawn so seldom that its poses take a tenth of the time at most
 _PATIENCE = 5.0  # for the viewer to start, and to take what is left at the end [s]
 
@@ -36,6 +36,8 @@ class Live(Observer):
     Args:
         name: of the run.
     """
+
+    period = _PERIOD
 
     def __init__(self, name: str):
         self._name = name

@@ -254,18 +254,18 @@ def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, A
     unit = area / np.where(length > 0, length, np.inf)
     # Vertices that lie at one place are one point, whatever the file's indices say.
     _, point = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
-    at = point.ravel()[triangles]
-    normals = np.repeat(unit[:, None], 3, axis=1)
-    order = np.argsort(at, axis=None, kind="stable")
-    bounds = np.flatnonzero(np.diff(at.ravel()[order])) + 1
-    for group in np.split(order, bounds):
+    at = point.ravel()[triangles].ravel()
+    order, normals = np.argsort(at, kind="stable"), np.empty((len(at), 3))
+    _, first, met = np.unique(at[order], return_index=True, return_counts=True)
+    for count in np.unique(met):  # points at which as many corners meet, all at once
+        group = order[first[met == count, None] + np.arange(count)]
         face = group // 3
-        near = unit[face] @ unit[face].T > _CREASE
-        normals.reshape(-1, 3)[group] = near @ area[face]
-    norm = np.linalg.norm(normals, axis=2, keepdims=True)
+        near = unit[face] @ unit[face].swapaxes(1, 2) > _CREASE
+        normals[group] = near @ area[face]
+    norm = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(norm > 0, normals / np.where(norm > 0, norm, 1), [0.0, 0.0, 1.0])
-    count = np.arange(3 * len(triangles), dtype=np.uint32)
-    return corners.reshape(-1, 3), count.reshape(-1, 3), normals.reshape(-1, 3)
+    numbers = np.arange(3 * len(triangles), dtype=np.uint32)
+    return corners.reshape(-1, 3), numbers.reshape(-1, 3), normals
 
 
 def body_axes(system: SecondOrderSystem) -> list[int]:

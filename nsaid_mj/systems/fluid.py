@@ -27,16 +27,14 @@ def quadratic_drag(F, start, v):
 
 
 @njit(cache=True)
-def restoring(F, start, attitude, up):
+def restoring(F, start, z):
     """Net weight W − B [N] along −z of the world, and moments (r_B B − r_G W) [N·m]; 4 columns.
 
     Args:
         F: (6, p) to write into.
         start: first column.
-        attitude: (4,) quaternion x, y, z, w, body to world.
-        up: (3,) upwards in the world.
+        z: (3,) upwards, in the body's axes.
     """
-    z = unrotate(attitude, up)
     F[0, start], F[1, start], F[2, start] = -z[0], -z[1], -z[2]
     at = start + 1  # the moment e_j × z of each component of r_B B − r_G W
     F[4, at], F[5, at] = -z[2], z[1]

@@ -46,10 +46,9 @@ class FlyingArm(VehicleManipulator):
         spins: Array,
     ):
         bodies, rotors = model.njoints - 1, len(positions)
-        g = float(np.linalg.norm(model.gravity.linear))
         super().__init__(
             model,
-            [Carried(i, of_a_body(0, 10), g) for i in range(bodies)],
+            [Carried(i, of_a_body(0, 10), True) for i in range(bodies)],
             [link_block(0, joints.mass[0], joints.length[0]), *link_blocks(joints)],
             joints,
             friction_speed,
@@ -65,8 +64,9 @@ class FlyingArm(VehicleManipulator):
         self.allocation[0, :6] = actuators.wrenches(positions, directions)
         self.allocation[1, 3:6] = (spins[:, None] * directions).T
 
-    def _add_vehicle(self, F: Array, J: Array, up: Array, q: Array, v: Array, u: Array) -> None:
-        _add_rotors(F, self._vehicle, self.allocation, u)
+    def applied(self, states: Array, u: Array) -> Array:
+        """As in the base class: rotors."""
+        return _rotors(self.allocation, u[:, len(self.joints) :])
 
 
 def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
@@ -75,10 +75,13 @@ def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
 
 
 @njit(cache=True)
-def _add_rotors(F, start, allocation, u):
-    """Thrust, then torque of every rotor at speed u; (2, n, r) unit wrenches."""
-    rotors = u.shape[0]
-    for kind in range(2):
-        for k in range(rotors):
-            for i in range(6):
-                F[i, start + kind * rotors + k] = allocation[kind, i, k] * u[k] * u[k]
+def _rotors(allocation, u):
+    """Thrust, then torque of every rotor at speed u (N, r); (2, n, r) unit wrenches."""
+    kinds, n, rotors = allocation.shape
+    F = np.empty((u.shape[0], n, kinds * rotors))
+    for s in range(u.shape[0]):
+        for kind in range(kinds):
+            for i in range(n):
+                for k in range(rotors):
+                    F[s, i, kind * rotors + k] = allocation[kind, i, k] * u[s, k] * u[s, k]
+    return F

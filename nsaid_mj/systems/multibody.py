@@ -9,31 +9,18 @@ Iyz, Izz.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 import pinocchio as pin
 from numba import njit
 
-from ..errors import InvalidInput
-from ..kernels import cholesky, solve
 from ..parameters import Array, Block, ParameterSpace
+from ..recursion import accelerate, tree_state, tree_work
 from ..spatial import bracket
 from ..system import DIFFERENCE, Instant
-from .compiled import (
-    tree_evaluate,
-    tree_forces,
-    tree_inertial,
-    tree_mass_tensor,
-    tree_regressor,
-    tree_transport,
-)
 from .joints import JointTree
 from .rigid_body import INERTIAL, INERTIAL_UNITS
 from .tree import linkage_of
-
-Backend = Literal["pinocchio", "compiled"]
-"""Where a robot's regressors come from: Pinocchio, or our own recursions, which agree with it."""
 
 _BASE_SPEED = 1.0  # a base that floats is probed at up to this [m/s, rad/s]
 
@@ -75,23 +62,12 @@ class Multibody(JointTree):
         model: kinematics and gravity; its inertias are not read and not kept.
         scales: data-sheet guesses, which become the scale of θ.
         friction_speed: (k,) joint speed at which Coulomb friction is developed [rad/s or m/s].
-        backend: where the regressors come from.
 
-    Raises:
-        InvalidInput: no such backend.
+    Attributes:
+        tree: its bodies, for `recursion`.
     """
 
-    def __init__(
-        self,
-        model: pin.Model,
-        scales: JointScales,
-        friction_speed: Array,
-        backend: Backend = "pinocchio",
-    ):
-        if backend not in get_args(Backend):
-            raise InvalidInput(
-                "backend", " or ".join(get_args(Backend)), backend, "Both give the same numbers."
-            )
+    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
         super().__init__(model)
         self._weightless = pin.Model(self.model)
         self._weightless.gravity.setZero()
@@ -115,11 +91,8 @@ class Multibody(JointTree):
             self._coulomb,
             self._gain,
         )
-        if backend == "compiled":
-            columns = np.array([self._links, self._viscous, self._coulomb, self._gain])
-            self.linkage = linkage_of(self.model, self.friction_speed, columns)
-        self._smallest_mass = 1e-6 * scales.mass
-        self._parents = np.array([parent - 1 for parent in list(self.model.parents)[1:]])
+        columns = np.array([self._links, self._viscous, self._coulomb, self._gain])
+        self.tree = linkage_of(self.model, self.friction_speed, columns)
         self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
 
     # -- regressors ----------------------------------------------------------------------------
@@ -129,8 +102,6 @@ class Multibody(JointTree):
         return pin.computeJointTorqueRegressor(self._weightless, self._data_0, q, v, a)
 
     def _W_M(self, q: Array, a: Array) -> Array:
-        if self.linkage is not None:
-            return tree_inertial(self.linkage, q, self._zero, self._zero, a, self.p)
         W = np.zeros((self.n, self.p))
         W[:, : self._links] = self._torque_regressor(q, self._zero, a)
         if self._rotor is not None:
@@ -138,8 +109,6 @@ class Multibody(JointTree):
         return W
 
     def _mass_tensor(self, q: Array) -> Array:
-        if self.linkage is not None:
-            return tree_mass_tensor(self.linkage, q, self.n, self.p)
         tensor = np.zeros((self.n, self.n, self.p))
         for j in range(self.n):
             tensor[j, :, : self._links] = self._torque_regressor(q, self._zero, self._unit[j])
@@ -148,8 +117,6 @@ class Multibody(JointTree):
         return tensor
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        if self.linkage is not None:
-            return tree_inertial(self.linkage, q, v, w, self._zero, self.p)
         W = np.zeros((self.n, self.p))
         np.subtract(
             self._torque_regressor(q, 0.5 * (v + w), 0.5 * bracket(self.group, v, w)),
@@ -159,8 +126,6 @@ class Multibody(JointTree):
         return W
 
     def _transport(self, q: Array, v: Array) -> Array:
-        if self.linkage is not None:
-            return tree_transport(self.linkage, q, v, self.p)
         W = np.zeros((self.n, self.p))
         step = DIFFERENCE / (1.0 + np.abs(v).max(initial=0.0))
         ahead = self._torque_regressor(self.integrate(q, step * v), self._zero, v).copy()
@@ -170,16 +135,12 @@ class Multibody(JointTree):
         return W
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        if self.linkage is not None:
-            return tree_forces(self.linkage, q, v, u, self.p)
         F = self._joint_forces(v, u)
         weight = pin.computeJointTorqueRegressor(self.model, self._data, q, self._zero, self._zero)
         np.negative(weight, out=F[:, : self._links])
         return F
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        if self.linkage is not None:
-            return tree_regressor(self.linkage, q, v, w, a, u, self.p)
         W = -self._joint_forces(v, u)
         turned = a + 0.5 * bracket(self.group, v, w)
         np.subtract(
@@ -201,8 +162,6 @@ class Multibody(JointTree):
 
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
         """The robot at one measured state and command."""
-        if self.linkage is not None:
-            return _CompiledInstant(self, t, q, v, u)
         if self.n == 1:  # Pinocchio squeezes a single joint's matrices to vectors
             return Instant(self, t, q, v, u)
         return _TreeInstant(self, t, q, v, u)
@@ -215,35 +174,25 @@ class Multibody(JointTree):
 
 
 class _TreeInstant(Instant):
-    """A robot at one state: M(q, θ̂) by the composite rigid body algorithm under θ̂'s inertias.
+    """A robot at one state: W is Pinocchio's; â solves the same equations by `recursion`.
 
-    That is four times cheaper than n regressors, but Pinocchio stores centres of mass, h/m, and
-    adds inertias by dividing by the sum of their masses: where a link's mass is near 0, or what
-    a joint carries is not heavier than 0, the base class's regressors take over.
+    Pinocchio's own algorithms for â store centres of mass, h/m, and so refuse links without mass.
     """
 
     system: Multibody
 
     def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
         """As in the base class."""
-        tree, q, v, zero = self.system, self.q, self.v, self.system._zero
-        massive, plus, minus, turned = _prepare(
-            v, w, theta, tree._smallest_mass, tree._parents, tree.group
-        )
-        if not massive:
-            return super().evaluate(w, theta)
-        model, data, weightless, data_0 = tree.model, tree._data, tree._weightless, tree._data_0
-        regressor, inertias = pin.computeJointTorqueRegressor, model.inertias
-        for i in range(tree.bodies):
-            inertias[i + 1] = pin.Inertia.FromDynamicParameters(theta[10 * i : 10 * i + 10])
-        a_hat, W, pivot = _accelerate(
-            pin.crba(model, data, q),
-            regressor(model, data, q, plus, turned),
-            regressor(weightless, data_0, q, minus, zero),
-            v, tree.friction_speed, self.u, theta, tree._at,
+        tree, q, v, u = self.system, self.q, self.v, self.u
+        theta = np.ascontiguousarray(theta)
+        a_hat, plus, minus, turned, pivot = _accelerate(tree.tree, tree.group, q, v, w, u, theta)
+        W = _whole(
+            pin.computeJointTorqueRegressor(tree.model, tree._data, q, plus, turned),
+            pin.computeJointTorqueRegressor(tree._weightless, tree._data_0, q, minus, tree._zero),
+            v, a_hat, u, tree.friction_speed, tree._at, tree.p,
         )  # fmt: skip
-        if pivot > 0:
-            _accelerated(W, regressor(weightless, data_0, q, zero, a_hat), a_hat, tree._at)
+        if not pivot > 0:
+            a_hat[:] = np.nan
         return a_hat, W, pivot
 
     def commanded(self, t: float, u: Array) -> Instant:
@@ -251,73 +200,34 @@ class _TreeInstant(Instant):
         return _TreeInstant(self.system, t, self.q, self.v, u)
 
 
-class _CompiledInstant(Instant):
-    """A robot at one state, by `recursion`: all of θ̂ is welcome, M̂ ≻ 0 or not."""
-
-    system: Multibody
-
-    def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
-        """As in the base class."""
-        theta = np.ascontiguousarray(theta)
-        return tree_evaluate(self.system.linkage, self.q, self.v, self.u, w, theta)
-
-    def commanded(self, t: float, u: Array) -> Instant:
-        """The same state under another command."""
-        return _CompiledInstant(self.system, t, self.q, self.v, u)
+@njit(cache=True)
+def _accelerate(tree, group, q, v, w, u, theta):
+    """â of (29), 0 where M̂ is not ≻ 0; (v + w)/2; (v − w)/2; â + ½[v, w]; M̂'s smallest pivot."""
+    a = np.empty(v.shape[0])
+    state = tree_state(tree, q, v)
+    pivot = accelerate(tree, state, v, w, u, theta, tree_work(tree, v.shape[0]), a)
+    if not pivot > 0.0:
+        a[:] = 0.0
+    return a, 0.5 * (v + w), 0.5 * (v - w), a + 0.5 * bracket(group, v, w), pivot
 
 
 @njit(cache=True)
-def _prepare(v, w, theta, smallest, parents, group):
-    """Whether all masses are fit for Pinocchio's inertias; (v + w)/2; (v − w)/2; ½[v, w].
-
-    Fit is: no body is within ±smallest (b,) of 0, and no joint carries less than its smallest.
-    """
-    bodies = smallest.shape[0]
-    carried = theta[: 10 * bodies : 10].copy()
-    for i in range(bodies - 1, -1, -1):
-        if not (abs(theta[10 * i]) >= smallest[i] and carried[i] >= smallest[i]):
-            return False, v, w, v
-        if parents[i] >= 0:
-            carried[parents[i]] += carried[i]
-    return True, 0.5 * (v + w), 0.5 * (v - w), 0.5 * bracket(group, v, w)
-
-
-@njit(cache=True)
-def _accelerate(M, with_weight, without, v, friction_speed, u, theta, at):
-    """â of (29), W_C − F, and M̂'s smallest pivot; `M` is Pinocchio's upper triangle of links."""
+def _whole(with_weight, without, v, a, u, friction_speed, at, p):
+    """(n, p) W of (10) from the two regressors of its links."""
     n, links = with_weight.shape
     base, rotor, viscous, coulomb, gain = at
-    W = np.zeros((n, theta.shape[0]))
-    L, M_hat = np.zeros((n, n)), np.empty((n, n))
+    W = np.zeros((n, p))
     for i in range(n):
         for k in range(links):
             W[i, k] = with_weight[i, k] - without[i, k]
-        for j in range(i + 1):
-            M_hat[i, j] = M[j, i]
     for k in range(n - base):
         i = base + k
         W[i, viscous + k] = v[i]
         W[i, coulomb + k] = np.tanh(v[i] / friction_speed[k])
         W[i, gain + k] = -u[k]
         if rotor >= 0:
-            M_hat[i, i] += theta[rotor + k]
-    pivot = cholesky(M_hat, L)
-    if not pivot > 0.0:
-        return np.full(n, np.nan), W, pivot
-    return solve(L, -np.dot(W, theta)), W, pivot
-
-
-@njit(cache=True)
-def _accelerated(W, W_M, a, at):
-    """Adds W_M(x, a) to W in place."""
-    n, links = W_M.shape
-    for i in range(n):
-        for k in range(links):
-            W[i, k] += W_M[i, k]
-    base, rotor = at[0], at[1]
-    if rotor >= 0:
-        for k in range(n - base):
-            W[base + k, rotor + k] += a[base + k]
+            W[i, rotor + k] = a[i]
+    return W
 
 
 def link_block(number: int, mass: float, length: float) -> Block:

@@ -25,7 +25,7 @@ from ..spatial import (
     pose_jacobian,
     quaternion_of,
 )
-from ..system import ConstantInertia, SecondOrderSystem
+from ..system import ConstantInertia, Log, SecondOrderSystem
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 PLANAR_UNITS = ("m/s", "m/s", "rad/s")
@@ -62,6 +62,20 @@ class RigidBody(SecondOrderSystem):
 
     def _transport(self, q: Array, v: Array) -> Array:
         return -self._W_C(q, v, v)  # M is constant in the body, and C skew
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """As in the base class, compiled but for F."""
+        t, held, (entries, values), group = log.t, log.u[:-1], self.inertia, self.group
+        momenta = np.zeros((*log.v.shape, self.p))
+        drive = np.zeros((*log.v.shape, self.p))
+        write_drive(entries, values, group, leak, log.v, momenta, drive)
+        half = self.forces(0.5 * (t[:-1] + t[1:]), q, v, held)
+        write_drive(entries, values, group, leak, v, np.zeros(half.shape), half)
+        start = drive[:-1] + self.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+        end = drive[1:] + self.forces(t[1:], log.q[1:], log.v[1:], held)
+        return momenta, start, half, end
 
     def _mass_tensor(self, q: Array) -> Array:
         return self._constant
@@ -103,6 +117,28 @@ def momentum(entries, values, p, v):
         i, j, k = entries[e]
         W[i, k] += values[e] * v[j]
     return W
+
+
+@njit(cache=True)
+def write_drive(entries, values, group, leak, v, momenta, drive):
+    """Adds M v to `momenta` (N, n, p) and a M v + Cᵀ v to `drive`, as regressors, for v (N, n).
+
+    Of Cᵀ v = −C v = ad_vᵀ M v, entry M_ij = c θ_k adds c v_j ad_vᵀ e_i.
+    """
+    n = v.shape[1]
+    push, unit = np.empty((n, n)), np.zeros(n)
+    for s in range(v.shape[0]):
+        for i in range(n):
+            unit[i] = 1.0
+            push[i] = coadjoint(group, v[s], unit)
+            unit[i] = 0.0
+        for e in range(values.shape[0]):
+            i, j, k = entries[e]
+            own = values[e] * v[s, j]
+            momenta[s, i, k] += own
+            drive[s, i, k] += leak * own
+            for r in range(n):
+                drive[s, r, k] += own * push[i, r]
 
 
 @njit(cache=True)

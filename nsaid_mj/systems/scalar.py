@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..parameters import Array, Block, ParameterSpace
-from ..system import SecondOrderSystem
+from ..system import ConstantInertia, Log, SecondOrderSystem
 
 
 class ScalarVehicle(SecondOrderSystem):
@@ -23,6 +23,7 @@ class ScalarVehicle(SecondOrderSystem):
 
     n, m, n_u = 1, 1, 1
     velocity_units = ("m/s",)
+    inertia = ConstantInertia(np.zeros((1, 3), dtype=np.intp), np.ones(1))
     mounts = np.zeros((1, 3))  # where the thrusters' force acts, for what draws it [m]
 
     def __init__(self, scale: Array, speed: float = 1.0):
@@ -44,7 +45,24 @@ class ScalarVehicle(SecondOrderSystem):
         return np.zeros((1, 4))
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return np.array([[0.0, -v[0] * abs(v[0]), -1.0, u[0]]])
+        return self.forces(np.array([t]), q[None], v[None], u[None])[0]
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """As in the base class, at once."""
+        F = np.zeros((len(v), 1, 4))
+        F[:, 0, 1:2], F[:, 0, 2], F[:, 0, 3:] = -v * np.abs(v), -1.0, u
+        return F
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """As in the base class, at once: C = 0."""
+        t, held = log.t, log.u[:-1]
+        momenta, half = np.zeros((len(t), 1, 4)), np.zeros((len(v), 1, 4))
+        momenta[:, 0, :1], half[:, 0, :1] = log.v, leak * v
+        start = leak * momenta[:-1] + self.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+        end = leak * momenta[1:] + self.forces(t[1:], log.q[1:], log.v[1:], held)
+        return momenta, start, half + self.forces(0.5 * (t[:-1] + t[1:]), q, v, held), end
 
     def integrate(self, q: Array, dq: Array) -> Array:
         """q + dq: the position is a number."""

@@ -64,6 +64,12 @@ class FreeFlyer(RigidBody):
         actuators.thrusters(F, 10, self._allocation, _LINEAR, u)
         return F
 
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """As in the base class, at once."""
+        F = np.zeros((len(u), 6, self.p))
+        F[:, :, 10:] = self._allocation * u[:, None]
+        return F
+
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws any pose within a metre, velocities and commands of operation."""
         q = self.position(np.r_[rng.uniform(-1, 1, 3), 1.5 * rng.standard_normal(3)])

@@ -9,15 +9,15 @@ import pinocchio as pin
 from numba import njit
 
 from ..parameters import Array, Block
-from ..spatial import cross
+from ..recursion import TWIST
+from ..triples import add, back, cross, dot, scale, three
 from . import actuators, fluid
 from .multibody import JointScales
 from .rigid_body import of_a_body, symmetric
 from .tree import Carried
 from .underwater import UnderwaterScales, body_space
-from .vehicle_manipulator import VehicleManipulator, link_blocks
+from .vehicle_manipulator import VehicleManipulator, link_blocks, pull
 
-_UP = np.array([0.0, 0.0, 1.0])
 STRIPS = 4
 """Points of Gauss-Legendre quadrature along a link's axis."""
 
@@ -85,7 +85,7 @@ class UnderwaterManipulator(VehicleManipulator):
         directions: Array,
         curve: Array,
     ):
-        k, g = len(cylinders.lengths), float(np.linalg.norm(model.gravity.linear))
+        k = len(cylinders.lengths)
         mass, linear, quadratic, weight, righting, thrust = body_space(base).blocks
         added = _per_link("added mass", "added", "kg", links.added)
         drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag)
@@ -94,9 +94,9 @@ class UnderwaterManipulator(VehicleManipulator):
         super().__init__(
             model,
             [
-                Carried(0, symmetric(6, 0, 21), 0.0),
-                *(Carried(1 + i, of_a_body(0, 10), g) for i in range(k)),
-                *(Carried(1 + i, added_inertia(cylinders, i), 0.0) for i in range(k)),
+                Carried(0, symmetric(6, 0, 21), False),
+                *(Carried(1 + i, of_a_body(0, 10), True) for i in range(k)),
+                *(Carried(1 + i, added_inertia(cylinders, i), False) for i in range(k)),
             ],
             [mass, *link_blocks(joints), added],
             joints,
@@ -112,10 +112,11 @@ class UnderwaterManipulator(VehicleManipulator):
         self.allocation = np.vstack([actuators.wrenches(positions, directions), still])
         self.curve = np.asarray(curve, dtype=np.float64)
 
-    def _add_vehicle(self, F: Array, J: Array, up: Array, q: Array, v: Array, u: Array) -> None:
-        _add_water(
-            F, self._vehicle, J, up, q, v, u, self.cylinders.centres, self.cylinders.axes,
-            self._points, self._weights, self.allocation, self.curve,
+    def applied(self, states: Array, u: Array) -> Array:
+        """As in the base class: water, but added mass, and thrusters."""
+        return _water(
+            self.loaded.linkage, states, u[:, len(self.joints) :], self.cylinders.centres,
+            self.cylinders.axes, self._points, self._weights, self.allocation, self.curve,
         )  # fmt: skip
 
 
@@ -146,32 +147,38 @@ def strips(cylinders: Cylinders) -> tuple[Array, Array]:
 
 
 @njit(cache=True)
-def _add_water(F, start, J, up, q, v, u, centres, axes, points, weights, allocation, curve):
-    """All that water does to base and links but added mass, then the thrusters."""
-    links = centres.shape[0]
-    column = fluid.linear_drag(F, start, v[:6])
-    column = fluid.quadratic_drag(F, column, v[:6])
-    column = fluid.restoring(F, column, q[3:7], _UP)
-    for k in range(links):
-        drag = _cylinder_drag(np.dot(J[1 + k], v), axes[k], points[k], weights[k])
-        lift = np.empty(6)
-        lift[:3], lift[3:] = up[1 + k], cross(centres[k], up[1 + k])
-        for j in range(F.shape[0]):
-            for i in range(6):
-                F[j, column + k] += J[1 + k, i, j] * drag[i]
-                F[j, column + links + k] += J[1 + k, i, j] * lift[i]
-    actuators.thrusters(F, column + 2 * links, allocation, curve, u)
+def _water(linkage, states, u, centres, axes, points, weights, allocation, curve):
+    """(N, n, ·) all that water does to base and links but added mass, then the thrusters."""
+    samples, bodies, _ = states.shape
+    links = bodies - 1
+    F = np.zeros((samples, 6 + links, 16 + 2 * links + u.shape[1]))
+    for s in range(samples):
+        state, up = states[s], np.empty((bodies, 3))
+        column = fluid.linear_drag(F[s], 0, state[0, TWIST : TWIST + 6])
+        column = fluid.quadratic_drag(F[s], column, state[0, TWIST : TWIST + 6])
+        up[0] = state[0, 6:9]
+        column = fluid.restoring(F[s], column, up[0])
+        for b in range(1, bodies):
+            up[b] = back(state, b, three(up, linkage[1][b, 0], 0))
+            k = b - 1
+            force, moment = _drag(state, b, three(axes, k, 0), points[k], weights[k])
+            pull(linkage, state, b, force, moment, F[s], column + k)
+            force = three(up, b, 0)
+            moment = cross(three(centres, k, 0), force)
+            pull(linkage, state, b, force, moment, F[s], column + links + k)
+        actuators.thrusters(F[s], column + 2 * links, allocation, curve, u[s])
+    return F
 
 
 @njit(cache=True)
-def _cylinder_drag(twist, axis, points, weights):
-    """(6,) wrench of −|v_⊥| v_⊥ on every strip of a cylinder."""
-    wrench = np.zeros(6)
+def _drag(state, b, axis, points, weights):
+    """Force and moment of −|v_⊥| v_⊥ on every strip of a cylinder, body b."""
+    linear, angular = three(state, b, TWIST), three(state, b, TWIST + 3)
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for s in range(weights.shape[0]):
-        across = twist[:3] + cross(twist[3:], points[s])
-        across -= axis * (axis[0] * across[0] + axis[1] * across[1] + axis[2] * across[2])
-        speed = np.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
-        force = -weights[s] * speed * across
-        wrench[:3] += force
-        wrench[3:] += cross(points[s], force)
-    return wrench
+        point = three(points, s, 0)
+        across = add(linear, cross(angular, point))
+        across = add(across, scale(-dot(axis, across), axis))
+        push = scale(-weights[s] * np.sqrt(dot(across, across)), across)
+        force, moment = add(force, push), add(moment, cross(point, push))
+    return force, moment

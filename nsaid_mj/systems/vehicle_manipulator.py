@@ -16,20 +16,13 @@ import pinocchio as pin
 from numba import njit
 
 from ..parameters import Array, Block, ParameterSpace
-from ..system import Instant
+from ..recursion import AT, AXIS
+from ..system import Instant, LoadedTree, Log
+from ..triples import add, cross, dot, forth, three
+from . import loads
 from .joints import JointTree
 from .multibody import JointScales, joint_blocks, link_block
-from .tree import (
-    Carried,
-    add_inertial,
-    add_weight,
-    along,
-    entries_of,
-    evaluate,
-    kinematics,
-    mass_tensor,
-    tree_of,
-)
+from .tree import Carried, linkage_of, loaded
 
 
 class VehicleManipulator(JointTree):
@@ -53,6 +46,8 @@ class VehicleManipulator(JointTree):
         command_limits: (n_u,), (n_u,) range of the commands of operation.
     """
 
+    loaded: LoadedTree
+
     def __init__(
         self,
         model: pin.Model,
@@ -72,70 +67,62 @@ class VehicleManipulator(JointTree):
         self.command_limits = np.r_[-joints.command, low], np.r_[joints.command, high]
         self.n_u = len(self.command_limits[0])
         self.mounts = np.vstack([np.full((len(self.joints), 3), np.nan), mounts])
-        self._tree, self._entries = tree_of(self.model), entries_of(inertias)
         start, k = sum(len(block) for block in blocks), len(self.joints)
-        has_rotors = k > 0 and joints.rotor is not None
-        self._rotor = start if has_rotors else -1
-        self._viscous = start + k * has_rotors
-        self._vehicle = self._viscous + 3 * k
+        viscous = start + k * (k > 0 and joints.rotor is not None)
+        self._vehicle = viscous + 3 * k
+        columns = np.array([start, viscous, viscous + k, viscous + 2 * k])
+        linkage = linkage_of(self.model, np.full(k, friction_speed), columns)
+        self.loaded = loaded(linkage, inertias)
         self._speed = np.concatenate([speed, joints.speed])
 
     @abstractmethod
-    def _add_vehicle(self, F: Array, J: Array, up: Array, q: Array, v: Array, u: Array) -> None:
-        """Writes the columns from `_vehicle` on into F (n, p).
+    def applied(self, states: Array, u: Array) -> Array:
+        """As in the base class: the columns of `vehicle`."""
 
-        Args:
-            F: to write into.
-            J: (b, 6, n) Jacobians of the bodies' twists, in their own axes.
-            up: (b, 3) upwards in the bodies' axes.
-            q: (m,) position.
-            v: (n,) velocity.
-            u: (k,) commands of the thrusters.
-        """
+    def _state(self, q: Array, v: Array) -> Array:
+        """(b, ·) of `recursion`."""
+        return loads.placed(self.loaded.linkage, q[None], v[None])[0]
 
     def _W_M(self, q: Array, a: Array) -> Array:
-        J, _, _ = kinematics(self._tree, q, np.zeros(self.n))
-        W, still = np.zeros((self.n, self.p)), np.zeros((self.bodies, 6))
-        add_inertial(W, self._entries, J, along(J, a), still, still)
-        if self._rotor >= 0:
-            joints = np.arange(self.n - 6)
-            W[6 + joints, self._rotor + joints] = a[6:]
-        return W
+        still = np.zeros(self.n)
+        return loads.inertial(self.loaded, self._state(q, still), still, still, a, self.p)
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        J, J_dot, _ = kinematics(self._tree, q, v)
-        W = np.zeros((self.n, self.p))
-        add_inertial(W, self._entries, J, along(J_dot, w), along(J, v), along(J, w))
-        return W
+        return loads.inertial(self.loaded, self._state(q, v), v, w, np.zeros(self.n), self.p)
 
     def _transport(self, q: Array, v: Array) -> Array:
-        J, J_dot, _ = kinematics(self._tree, q, v)
-        W, V = np.zeros((self.n, self.p)), along(J, v)
-        still = 0.0 * V
-        # Ṁ v − C v = Σ J̇ᵀ I V + Jᵀ ad_Vᵀ I V
-        add_inertial(W, self._entries, J_dot, V, still, still)
-        add_inertial(W, self._entries, J, still, -V, V)
-        return W
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        J, _, up = kinematics(self._tree, q, v)
-        return self._forces(J, up, q, v, u)
-
-    def _forces(self, J: Array, up: Array, q: Array, v: Array, u: Array) -> Array:
-        """(n, p) F of (4), from the kinematics."""
-        F, joints = np.zeros((self.n, self.p)), len(self.joints)
-        add_weight(F, self._entries, J, up)
-        _add_joints(F, self._viscous, v, self.friction_speed, u)
-        self._add_vehicle(F, J, up, q, v, u[joints:])
-        return F
+        return loads.transport(self.loaded, self._state(q, v), self.n, self.p)
 
     def _mass_tensor(self, q: Array) -> Array:
-        J, _, _ = kinematics(self._tree, q, np.zeros(self.n))
-        return mass_tensor(self._entries, self._rotor, J, self.p)
+        state = self._state(q, np.zeros(self.n))
+        return loads.mass_tensor(self.loaded, state, self.n, self.p)
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        return self._forces(self._state(q, v)[None], v[None], u[None])[0]
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """As in the base class, compiled."""
+        return self._forces(loads.placed(self.loaded.linkage, q, v), v, u)
+
+    def _forces(self, states: Array, v: Array, u: Array) -> Array:
+        F = loads.forces(self.loaded, states, v, u, self.p)
+        F[:, :, self._vehicle :] = self.applied(states, u)
+        return F
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """As in the base class, compiled."""
+        linkage, held = self.loaded.linkage, log.u[:-1]
+        states, middles = loads.placed(linkage, log.q, log.v), loads.placed(linkage, q, v)
+        terms = loads.balance(self.loaded, leak, states, middles, log.v, v, held, self.p)
+        for F, those in zip(terms[1:], (states[:-1], middles, states[1:]), strict=True):
+            F[:, :, self._vehicle :] = self.applied(those, held)
+        return terms
 
     def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
         """The vehicle at one measured state and command."""
-        return _VehicleInstant(self, t, q, v, u, kinematics(self._tree, q, v))
+        return _VehicleInstant(self, t, q, v, u)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a pose and a configuration within the limits, speeds and commands of operation."""
@@ -145,48 +132,44 @@ class VehicleManipulator(JointTree):
 
 
 class _VehicleInstant(Instant):
-    """A vehicle at one state: its kinematics once, and no tensor of its mass matrix."""
+    """A vehicle at one state, by `loaded`: no tensor of its mass matrix."""
 
     system: VehicleManipulator
 
-    def __init__(
-        self,
-        system: VehicleManipulator,
-        t: float,
-        q: Array,
-        v: Array,
-        u: Array,
-        kinematics: tuple[Array, Array, Array],
-    ):
-        super().__init__(system, t, q, v, u)
-        self._kinematics = kinematics
+    @cached_property
+    def _state(self) -> Array:
+        return self.system._state(self.q, self.v)
 
     @cached_property
     def F(self) -> Array:
         """(n, p) force regressor of (4)."""
-        J, _, up = self._kinematics
-        return self.system._forces(J, up, self.q, self.v, self.u)
+        return self.system._forces(self._state[None], self.v[None], self.u[None])[0]
 
     def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
         """As in the base class."""
-        system, (J, J_dot, _) = self.system, self._kinematics
-        return evaluate(
-            system._entries, system._rotor, J, J_dot, self.F, self.v, w, np.ascontiguousarray(theta)
-        )
+        theta = np.ascontiguousarray(theta)
+        return loads.evaluate(self.system.loaded, self._state, self.v, self.u, self.F, w, theta)
 
     def commanded(self, t: float, u: Array) -> Instant:
         """The same state under another command."""
-        return _VehicleInstant(self.system, t, self.q, self.v, u, self._kinematics)
+        other = _VehicleInstant(self.system, t, self.q, self.v, u)
+        other.__dict__["_state"] = self._state
+        return other
 
 
 @njit(cache=True)
-def _add_joints(F, start, v, friction_speed, u):
-    """Viscous and Coulomb friction and motors of the joints, from column `start` on."""
-    count = v.shape[0] - 6
-    for k in range(count):
-        F[6 + k, start + k] = -v[6 + k]
-        F[6 + k, start + count + k] = -np.tanh(v[6 + k] / friction_speed)
-        F[6 + k, start + 2 * count + k] = u[k]
+def pull(linkage, state, b, force, moment, F, column):
+    """Adds to F[:, column] (n,) what a wrench on body b does, in its axes."""
+    joints, numbers, _, _ = linkage
+    while b > 0:
+        F[5 + b, column] += dot(three(joints, b, AXIS), force)
+        F[5 + b, column] += dot(three(joints, b, AXIS + 3), moment)
+        force = forth(state, b, force)
+        moment = add(forth(state, b, moment), cross(three(state, b, AT), force))
+        b = numbers[b, 0]
+    for i in range(3):
+        F[i, column] += force[i]
+        F[3 + i, column] += moment[i]
 
 
 def link_blocks(joints: JointScales) -> list[Block]:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.control import QuadrotorFlight
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import Cost, draw_prior, prepare, trajectory
+from nsaid_mj.experiment import draw_prior, prepare, trajectory
 from nsaid_mj.nullspace import directions, structural
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, QuadrotorPlant
 from nsaid_mj.resources import numbers
@@ -383,7 +383,7 @@ def flight(model, seed, seconds=40.0, **switches):
     p, prior, _ = prepare(scenario)
     driver = scenario.excitation.build(p.system, prior, np.random.default_rng(seed))
     with p.running():
-        rows = list(trajectory(p, driver, round(seconds / p.dt), None, Cost()))
+        rows = trajectory(p, driver, round(seconds / p.dt)).rows
     t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))
     return np.array([driver._path(time)[0] for time in t]), q, v, u
 
@@ -451,7 +451,7 @@ def test_with_the_truth_as_prior_and_calm_it_follows_closely():
     p = plant("hummingbird", dt=2.5e-3)
     driver = CALM.build(p.system, p.truth, np.random.default_rng(0))
     with p.running():
-        rows = list(trajectory(p, driver, 12000, None, Cost()))
+        rows = trajectory(p, driver, 12000).rows
     off = [row.q[:3] - driver._path(row.t)[0, :3] for row in rows[6000:]]
     assert np.abs(off).max() < 0.15
 
@@ -479,7 +479,7 @@ def test_a_driver_that_starts_again_forgets():
     first, again = ([], [])
     for seen in (first, again):
         with p.running():
-            seen += [row.u for row in trajectory(p, driver, 200, None, Cost())]
+            seen += [row.u for row in trajectory(p, driver, 200).rows]
     assert (np.array(first) == np.array(again)).all()
 
 

@@ -6,23 +6,24 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from nsaid_mj.cli import load
-from nsaid_mj.errors import BadRobot, InvalidInput
+from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment import run
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID
 from nsaid_mj.identifiers.base import Status
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.plants import ArmPlant
-from nsaid_mj.plants.arm import nominal_scales
+from nsaid_mj.plants.arm import Backend, nominal_scales
 from nsaid_mj.plants.robots import Base, known_robots, load_robot
 from nsaid_mj.system import Instant, Measurement
-from nsaid_mj.systems.multibody import Backend, Multibody
+from nsaid_mj.systems.compiled import CompiledMultibody
+from nsaid_mj.systems.multibody import Multibody
 
 FEW = ["double_pendulum held", "kinova held", "panda held", "xarm7 held", "borinot free",
        "solo12 free"]  # fmt: skip
@@ -37,16 +38,13 @@ def model(robot: str) -> pin.Model:
     return load_robot(name, found).model
 
 
-def system(robot: str, backend: Backend, armature: float | None = None) -> Multibody:
-    scales = nominal_scales(model(robot), ArmPlant(armature=armature))
-    return Multibody(model(robot), scales, np.full(len(scales.gain), 0.05), backend)
-
-
 @cache
-def pair(robot: str) -> tuple[Multibody, Multibody]:
+def pair(robot: str) -> tuple[Multibody, CompiledMultibody]:
     """(Pinocchio's, ours); every other robot has no rotors."""
-    armature = None if len(robot) % 2 else 0.0
-    return system(robot, "pinocchio", armature), system(robot, "compiled", armature)
+    scales = nominal_scales(model(robot), ArmPlant(armature=None if len(robot) % 2 else 0.0))
+    friction_speed = np.full(len(scales.gain), 0.05)
+    return (Multibody(model(robot), scales, friction_speed),
+            CompiledMultibody(model(robot), scales, friction_speed))  # fmt: skip
 
 
 def draw(robot: str, seed: int):
@@ -134,6 +132,28 @@ def test_every_regressor_is_pinocchios(robot):
     check_regressors(robot, range(3))
 
 
+@pytest.mark.parametrize("joint", [pin.JointModelRY(), pin.JointModelPX()])
+def test_one_joint_is_a_tree_too(joint):
+    """Of which Pinocchio makes vectors where others have matrices."""
+    alone, rng = pin.Model(), np.random.default_rng(1)
+    place = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, -0.3]))
+    alone.addJoint(0, joint, place, "joint")
+    alone.inertias[1] = pin.Inertia.FromSphere(2.0, 0.1)
+    scales = nominal_scales(alone, ArmPlant())
+    theirs, ours = (structure(alone, scales, np.array([0.05]))
+                    for structure in (Multibody, CompiledMultibody))  # fmt: skip
+    q, v, u = theirs.random_state(rng)
+    w, a = rng.standard_normal((2, 1))
+    near(ours._W(0.0, q, v, w, a, u), theirs._W(0.0, q, v, w, a, u))
+    near(ours._F(0.0, q, v, u), theirs._F(0.0, q, v, u))
+    one, other = (
+        system.at(0.0, q, v, u).evaluate(w, theirs.space.scale) for system in (ours, theirs)
+    )
+    assert other[2] > 0
+    for found, expected in zip(one, other, strict=True):
+        near(np.atleast_1d(found), np.atleast_1d(expected))
+
+
 @robots
 def test_evaluate_is_pinocchios_for_any_estimate(robot):
     check_evaluate(robot, range(9))
@@ -196,8 +216,8 @@ def test_the_step_in_one_call_is_the_step_by_pinocchio(robot, law, interpolation
     config = NullspaceAID(law=law, interpolation=interpolation,
                           memory=MemoryConfig(block=0.004, interval=0.01))  # fmt: skip
     samples, ends = motion(robot, 30, 1e-3), []
-    for backend in pair(robot):
-        identifier = config.build(backend, true_theta(robot), 1e-3)
+    for system in pair(robot):
+        identifier = config.build(system, true_theta(robot), 1e-3)
         state = identifier.init(samples[0])
         state = state._replace(v_hat=state.v_hat + 1e-3)
         for one, other in pairwise(samples):
@@ -258,8 +278,8 @@ def test_not_a_number_stays_visible(part, law):
 def test_an_indefinite_estimate_ends_the_step_as_it_does_elsewhere():
     robot = "kinova held"
     samples, ends = motion(robot, 1, 1e-3), []
-    for backend in pair(robot):
-        identifier = NullspaceAID().build(backend, true_theta(robot), 1e-3)
+    for system in pair(robot):
+        identifier = NullspaceAID().build(system, true_theta(robot), 1e-3)
         state = identifier.init(samples[0])._replace(theta_hat=-true_theta(robot))
         ends.append(identifier.step(state, *samples))
     assert {end.status for end in ends} == {Status.estimate_not_positive_definite}
@@ -281,16 +301,11 @@ def test_a_run_comes_to_the_same_end(tmp_path):
 # -- the backend as a field ------------------------------------------------------------------------
 
 
-def test_pinocchio_is_the_default():
-    assert ArmPlant().backend == "pinocchio"
-    assert system("ur5 held", "pinocchio").linkage is None
-    assert system("ur5 held", "compiled").linkage is not None
-
-
-def test_another_backend_is_refused():
-    other: Literal["fortran"] = "fortran"
-    with pytest.raises(InvalidInput, match="compiled"):
-        system("ur5 held", other)  # pyright: ignore[reportArgumentType]
+def test_the_backend_chooses_the_structure_and_pinocchio_is_the_default():
+    assert set(get_args(Backend)) == {"pinocchio", "compiled"}
+    for plant, structure in ((ArmPlant(), Multibody), (ArmPlant(backend="pinocchio"), Multibody),
+                             (ArmPlant(backend="compiled"), CompiledMultibody)):  # fmt: skip
+        assert type(plant.build(1e-3, 0).system) is structure
 
 
 def test_an_import_compiles_nothing():

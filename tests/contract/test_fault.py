@@ -15,7 +15,8 @@ from nsaid_mj.cli import command, load
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment import Run, held_out, run
 from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.metrics import distance, energy, force_residual_ratio, summarize, true_theta
+from nsaid_mj.metrics import distance, energy, summarize, true_theta
+from nsaid_mj.metrics.judging import force_residual_ratio
 from nsaid_mj.options import parse
 from nsaid_mj.plants import (
     ArmPlant,

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.control import Driving
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import Cost, draw_prior, trajectory
+from nsaid_mj.experiment import draw_prior, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
@@ -58,7 +58,7 @@ def driver(name: str, p: Plant, seed: int = 0) -> Driver:
 def driven(name: str, p: Plant, seconds: float, seed: int = 0) -> Any:
     """(t, q, v, u) of every sample, driven under a prior 30 % off."""
     with p.running():
-        samples = list(trajectory(p, driver(name, p, seed), round(seconds / p.dt), None, Cost()))
+        samples = trajectory(p, driver(name, p, seed), round(seconds / p.dt)).rows
     return [np.array(column) for column in zip(*samples, strict=True)]
 
 
@@ -453,12 +453,8 @@ def test_under_the_rovers_mismatch_the_estimate_stays_bounded_and_predicts_bette
     law = NullspaceAID(K=10.0, gain=0.05).build(p.system, prior, p.dt)
     later = driven("rover", p, 30, seed + 50)
     with p.running():
-        samples = trajectory(p, driver("rover", p, seed), round(120 / p.dt), None, Cost())
-        previous = next(samples)
-        state = law.init(previous)
-        for now in samples:
-            state = law.step(state, previous, now)
-            previous = now
+        samples = trajectory(p, driver("rover", p, seed), round(120 / p.dt))
+        state, _ = law.follow(law.init(samples.at(0)), samples)
     assert state.status is Status.completed
     start, end = (float(law.conserved(theta)) for theta in (prior, state.theta_hat))
     assert end == pytest.approx(start, rel=1e-6)

@@ -68,7 +68,7 @@ def motion(name: str):
     plant, prior, _ = experiment.prepare(scenario)
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
     with plant.running():
-        seen = list(experiment.trajectory(plant, driver, 40, None, experiment.Cost()))
+        seen = experiment.trajectory(plant, driver, 40).rows
     return plant.system, prior, seen
 
 
@@ -373,6 +373,31 @@ def record(name: str, folder, **changes) -> bytes:
     run = experiment.run(replace(SCENARIOS[name], **(RUN | changes)), folder)
     assert run.ending.status is Status.completed and len(run.record) == 251
     return (folder / FILE).read_bytes()
+
+
+class Often(experiment.Observer):
+    """Looks seven steps after seven steps."""
+
+    period, looks = 7e-3, 0
+
+    def see(self, measurement, states, levels) -> None:
+        self.looks += 1
+
+
+@pytest.mark.parametrize("law", ["paper", "cone", "memory"])
+@pytest.mark.parametrize("sensors", ["ideal", "noisy"])
+@pytest.mark.parametrize("name", ["scalar", "double_pendulum", "bluerov2"])
+def test_whoever_looks_how_often_changes_no_bit(name, sensors, law, tmp_path):
+    """A run goes by stretches, as long as nobody wants to look in between."""
+    identifier = replace(SCENARIOS[name].identifier, law=law)
+    if law == "memory":
+        identifier = replace(identifier, memory=MemoryConfig(block=0.01, interval=0.05))
+    changes = {"sensors": sensors, "identifier": identifier}
+    alone, often = record(name, tmp_path / "alone", **changes), Often()
+    scenario = replace(SCENARIOS[name], **(RUN | changes))
+    experiment.run(scenario, tmp_path / "watched", often)
+    assert often.looks > 30 * 1e-3 / scenario.dt
+    assert (tmp_path / "watched" / FILE).read_bytes() == alone
 
 
 class ReachedError(Exception):

@@ -222,6 +222,40 @@ def test_an_instant_takes_estimates_that_no_body_could_have(name):
 
 
 @systems
+@pytest.mark.parametrize("each", [False, True])
+def test_evaluate_is_acceleration_and_regressor_of_many_samples(name, each):
+    system, truth = plant(name).system, plant(name).truth
+    rng = np.random.default_rng(4)
+    t, x, w, _, u = draw(system, rng, (5,))
+    theta = truth * rng.uniform(0.9, 1.1, (5, 1)) if each else truth
+    a, W = system.evaluate(t, x, w, u, theta)
+    thetas = np.broadcast_to(theta, (5, system.p))
+    wanted = np.array([system.acceleration(t[k], x[k], w[k], u[k], thetas[k]) for k in range(5)])
+    near(a, wanted, 1e-9)
+    near(W, system.regressor(t, x, w, wanted, u), 1e-9)
+
+
+@pytest.mark.parametrize("name", ["scalar", "double_pendulum", "bluerov2"])
+def test_evaluate_goes_on_where_m_is_not_positive_definite(name):
+    system, theta = plant(name).system, -plant(name).truth
+    t, x, w, _, u = draw(system, np.random.default_rng(5), (3,))
+    a, W = system.evaluate(t, x, w, u, theta)
+    wanted = system.acceleration(t, x, w, u, theta)
+    near(a, wanted)
+    near(W, system.regressor(t, x, w, wanted, u))
+
+
+@systems
+def test_actuators_are_in_f_alone(name):
+    system = plant(name).system
+    t, x, w, a, u = draw(system, np.random.default_rng(6), (5,))
+    k = system.space.actuators
+    assert not system.W_M(x, a)[..., k].any() and not system.W_C(x, w)[..., k].any()
+    assert (system.regressor(t, x, w, a, u)[..., k] == -system.F(t, x, u)[..., k]).all()
+    assert system.F(t, x, u)[..., k].any()
+
+
+@systems
 @FEW
 @given(seeds)
 def test_the_mass_matrix_is_symmetric_positive_definite(name, seed):

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.control import DepthHeadingAutopilot
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import Cost, draw_prior, trajectory
+from nsaid_mj.experiment import draw_prior, trajectory
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, REMUS100Plant
 from nsaid_mj.resources import numbers
 from nsaid_mj.systems.torpedo import TorpedoVehicle
@@ -46,7 +46,7 @@ def cruise(p, seconds, seed=0, **options):
     config = DepthHeadingAutopilot(**options)
     driver = config.build(p.system, believed(p, seed), np.random.default_rng(seed))
     with p.running():
-        return list(trajectory(p, driver, round(seconds / p.dt), None, Cost()))
+        return trajectory(p, driver, round(seconds / p.dt)).rows
 
 
 # -- MuJoCo is the structure ---------------------------------------------------------------------
@@ -331,7 +331,7 @@ def test_without_dither_depth_and_heading_follow_their_references():
     driver = calm.build(p.system, believed(p, 3), np.random.default_rng(3))
     depth, heading = [], []
     with p.running():
-        for t, q, _, _ in trajectory(p, driver, 15000, None, Cost()):
+        for t, q, _, _ in trajectory(p, driver, 15000).rows:
             dive, turn = driver._course(t)
             if t > 60:
                 depth.append(q[2] + 20 - 5 * dive)

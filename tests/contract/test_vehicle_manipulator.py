@@ -4,17 +4,26 @@ from functools import cache
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from nsaid_mj.control import HoverAndReach, SwimAndReach
 from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.experiment import draw_prior
+from nsaid_mj.experiment import draw_prior, trajectory
+from nsaid_mj.identifiers import NullspaceAID, Status
+from nsaid_mj.identifiers.midpoint import between_two, midpoints
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.loaded import loaded_gradient, loaded_work
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
 from nsaid_mj.plants.vehicle_manipulator import VehicleWithArm
 from nsaid_mj.spatial import unrotate
-from nsaid_mj.system import Instant
+from nsaid_mj.system import Instant, Log, SecondOrderSystem
+from nsaid_mj.systems import loads
+from nsaid_mj.systems.flying_arm import FlyingArm
+from nsaid_mj.systems.multibody import JointScales
 from nsaid_mj.systems.underwater_manipulator import UnderwaterManipulator
+from tests.contract.test_bodies import Dense, full
 
 CONFIGS = {
     "uvms": UvmsPlant(), "borinot": FlyingArmPlant(), "iris": FlyingArmPlant(robot="iris"),
@@ -134,10 +143,11 @@ def test_a_links_added_mass_is_that_of_its_strips():
     c, space = system.cylinders, system.space
     x, _, _, u, _ = draw(system, 3)
     q, v = system.split(x)
-    J = system.at(0.0, q, v, u)._kinematics[0]  # pyright: ignore
+    data = system.model.createData()
+    pin.forwardKinematics(system.model, data, q, v)
     nodes, weights = np.polynomial.legendre.leggauss(12)
     for i in range(4):
-        twist = J[1 + i] @ v
+        twist = pin.getVelocity(system.model, data, 2 + i, pin.ReferenceFrame.LOCAL).vector
         along = c.centres[i] + np.outer(nodes, c.axes[i]) * c.lengths[i] / 2
         flow = twist[:3] + np.cross(twist[3:], along)
         flow -= np.outer(flow @ c.axes[i], c.axes[i])
@@ -217,6 +227,177 @@ def test_the_system_holds_no_inertia(name):
     model = plant(name).system.model
     assert all((inertia.toDynamicParameters() == 0).all() for inertia in model.inertias)
     assert (np.array(model.armature) == 0).all()
+
+
+# -- the compiled recursions are the system ------------------------------------------------------
+
+
+def branching() -> FlyingArm:
+    """A base with a tree of every kind of joint: an angle, on it a turn without end and a slide."""
+    model, place = pin.Model(), pin.SE3.Random
+    pin.seed(3)
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    arm = model.addJoint(base, pin.JointModelRevoluteUnaligned(0.6, 0.0, 0.8), place(), "arm")
+    model.addJoint(arm, pin.JointModelRUBX(), place(), "wheel")
+    model.addJoint(arm, pin.JointModelPY(), place(), "slide")
+    model.addJoint(base, pin.JointModelRZ(), place(), "tail")
+    ones = np.ones(4)
+    scales = JointScales(np.ones(5), np.ones(5), ones, ones, ones, ones, ones, rotor=ones)
+    sides = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]])
+    return FlyingArm(
+        model, scales, np.ones(2), np.ones(2), np.ones(6), 0.2, sides,
+        np.tile([0.0, 0.0, 1.0], (2, 1)), np.array([1.0, -1.0]),
+    )  # fmt: skip
+
+
+SYSTEMS = {**{name: lambda name=name: plant(name).system for name in CONFIGS}, "tree": branching}
+systems = pytest.mark.parametrize("name", SYSTEMS)
+
+
+def possible(name: str, system) -> np.ndarray:
+    """(p,) parameters of real bodies."""
+    if name in CONFIGS:
+        return plant(name).truth
+    theta = np.random.default_rng(6).uniform(0.5, 1.5, system.p)
+    pin.seed(6)
+    for i in range(system.bodies):
+        theta[10 * i : 10 * i + 10] = pin.Inertia.Random().toDynamicParameters()
+    return theta
+
+
+@systems
+def test_a_stage_is_that_of_the_regressors(name):
+    system = SYSTEMS[name]()
+    tree = system.loaded
+    work, a, gradient = loaded_work(tree, system.n), np.empty(system.n), np.empty(system.p)
+    for seed in range(10):
+        x, w, _, u, _ = draw(system, seed)
+        q, v = system.split(x)
+        theta = possible(name, system)
+        states = loads.placed(tree.linkage, q[None], v[None])
+        for sign in (1, -1):
+            pivot = loaded_gradient(
+                tree, states[0], v, u, system.applied(states, u[None])[0], w, sign * theta, work,
+                a, gradient,
+            )  # fmt: skip
+            dense, W, smallest = Instant(system, 0.0, q, v, u).evaluate(w, sign * theta)
+            assert pivot == pytest.approx(smallest, rel=1e-9)
+            if sign > 0:
+                near(a, dense, 1e-11)
+                scale = system.space.scale
+                near(gradient * scale, (w - v) @ W * scale, 1e-11)
+        assert not pivot > 0
+
+
+@systems
+def test_the_mass_matrix_is_pinocchios(name):
+    """Of the rigid bodies; added mass is not known to Pinocchio."""
+    system = SYSTEMS[name]()
+    rng, model = np.random.default_rng(5), pin.Model(system.model)
+    theta = np.zeros(system.p)
+    for i in range(1, model.njoints):
+        model.inertias[i] = pin.Inertia.Random()
+        at = 21 + 10 * (i - 2) if name == "uvms" else 10 * (i - 1)
+        if at < 0 or (name == "uvms" and i == 1):
+            rows, columns = np.triu_indices(6)
+            theta[:21] = model.inertias[i].matrix()[rows, columns]
+        else:
+            theta[at : at + 10] = model.inertias[i].toDynamicParameters()
+    for _ in range(3):
+        q, v, _ = system.random_state(rng)
+        M = pin.crba(model, model.createData(), q)
+        M = np.triu(M) + np.triu(M, 1).T
+        near(system.mass_matrix(np.r_[q, v], theta), M, 1e-13)
+
+
+@cache
+def driven(name: str) -> tuple[VehicleWithArm, Log]:
+    p = CONFIGS[name].build(5e-3, 2)
+    driver = (SwimAndReach if name == "uvms" else HoverAndReach)().build(
+        p.system, prior_of(p, 2), np.random.default_rng(2)
+    )
+    with p.running():
+        return p, trajectory(p, driver, 150)
+
+
+@vehicles
+@pytest.mark.parametrize("law", ["paper", "cone"])
+@pytest.mark.parametrize("interpolation", ["hermite", "linear"])
+def test_the_compiled_loop_is_the_generic_one(name, law, interpolation):
+    """150 steps; what differs is the order of sums."""
+    p, log = driven(name)
+    prior, scale = p.truth.copy(), p.system.space.scale
+    for i, (_, place) in enumerate(p.system.space):
+        prior[place] *= 0.8 + 0.1 * (i % 4)  # every block on its own stays possible
+    config = NullspaceAID(law=law, interpolation=interpolation)
+    fast, dense = (
+        identifier.follow(identifier.init(log.at(0)), log)
+        for identifier in (config.build(s, prior, 5e-3) for s in (p.system, Dense(p.system)))
+    )
+    for state, estimates in (fast, dense):
+        assert state.status is Status.completed and len(estimates.v_hat) == 151
+    near(fast[1].v_hat, dense[1].v_hat, 1e-11)
+    near(fast[1].theta_hat / scale, dense[1].theta_hat / scale, 1e-11)
+    near(fast[1].pivot[1:], dense[1].pivot[1:], 1e-11)
+    assert np.abs((fast[0].theta_hat - prior) / scale).max() > 1e-6  # it has moved
+
+
+@vehicles
+def test_full_gains_and_ends_are_the_generic_ones(name):
+    p, log = driven(name)
+    rng, scale = np.random.default_rng(1), p.system.space.scale
+    gains = full(np.full(p.system.n, 20.0), rng), full(0.1 * scale**2, rng)
+    broken = log._replace(v=np.where(np.arange(len(log.v))[:, None] == 20, np.nan, log.v))
+    for prior, measured, status in (
+        (p.truth, log, Status.completed),
+        (-p.truth, log, Status.estimate_not_positive_definite),
+        (p.truth, broken, Status.measurement_not_finite),
+    ):
+        fast, dense = (
+            law.follow(law.init(log.at(0)), measured)
+            for law in (
+                NullspaceIdentifier(s, *gains, prior, 5e-3) for s in (p.system, Dense(p.system))
+            )
+        )
+        assert fast[0].status is dense[0].status is status
+        assert fast[0].t == dense[0].t
+        near(fast[0].theta_hat / scale, dense[0].theta_hat / scale, 1e-11)
+
+
+@systems
+def test_cv_is_what_the_motion_makes_of_the_momentum(name):
+    """Cᵀ v = Ṁ v − C v, by differences along the motion."""
+    system = SYSTEMS[name]()
+    for seed in range(3):
+        q, v = system.split(draw(system, seed)[0])
+        near(system._transport(q, v), SecondOrderSystem._transport(system, q, v), 1e-8)
+
+
+@systems
+@pytest.mark.parametrize("leak", [2.0, 0.0])
+def test_the_momentum_balance_is_the_generic_one(name, leak):
+    system = SYSTEMS[name]()
+    rng = np.random.default_rng(4)
+    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)),
+                                              strict=True))  # fmt: skip
+    log, qm, vm = Log(np.array([0.0, 0.1, 0.2, 0.3]), q[:4], v[:4], u[:4]), q[1:4], v[2:]
+    fast = system.momentum_balance(leak, log, qm, vm)
+    for one, other in zip(
+        fast, SecondOrderSystem.momentum_balance(system, leak, log, qm, vm), strict=True
+    ):
+        assert one.shape == other.shape
+        near(one * system.space.scale, other * system.space.scale, 1e-12)
+
+
+@vehicles
+def test_the_states_half_way_are_the_generic_ones(name):
+    p, log = driven(name)
+    for hermite in (True, False):
+        middle = midpoints(p.system, log, hermite)
+        for k in (0, 70, 149):
+            q, v = between_two(p.system, log.at(k), log.at(k + 1), hermite)
+            near(middle.q[k], q, 1e-12)
+            near(middle.v[k], v, 1e-11)
 
 
 # -- MuJoCo is the system ------------------------------------------------------------------------

@@ -67,7 +67,7 @@ def test_a_foreign_summary_is_not_believed(summary: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("seed", [0, 7])
 def test_a_former_runs_summary_does_not_say_how_this_one_ended(seed: int, tmp_path: Path) -> None:
-    finish.finish(run(replace(SHORT, seed=seed), tmp_path))
+    finish.finish(run(replace(SHORT, seed=seed, duration=2.0), tmp_path))
     whole = (tmp_path / FILE).read_bytes()
     run(replace(SHORT, duration=5.0), tmp_path)
     (tmp_path / FILE).write_bytes((tmp_path / FILE).read_bytes()[: len(whole)])

@@ -28,13 +28,13 @@ from nsaid_mj import MultisineCommand, NullspaceAID, ScalarRovPlant, Scenario
 from nsaid_mj.record import RecordWriter
 
 clock = os.open("clock", os.O_CREAT | os.O_WRONLY)
-append = RecordWriter.append
+extend = RecordWriter.extend
 
-def watched(self, t, *values):
-    append(self, t, *values)
-    os.pwrite(clock, b"%20.9f" % t, 0)
+def watched(self, t, *columns):
+    extend(self, t, *columns)
+    os.pwrite(clock, b"%20.9f" % t[-1], 0)
 
-RecordWriter.append = watched
+RecordWriter.extend = watched
 scenario = Scenario(
     plant=ScalarRovPlant(), excitation=MultisineCommand(low=0.1, high=1.0, amplitude=0.4),
     identifier=NullspaceAID(K=10.0, gain=0.3), dt=0.01, duration=36000.0, held_out=1.0,

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
-from nsaid_mj.experiment import Cost, trajectory
+from nsaid_mj.experiment import trajectory
 from nsaid_mj.identifiers import Identifier, IdentifierConfig, NullspaceAID, State, Status
 from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array, Block, ParameterSpace
@@ -65,7 +65,7 @@ class Bench:
         prior = self.truth if prior is None else prior
         driver = self.excitation.build(self.system, prior, np.random.default_rng(seed))
         with self.plant.running():
-            return list(trajectory(self.plant, driver, round(seconds / self.dt), None, Cost()))
+            return trajectory(self.plant, driver, round(seconds / self.dt)).rows
 
 
 BENCHES: dict[str, Callable[[], Bench]] = {

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.experiment import Cost, trajectory
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import structural
 from tests.contract.vehicles import coordinate_map
@@ -20,13 +19,15 @@ def test_13_mujoco_moves_in_the_nullspace_of_W(table: Bench):
     at = coordinate_map(plant)
     worst, speeds = 0.0, []
     with plant.running():
-        for now in trajectory(plant, driver, 1000, None, Cost()):
+        now = plant.begin(driver)
+        for _ in range(1000):
             plant.data.ctrl[:] = now.u
             mujoco.mj_forward(plant.model, plant.data)  # mj_step leaves last step's qacc
             a = plant.data.qacc.copy() if at is None else at.acceleration(plant.data)
             W = system.regressor(now.t, np.concatenate([now.q, now.v]), now.v, a, now.u)
             worst = max(worst, np.abs(W @ theta).max() / np.abs(W * theta).max())
             speeds.append(now.v)
+            now = plant.drive(driver, now, 1).at(-1)
     assert np.min(speeds) < -0.01 < 0.01 < np.max(speeds)  # drag and friction of both signs
     assert worst <= 1e-10
 

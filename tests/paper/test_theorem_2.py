@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.experiment import Cost, trajectory
+from nsaid_mj.control import Driver
+from nsaid_mj.experiment import trajectory
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
@@ -128,7 +129,7 @@ def test_theorem_2_fails_at_rest():
     assert isinstance(plant, ScalarRov)
     hover = np.array([table.truth[2] / table.truth[3]])
 
-    class Hover:
+    class Hover(Driver):
         def start(self) -> tuple[Array, Array]:
             return np.zeros(1), np.zeros(1)
 
@@ -136,7 +137,7 @@ def test_theorem_2_fails_at_rest():
             return hover
 
     with plant.running():
-        samples = list(trajectory(plant, Hover(), 6000, None, Cost()))  # type: ignore[arg-type]
+        samples = trajectory(plant, Hover(), 6000).rows
     t, x, v, u = columns(samples)
     assert np.abs(v).max() < 1e-12
     W = system.regressor(t, x, v, 0 * v, u) * system.space.scale

@@ -1,0 +1,149 @@
+"""RK4 of (44) and (45), compiled: one loop for every kind of motion, whatever the law's metric."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from ..kernels import times_into
+from .eight import copy_into, eights, zeros
+from .laws import Flat, adapt, chart, enter, hold, leave, sound
+from .motions import stage, stage_room, tree_motion
+
+# -- one step --------------------------------------------------------------------------------------
+
+
+def work_room(law, n, p):
+    """What a step works with: its start, its stages' z = (v̂, η), RK4's total, a rate, θ̂."""
+    k, like = (n + p,), law.K
+    start, z, total, rate = zeros(k, like), zeros(k, like), zeros(k, like), zeros(k, like)
+    return start, z, total, rate, zeros((p,), like), chart(law)
+
+
+register_jitable(work_room)
+room = njit(cache=True)(work_room)
+"""The same, for Python's own loops."""
+
+
+@njit(cache=True)
+def begin(law, work, v_hat, theta_hat):
+    """Sets out from v̂ (n,) and θ̂ (p,)."""
+    start, z, total, _, theta, scratch = work
+    n = v_hat.shape[0]
+    copy_into(v_hat, start[:n])
+    enter(law, theta_hat, start[n:], scratch)
+    copy_into(start, z)
+    copy_into(start, total)
+    copy_into(theta_hat, theta)
+
+
+@njit(cache=True)
+def advance(law, work, v, a_hat, gradient, weight, reach):
+    """Adds a stage's rates to RK4's total; z and θ̂ become the next stage's, at last the end's.
+
+    Args:
+        law: with K and its metric.
+        work: of `room`.
+        v: (n,) measured.
+        a_hat: (n,) â of (29).
+        gradient: (p,) Wᵀ Δv.
+        weight: of the stage in the step [s].
+        reach: to the next stage [s]; 0 after the last.
+    """
+    start, z, total, rate, theta, scratch = work
+    n = v.shape[0]
+    for i in range(n):
+        z[i] -= v[i]  # (37)
+    times_into(law.K, z[:n], rate[:n])
+    for i in range(n):
+        rate[i] = a_hat[i] - rate[i]  # (44)
+    adapt(law, z[n:], theta, gradient, rate[n:], scratch)  # (45)
+    for i in range(z.shape[0]):
+        total[i] += weight * rate[i]
+        z[i] = start[i] + reach * rate[i] if reach > 0.0 else total[i]
+    hold(law, start[n:], z[n:])
+    leave(law, z[n:], theta, scratch)
+
+
+@njit(cache=True)
+def advance_by_regressor(law, work, v, a_hat, W, weight, reach):
+    """The same from the regressor W (n, p) in place of Wᵀ Δv."""
+    advance(law, work, v, a_hat, np.dot(work[1][: v.shape[0]] - v, W), weight, reach)
+
+
+@njit(cache=True)
+def inside_law(law, theta):
+    """Whether θ̂ (p,) may be what a step ends at."""
+    return sound(law, theta)
+
+
+# -- along a log -----------------------------------------------------------------------------------
+
+
+@njit(cache=True, nogil=True)
+def follow(law, motion, v_hats, theta_hats, pivots):
+    """Follows a motion of N samples.
+
+    Args:
+        law: with its gains.
+        motion: of a body or a tree.
+        v_hats: (N, n) estimates, written from row 1 on; row 0 is where they start.
+        theta_hats: (N, p) likewise.
+        pivots: (N,) M̂'s smallest pivot in the step up to there.
+
+    Returns:
+        The row at which M̂ was not positive definite, or θ̂ outside; N where all went well.
+    """
+    t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
+    stages, work = stage_room(motion, law.K), work_room(law, n, p)
+    a_hat, gradient = zeros((n,), law.K), zeros((1, p), law.K)
+    z, theta = work[1], work[4]
+    for k in range(1, t.shape[0]):
+        dt = t[k] - t[k - 1]
+        begin(law, work, v_hats[k - 1], theta_hats[k - 1])
+        pivots[k] = np.inf
+        for at, v, weight, reach in (
+            (0, motion.v[k - 1], dt / 6, dt / 2),
+            (1, motion.vm[k - 1], dt / 3, dt / 2),
+            (1, motion.vm[k - 1], dt / 3, dt),
+            (2, motion.v[k], dt / 6, 0.0),
+        ):
+            pivot = stage(motion, at, k, z[:n], theta, stages, a_hat, gradient)
+            if not pivot > 0.0:
+                pivots[k] = pivot
+                return k
+            pivots[k] = min(pivots[k], pivot)
+            advance(law, work, v, a_hat, gradient[0], weight, reach)
+        if not sound(law, theta):
+            pivots[k] = np.nan
+            return k
+        copy_into(z[:n], v_hats[k])
+        copy_into(theta, theta_hats[k])
+    return t.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def follow_eight(K, Gamma, motion, v_hats, theta_hats, pivots):
+    """The same for eight identifiers of a tree with the paper's law, abreast.
+
+    Args:
+        K: (n, 8) their gains' diagonals.
+        Gamma: (p, 8) likewise.
+        motion: of a tree.
+        v_hats: (N, n, 8) as for one.
+        theta_hats: (N, p, 8) likewise.
+        pivots: (N, 8) likewise.
+
+    Returns:
+        The row at which any of them failed; N where all went well.
+    """
+    law = Flat(eights(K), eights(Gamma))
+    return follow(law, motion, eights(v_hats), eights(theta_hats), eights(pivots))
+
+
+@njit(cache=True, nogil=True)
+def tree_follow(linkage, law, hermite, t, q, v, u, v_hats, theta_hats, pivots):
+    """The same for a tree of bodies whose motion nobody else needs."""
+    motion = tree_motion(linkage, hermite, t, q, v, u)
+    return follow(law, motion, v_hats, theta_hats, pivots)

@@ -1,0 +1,200 @@
+"""Regressors of trees whose bodies carry inertias of any kind, compiled; see `loaded`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..loaded import MOTION, accelerate, loaded_work, push, swing
+from ..recursion import SLIP, STATE, TWIST, tree_place
+from ..spatial import bracket
+from .compiled import write_reach
+
+
+@njit(cache=True)
+def placed(linkage, q, v):
+    """(N, b, ·) states of `recursion` at N samples."""
+    states = np.empty((v.shape[0], linkage[1].shape[0], STATE))
+    for k in range(v.shape[0]):
+        tree_place(linkage, q[k], v[k], states[k])
+    return states
+
+
+@njit(cache=True)
+def _reach(linkage, state, n, rates):
+    """(b, 6, n) J_i, or with `rates` its rates in an inertial frame."""
+    bodies = linkage[1].shape[0]
+    rows = np.zeros((bodies * n, 6))
+    write_reach(linkage, state, n, rates, rows)
+    return np.ascontiguousarray(rows.reshape(bodies, n, 6).transpose(0, 2, 1))
+
+
+@njit(cache=True)
+def _add(loaded, reach, x, W):
+    """Adds the columns of Σ J_iᵀ I_i x_i to Wᵀ (p, n), x (b, 2, 6) of inertias with weight or not.
+
+    Columns come as rows: what an entry adds to is then in one piece.
+    """
+    _, places, parameters, values = loaded
+    n = reach.shape[2]
+    for e in range(places.shape[0]):
+        at, k = places[e], parameters[e]
+        b, weighs, i, j = at // 72, at // 36 % 2, at // 6 % 6, at % 6
+        push = values[e] * x[b, weighs, j]
+        for row in range(n):
+            W[k, row] += push * reach[b, i, row]
+
+
+@njit(cache=True)
+def _both(twists):
+    """(b, 2, 6) the same of inertias with weight and without."""
+    x = np.empty((twists.shape[0], 2, 6))
+    x[:, 0], x[:, 1] = twists, twists
+    return x
+
+
+@njit(cache=True)
+def inertial(loaded, state, v, w, a, p):
+    """(n, p) W_M(q, a) + W_C(q, v, w)."""
+    linkage, n = loaded[0], v.shape[0]
+    rotor, viscous = linkage[3][:2]
+    W, motion = np.zeros((p, n)), np.empty((state.shape[0], MOTION))
+    swing(linkage, state, v, w, motion)
+    push(linkage, state, a, motion)
+    reach = _reach(linkage, state, n, False)
+    _add(loaded, reach, _both(motion[:, 6:12]), W)
+    for b in range(state.shape[0]):
+        for j in range(n):
+            reach[b, :, j] = -bracket(6, motion[b, :6], reach[b, :, j])
+    _add(loaded, reach, _both(state[:, TWIST : TWIST + 6]), W)
+    for k in range(viscous - rotor):
+        W[rotor + k, 6 + k] = a[6 + k]
+    return np.ascontiguousarray(W.T)
+
+
+@njit(cache=True)
+def transport(loaded, state, n, p):
+    """(n, p) of C(x)ᵀ v = Ṁ v − C v = Σ (dJ_i/dt)ᵀ I_i V_i, taken in an inertial frame."""
+    W = np.zeros((p, n))
+    reach = _reach(loaded[0], state, n, True)
+    _add(loaded, reach, _both(state[:, TWIST : TWIST + 6]), W)
+    return np.ascontiguousarray(W.T)
+
+
+@njit(cache=True)
+def mass_tensor(loaded, state, n, p):
+    """(n, n, p) with M(q, θ) = tensor · θ."""
+    rotor, viscous = loaded[0][3][:2]
+    tensor, reach = np.empty((n, n, p)), _reach(loaded[0], state, n, False)
+    for j in range(n):
+        W = np.zeros((p, n))
+        _add(loaded, reach, _both(reach[:, :, j]), W)
+        tensor[j] = W.T
+    for k in range(viscous - rotor):
+        tensor[6 + k, 6 + k, rotor + k] = 1.0
+    return tensor
+
+
+@njit(cache=True)
+def _falls(linkage, state):
+    """(b, 3) gravity in the bodies' axes [m/s²]."""
+    _, numbers, gravity, _ = linkage
+    falls = np.empty((state.shape[0], 3))
+    for b in range(state.shape[0]):
+        above = gravity if b == 0 else falls[numbers[b, 0]]
+        falls[b] = np.dot(above, state[b, :9].reshape(3, 3))
+    return falls
+
+
+@njit(cache=True)
+def _add_joints(linkage, state, v, u, F):
+    """Writes the columns of friction and motors."""
+    _, viscous, coulomb, gain = linkage[3]
+    for k in range(v.shape[0] - 6):
+        F[6 + k, viscous + k] = -v[6 + k]
+        F[6 + k, coulomb + k] = -state[1 + k, SLIP]
+        F[6 + k, gain + k] = u[k]
+
+
+@njit(cache=True)
+def forces(loaded, states, v, u, p):
+    """(N, n, p) columns of weight, friction and motors."""
+    samples, n = v.shape
+    F, x = np.empty((samples, n, p)), np.zeros((states.shape[1], 2, 6))
+    for s in range(samples):
+        W = np.zeros((p, n))
+        x[:, 1, :3] = _falls(loaded[0], states[s])
+        _add(loaded, _reach(loaded[0], states[s], n, False), x, W)
+        F[s] = W.T
+        _add_joints(loaded[0], states[s], v[s], u[s], F[s])
+    return F
+
+
+@njit(cache=True)
+def evaluate(loaded, state, v, u, F, w, theta):
+    """â of (29), W of (10, 31) and M̂'s smallest pivot.
+
+    Args:
+        loaded: the tree.
+        state: (b, ·) of `recursion`.
+        v: (n,) velocity.
+        u: (n_u,) command.
+        F: (n, p) of (4), all of it.
+        w: (n,) velocity that C multiplies.
+        theta: (p,) estimate.
+    """
+    n, p = F.shape
+    joints_end = loaded[0][3][3] + n - 6
+    rest, a = np.ascontiguousarray(F[:, joints_end:]), np.empty(n)
+    pivot = accelerate(loaded, state, v, u, rest, w, theta, loaded_work(loaded, n), a)
+    if not pivot > 0.0:
+        a[:] = 0.0
+    W = inertial(loaded, state, v, w, a, p) - F
+    if not pivot > 0.0:
+        a[:] = np.nan
+    return a, W, pivot
+
+
+@njit(cache=True)
+def balance(loaded, leak, states, middles, v, vm, u, p):
+    """What `SecondOrderSystem.momentum_balance` returns, but for what else acts on the bodies."""
+    samples, n = v.shape
+    momenta, half = np.zeros((samples, n, p)), np.zeros((samples - 1, n, p))
+    start, end = np.zeros(half.shape), np.zeros(half.shape)
+    carried = loaded[0][3][1]  # only rotors and what the bodies carry come before friction
+    momentum, drive = np.empty((carried, n)), np.empty((carried, n))
+    for k in range(samples):
+        _write_balance(loaded, leak, states[k], v[k], momentum, drive)
+        momenta[k, :, :carried] = momentum.T
+        for F, at in ((end, k - 1), (start, k)):
+            if 0 <= at < samples - 1:
+                F[at, :, :carried] = drive.T
+                _add_joints(loaded[0], states[k], v[k], u[at], F[at])
+        if k < samples - 1:
+            _write_balance(loaded, leak, middles[k], vm[k], momentum, drive)
+            half[k, :, :carried] = drive.T
+            _add_joints(loaded[0], middles[k], vm[k], u[k], half[k])
+    return momenta, start, half, end
+
+
+@njit(cache=True)
+def _write_balance(loaded, leak, state, v, momentum, drive):
+    """Writes W_M v and a W_M v + weight + (the regressor of Cᵀ v), by columns as `_add` does."""
+    linkage, places, parameters, values = loaded
+    n = v.shape[0]
+    rotor, viscous = linkage[3][:2]
+    J, J_dot = _reach(linkage, state, n, False), _reach(linkage, state, n, True)
+    x = _both(state[:, TWIST : TWIST + 6])
+    y = leak * x
+    y[:, 1, :3] += _falls(linkage, state)
+    momentum[:], drive[:] = 0.0, 0.0
+    for e in range(places.shape[0]):
+        at, k = places[e], parameters[e]
+        b, weighs, i, j = at // 72, at // 36 % 2, at // 6 % 6, at % 6
+        own, push = values[e] * x[b, 0, j], values[e] * y[b, weighs, j]
+        for row in range(n):
+            momentum[k, row] += own * J[b, i, row]
+            drive[k, row] += push * J[b, i, row] + own * J_dot[b, i, row]
+    for k in range(viscous - rotor):
+        momentum[rotor + k, 6 + k] = v[6 + k]
+        drive[rotor + k, 6 + k] = leak * v[6 + k]

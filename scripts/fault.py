@@ -1,0 +1,98 @@
+"""How the law `memory` follows an actuator that weakens in mid-run: errors of the gains over time.
+
+`python scripts/fault.py [--scenario bluerov2] [--loss 0.4] [--actuator 3] [--time 60]
+[--seconds 10] [--seeds 0,1,2]`; takes half a minute.
+
+No scale is known, so a gain is judged by its share: k̂/k over the mean of k̂/k of the gains that did
+not weaken, less 1. Of the others it is the largest. Medians of the seeds, the worst in brackets;
+then the largest errors of the others over all that time, seed by seed.
+"""
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nsaid_mj.cli import load
+from nsaid_mj.experiment import Run, run
+from nsaid_mj.identifiers import NullspaceAID
+from nsaid_mj.parameters import Array
+from nsaid_mj.plants import Fault
+from nsaid_mj.scenario import Scenario
+
+SENSORS = ("ideal", "noisy")
+SINCE = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 30.0)
+ENOUGH = 0.01
+
+
+def failing(name: str, fault: Fault, seconds: float) -> Scenario:
+    """A scenario whose actuator weakens, with `seconds` [s] to go."""
+    scenario = load(name)
+    assert isinstance(scenario.identifier, NullspaceAID)
+    return replace(
+        scenario,
+        plant=replace(scenario.plant, fault=fault),
+        identifier=replace(scenario.identifier, law="memory"),
+        rivals={},
+        duration=fault.time + seconds,
+    )
+
+
+def errors(done: Run) -> tuple[Array, Array, Array]:
+    """(N,) times since the fault [s], the largest error of its gains, and of the others."""
+    plant, t = done.plant, done.record["t"]
+    since, k = plant.struck(t), plant.system.space.actuators
+    weak = np.isin(k, plant.fault.gains(plant.system))
+    ratio = done.record["theta_hat"][since][:, k] / plant.truth_at(t[since])[:, k]
+    error = np.abs(ratio / ratio[:, ~weak].mean(axis=1, keepdims=True) - 1)
+    return t[since] - t[since][0], error[:, weak].max(axis=1), error[:, ~weak].max(axis=1)
+
+
+def told(values: list[float]) -> str:
+    """Median and worst, in per cent."""
+    return f"{100 * np.median(values):.2g} % ({100 * max(values):.2g} %)"
+
+
+def main() -> None:
+    """Prints the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenario", default="bluerov2")
+    parser.add_argument("--loss", type=float, default=0.4)
+    parser.add_argument("--actuator", type=int, default=3, help="1 is the first command's")
+    parser.add_argument("--time", type=float, default=60.0, help="of the fault [s]")
+    parser.add_argument("--seconds", type=float, default=10.0, help="after it [s]")
+    parser.add_argument("--seeds", default="0,1,2")
+    chosen = parser.parse_args()
+    fault = Fault(loss=chosen.loss, actuator=chosen.actuator, time=chosen.time)
+    scenario = failing(chosen.scenario, fault, chosen.seconds)
+    seeds = [int(seed) for seed in chosen.seeds.split(",")]
+    found: dict[str, list[tuple[Array, Array, Array]]] = {sensors: [] for sensors in SENSORS}
+    for sensors in SENSORS:
+        for seed in seeds:
+            with tempfile.TemporaryDirectory() as folder:
+                done = run(replace(scenario, sensors=sensors, seed=seed), Path(folder))
+            print(f"{sensors}, seed {seed}: {done.ending.status.words}", flush=True)
+            found[sensors].append(errors(done))
+    heads = [f"{sensors}: {which}" for sensors in SENSORS for which in ("its gain", "others")]
+    print("\n| since the fault | " + " | ".join(heads) + " |\n|" + "---|" * (1 + len(heads)))
+    for since in (s for s in SINCE if s <= chosen.seconds):
+        cells = []
+        for runs in found.values():
+            at = [int(np.argmin(np.abs(t - since))) for t, _, _ in runs]
+            cells += [told([float(part[which][k]) for part, k in zip(runs, at, strict=True)])
+                      for which in (1, 2)]  # fmt: skip
+        print(f"| {since:g} s | " + " | ".join(cells) + " |")
+    print(f"\n| | others at most | all gains within {100 * ENOUGH:g} % from |\n|---|---|---|")
+    for sensors, runs in found.items():
+        for seed, (t, own, others) in zip(seeds, runs, strict=True):
+            far = np.flatnonzero(np.maximum(own, others) > ENOUGH)
+            known = t[far[-1] + 1] if far[-1] + 1 < len(t) else np.inf
+            peak = int(np.argmax(others))
+            print(f"| {sensors}, seed {seed} | {100 * others[peak]:.2g} % at {t[peak]:.1f} s "
+                  f"| {known:.1f} s |")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
