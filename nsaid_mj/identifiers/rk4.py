@@ -53,17 +53,22 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
     """
     start, z, total, rate, theta, scratch = work
     n = v.shape[0]
+    dv, eta = z[:n], z[n:]
     for i in range(n):
-        z[i] -= v[i]  # (37)
-    times_into(law.K, z[:n], rate[:n])
+        dv[i] -= v[i]  # (37)
+    times_into(law.K, dv, rate[:n])
     for i in range(n):
         rate[i] = a_hat[i] - rate[i]  # (44)
-    adapt(law, z[n:], theta, gradient, rate[n:], scratch)  # (45)
+    adapt(law, eta, theta, gradient, rate[n:], scratch)  # (45)
     for i in range(z.shape[0]):
         total[i] += weight * rate[i]
-        z[i] = start[i] + reach * rate[i] if reach > 0.0 else total[i]
-    hold(law, start[n:], z[n:])
-    leave(law, z[n:], theta, scratch)
+    if reach > 0.0:
+        for i in range(z.shape[0]):
+            z[i] = start[i] + reach * rate[i]
+    else:
+        copy_into(total, z)
+    hold(law, start[n:], eta)
+    leave(law, eta, theta, scratch)
 
 
 @njit(cache=True)
