@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from machine import machine
+from wide import cost
 
 from nsaid_mj import ArmPlant, Scenario
 from nsaid_mj.cli import load
@@ -232,8 +233,13 @@ def main() -> None:
         for row in part():
             told.append(row.told())
             tell(told[-1])
+    wide = []
+    for name in ("xarm7", "ur5", "bluerov2"):
+        wide.append(cost(name, "paper"))
+        print(f"{wide[-1]['us_per_run_and_step']:6.2f} µs per run and step: {wide[-1]['what']}",
+              flush=True)  # fmt: skip
     if len(sys.argv) > 1:
-        document = {"machine": where, "blocks": BLOCKS, "rows": told}
+        document = {"machine": where, "blocks": BLOCKS, "rows": told, "monte_carlo": wide}
         Path(sys.argv[1]).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
 
 
