@@ -255,7 +255,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
 
 @contextmanager
 def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
-    """Makes the first Ctrl-C a request that the loop answers between two steps.
+    """Makes the first Ctrl-C a request that the loop answers between two stretches.
 
     As an exception it would strike anywhere, and in compiled code be lost or become a SystemError.
     The second one is an exception again.
