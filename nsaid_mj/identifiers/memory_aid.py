@@ -24,7 +24,8 @@ from .quotient import Quotient, inverse, quotient
 
 _REACH = 0.5  # of a Newton step in the metric: a Dikin ellipsoid lies inside the cone up to 1
 _NEWTON, _HALVINGS = 30, 8  # at most, in one implicit step
-_DONE = 1e-7  # a Newton step this short ends it
+_CLOSE = 1e-3  # a Newton step this short is judged by its slope
+_DONE = 1e-7  # … and this short ends it
 _HINT = 1e-6  # weight of the prior, at least, in what is said of the unobservable
 
 
@@ -120,14 +121,22 @@ class MemoryIdentifier(ConeIdentifier):
         pace, anchor = self._pace, self._pace * self.anchor
         cost, _ = remembered.weighted(theta, memory)
         dual = self._mirror(theta)[0] + anchor * self._mirror_prior
+
+        def uphill(theta: Array, slope: Array) -> Array:
+            return pace * cost.gradient(theta) + (1 + anchor) * slope - dual
+
         for _ in range(_NEWTON):
             slope, metric = self._mirror(theta)
-            gradient = pace * cost.gradient(theta) + (1 + anchor) * slope - dual
+            gradient = uphill(theta, slope)
             way = -_solve(pace * cost.curvature(theta) + (1 + anchor) * metric, gradient)
             length = float(np.sqrt(way @ metric @ way))
             if not length > _DONE:  # NaN too: what was reached stands
                 break
-            way = self._shortened(cost, dual, theta, min(1.0, _REACH / length) * way)
+            if length > _CLOSE:
+                way = self._shortened(cost, dual, theta, min(1.0, _REACH / length) * way)
+            else:  # the objective cannot tell any more, its slope can
+                ahead = uphill(theta + way, self._mirror(theta + way)[0]) @ way
+                way = way / (1 + max(0.0, float(ahead / -(gradient @ way))))
             theta = theta + way
             if not way.any():
                 break
