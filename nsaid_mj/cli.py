@@ -334,20 +334,26 @@ def _compare(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
     return 0
 
 
-def _sweep(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
+def _of_many(chosen: argparse.Namespace, arguments: Sequence[str]) -> tuple[str, str, Scenario]:
+    """Name, script and scenario of many runs."""
     from .options import Output, parse
 
     path = Path(chosen.scenario)
     script = str(path.resolve()) if path.suffix == ".py" else chosen.scenario
-    scenario, output = parse(path.stem, load(script), arguments, "sweep")
+    scenario, output = parse(path.stem, load(script), arguments, chosen.command)
     if output != Output():
         raise InvalidInput("--live", "a flag of single runs to be left out", "it", "Leave it out.")
+    return path.stem, script, scenario
+
+
+def _sweep(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
+    name, script, scenario = _of_many(chosen, arguments)
     from . import sweep, sweep_engine, sweep_results
 
     vary = sweep.varied(chosen.vary, scenario)
     plan = sweep.Plan(script, scenario, vary, chosen.seeds, tuple(arguments))
     engine = sweep_engine.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
-    folder = chosen.out or Path("runs") / f"{path.stem}-sweep"
+    folder = chosen.out or Path("runs") / f"{name}-sweep"
     found = sweep.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
         print(json.dumps(sweep_results.document(found), indent=2, ensure_ascii=False))
@@ -357,17 +363,11 @@ def _sweep(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
 
 
 def _montecarlo(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
-    from .options import Output, parse
-
-    path = Path(chosen.scenario)
-    script = str(path.resolve()) if path.suffix == ".py" else chosen.scenario
-    scenario, output = parse(path.stem, load(script), arguments, "montecarlo")
-    if output != Output():
-        raise InvalidInput("--live", "a flag of single runs to be left out", "it", "Leave it out.")
+    name, script, scenario = _of_many(chosen, arguments)
     from . import montecarlo
 
     plan = montecarlo.Plan(script, scenario, chosen.runs, not chosen.own_plants, tuple(arguments))
-    folder = chosen.out or Path("runs") / f"{path.stem}-montecarlo"
+    folder = chosen.out or Path("runs") / f"{name}-montecarlo"
     found = montecarlo.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
     if chosen.json:
         print(json.dumps(montecarlo.document(found), indent=2, ensure_ascii=False))

@@ -31,28 +31,6 @@ def cholesky(M, L):
 
 
 @njit(cache=True)
-def solve(L, b):
-    """x (n,) with L Lᵀ x = b."""
-    x = b.copy()
-    solve_in_place(L, x)
-    return x
-
-
-@njit(cache=True)
-def solve_in_place(L, x):
-    """Overwrites b in x (n,) by the solution of L Lᵀ x = b."""
-    n = x.shape[0]
-    for i in range(n):
-        for k in range(i):
-            x[i] -= L[i, k] * x[k]
-        x[i] /= L[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= L[k, i] * x[k]
-        x[i] /= L[i, i]
-
-
-@njit(cache=True)
 def solve_positive(M, L, x):
     """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 
@@ -83,16 +61,8 @@ def solve_positive(M, L, x):
 
 
 @njit(cache=True)
-def times(gain, vector):
-    """A gain given by its diagonal (k,) or whole (k, k), times a vector (k,)."""
-    if gain.ndim == 1:
-        return gain * vector
-    return np.dot(gain, vector)
-
-
-@njit(cache=True)
 def times_into(gain, vector, product):
-    """The same, into `product` (k,)."""
+    """Writes a gain, given by its diagonal (k,) or whole (k, k), times a vector (k,)."""
     if gain.ndim == 1:
         for i in range(vector.shape[0]):
             product[i] = gain[i] * vector[i]
@@ -107,8 +77,8 @@ def evaluate(mass_tensor, W_C, F, theta):
     M_hat = np.dot(mass_tensor.reshape(n * n, p), theta).reshape(n, n)  # (8)
     L = np.zeros((n, n))
     W = W_C - F
-    pivot = cholesky(M_hat, L)
+    a_hat = -np.dot(W, theta)
+    pivot = solve_positive(M_hat, L, a_hat)  # (29)
     if not pivot > 0.0:
         return np.full(n, np.nan), W, pivot
-    a_hat = solve(L, -np.dot(W, theta))  # (29)
     return a_hat, np.dot(a_hat, mass_tensor.reshape(n, n * p)).reshape(n, p) + W, pivot  # (10)

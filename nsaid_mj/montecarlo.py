@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -409,7 +409,7 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
     try:
         with bar, (folder / ROWS).open("a", encoding="utf-8") as stream:
             task = bar.add_task(folder.name, total=plan.runs, completed=len(known))
-            seen = lambda share: bar.advance(task, share)  # noqa: E731
+            seen = partial(bar.advance, task)
             for rows in _rows(plan.scenario, todo, jobs, plan.shared, seen):
                 for row in rows:
                     line = json.dumps(row, ensure_ascii=False, allow_nan=False)

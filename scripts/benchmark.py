@@ -46,6 +46,13 @@ def seven_joints(backend: Backend) -> Scenario:
     return replace(load("ur5"), plant=arm, dt=1e-3)
 
 
+def compiled(name: str) -> Scenario:
+    """A packed scenario of an arm on compiled recursions."""
+    scenario = load(name)
+    assert isinstance(scenario.plant, ArmPlant)
+    return replace(scenario, plant=replace(scenario.plant, backend="compiled"))
+
+
 @dataclass
 class Row:
     """One comparison."""
@@ -138,6 +145,7 @@ def loops() -> list[Row]:
         ("7 joints, 91 parameters, compiled", seven_joints("compiled"), LAWS, 2.0),
         ("7 joints, 91 parameters, Pinocchio", seven_joints("pinocchio"), LAWS[:1], 10.0),
         ("bluerov2", load("bluerov2"), LAWS, 3.0),
+        ("ur5, compiled", compiled("ur5"), LAWS, None),
     ):
         alone = plant_alone(scenario)
         for law in laws:
@@ -208,6 +216,15 @@ def identifiers() -> list[Row]:
     rows.append(alternating(
         "the same, sample by sample from Python: paper", step_by_step(scenario, "paper"), regressor
     ))  # fmt: skip
+    for law in LAWS:
+        what = f"identifier RK4 step / one Pinocchio torque regressor of 91 parameters: ur5, {law}"
+        rows.append(alternating(what, following(compiled("ur5"), law), regressor))
+    rows += [
+        alternating("the same, sample by sample from Python: ur5, paper",
+                    step_by_step(compiled("ur5"), "paper"), regressor),
+        alternating("the same, along a log on Pinocchio's regressors: ur5, paper",
+                    following(load("ur5"), "paper", 500), regressor),
+    ]  # fmt: skip
     arm = load("ur5").plant.build(1e-3, 0)
     arm.model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     arm.reset(np.zeros(6), np.zeros(6))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.kernels import cholesky, evaluate, solve, solve_positive, times
+from nsaid_mj.kernels import cholesky, evaluate, solve_positive, times_into
 
 FEW = settings(deadline=None, max_examples=40)
 seeds, sizes = st.integers(0, 2**32 - 1), st.integers(1, 8)
@@ -55,23 +55,13 @@ def test_NaN_in_M_is_not_positive(at):
 
 @FEW
 @given(seeds, sizes)
-def test_solve_inverts(seed, n):
-    rng = np.random.default_rng(seed)
-    M, x, L = spd(rng, n), rng.standard_normal(n), np.zeros((n, n))
-    cholesky(M, L)
-    b = M @ x
-    kept = b.copy()
-    np.testing.assert_allclose(solve(L, b), x, rtol=1e-8, atol=1e-8 * np.abs(x).max())
-    assert (b == kept).all()
-
-
-@FEW
-@given(seeds, sizes)
 def test_times_takes_a_diagonal_or_a_matrix(seed, n):
     rng = np.random.default_rng(seed)
     d, x = rng.standard_normal(n), rng.standard_normal(n)
-    np.testing.assert_allclose(times(d, x), np.diag(d) @ x, rtol=1e-15)
-    np.testing.assert_allclose(times(np.diag(d), x), times(d, x), rtol=1e-15)
+    for gain in (d, np.diag(d)):
+        product = np.full(n, np.nan)
+        times_into(gain, x, product)
+        np.testing.assert_allclose(product, np.diag(d) @ x, rtol=1e-15)
 
 
 def system(rng, n: int, p: int):

@@ -21,7 +21,6 @@ from .rk4 import (
     follow_eight,
     inside_law,
     room,
-    tree_follow,
 )
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
@@ -164,23 +163,19 @@ class NullspaceIdentifier(Identifier):
 
     def _follow(self, log: Log, estimates: Estimates, motion: Motion | None = None) -> int:
         """Writes the estimates from row 1 on; returns the row that failed, N where none did."""
-        system = self.system
-        if system.linkage is None and system.inertia is None and system.loaded is None:
-            return self._follow_any(log, estimates)
         if motion is not None:
             return follow(self.law, motion, *estimates[:3])
         for at in range(0, len(log.t) - 1, _PIECE):
             rows = [part[at : at + _PIECE + 1] for part in estimates[:3]]
-            piece = log.part(at, at + _PIECE + 1)
-            if system.linkage is not None:
-                failed = tree_follow(system.linkage, self.law, self.hermite, *piece, *rows)
-            else:
-                failed = follow(self.law, self.motion(piece), *rows)
+            piece = self.motion(log.part(at, at + _PIECE + 1))
+            if piece is None:
+                return self._follow_any(log, estimates)
+            failed = follow(self.law, piece, *rows)
             if failed < len(rows[0]):
                 return at + failed
         return len(log.t)
 
-    def _follow_any(self, log: Log, estimates: Estimates, motion: Motion | None = None) -> int:
+    def _follow_any(self, log: Log, estimates: Estimates) -> int:
         """The same for any system, stage by stage."""
         system, n, law = self.system, self.system.n, self.law
         work = room(law, n, system.p)

@@ -9,7 +9,7 @@ from numba.extending import register_jitable
 from ..kernels import times_into
 from .eight import copy_into, eights, zeros
 from .laws import Flat, adapt, chart, enter, hold, leave, sound
-from .motions import stage, stage_room, tree_motion
+from .motions import stage, stage_room
 
 # -- one step --------------------------------------------------------------------------------------
 
@@ -145,10 +145,3 @@ def follow_eight(K, Gamma, motion, v_hats, theta_hats, pivots):
     """
     law = Flat(eights(K), eights(Gamma))
     return follow(law, motion, eights(v_hats), eights(theta_hats), eights(pivots))
-
-
-@njit(cache=True, nogil=True)
-def tree_follow(linkage, law, hermite, t, q, v, u, v_hats, theta_hats, pivots):
-    """The same for a tree of bodies whose motion nobody else needs."""
-    motion = tree_motion(linkage, hermite, t, q, v, u)
-    return follow(law, motion, v_hats, theta_hats, pivots)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import carray, cfunc, njit
 
-from ..kernels import cholesky, solve
+from ..kernels import solve_positive
 from ..parameters import Array
 from ..spatial import cross
 from .callbacks import (
@@ -204,9 +204,9 @@ def _add_joints(t, d, start, command, qvel):
 def _passive_force(M, bias, A, t):
     """(nv,) M q̈ + bias with A q̈ = t; NaN where A is not positive definite."""
     L = np.zeros(A.shape)
-    if not cholesky(A, L) > 0.0:
+    if not solve_positive(A, L, t) > 0.0:
         return np.full(t.shape[0], np.nan)
-    return np.dot(M, solve(L, t)) + bias
+    return np.dot(M, t) + bias
 
 
 class _Places(NamedTuple):
