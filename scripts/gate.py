@@ -1,0 +1,114 @@
+"""Hashes what runs record: a change of the code's shape must change no number.
+
+Runs every scenario for a short while with the laws paper, cone and memory, under ideal and noisy
+sensors, arms on both backends, and prints one hash for each run over the columns of record.arrow.
+
+    python scripts/gate.py --save runs/gate          # before: hashes and columns
+    python scripts/gate.py --against runs/gate       # after: the same hashes, or by how much not
+
+Metadata of the record do not count. Runs whose arithmetic may be reordered (Pinocchio's regressors
+and systems without a compiled motion) pass when no column differs by more than 1e-9 of its largest
+value; all others must be equal to the bit. Bits depend on the processor and on the versions of
+numpy and numba: save and compare on one machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import runpy
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import nsaid_mj
+from nsaid_mj import Record, Scenario
+
+SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
+STEPS, SECONDS = 300, 1.5  # of a run: the longer of the two
+TOLERANCE = 1e-9  # of a column's largest value, where bits may differ
+LOOSE = ("pinocchio", "scalar_rov")  # where the order of additions is free
+
+
+def cases(only: str) -> Iterator[tuple[str, Scenario]]:
+    """Every run by name."""
+    for path in sorted(SCENARIOS.glob("[!_]*.py")):
+        found = runpy.run_path(str(path))["scenario"]
+        arm = any(field.name == "backend" for field in fields(found.plant))
+        for backend in ("pinocchio", "compiled") if arm else ("",):
+            plant = replace(found.plant, backend=backend) if arm else found.plant
+            for law in ("paper", "cone", "memory"):
+                for sensors in ("ideal", "noisy"):
+                    name = "-".join(filter(None, (path.stem, backend, law, sensors)))
+                    if only in name:
+                        yield name, replace(
+                            found, plant=plant, identifier=replace(found.identifier, law=law),
+                            sensors=sensors, held_out=max(2 * found.dt, 0.1), record_every=1,
+                            duration=max(SECONDS, STEPS * found.dt),
+                        )  # fmt: skip
+
+
+def columns_of(scenario: Scenario) -> dict[str, Any]:
+    """The columns that a run records."""
+    with tempfile.TemporaryDirectory() as folder:
+        nsaid_mj.run(scenario, Path(folder))
+        return dict(Record.read(Path(folder)).columns)
+
+
+def digest(columns: dict[str, Any]) -> str:
+    """Twelve hexadecimal digits of all columns."""
+    found = hashlib.sha256()
+    for name, column in columns.items():
+        found.update(f"{name} {column.shape}".encode())
+        found.update(np.ascontiguousarray(column).tobytes())
+    return found.hexdigest()[:12]
+
+
+def difference(columns: dict[str, Any], kept: Any) -> float:
+    """The largest difference of two records, as a share of each column's largest value."""
+    worst = 0.0
+    for name, column in columns.items():
+        other = kept[name]
+        if other.shape != column.shape:
+            return np.inf
+        with np.errstate(invalid="ignore"):
+            apart = np.max(np.abs(np.nan_to_num(column - other)), initial=0.0)
+        worst = max(worst, apart / max(np.max(np.abs(np.nan_to_num(other)), initial=0.0), 1e-300))
+    return float(worst)
+
+
+def main() -> int:
+    """Saves, or compares; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--save", type=Path, metavar="FOLDER", help="keep hashes and columns")
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="compare with these")
+    parser.add_argument("--only", default="", metavar="TEXT", help="runs whose name has this")
+    chosen = parser.parse_args()
+    failed = 0
+    for name, scenario in cases(chosen.only):
+        columns = columns_of(scenario)
+        words = digest(columns)
+        if chosen.save:
+            chosen.save.mkdir(parents=True, exist_ok=True)
+            np.savez(chosen.save / f"{name}.npz", **columns)
+        if chosen.against:
+            with np.load(chosen.against / f"{name}.npz") as kept:
+                same = digest({key: kept[key] for key in kept.files}) == words
+                apart = 0.0 if same else difference(columns, kept)
+            free = any(word in name for word in LOOSE)
+            good = same or (free and apart <= TOLERANCE)
+            words += " same" if same else f" {apart:.1e} {'within' if good else 'DIFFERENT'}"
+            failed += not good
+        print(f"{name:44} {words}", flush=True)
+    if chosen.against:
+        print(f"{failed} differ" if failed else "all hold")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
