@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .cli import main as main
+    from .cli.commands import main as main
     from .control import DepthHeadingAutopilot as DepthHeadingAutopilot
     from .control import DriverConfig as DriverConfig
     from .control import Driving as Driving
@@ -21,11 +21,14 @@ if TYPE_CHECKING:
     from .control import QuadrotorFlight as QuadrotorFlight
     from .control import SwimAndReach as SwimAndReach
     from .errors import NsaidError as NsaidError
-    from .experiment import run as run
+    from .experiment.loop import run as run
+    from .experiment.record import Record as Record
+    from .experiment.scenario import Scenario as Scenario
     from .identifiers import ConventionalAID as ConventionalAID
     from .identifiers import MemoryConfig as MemoryConfig
     from .identifiers import NullspaceAID as NullspaceAID
     from .identifiers import Status as Status
+    from .log import Measurement as Measurement
     from .parameters import Block as Block
     from .parameters import ParameterSpace as ParameterSpace
     from .plants import ArmPlant as ArmPlant
@@ -43,9 +46,6 @@ if TYPE_CHECKING:
     from .plants import ScalarRovPlant as ScalarRovPlant
     from .plants import SensorNoise as SensorNoise
     from .plants import UvmsPlant as UvmsPlant
-    from .record import Record as Record
-    from .scenario import Scenario as Scenario
-    from .system import Measurement as Measurement
     from .system import SecondOrderSystem as SecondOrderSystem
 
 _HOMES = {
@@ -59,7 +59,7 @@ _HOMES = {
     "MultisineCommand": "control",
     "QuadrotorFlight": "control",
     "NsaidError": "errors",
-    "run": "experiment",
+    "run": "experiment.loop",
     "ConventionalAID": "identifiers",
     "MemoryConfig": "identifiers",
     "NullspaceAID": "identifiers",
@@ -82,9 +82,9 @@ _HOMES = {
     "ScalarRovPlant": "plants",
     "SensorNoise": "plants",
     "UvmsPlant": "plants",
-    "Record": "record",
-    "Scenario": "scenario",
-    "Measurement": "system",
+    "Record": "experiment.record",
+    "Scenario": "experiment.scenario",
+    "Measurement": "log",
     "SecondOrderSystem": "system",
 }
 

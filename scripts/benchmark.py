@@ -23,12 +23,13 @@ from machine import machine
 from wide import cost
 
 from nsaid_mj import ArmPlant, Scenario
-from nsaid_mj.cli import load
 from nsaid_mj.control import Driver
-from nsaid_mj.experiment import Seeds, prepare, run, trajectory
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.setup import Seeds, prepare, trajectory
+from nsaid_mj.log import Log
 from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import Backend
-from nsaid_mj.system import Log
 
 BLOCKS = 15
 STEPS = 4000  # of a closed loop, in a block

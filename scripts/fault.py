@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.cli import load
-from nsaid_mj.experiment import Run, run
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import Run, run
+from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import Fault
-from nsaid_mj.scenario import Scenario
 
 SENSORS = ("ideal", "noisy")
 SINCE = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 30.0)

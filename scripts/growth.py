@@ -29,13 +29,14 @@ import pinocchio as pin
 from machine import machine
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID
-from nsaid_mj.cli import load
-from nsaid_mj.experiment import Observer, run
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.identifiers import State
+from nsaid_mj.log import Log
 from nsaid_mj.plants.arm import nominal_scales
-from nsaid_mj.plants.robots import Base, load_robot
-from nsaid_mj.plants.tree import tree_spec
-from nsaid_mj.system import Log, SecondOrderSystem
+from nsaid_mj.plants.world.robots import Base, load_robot
+from nsaid_mj.plants.world.tree import tree_spec
+from nsaid_mj.system import SecondOrderSystem
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 

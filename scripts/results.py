@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.cli import load
-from nsaid_mj.experiment import run
+from nsaid_mj.evaluation import summarize
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.metrics import summarize
 from nsaid_mj.resources import scenarios
 
 WORST = ("theta_perp_ratio_initial", "theta_perp_ratio", "force_residual_ratio",

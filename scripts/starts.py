@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from nsaid_mj import NullspaceAID, Scenario, Status
-from nsaid_mj.cli import load
-from nsaid_mj.montecarlo import Course, identify, simulate
-from nsaid_mj.sweep import seed_of
-from nsaid_mj.sweep_results import Row
+from nsaid_mj.experiment.library import load
+from nsaid_mj.studies.montecarlo import Course, identify, simulate
+from nsaid_mj.studies.sweep import seed_of
+from nsaid_mj.studies.sweep_results import Row
 
 VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
             "scalar_rov")  # fmt: skip

@@ -13,9 +13,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
-from nsaid_mj.cli import load
-from nsaid_mj.montecarlo import follow, grouped, simulate
-from nsaid_mj.sweep import seed_of
+from nsaid_mj.experiment.library import load
+from nsaid_mj.studies.montecarlo import follow, grouped, simulate
+from nsaid_mj.studies.sweep import seed_of
 
 Law = Literal["paper", "cone"]
 REPEATS = 5

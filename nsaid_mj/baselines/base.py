@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ..log import EXACT, Log, SensorLevels
 from ..parameters import Array
-from ..system import EXACT, Log, SecondOrderSystem, SensorLevels
+from ..system import SecondOrderSystem
 
 
 class Problem(NamedTuple):

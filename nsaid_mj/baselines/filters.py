@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import signal
 
+from ..log import Log
 from ..parameters import Array
-from ..system import Log, SecondOrderSystem
+from ..system import SecondOrderSystem
 
 _ORDER = 4
 

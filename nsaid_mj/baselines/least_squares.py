@@ -6,8 +6,9 @@ import numpy as np
 import scipy.linalg
 
 from ..errors import InvalidInput
+from ..log import Log
 from ..parameters import Array
-from ..system import Log, SecondOrderSystem
+from ..system import SecondOrderSystem
 from .base import Estimate, Problem
 from .filters import low_passed, smoothed
 from .regression import Gauge, central_rows, condense

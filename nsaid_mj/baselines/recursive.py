@@ -8,8 +8,9 @@ import numpy as np
 from scipy import signal
 
 from ..errors import NoEstimate
+from ..log import Log, SensorLevels
 from ..parameters import Array
-from ..system import Log, SecondOrderSystem, SensorLevels
+from ..system import SecondOrderSystem
 from .base import Estimate, Problem
 from .least_squares import window
 from .regression import central_rows

@@ -11,9 +11,10 @@ import numpy as np
 import scipy.linalg
 
 from ..errors import InvalidInput
+from ..log import Log
 from ..nullspace import TOLERANCE
 from ..parameters import Array
-from ..system import Log, SecondOrderSystem
+from ..system import SecondOrderSystem
 
 
 def central_rows(system: SecondOrderSystem, log: Log) -> Array:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InvalidInput
-from ..excitation import Multisine
+from ..numerics.spatial import rotation
 from ..parameters import Array
-from ..spatial import rotation
 from ..system import SecondOrderSystem
 from ..systems.torpedo import TorpedoVehicle
 from .driver import Driver, DriverConfig
+from .signals import Multisine
 
 _DAMPING = 1.0  # of the attitude loops
 _SHARE = 0.1  # of the attitude loops' bandwidth that the depth loop has

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..computed_torque import Tracking
 from ..parameters import Array
 from ..system import SecondOrderSystem
+from .computed_torque import Tracking
 
 
 class Driver(ABC):

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InvalidInput
-from ..excitation import Multisine
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.ground import GroundVehicle
 from .driver import Driver, DriverConfig
+from .signals import Multisine
 
 _LOOP = 3.0  # bandwidth of the speed loop [rad/s]
 _WIDEST = 0.55  # of cruising: with the loop's error the speed stays above 0.4 of it, where slip

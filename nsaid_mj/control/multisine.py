@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..excitation import Multisine
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .driver import Driver, DriverConfig
+from .signals import Multisine
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InvalidInput
-from ..excitation import Multisine
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .driver import Driver, DriverConfig
+from .signals import Multisine
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ import numpy as np
 from numba import njit
 
 from ..errors import InvalidInput
-from ..excitation import Multisine
+from ..numerics.spatial import cross, rotation
 from ..parameters import Array
-from ..spatial import cross, rotation
 from ..system import SecondOrderSystem
 from ..systems.aerial import GRAVITY, Quadrotor
 from .driver import Driver, DriverConfig
+from .signals import Multisine
 
 _SLOWEST = 0.1  # rotor speed, as a share of the largest
 _HEADING = 0.25  # the loop about z is that much slower than those of the tilt

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..computed_torque import Tracking, computed_torque, tracking_room
 from ..errors import InvalidInput
-from ..excitation import FourierTrajectory
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.multibody import Multibody
+from .computed_torque import Tracking, computed_torque, tracking_room
 from .driver import Driver, DriverConfig
+from .signals import FourierTrajectory
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InvalidInput
-from ..excitation import FourierTrajectory, Multisine
+from ..numerics.spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..parameters import Array
-from ..spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..system import SecondOrderSystem
 from ..systems.flying_arm import FlyingArm
 from ..systems.underwater_manipulator import UnderwaterManipulator
 from ..systems.vehicle_manipulator import VehicleManipulator
 from .driver import Driver, DriverConfig
+from .signals import FourierTrajectory, Multisine
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,6 @@ from .base import Identifier as Identifier
 from .base import IdentifierConfig as IdentifierConfig
 from .base import State as State
 from .base import Status as Status
+from .config import NullspaceAID as NullspaceAID
 from .conventional import ConventionalAID as ConventionalAID
-from .design import NullspaceAID as NullspaceAID
-from .memory import MemoryConfig as MemoryConfig
+from .memory.statistics import MemoryConfig as MemoryConfig

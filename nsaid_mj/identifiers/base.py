@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..log import EXACT, Log, Measurement, SensorLevels
 from ..parameters import Array
-from ..system import EXACT, Log, Measurement, SecondOrderSystem, SensorLevels
-from .memory import Memory
+from ..system import SecondOrderSystem
+from .memory.statistics import Memory
 
 
 class Status(Enum):

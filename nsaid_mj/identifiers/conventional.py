@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
+from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
-from ..system import EXACT, SecondOrderSystem, SensorLevels
+from ..system import SecondOrderSystem
 from .base import Expected, Identifier, IdentifierConfig
 from .nullspace_aid import NullspaceIdentifier
 

@@ -6,22 +6,16 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from ..dynamics.interpolation import between_two, midpoints
+from ..dynamics.motions import BodyMotion, LoadedMotion, Motion, TreeMotion, tree_motion
 from ..errors import InvalidInput
+from ..log import Log, Measurement
+from ..numerics.lanes import LANES
 from ..parameters import Array
-from ..system import Log, Measurement, SecondOrderSystem, checked
+from ..system import SecondOrderSystem, checked
 from .base import Estimates, Identifier, State, Status
-from .lanes import LANES
-from .laws import Flat, Law
-from .midpoint import between_two, midpoints
-from .motions import BodyMotion, LoadedMotion, Motion, TreeMotion, tree_motion
-from .rk4 import (
-    advance_by_regressor,
-    begin,
-    follow,
-    follow_eight,
-    inside_law,
-    room,
-)
+from .metric import Flat, Law
+from .rk4 import advance_by_regressor, begin, follow, follow_eight, inside_law, room
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
 _PIECE = 500  # steps whose motion is held at once

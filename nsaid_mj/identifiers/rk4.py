@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
-from ..kernels import times_into
-from .eight import copy_into, eights, zeros
-from .laws import Flat, adapt, chart, enter, hold, leave, sound
-from .motions import stage, stage_room
+from ..dynamics.motions import stage, stage_room
+from ..numerics.eight import copy_into, eights, zeros
+from ..numerics.linalg import times_into
+from .metric import Flat, adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
 

@@ -11,13 +11,13 @@ import pinocchio as pin
 from numba import carray, cfunc
 
 from ..errors import InvalidInput
+from ..numerics.spatial import cross, rotate, unrotate
 from ..parameters import Array
 from ..resources import numbers
-from ..spatial import cross, rotate, unrotate
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
-from .callbacks import WORDS, as_pointer, field_offsets
-from .plant import Plant, PlantConfig
-from .vehicle import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.plant import Plant, PlantConfig
 
 Model = Literal["hummingbird", "crazyflie"]
 

@@ -14,13 +14,13 @@ from ..errors import BadRobot, EnginesDisagree, InvalidInput
 from ..parameters import Array
 from ..systems.compiled import CompiledMultibody
 from ..systems.multibody import JointScales, Multibody
-from .callbacks import coulomb_friction
-from .coordinates import joint_map
-from .mismatch import Mismatch
-from .plant import Plant, PlantConfig
-from .robots import Base, Robot, load_robot
-from .shapes import VisualMesh
-from .tree import Looks, tree_spec
+from .world.callbacks import coulomb_friction
+from .world.coordinates import joint_map
+from .world.mismatch import Mismatch
+from .world.plant import Plant, PlantConfig
+from .world.robots import Base, Robot, load_robot
+from .world.shapes import VisualMesh
+from .world.tree import Looks, tree_spec
 
 Backend = Literal["pinocchio", "compiled"]
 """Where a robot's regressors come from: Pinocchio, or our own recursions, which agree with it."""

@@ -13,10 +13,10 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.ground import CREEP, GroundScales, GroundVehicle
-from .callbacks import WORDS, as_pointer, field_offsets
-from .mismatch import Mismatch
-from .plant import Plant, PlantConfig
-from .vehicle import Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.mismatch import Mismatch
+from .world.plant import Plant, PlantConfig
 
 
 @dataclass(frozen=True)

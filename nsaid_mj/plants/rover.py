@@ -12,12 +12,12 @@ import pinocchio as pin
 from ..parameters import Array
 from ..resources import asset, numbers
 from ..systems.ground import GroundScales, GroundVehicle
-from .coordinates import LevelMap
 from .ground import Car, check_wind
-from .mismatch import Mismatch
-from .plant import Plant, PlantConfig, set_options
-from .shapes import VisualMesh, of_geom
-from .vehicle import BODY, body_poses, check_spread, guessed, hidden
+from .world.body import BODY, body_poses, check_spread, guessed, hidden
+from .world.coordinates import LevelMap
+from .world.mismatch import Mismatch
+from .world.plant import Plant, PlantConfig, set_options
+from .world.shapes import VisualMesh, of_geom
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STEERED = ("steer_left", "steer_right")

@@ -11,10 +11,10 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import asset
 from ..systems.scalar import ScalarVehicle
-from .coordinates import reading_of
-from .mismatch import Mismatch
-from .plant import Plant, PlantConfig, set_options
-from .shapes import VisualMesh, of_geom
+from .world.coordinates import reading_of
+from .world.mismatch import Mismatch
+from .world.plant import Plant, PlantConfig, set_options
+from .world.shapes import VisualMesh, of_geom
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import pinocchio as pin
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.space import FreeFlyer, FreeFlyerScales
-from .plant import Plant, PlantConfig
-from .vehicle import BODY, NED, Vehicle, check_spread, guessed, hidden, vehicle_spec
+from .world.body import BODY, NED, Vehicle, check_spread, guessed, hidden, vehicle_spec
+from .world.plant import Plant, PlantConfig
 
 
 @dataclass(frozen=True)

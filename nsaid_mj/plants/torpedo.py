@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numba import carray, cfunc
 
+from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
 from ..resources import numbers
-from ..spatial import rotate, unrotate
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle
-from .callbacks import WORDS, as_pointer, field_offsets
-from .hydrodynamics import motion_in_water, passive_wrench
-from .mismatch import Mismatch
-from .plant import Plant, PlantConfig
 from .underwater import into_mujocos_water
-from .vehicle import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.hydrodynamics import motion_in_water, passive_wrench
+from .world.mismatch import Mismatch
+from .world.plant import Plant, PlantConfig
 
 LIMIT = 8
 """Most fins a vehicle may have."""

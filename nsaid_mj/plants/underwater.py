@@ -10,10 +10,19 @@ import numpy as np
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.underwater import UnderwaterScales, UnderwaterVehicle
-from .hydrodynamics import SIZE, Hydrodynamics, fossen
-from .mismatch import Mismatch
-from .plant import Plant, PlantConfig
-from .vehicle import BODY, NED, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import (
+    BODY,
+    NED,
+    Vehicle,
+    check_spread,
+    command_inputs,
+    guessed,
+    hidden,
+    vehicle_spec,
+)
+from .world.hydrodynamics import SIZE, Hydrodynamics, fossen
+from .world.mismatch import Mismatch
+from .world.plant import Plant, PlantConfig
 
 
 @dataclass(frozen=True)

@@ -14,23 +14,19 @@ from ..parameters import Array
 from ..resources import numbers
 from ..systems.flying_arm import FlyingArm
 from ..systems.multibody import JointScales
-from ..systems.underwater_manipulator import (
-    Cylinders,
-    LinkFluidScales,
-    UnderwaterManipulator,
-)
+from ..systems.underwater_manipulator import Cylinders, LinkFluidScales, UnderwaterManipulator
 from ..systems.vehicle_manipulator import VehicleManipulator
 from .arm import ArmPlant, extent, nominal_scales
-from .coordinates import joint_map
-from .hydrodynamics import Hydrodynamics
-from .mismatch import Mismatch
-from .plant import Plant, PlantConfig
-from .robots import load_robot
-from .shapes import VisualMesh
-from .tree import GeomLooks, Looks, tree_spec
-from .tree_forces import TreeForces, tree_forces
 from .underwater import drawn, published, scales_of
-from .vehicle import check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.coordinates import joint_map
+from .world.hydrodynamics import Hydrodynamics
+from .world.mismatch import Mismatch
+from .world.plant import Plant, PlantConfig
+from .world.robots import load_robot
+from .world.shapes import VisualMesh
+from .world.tree import GeomLooks, Looks, tree_spec
+from .world.tree_forces import TreeForces, tree_forces
 
 BASE = "base"
 """Name of the free joint and the body of a vehicle that is put together here."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from ..experiment import Run
-from ..metrics import true_nullspace, true_theta
-from ..record import Record
+from ..evaluation import true_nullspace, true_theta
+from ..experiment.loop import Run
+from ..experiment.record import Record
 from .forces import COMMANDED, ESTIMATED, Arrows, Rows
 from .layout import blueprint
 from .scene import Scene

@@ -10,11 +10,11 @@ import time
 import numpy as np
 import rerun as rr
 
-from ..experiment import Observer
+from ..experiment.loop import Observer
+from ..experiment.scenario import Scenario
 from ..identifiers import State
+from ..log import Measurement
 from ..plants import Plant
-from ..scenario import Scenario
-from ..system import Measurement
 from .forces import ESTIMATED, Arrows, Rows
 from .layout import live_blueprint
 from .scene import Scene

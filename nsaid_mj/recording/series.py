@@ -9,8 +9,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..experiment import Run
-from ..metrics import OWN, distance, energy
+from ..evaluation import OWN, distance, energy
+from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import Array, Block, ParameterSpace
 from ..plants import Plant

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..experiment import Run
-from ..metrics import FIGURES, OWN, figure, unobservable_lines
+from ..evaluation import FIGURES, OWN, figure, unobservable_lines
+from ..experiment.loop import Run
 
 _SPELLED = {"θ̄": "θ", "θ̂": "θ^", "_P⊥": "_perp", "P⊥": "P_perp", "⊥": "perp", "ᵀ": "'"}
 _FONT = (  # of Inter, the viewer's font, what a robot's names and units may need

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ..numerics.spatial import cross, unrotate
 from ..parameters import Array, Block, ParameterSpace
-from ..spatial import cross, unrotate
 from . import actuators
 from .rigid_body import RigidBody, inertial_block, of_a_body
 

@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
-from ..parameters import Array
-from ..recursion import (
+from ..dynamics.tree import (
     AXIS,
     BASE,
     FRICTION_SPEED,
@@ -30,8 +29,10 @@ from ..recursion import (
     tree_work,
     write_power,
 )
-from ..system import Instant, Log
-from ..triples import add, back, cross, put, scale, three
+from ..log import Log
+from ..numerics.triples import add, back, cross, put, scale, three
+from ..parameters import Array
+from ..system import Instant
 from .multibody import JointScales, Multibody
 
 

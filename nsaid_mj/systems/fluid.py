@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from ..spatial import unrotate
+from ..numerics.spatial import unrotate
 
 
 @njit(cache=True)

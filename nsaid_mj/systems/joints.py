@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
+from ..numerics.spatial import pose_jacobian, quaternion_of
 from ..parameters import Array
-from ..spatial import pose_jacobian, quaternion_of
 from ..system import SecondOrderSystem
 from .rigid_body import SPATIAL_UNITS
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..loaded import MOTION, accelerate, loaded_work, push, swing
-from ..recursion import SLIP, STATE, TWIST, tree_place
-from ..spatial import bracket
+from ..dynamics.loaded import MOTION, accelerate, loaded_work, push, swing
+from ..dynamics.tree import SLIP, STATE, TWIST, tree_place
+from ..numerics.spatial import bracket
 from .compiled import write_reach
 
 

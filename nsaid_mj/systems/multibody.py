@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
+from ..dynamics.tree import accelerate, tree_state, tree_work
+from ..numerics.spatial import bracket
 from ..parameters import Array, Block, ParameterSpace
-from ..recursion import accelerate, tree_state, tree_work
-from ..spatial import bracket
 from ..system import DIFFERENCE, Instant
 from .joints import JointTree
 from .rigid_body import INERTIAL, INERTIAL_UNITS

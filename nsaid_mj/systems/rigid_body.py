@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from ..parameters import Array, Block, ParameterSpace
-from ..spatial import (
+from ..log import Log
+from ..numerics.spatial import (
     coadjoint,
     planar_difference,
     planar_integrate,
@@ -25,7 +25,8 @@ from ..spatial import (
     pose_jacobian,
     quaternion_of,
 )
-from ..system import ConstantInertia, Log, SecondOrderSystem
+from ..parameters import Array, Block, ParameterSpace
+from ..system import ConstantInertia, SecondOrderSystem
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 PLANAR_UNITS = ("m/s", "m/s", "rad/s")

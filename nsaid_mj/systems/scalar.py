@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..log import Log
 from ..parameters import Array, Block, ParameterSpace
-from ..system import ConstantInertia, Log, SecondOrderSystem
+from ..system import ConstantInertia, SecondOrderSystem
 
 
 class ScalarVehicle(SecondOrderSystem):

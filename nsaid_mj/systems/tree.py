@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from .. import recursion
+from ..dynamics import tree as recursion
 from ..parameters import Array, Indices
 from ..system import Linkage, LoadedTree
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from ..numerics.spatial import unrotate
 from ..parameters import Array, Block, ParameterSpace
-from ..spatial import unrotate
 from . import actuators, fluid
 from .rigid_body import RigidBody, symmetric
 

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
+from ..dynamics.tree import TWIST
+from ..numerics.triples import add, back, cross, dot, scale, three
 from ..parameters import Array, Block
-from ..recursion import TWIST
-from ..triples import add, back, cross, dot, scale, three
 from . import actuators, fluid
 from .multibody import JointScales
 from .rigid_body import of_a_body, symmetric

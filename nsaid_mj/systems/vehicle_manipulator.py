@@ -15,10 +15,11 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
+from ..dynamics.tree import AT, AXIS
+from ..log import Log
+from ..numerics.triples import add, cross, dot, forth, three
 from ..parameters import Array, Block, ParameterSpace
-from ..recursion import AT, AXIS
-from ..system import Instant, LoadedTree, Log
-from ..triples import add, cross, dot, forth, three
+from ..system import Instant, LoadedTree
 from . import loads
 from .joints import JointTree
 from .multibody import JointScales, joint_blocks, link_block

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.control import QuadrotorFlight
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import draw_prior, prepare, trajectory
+from nsaid_mj.experiment.scenario import Scenario
+from nsaid_mj.experiment.setup import draw_prior, prepare, trajectory
 from nsaid_mj.nullspace import directions, structural
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, QuadrotorPlant
 from nsaid_mj.resources import numbers
-from nsaid_mj.scenario import Scenario
 from nsaid_mj.systems.aerial import Quadrotor
-from tests.contract.vehicles import acceleration
+from tests.support.vehicles import acceleration
 
 FEW = settings(deadline=None, max_examples=15)
 seeds = st.integers(0, 2**32 - 1)

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from nsaid_mj import experiment, spatial
-from nsaid_mj.cli import load
+from nsaid_mj.dynamics.interpolation import body_half_way
+from nsaid_mj.experiment import loop as experiment
+from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import Status
-from nsaid_mj.identifiers.midpoint import body_half_way
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.numerics import spatial
 from nsaid_mj.parameters import Array
 from nsaid_mj.system import SecondOrderSystem
-from tests.contract.vehicles import VEHICLES
 from tests.paper.bench import Motion, estimates, identify, lyapunov, order
+from tests.support.vehicles import VEHICLES
 
 BODIES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "scalar_rov"]
 bodies = pytest.mark.parametrize("name", BODIES)
@@ -184,7 +185,7 @@ def test_linear_half_way_is_of_second_order_in_the_velocity(n):
 
 def test_without_the_bracket_half_way_is_of_second_order(monkeypatch):
     """The test above can fail: steps added as if they commuted lose two orders."""
-    from nsaid_mj.identifiers.midpoint import half_way
+    from nsaid_mj.dynamics.interpolation import half_way
 
     steps, errors = np.array([0.2, 0.1, 0.05, 0.025]), []
     for dt in steps:

@@ -12,16 +12,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.cli import load
 from nsaid_mj.errors import BadRobot
-from nsaid_mj.experiment import run
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID
 from nsaid_mj.identifiers.base import Status
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.log import Measurement
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.arm import Backend, nominal_scales
-from nsaid_mj.plants.robots import Base, known_robots, load_robot
-from nsaid_mj.system import Instant, Measurement
+from nsaid_mj.plants.world.robots import Base, known_robots, load_robot
+from nsaid_mj.system import Instant
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 
@@ -310,7 +311,7 @@ def test_the_backend_chooses_the_structure_and_pinocchio_is_the_default():
 
 def test_an_import_compiles_nothing():
     code = """
-import nsaid_mj.identifiers, nsaid_mj.systems.multibody, nsaid_mj.recursion as recursion
+import nsaid_mj.identifiers, nsaid_mj.systems.multibody, nsaid_mj.dynamics.tree as recursion
 kernels = [part for part in vars(recursion).values() if hasattr(part, "signatures")]
 assert kernels and not any(kernel.signatures for kernel in kernels)
 """

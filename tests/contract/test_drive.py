@@ -13,8 +13,9 @@ import pytest
 
 from nsaid_mj.control import FourierTracking, MultisineCommand
 from nsaid_mj.control.driver import Driver, DriverConfig
+from nsaid_mj.control.signals import FourierTrajectory, Multisine
 from nsaid_mj.errors import BadRobot
-from nsaid_mj.excitation import FourierTrajectory, Multisine
+from nsaid_mj.log import Log
 from nsaid_mj.plants import (
     ArmPlant,
     BlueROV2Plant,
@@ -28,8 +29,7 @@ from nsaid_mj.plants import (
     SensorNoise,
     Sensors,
 )
-from nsaid_mj.plants import plant as plants
-from nsaid_mj.system import Log
+from nsaid_mj.plants.world import plant as plants
 from nsaid_mj.systems.multibody import Multibody
 
 TRACKING, SINES = FourierTracking(), MultisineCommand(amplitude=0.3)
@@ -273,7 +273,7 @@ def test_another_process_finds_the_loops_on_disk():
         driven(*made(case))
     code = """
 from tests.contract.test_drive import driven, made
-from nsaid_mj.plants import stepping
+from nsaid_mj.plants.world import stepping
 for case in ("ur5", "bluerov2"):
     driven(*made(case))
 for loop in (stepping.track, stepping.play):

@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import finish
-from nsaid_mj.cli import command, load
+from nsaid_mj.cli.commands import command
+from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import Run, held_out, run
+from nsaid_mj.evaluation import distance, energy, summarize, true_theta
+from nsaid_mj.evaluation.figures import force_residual_ratio
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import Run, held_out, run
+from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.metrics import distance, energy, summarize, true_theta
-from nsaid_mj.metrics.judging import force_residual_ratio
-from nsaid_mj.options import parse
 from nsaid_mj.plants import (
     ArmPlant,
     BlueROV2Plant,
@@ -29,9 +30,9 @@ from nsaid_mj.plants import (
     PlantConfig,
     ScalarRovPlant,
 )
-from nsaid_mj.scenario import Scenario
+from nsaid_mj.reporting import finish
 from tests.contract.test_mismatch import DT, inputs, path, start, unknown
-from tests.contract.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
+from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 EXACT = [
     ScalarRovPlant(), ArmPlant("double_pendulum"), ArmPlant("kinova"), FloatingBasePlant("bolt"),

@@ -11,8 +11,8 @@ from nsaid_mj.control import FourierTracking
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput
 from nsaid_mj.plants import FloatingBasePlant, arm
 from nsaid_mj.plants.arm import Arm
-from nsaid_mj.plants.coordinates import FloatingMap
-from nsaid_mj.plants.robots import known_robots, load_robot
+from nsaid_mj.plants.world.coordinates import FloatingMap
+from nsaid_mj.plants.world.robots import known_robots, load_robot
 from nsaid_mj.system import Instant
 from nsaid_mj.systems.multibody import Multibody
 

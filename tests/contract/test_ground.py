@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.control import Driving
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import draw_prior, trajectory
+from nsaid_mj.experiment.setup import draw_prior, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
@@ -28,7 +28,7 @@ from nsaid_mj.plants import (
 )
 from nsaid_mj.plants.rover import STEERED, WHEELS, Rover, ackermann
 from nsaid_mj.resources import numbers
-from tests.contract.vehicles import acceleration
+from tests.support.vehicles import acceleration
 
 CARS: dict[str, type[PlantConfig]] = {"f1tenth": F1TenthPlant, "bmw320i": BMW320iPlant}
 cars = pytest.mark.parametrize("name", CARS)

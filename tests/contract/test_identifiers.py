@@ -16,17 +16,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj import experiment
-from nsaid_mj.cli import load
 from nsaid_mj.control import FourierTracking, MultisineCommand
 from nsaid_mj.errors import InvalidInput
+from nsaid_mj.experiment import loop as experiment
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.record import FILE
+from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
 from nsaid_mj.plants.scalar_rov import ScalarRov
-from nsaid_mj.record import FILE
-from nsaid_mj.scenario import Scenario
 
 FEW = settings(deadline=None, max_examples=15)
 VEHICLES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "uvms", "borinot"]

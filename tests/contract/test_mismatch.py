@@ -11,11 +11,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.cli import command, load
+from nsaid_mj.cli.commands import command
+from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import run
-from nsaid_mj.metrics import summarize
-from nsaid_mj.options import parse
+from nsaid_mj.evaluation import summarize
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import (
     ArmPlant,
@@ -32,9 +34,8 @@ from nsaid_mj.plants import (
     SensorNoise,
     UvmsPlant,
 )
-from nsaid_mj.scenario import Scenario
 from tests.contract.test_underwater import apart, commands, ends, flown, true_numbers, vehicle
-from tests.contract.vehicles import VEHICLES, acceleration, coordinate_map, draw_numbers
+from tests.support.vehicles import VEHICLES, acceleration, coordinate_map, draw_numbers
 
 FLOW = (0.4, -0.3, 0.2)
 DT = 2e-3

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
-from nsaid_mj.plants.robots import known_robots, load_robot
-from tests.contract.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
+from nsaid_mj.plants.world.robots import known_robots, load_robot
+from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 FEW = settings(deadline=None, max_examples=15)
 seeds = st.integers(0, 2**32 - 1)

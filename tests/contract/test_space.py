@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import AstrobeePlant, Plant
 from nsaid_mj.resources import numbers
-from tests.contract.vehicles import acceleration
+from tests.support.vehicles import acceleration
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.2, -0.1, 0.15, 0.5, 0.6, -0.4])
 UP = np.array([1.0, -1.0, -1.0])  # published with z down

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
+from nsaid_mj.log import Measurement
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
-from nsaid_mj.system import Measurement, checked
+from nsaid_mj.system import checked
 from nsaid_mj.systems.multibody import Multibody
-from tests.contract.vehicles import VEHICLES
+from tests.support.vehicles import VEHICLES
 
 FEW = settings(deadline=None, max_examples=10)
 seeds = st.integers(0, 2**32 - 1)

@@ -10,11 +10,11 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.control import DepthHeadingAutopilot
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import draw_prior, trajectory
+from nsaid_mj.experiment.setup import draw_prior, trajectory
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, REMUS100Plant
 from nsaid_mj.resources import numbers
 from nsaid_mj.systems.torpedo import TorpedoVehicle
-from tests.contract.vehicles import acceleration
+from tests.support.vehicles import acceleration
 
 DOWN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 """Turns twists and wrenches x forward, y left, z up into x forward, y right, z down, and back."""

@@ -15,11 +15,11 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import ArmPlant, BlueROV2Plant, Mismatch, Plant
-from nsaid_mj.plants.hydrodynamics import Hydrodynamics, fossen
 from nsaid_mj.plants.underwater import drawn, published, scales_of, theta_of
-from nsaid_mj.plants.vehicle import Vehicle, command_inputs, vehicle_spec
+from nsaid_mj.plants.world.body import Vehicle, command_inputs, vehicle_spec
+from nsaid_mj.plants.world.hydrodynamics import Hydrodynamics, fossen
 from nsaid_mj.systems.underwater import UnderwaterVehicle
-from tests.contract.vehicles import acceleration
+from tests.support.vehicles import acceleration
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.7, 0.4, -0.5, 0.5, 0.6, -0.4])
 FLOW = (0.3, -0.2, 0.1)

@@ -8,17 +8,18 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.control import HoverAndReach, SwimAndReach
+from nsaid_mj.dynamics.interpolation import between_two, midpoints
+from nsaid_mj.dynamics.loaded import loaded_gradient, loaded_work
 from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.experiment import draw_prior, trajectory
+from nsaid_mj.experiment.setup import draw_prior, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.identifiers.midpoint import between_two, midpoints
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.loaded import loaded_gradient, loaded_work
+from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
+from nsaid_mj.numerics.spatial import unrotate
 from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
 from nsaid_mj.plants.vehicle_manipulator import VehicleWithArm
-from nsaid_mj.spatial import unrotate
-from nsaid_mj.system import Instant, Log, SecondOrderSystem
+from nsaid_mj.system import Instant, SecondOrderSystem
 from nsaid_mj.systems import loads
 from nsaid_mj.systems.flying_arm import FlyingArm
 from nsaid_mj.systems.multibody import JointScales

@@ -11,13 +11,13 @@ import pytest
 
 from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID, Scenario
 from nsaid_mj.errors import BadRobot, BadRun, InvalidInput, UnknownName
-from nsaid_mj.experiment import run
-from nsaid_mj.finish import rebuild
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.record import Record
 from nsaid_mj.identifiers import State, Status
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.record import Record
-from nsaid_mj.system import Measurement
-from tests.faults.common import PENDULUM, ROV, flat, shell
+from nsaid_mj.log import Measurement
+from nsaid_mj.reporting.finish import rebuild
+from tests.support.faulty import PENDULUM, ROV, flat, shell
 
 # -- on the command line -------------------------------------------------------------------------
 

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from nsaid_mj import ConventionalAID, NullspaceAID, Scenario, finish
+from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.control import Driver, multisine, tracking
-from nsaid_mj.experiment import Observer, run
+from nsaid_mj.experiment.loop import Observer, run
+from nsaid_mj.experiment.record import BATCH_SECONDS, Record
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants import SensorNoise
-from nsaid_mj.record import BATCH_SECONDS, Record
-from tests.faults.common import FILES, PENDULUM, ROV, Heard, heard, script, strict
+from nsaid_mj.reporting import finish
+from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 

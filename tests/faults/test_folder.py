@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import NsaidError, finish, recording
-from nsaid_mj.experiment import run
-from nsaid_mj.record import FILE, Record
+from nsaid_mj import NsaidError, recording
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.record import FILE, Record
 from nsaid_mj.recording import live
-from tests.faults.common import FILES, ROV, script, strict
+from nsaid_mj.reporting import finish
+from tests.support.faulty import FILES, ROV, script, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
 

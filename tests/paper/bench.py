@@ -10,13 +10,14 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
-from nsaid_mj.experiment import trajectory
+from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import Identifier, IdentifierConfig, NullspaceAID, State, Status
+from nsaid_mj.log import Measurement
 from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
-from nsaid_mj.plants.plant import Plant
-from nsaid_mj.system import Measurement, SecondOrderSystem
+from nsaid_mj.plants.world.plant import Plant
+from nsaid_mj.system import SecondOrderSystem
 
 
 @dataclass(frozen=True)

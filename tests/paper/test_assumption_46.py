@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.experiment import run
+from nsaid_mj.evaluation import summarize
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.metrics import summarize
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
-from nsaid_mj.scenario import Scenario
 from tests.paper.bench import TwoVehicles, bench, simulate
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import structural
-from tests.contract.vehicles import coordinate_map
 from tests.paper.bench import Bench, TwoVehicles, bench, estimates, identify, random_states
+from tests.support.vehicles import coordinate_map
 
 
 def test_13_mujoco_moves_in_the_nullspace_of_W(table: Bench):

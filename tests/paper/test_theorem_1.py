@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.system import Measurement
+from nsaid_mj.log import Measurement
 from tests.paper.bench import bench, columns, estimates, identify, lyapunov, order, swing
 
 

@@ -6,22 +6,14 @@ import numpy as np
 import pytest
 
 from nsaid_mj.control import Driver
-from nsaid_mj.experiment import trajectory
+from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.log import Measurement
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
 from nsaid_mj.persistence import level
 from nsaid_mj.plants.scalar_rov import ScalarRov
-from nsaid_mj.system import Measurement
-from tests.paper.bench import (
-    Bench,
-    TwoVehicles,
-    bench,
-    columns,
-    estimates,
-    identify,
-    simulate,
-)
+from tests.paper.bench import Bench, TwoVehicles, bench, columns, estimates, identify, simulate
 
 TWO = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])  # the true θ of both vehicles
 

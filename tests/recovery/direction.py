@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.cli import load
-from nsaid_mj.experiment import Run, run
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import Run, run
 
 FOLDER = Path(__file__).parent / "directions"
 TOLERANCE = 1e-6

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Fault
-from nsaid_mj.cli import load
-from nsaid_mj.experiment import run
+from nsaid_mj.evaluation import summarize
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.record import Record
 from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.metrics import summarize
-from nsaid_mj.record import Record
 
 
 def memorised(name: str, folder, **changes) -> dict[str, Any]:

@@ -6,7 +6,7 @@ promised there is the force on another trajectory, not the distance to the true 
 
 import pytest
 
-from nsaid_mj.metrics import summarize
+from nsaid_mj.evaluation import summarize
 from nsaid_mj.resources import scenarios
 from tests.recovery import direction
 

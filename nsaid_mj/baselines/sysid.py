@@ -1,0 +1,288 @@
+"""MuJoCo's own identification toolbox, `mujoco.sysid`, on an arm's log.
+
+It simulates candidates with MuJoCo from the measured state at the beginning of every chunk of the
+log and fits the motion by nonlinear least squares. Nothing of a plant is read: the model is built
+from the structure and the prior.
+"""
+
+from __future__ import annotations
+
+import io
+import time
+from contextlib import redirect_stdout
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from numba import carray, cfunc
+from scipy import signal
+
+from ..errors import NoEstimate
+from ..parameters import Array
+from ..plants.world.callbacks import WORDS, as_pointer, field_offsets, installed
+from ..plants.world.coordinates import JointMap
+from ..plants.world.tree import tree_spec
+from ..systems.multibody import Multibody
+
+if TYPE_CHECKING:
+    from . import Problem
+
+BUDGET = 120.0
+"""At most so many seconds are searched, unless told otherwise."""
+
+_CHUNK = 0.5  # length of a simulated stretch [s]
+_SMOOTHING = 0.16  # width of the cubic that gives initial states of noisy logs [s]
+_RANGE = (0.1, 10.0)  # within which multiples of the prior numbers are searched
+_THREADS = 2
+_FRICTION = "coulomb friction"  # what MuJoCo's custom number is called
+_MODEL_WORDS = 1 << 10  # how many words of mjModel are looked at; its pointers come early
+
+
+def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
+    """`mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
+
+    Chunks of 0.5 s start at the measured state; where noise is stated, at that of a cubic fitted to
+    the samples within ±80 ms. Residuals are those of positions and velocities, normalised per chunk
+    by the toolbox. Links are searched as log-Cholesky pseudo-inertias, other numbers within a
+    tenth and ten times the prior.
+
+    Args:
+        problem: an arm's; its prior must be physical.
+        budget: the search ends after this time, with the best found so far [s].
+
+    Returns:
+        (p,) θ̂, and what was done, in words.
+
+    Raises:
+        NoEstimate: the system is no arm, the toolbox is not installed, or MuJoCo refuses the prior.
+    """
+    system, log, prior, _ = problem
+    if not isinstance(system, Multibody) or system.group:
+        raise NoEstimate("mujoco.sysid is set up for arms on the ground only", "Leave it out.")
+    toolbox = _toolbox()
+    model, step = _Model(toolbox, system, prior, log.step), log.step
+    samples = round(_CHUNK / step)
+    if len(log.t) <= samples:
+        raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
+    chunks = model.chunks(problem, samples)
+    search = _Search(toolbox, model, chunks, time.perf_counter() + budget)
+    with installed(_friction()):
+        ending = search()
+    evaluations = f"{search.evaluations} models, {len(chunks)} chunks"
+    return model.theta(search.best), f"{ending}, {evaluations}"
+
+
+class _OutOfTime(Exception):
+    """Ends a search; it is no error."""
+
+
+def _toolbox() -> Any:
+    import mujoco.sysid
+
+    if not hasattr(mujoco.sysid, "optimize"):  # MuJoCo hides what is missing
+        raise NoEstimate("mujoco.sysid lacks its own dependencies", "pip install 'mujoco[sysid]'")
+    return mujoco.sysid
+
+
+class _Search:
+    """The toolbox's optimiser, stopped by the clock, remembering the best candidate."""
+
+    def __init__(self, toolbox: Any, model: _Model, chunks: list[Any], deadline: float):
+        self._toolbox, self._model, self._chunks = toolbox, model, chunks
+        self._deadline, self._cost = deadline, np.inf
+        self.best = model.parameters.as_vector()
+        self.evaluations = 0
+
+    def __call__(self) -> str:
+        """Searches; says how it ended."""
+        try:
+            with redirect_stdout(io.StringIO()):  # its optimiser prints every iteration
+                _, result = self._toolbox.optimize(
+                    self._model.parameters, self._residual, "scipy_parallel_fd", verbose=False,
+                    x_scale="jac",
+                )  # fmt: skip
+        except _OutOfTime:
+            return "stopped by the clock"
+        self.best = result.x
+        return "converged" if result.status > 0 else "ended at the toolbox's iteration limit"
+
+    def _residual(self, x: Array, parameters: Any, **_: Any) -> Any:
+        """All chunks under one candidate x (p,), or under each column of x (p, k)."""
+        if time.perf_counter() > self._deadline:
+            raise _OutOfTime
+        found, predicted, measured = self._toolbox.model_residual(
+            x, parameters, self._model.build, self._chunks, n_threads=_THREADS, resample_true=False
+        )
+        if x.ndim == 1:
+            self.evaluations += 1
+            cost = float(found @ found)
+            if cost < self._cost:
+                self._cost, self.best = cost, x.copy()
+        else:  # a column for each candidate and chunk: the chunks belong under one another
+            candidates, chunks = x.shape[1], len(self._chunks)
+            self.evaluations += candidates
+            found = found.reshape(-1, candidates, chunks).transpose(2, 0, 1)
+            found = found.reshape(-1, candidates)
+        return [found], predicted, measured
+
+
+class _Model:
+    """An arm in MuJoCo, built from the structure and an estimate, as a function of it."""
+
+    def __init__(self, toolbox: Any, system: Multibody, prior: Array, step: float):
+        self._toolbox, self._system = toolbox, system
+        tree = pin.Model(system.model)
+        for i in range(system.bodies):
+            inertia = pin.Inertia.FromDynamicParameters(prior[10 * i : 10 * i + 10])
+            tree.inertias[i + 1] = inertia
+        self._spec, self._names = tree_spec(tree, step), list(tree.names)[1:]
+        numbers = prior[10 * system.bodies :].reshape(-1, system.n)
+        *rotor, viscous, coulomb, gain = numbers
+        self._rotor = rotor[0] if rotor else None
+        self._spec.add_numeric(name=_FRICTION, size=1 + 2 * system.n)
+        for name in self._names:
+            self._spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        found = {"rotor": self._rotor, "viscous": viscous, "coulomb": coulomb, "gain": gain}
+        joints = {kind: value for kind, value in found.items() if value is not None}
+        for kind, value in joints.items():
+            self._set(kind, value)
+        try:
+            self.compiled = self._spec.compile()
+        except ValueError as error:
+            raise NoEstimate(
+                f"MuJoCo refuses the prior: {error}", "Draw it in the cone."
+            ) from error
+        self.joints = JointMap(self.compiled, self._names)
+        if not np.array_equal(self.joints.dof, np.arange(system.n)):
+            raise NoEstimate("MuJoCo orders the joints otherwise", "Leave sysid out.")
+
+        def give_inertia(spec: Any, parameter: Any) -> None:
+            self._give_inertia(spec, parameter)  # a bound method would be copied, with all it holds
+
+        self.parameters = toolbox.ParameterDict()
+        for name in self._names:
+            self.parameters.add(
+                toolbox.body_inertia_param(
+                    self._spec, self.compiled, name, toolbox.InertiaType.Pseudo,
+                    modifier=give_inertia,
+                )
+            )  # fmt: skip
+        for kind, value in joints.items():
+            low, high = (factor * value for factor in _RANGE)
+            self.parameters.add(toolbox.Parameter(
+                kind, value, low, high, modifier=lambda _, p: self._set(p.name, p.value)
+            ))  # fmt: skip
+
+    def _give_inertia(self, spec: Any, parameter: Any) -> None:
+        name = parameter.name.removesuffix("_inertia")
+        self._toolbox.model_modifier.apply_body_theta_inertia(spec, name, parameter.value)
+        spec.body(name).iquat = [1.0, 0.0, 0.0, 0.0]  # the toolbox leaves NaN there
+
+    def _set(self, kind: str, values: Array) -> None:
+        """Writes the numbers of all joints into the specification."""
+        if kind == "coulomb":
+            numbers = [[float(len(values))], values, 1 / self._system.friction_speed]
+            self._spec.numeric(_FRICTION).data = np.concatenate(numbers)
+            return
+        for name, value in zip(self._names, values, strict=True):
+            if kind == "gain":
+                self._spec.actuator(name).gainprm[0] = value
+            elif kind == "viscous":
+                self._spec.joint(name).damping = [value, 0, 0]
+            else:
+                self._spec.joint(name).armature = value
+
+    def build(self, parameters: Any) -> Any:
+        """MuJoCo's model of a candidate."""
+        return self._toolbox.apply_param_modifiers(parameters, self._spec)
+
+    def chunks(self, problem: Problem, samples: int) -> list[Any]:
+        """The log in stretches, each with its initial state."""
+        toolbox, log = self._toolbox, problem.log
+        angles = self._angles(log.q)
+        q, v = angles, log.v
+        if not problem.noise.exact:
+            width = 2 * round(0.5 * _SMOOTHING / log.step) + 1
+            q, v = (signal.savgol_filter(x, max(width, 5), 3, axis=0) for x in (q, v))
+        qpos, qvel, _, control = toolbox.TimeSeries.compute_all_state_mappings(self.compiled)
+        found = []
+        for k in range(0, len(log.t) - samples, samples):
+            part = slice(k, k + samples + 1)
+            times = log.t[part] - log.t[k]
+            found.append(toolbox.SystemTrajectory(
+                model=self.compiled,
+                control=toolbox.TimeSeries(times, log.u[part], control),
+                sensordata=toolbox.TimeSeries(
+                    times, np.hstack([angles[part], log.v[part]]), qpos | qvel
+                ),
+                initial_state=toolbox.create_initial_state(self.compiled, q[k], v[k]),
+                state=None,
+            ))  # fmt: skip
+        return found
+
+    def _angles(self, q: Array) -> Array:
+        """(N, n) joint numbers of positions (N, m), continuous in time."""
+        first = np.empty(self._system.n)
+        for joint in self._system.joints:
+            at = joint.idx_q
+            first[joint.idx_v] = q[0, at] if joint.nq == 1 else np.arctan2(q[0, at + 1], q[0, at])
+        angles = [first]
+        for before, after in pairwise(q):
+            angles.append(angles[-1] + self._system.difference(before, after))
+        return np.array(angles)
+
+    def theta(self, x: Array) -> Array:
+        """(p,) θ of a candidate."""
+        self.parameters.update_from_vector(x)
+        model, links = self.build(self.parameters), []
+        for name in self._names:
+            body = model.body(name)
+            w, i, j, k = body.iquat
+            axes = pin.Quaternion(w, i, j, k).toRotationMatrix()
+            about = axes @ np.diag(body.inertia) @ axes.T
+            links.append(pin.Inertia(body.mass[0], body.ipos, about).toDynamicParameters())
+        kinds = [] if self._rotor is None else ["rotor"]
+        joints = [self.parameters[kind].value for kind in (*kinds, "viscous", "coulomb", "gain")]
+        return np.concatenate([*links, *joints])
+
+
+@cache
+def _numeric_offset() -> int:
+    """The place, in 8-byte words, of mjModel's pointer to its custom numbers."""
+    import ctypes
+
+    spec = mujoco.MjSpec()
+    spec.add_numeric(name="probe", size=1, data=[1.0])
+    model: Any = spec.compile()
+    words = (ctypes.c_uint64 * _MODEL_WORDS).from_address(model._address)
+    address = model.numeric_data.ctypes.data
+    found = next((i for i in range(_MODEL_WORDS) if words[i] == address), None)
+    if found is None:
+        raise RuntimeError("mjModel.numeric_data not found: this MuJoCo lays out mjModel otherwise")
+    return found
+
+
+@cache
+def _friction() -> Any:
+    """Passive force −c_i tanh(q̇_i/s_i), as `callbacks.coulomb_friction`, with the model's numbers.
+
+    A candidate is a model; its custom numbers are [nv, c (nv), 1/s (nv)].
+    """
+    at_numbers, offsets = _numeric_offset(), field_offsets()
+    at_qvel, at_force = offsets["qvel"], offsets["qfrc_passive"]
+
+    @cfunc("void(voidptr, voidptr)")
+    def passive(model, data):
+        own = carray(model, (_MODEL_WORDS,), np.uintp)
+        words = carray(data, (WORDS,), np.uintp)
+        nv = int(carray(as_pointer(own[at_numbers]), (1,), np.float64)[0])
+        numbers = carray(as_pointer(own[at_numbers]), (1 + 2 * nv,), np.float64)
+        velocity = carray(as_pointer(words[at_qvel]), (nv,), np.float64)
+        force = carray(as_pointer(words[at_force]), (nv,), np.float64)
+        for i in range(nv):
+            force[i] -= numbers[1 + i] * np.tanh(velocity[i] * numbers[1 + nv + i])
+
+    return passive

@@ -1,0 +1,58 @@
+"""Computed torque along a Fourier series, compiled: what `FourierTracking` commands."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..dynamics.tree import CIRCLE, tree_place, tree_room, tree_torque
+from ..parameters import Array
+from ..system import Linkage
+from .signals import Series, fourier
+
+
+class Tracking(NamedTuple):
+    """An arm on a fixed base that follows a series by what is believed of it.
+
+    Attributes:
+        linkage: the arm; every joint has a motor.
+        theta: (p,) what is believed of θ.
+        series: where the joints shall be.
+        omega: bandwidth of the tracking loop [rad/s].
+    """
+
+    linkage: Linkage
+    theta: Array
+    series: Series
+    omega: float
+
+
+@njit(cache=True)
+def tracking_room(tracking):
+    """Working space of `computed_torque`, used again by every call."""
+    bodies = tracking.linkage.numbers.shape[0]
+    state = tree_room(tracking.linkage)
+    return np.empty((bodies, 3)), np.empty(bodies), state, np.empty((bodies, 12))
+
+
+@njit(cache=True)
+def computed_torque(tracking, t, q, v, room, u):
+    """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,)."""
+    linkage, theta, series, omega = tracking
+    wanted, a, state, work = room
+    numbers, gain = linkage.numbers, linkage.columns[3]
+    fourier(series, t, wanted)
+    for i in range(v.shape[0]):
+        at = numbers[i, 1]
+        if numbers[i, 2] == CIRCLE:  # the short way round
+            c, s = np.cos(wanted[i, 0]), np.sin(wanted[i, 0])
+            error = np.arctan2(s * q[at] - c * q[at + 1], c * q[at] + s * q[at + 1])
+        else:
+            error = wanted[i, 0] - q[at]
+        a[i] = wanted[i, 2] + 2 * omega * (wanted[i, 1] - v[i]) + omega**2 * error
+    tree_place(linkage, q, v, state)
+    tree_torque(linkage, state, v, a, theta, work, u)
+    for i in range(v.shape[0]):
+        u[i] /= theta[gain + i]

@@ -1,0 +1,157 @@
+"""Seeded signals that keep a system moving in all its directions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from ..errors import InvalidInput
+from ..parameters import Array
+
+
+class Series(NamedTuple):
+    """A finite Fourier series for every joint.
+
+    Attributes:
+        omega: (h,) of the harmonics [rad/s].
+        coefficients: (n, 2 h) of the sines, then of the cosines.
+        centre: (n,) of the motion [rad or m].
+    """
+
+    omega: Array
+    coefficients: Array
+    centre: Array
+
+
+@njit(cache=True)
+def fourier(series, t, motion):
+    """Writes position, velocity and acceleration at time t [s] into motion (n, 3)."""
+    omega, coefficients, centre = series
+    count = omega.shape[0]
+    motion[:] = 0.0
+    for k in range(count):
+        rate = omega[k]
+        s, c = np.sin(rate * t), np.cos(rate * t)
+        for i in range(motion.shape[0]):
+            a, b = coefficients[i, k], coefficients[i, count + k]
+            swing = a * s + b * c
+            motion[i, 0] += swing
+            motion[i, 1] += rate * (a * c - b * s)
+            motion[i, 2] -= rate * rate * swing
+    for i in range(motion.shape[0]):
+        motion[i, 0] += centre[i]
+
+
+class FourierTrajectory:
+    """A random finite Fourier series for every joint, within position and speed limits.
+
+    Each joint follows centre + Σ_k (a_k sin(k ω t) + b_k cos(k ω t)), periodic with 1/fundamental.
+
+    Args:
+        low: (n,) lower end of the range [rad or m].
+        high: (n,) upper end of the range.
+        speed: (n,) largest speed [rad/s or m/s].
+        fundamental: frequency of the first harmonic [Hz].
+        harmonics: number of harmonics.
+        rng: source of the coefficients.
+
+    Attributes:
+        series: of the joints.
+
+    Raises:
+        InvalidInput: a frequency or count is not positive.
+    """
+
+    def __init__(
+        self,
+        low: Array,
+        high: Array,
+        speed: Array,
+        fundamental: float,
+        harmonics: int,
+        rng: np.random.Generator,
+    ):
+        if not (np.isfinite(fundamental) and fundamental > 0):
+            raise InvalidInput("fundamental", "a frequency > 0 Hz", fundamental, "0.1 suits arms.")
+        if harmonics < 1:
+            raise InvalidInput("harmonics", "a whole number ≥ 1", harmonics, "5 suits arms.")
+        omega = 2 * np.pi * fundamental * np.arange(1, harmonics + 1, dtype=np.float64)
+        coefficients = rng.standard_normal((len(low), 2 * harmonics)) / np.tile(
+            np.arange(1, harmonics + 1), 2
+        )
+        self.series = Series(omega, coefficients, np.zeros(len(low)))
+        period = np.linspace(0, 1 / fundamental, 40 * harmonics, endpoint=False)
+        position, velocity, _ = np.array([self(t) for t in period]).transpose(1, 2, 0)
+        reach = np.maximum(
+            np.abs(position).max(axis=1) / (0.5 * (high - low)),
+            np.abs(velocity).max(axis=1) / speed,
+        )
+        reach /= np.cos(np.pi / 40)  # a peak between samples is higher by at most this
+        self.series = Series(omega, coefficients / reach[:, None], 0.5 * (low + high))
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        """(n,) position, velocity and acceleration at time t [s]."""
+        motion = np.empty((len(self.series.centre), 3))
+        fourier(self.series, t, motion)
+        position, velocity, acceleration = motion.T
+        return position, velocity, acceleration
+
+
+class Multisine:
+    """Random-phase sines of equal amplitude, one set for each channel, within ±amplitude.
+
+    Args:
+        channels: number of signals.
+        low: lowest frequency [Hz].
+        high: highest frequency [Hz].
+        tones: number of sines in a channel.
+        amplitude: bound of every signal.
+        rng: source of frequencies and phases.
+
+    Raises:
+        InvalidInput: the band is empty or there is no tone.
+    """
+
+    def __init__(
+        self,
+        channels: int,
+        low: float,
+        high: float,
+        tones: int,
+        amplitude: float,
+        rng: np.random.Generator,
+    ):
+        if not (0 < low < high and np.isfinite(high)):
+            raise InvalidInput("band", "0 < low < high [Hz]", f"{low} … {high}", "0.05 … 0.5 Hz?")
+        if not (np.isfinite(amplitude) and amplitude > 0):
+            raise InvalidInput("amplitude", "a finite number > 0", amplitude, "0.4 will do.")
+        if tones < 1:
+            raise InvalidInput("tones", "a whole number ≥ 1", tones, "Two for each parameter.")
+        steps = (np.arange(tones) + rng.uniform(0, 1, (channels, tones))) / tones
+        self._omega = 2 * np.pi * low * (high / low) ** steps
+        self._phase = rng.uniform(0, 2 * np.pi, (channels, tones))
+        self._amplitude = amplitude / tones**0.5
+        self._bound = amplitude
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """(..., channels) the signals at times t (...) [s], clipped to ±amplitude."""
+        times = np.asarray(t, dtype=np.float64)
+        signal = _sines(times.ravel(), self._omega, self._phase, self._amplitude, self._bound)
+        return signal.reshape(*times.shape, -1)
+
+
+@njit(cache=True)
+def _sines(t, omega, phase, amplitude, bound):
+    """(k, channels) sums of sines at times t (k,), clipped."""
+    channels, tones = omega.shape
+    signal = np.empty((t.shape[0], channels))
+    for k in range(t.shape[0]):
+        for i in range(channels):
+            total = 0.0
+            for j in range(tones):
+                total += np.sin(omega[i, j] * t[k] + phase[i, j])
+            signal[k, i] = min(max(amplitude * total, -bound), bound)
+    return signal

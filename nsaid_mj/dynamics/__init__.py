@@ -1,0 +1,1 @@
+"""Compiled stages of a motion: one body, a tree, a tree with added mass. No Pinocchio."""

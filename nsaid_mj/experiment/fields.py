@@ -1,0 +1,82 @@
+"""Fields of a scenario by dotted name: `plant.robot`, or `robot` where no other field has it."""
+
+import contextlib
+import io
+import shlex
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, get_type_hints
+
+import tyro
+
+from ..errors import InvalidInput, UnknownName
+from .scenario import Scenario
+
+
+def field_paths(value: Any, prefix: str = "") -> list[str]:
+    """All fields of nested dataclasses, dotted."""
+    parts = value if isinstance(value, Mapping) else {f.name: getattr(value, f.name)
+                                                      for f in fields(value)}  # fmt: skip
+    paths = []
+    for name, item in parts.items():
+        nested = is_dataclass(item) or isinstance(item, Mapping)
+        paths += field_paths(item, f"{prefix}{name}.") if nested else [f"{prefix}{name}"]
+    return paths
+
+
+def field_path(name: str, scenario: Scenario) -> str:
+    """The full dotted path of a field, which may be given by its last name.
+
+    Raises:
+        UnknownName: there is no such field, or there are several; with near matches.
+    """
+    paths, wanted = field_paths(scenario), name.replace("-", "_")
+    if wanted in paths:
+        return wanted
+    same = [path for path in paths if path.endswith("." + wanted)]
+    if len(same) == 1:
+        return same[0]
+    if same:
+        raise UnknownName("field", name, same, f"It is one of {', '.join(same)}.")
+    alike = paths if "." in wanted else {path.rpartition(".")[2] for path in paths}
+    raise UnknownName("field", name, alike, "`nsaid run NAME --help` lists all.")
+
+
+def field_value(path: str, text: str, scenario: Scenario) -> Any:
+    """A field's value from a command line's words, by the field's type.
+
+    Raises:
+        InvalidInput: the words are no value of that type.
+    """
+    parent, _, name = f".{path}".rpartition(".")
+    hint = get_type_hints(type(field_at(scenario, parent[1:])))[name]
+
+    def parsed(value: Any) -> Any:
+        return value
+
+    parsed.__annotations__["value"] = tyro.conf.FlagConversionOff[hint]
+    try:
+        words = shlex.split(text)
+        args = [f"--value={words[0]}"] if len(words) == 1 else ["--value", *words]
+        with contextlib.redirect_stderr(io.StringIO()):
+            return tyro.cli(parsed, args=args, console_outputs=False)
+    except (SystemExit, ValueError) as error:
+        kind = hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")
+        raise InvalidInput(path, f"a value of type {kind}", repr(text),
+                           "`nsaid run NAME --help` tells what it takes.") from error  # fmt: skip
+
+
+def field_at(value: Any, path: str) -> Any:
+    """The field of nested dataclasses and mappings that a dotted path leads to."""
+    for name in filter(None, path.split(".")):
+        value = value[name] if isinstance(value, Mapping) else getattr(value, name)
+    return value
+
+
+def with_field(value: Any, path: str, new: Any) -> Any:
+    """Nested dataclasses and mappings with one field replaced."""
+    name, _, rest = path.partition(".")
+    part = with_field(field_at(value, name), rest, new) if rest else new
+    if isinstance(value, Mapping):
+        return {**value, name: part}
+    return replace(value, **{name: part})

@@ -1,0 +1,372 @@
+"""run(scenario) -> Run: the only time loop, and the only place where a plant meets an identifier.
+
+The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is drawn
+here, once, as the truth plus a seeded error, before the first step; nothing of the truth is read
+again until the run has ended.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..control import Driver
+from ..errors import BadRun
+from ..identifiers import Identifier, State, Status
+from ..identifiers.base import Estimates
+from ..log import Log, Measurement
+from ..nullspace import structural
+from ..parameters import Array
+from ..persistence import PersistenceMonitor
+from ..plants import Plant, Sensors
+from .record import BATCH_SECONDS, FILE, Record, RecordWriter
+from .scenario import Scenario
+from .setup import Seeds, prepare, trajectory
+
+DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json")
+_CHECK = 0.5  # between two looks at the conserved quantities [s]
+_PE_SAMPLES = 50  # regressors in a window of the online persistence levels
+DRIFT = 1e-3
+"""Of the conserved quantity, relative; beyond it RK4 no longer follows the law."""
+
+
+@dataclass
+class Ending:
+    """How a run stands or ended.
+
+    Attributes:
+        status: in one word.
+        time: when [s of the run].
+        signal: what showed it, "" where it completed.
+    """
+
+    status: Status = Status.completed
+    time: float = 0.0
+    signal: str = ""
+
+
+@dataclass
+class Cost:
+    """Where the time went.
+
+    Attributes:
+        wall: of the whole loop [s].
+        plant: inside MuJoCo [s].
+        identifier: inside the identifier [s].
+        steps: how many were made.
+    """
+
+    wall: float = 0.0
+    plant: float = 0.0
+    identifier: float = 0.0
+    steps: int = 0
+
+
+@dataclass(eq=False)
+class Run:
+    """A run that has ended, with what its metrics need.
+
+    Attributes:
+        scenario: what was run.
+        folder: where its files are.
+        record: what was recorded.
+        plant: the plant, holding the truth.
+        prior: (p,) θ̂(0).
+        identifiers: by name; "" is the scenario's own.
+        statuses: how each identifier ended, by name.
+        ending: how the run ended.
+        cost: where the time went.
+        states: the identifiers' last states, by name; none where the run was read back.
+        confidence: as an earlier summary of the run told it, where it was read back.
+    """
+
+    scenario: Scenario
+    folder: Path
+    record: Record
+    plant: Plant
+    prior: Array
+    identifiers: dict[str, Identifier]
+    statuses: dict[str, Status]
+    ending: Ending
+    cost: Cost
+    states: dict[str, State] = field(default_factory=dict)
+    confidence: dict[str, Any] | None = None
+
+
+class Observer:
+    """Watches a run: a progress bar, a live viewer. Does nothing by itself.
+
+    Attributes:
+        period: how often it wants to look, at least [s of the run].
+    """
+
+    period: float = np.inf
+
+    def start(self, scenario: Scenario, plant: Plant) -> None:
+        """Called before the first step."""
+
+    def see(self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]):
+        """Called at the end of every stretch of the run."""
+
+    def stop(self) -> None:
+        """Called when the run has ended, however it did."""
+
+
+def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
+    """Simulates, identifies and records.
+
+    A run that cannot go on ends early, with its status, time and signal, and all it has recorded.
+
+    Args:
+        scenario: what to run.
+        folder: where to write; it is made, and a record in it is replaced.
+        observers: who watches.
+
+    Raises:
+        NsaidError: the scenario cannot be started; nothing has been written then.
+    """
+    seeds = Seeds.of(scenario.seed)
+    plant, prior, identifiers = prepare(scenario)
+    system = plant.system
+    driver = scenario.excitation.build(system, prior, np.random.default_rng(seeds.excitation))
+    r = structural(system, prior, np.random.default_rng(seeds.structure)).r
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for stale in folder.glob("*"):  # of a run that was here: it would pass for this one's
+            if stale.name in DERIVED:
+                stale.unlink()
+        (folder / FILE).open("wb").close()
+    except OSError as error:
+        raise BadRun(
+            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
+        ) from error
+    writer = RecordWriter(
+        folder / FILE,
+        columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals)),
+        {
+            "scenario": scenario.to_json(),
+            "names": system.space.names,
+            "units": system.space.units,
+            "scale": system.space.scale.tolist(),
+            "r": r,
+        },
+        batch=max(1, stretch_of(scenario) // scenario.record_every),
+    )
+    monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
+    loop = _Loop(scenario, plant, driver, identifiers, monitor, writer, observers)
+    begin = time.perf_counter()
+    try:
+        for observer in observers:
+            observer.start(scenario, plant)
+        with _ctrl_c(loop.stop):
+            loop(seeds.sensors)
+    except KeyboardInterrupt:
+        loop.ending.status = Status.interrupted
+    finally:
+        loop.cost.wall = time.perf_counter() - begin
+        writer.close()
+        for observer in observers:
+            observer.stop()
+    statuses = {name: state.status for name, state in loop.states.items()}
+    return Run(scenario, folder, Record.read(folder), plant, prior, identifiers, statuses,
+               loop.ending, loop.cost, loop.states)  # fmt: skip
+
+
+@contextmanager
+def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
+    """Makes the first Ctrl-C a request that the loop answers between two stretches.
+
+    As an exception it would strike anywhere, and in compiled code be lost or become a SystemError.
+    The second one is an exception again.
+    """
+
+    def asked(*_: object) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        ask()
+
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield  # somebody else handles it, or it is ignored
+        return
+    signal.signal(signal.SIGINT, asked)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
+    """How a run ends, and the signal that shows it: divergence, or no number; None if sound."""
+    if plant.diverged:
+        return Status.plant_diverged, plant.diverged
+    parts = {"q": last.q, "v": last.v, "u": last.u}  # u comes last: it follows from q and v
+    bad = [name for name, part in parts.items() if not np.isfinite(part).all()]
+    return (Status.measurement_not_finite, bad[0]) if bad else None
+
+
+def reopen(folder: Path, record: Record) -> Run:
+    """A run as its record has it; one that was cut off counts as interrupted where it stops."""
+    scenario = Scenario.from_json(record.metadata["scenario"])
+    plant, prior, identifiers = prepare(scenario)
+    end = float(record["t"][-1])
+    whole = record.complete and end >= (scenario.steps - scenario.record_every) * scenario.dt
+    status = Status.completed if whole else Status.interrupted
+    return Run(
+        scenario, folder, record, plant, prior, identifiers,
+        dict.fromkeys(identifiers, Status.completed), Ending(status, end), Cost(),
+    )  # fmt: skip
+
+
+def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, int]:
+    """The record's columns and their widths."""
+    own = {"t": 0, "q": m, "v": n, "u": n_u, "pivot": 0, "spent": 0, "pe": 0,
+           "pe_perp": 0}  # fmt: skip
+    estimates = {"v_hat": n, "theta_hat": p}
+    for name in rivals:
+        estimates |= {f"v_hat_{name}": n, f"theta_hat_{name}": p}
+    return own | estimates
+
+
+def stretch_of(scenario: Scenario) -> int:
+    """How many steps a plant makes before its identifiers follow and all is recorded."""
+    return max(1, round(BATCH_SECONDS / scenario.dt))
+
+
+@dataclass
+class _Loop:
+    scenario: Scenario
+    plant: Plant
+    driver: Driver
+    identifiers: dict[str, Identifier]
+    monitor: PersistenceMonitor
+    writer: RecordWriter
+    observers: tuple[Observer, ...]
+    states: dict[str, State] = field(default_factory=dict)
+    ending: Ending = field(default_factory=Ending)
+    cost: Cost = field(default_factory=Cost)
+    stopped: bool = False
+    conserved: dict[str, float] = field(default_factory=dict)
+
+    def stop(self) -> None:
+        """Asks the loop to end after the stretch it is in."""
+        self.stopped = True
+
+    def __call__(self, sensor_seed: np.random.SeedSequence) -> None:
+        """Stretch by stretch: the plant moves, then its identifiers follow."""
+        scenario, plant, dt = self.scenario, self.plant, self.scenario.dt
+        noise = scenario.noise if scenario.sensors == "noisy" else None
+        sensors = Sensors(noise, np.random.default_rng(sensor_seed))
+        period = min((observer.period for observer in self.observers), default=np.inf)
+        stretch = max(1, round(min(period / dt, stretch_of(scenario))))
+        with plant.running():
+            log = Log.of([plant.begin(self.driver, sensors)])
+            if self._unsound(log):
+                return
+            self.states |= {name: law.init(log.at(0)) for name, law in self.identifiers.items()}
+            self.conserved = {name: float(law.conserved(self.states[name].theta_hat))
+                              for name, law in self.identifiers.items()}  # fmt: skip
+            first = {name: Estimates.of(state) for name, state in self.states.items()}
+            self._keep(0, 0, log, first)
+            k = 0
+            while k < scenario.steps and self.ending.status is Status.completed:
+                begin, steps = time.perf_counter(), min(stretch, scenario.steps - k)
+                log = plant.drive(self.driver, log.at(-1), steps, sensors)
+                self.cost.plant += time.perf_counter() - begin
+                log, estimates = self._follow(k, log.first(len(log.t) - self._unsound(log)))
+                self._keep(k, 1, log, estimates)
+                k += len(log.t) - 1
+                self.cost.steps = k
+                if self.stopped and self.ending.status is Status.completed:
+                    self._end(Status.interrupted, "", self.ending.time)
+
+    def _unsound(self, log: Log) -> bool:
+        """Ends the run where the plant has diverged or the last measurement is not finite."""
+        last = log.at(-1)
+        end = ended(self.plant, last)
+        if end:
+            self._end(*end, last.t)
+        return end is not None
+
+    def _end(self, status: Status, signal: str, t: float) -> None:
+        self.ending.status, self.ending.signal, self.ending.time = status, signal, t
+
+    def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
+        """What identifiers make of a stretch from step k, as far as the scenario's own comes."""
+        begin, estimates = time.perf_counter(), {}
+        for name, law in self.identifiers.items():  # the scenario's own is the first
+            state, made = law.follow(self.states[name], log)
+            lost = float(log.t[len(made.pivot)]) if len(made.pivot) < len(log.t) else None
+            row, signal = self._drifted(name, k, made), f"pivot {state.pivot:.3g}"
+            if row is not None:
+                state = state._replace(
+                    status=Status.adaptation_too_fast, v_hat=made.v_hat[row],
+                    theta_hat=made.theta_hat[row],
+                )  # fmt: skip
+                made = made.first(row + 1)
+                lost, signal = float(log.t[row]), "theta_hat"
+            if not name and lost is not None:
+                self._end(state.status, signal, lost)
+                log = log.first(len(made.pivot))
+            self.states[name], estimates[name] = state, made.padded(len(log.t))
+        self.cost.identifier += time.perf_counter() - begin
+        return log, estimates
+
+    def _drifted(self, name: str, k: int, made: Estimates) -> int | None:
+        """At which row of a stretch, if any, RK4 is seen no longer to follow a law."""
+        law, scenario = self.identifiers[name], self.scenario
+        if not law.conserves:
+            return None
+        steps = k + np.arange(len(made.pivot))
+        due = (steps % max(1, round(_CHECK / scenario.dt)) == 0) | (steps == scenario.steps)
+        rows = np.flatnonzero(due[1:]) + 1
+        if not len(rows):
+            return None
+        now = law.conserved(made.theta_hat[rows]) + made.spent[rows]
+        drifted = rows[~(np.abs(now / self.conserved[name] - 1) <= DRIFT)]
+        return int(drifted[0]) if len(drifted) else None
+
+    def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
+        """Records a stretch that begins with step k, from its row `fresh` on; shows its end."""
+        scenario, own, rows = self.scenario, estimates[""], np.arange(fresh, len(log.t))
+        every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
+        levels = np.empty((len(log.t), 2))
+        levels[:] = self.monitor.level, self.monitor.level_perp
+        for j in rows[(k + rows) % every == 0]:
+            instant = self.plant.system.at(*log.at(j))
+            _, W, _ = instant.evaluate(own.v_hat[j], own.theta_hat[j])
+            self.monitor.add(W * self.plant.system.space.scale, every * scenario.dt)
+            levels[j:] = self.monitor.level, self.monitor.level_perp
+        first = fresh + -(k + fresh) % scenario.record_every
+        pivot = np.where(np.isfinite(own.pivot), own.pivot, 0.0)
+        columns = [*log, pivot, own.spent, *levels.T]
+        columns += [part for made in estimates.values() for part in (made.v_hat, made.theta_hat)]
+        self.writer.extend(*(column[first :: scenario.record_every] for column in columns))
+        if self.ending.status is Status.completed:
+            self.ending.time = float(log.t[-1])
+        for observer in self.observers:
+            observer.see(log.at(-1), self.states, (self.monitor.level, self.monitor.level_perp))
+
+
+def held_out(run: Run) -> Record | None:
+    """Drives a run's plant, as it is at the run's end, along another trajectory; no identifying.
+
+    Returns:
+        What was measured; None where the plant diverges, as it may where the run did.
+    """
+    scenario, plant = run.scenario, run.plant
+    seed = Seeds.of(scenario.seed).held_out
+    driver = scenario.excitation.build(plant.system, run.prior, np.random.default_rng(seed))
+    steps = max(2, round(scenario.held_out / scenario.dt))
+    with plant.running():
+        log = trajectory(plant, driver, steps, as_at=run.ending.time)
+    if plant.diverged or not all(np.isfinite(part).all() for part in log):
+        return None
+    return Record(log._asdict(), {}, True)

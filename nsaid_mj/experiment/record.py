@@ -1,0 +1,160 @@
+"""What a run leaves behind: an Arrow IPC stream, appended while it runs.
+
+The file holds what an identifier saw and thought: time, measurements, v̂, θ̂. It holds no true
+value. Every 0.9 s of the run are one batch, written at once: a kill loses less than a second, and
+two equal runs write equal bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from ..errors import BadRun
+from ..parameters import Array
+
+BATCH_SECONDS = 0.9
+FILE = "record.arrow"
+
+
+class RecordWriter:
+    """Appends rows to an Arrow IPC stream.
+
+    Args:
+        path: the file; it is overwritten.
+        widths: the columns and how many numbers each holds; 0 for a plain number.
+        metadata: what a reader needs beside the numbers; JSON.
+        batch: rows in a batch.
+    """
+
+    def __init__(self, path: Path, widths: dict[str, int], metadata: dict[str, Any], batch: int):
+        types = {
+            name: pa.list_(pa.float64(), width) if width else pa.float64()
+            for name, width in widths.items()
+        }
+        self._widths, self._batch = widths, max(1, batch)
+        self._schema = pa.schema(
+            list(types.items()), metadata={"nsaid": json.dumps(metadata, ensure_ascii=False)}
+        )
+        self._file = pa.OSFile(str(path), "wb")  # nothing waits in it
+        self._stream = pa.ipc.new_stream(self._file, self._schema)
+        # Arrow writes the schema with the first batch only: here, an empty one
+        self._stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
+        self._buffers = {
+            name: np.zeros((self._batch, max(width, 1))) for name, width in widths.items()
+        }
+        self._rows = 0
+
+    def extend(self, *columns: Array) -> None:
+        """Adds rows: (k,) or (k, width) for each column, in order."""
+        start, count = 0, len(columns[0])
+        while start < count:
+            end = min(count, start + self._batch - self._rows)
+            here = slice(self._rows, self._rows + end - start)
+            for buffer, column in zip(self._buffers.values(), columns, strict=True):
+                buffer[here] = column[start:end].reshape(end - start, -1)
+            start, self._rows = end, here.stop
+            if self._rows == self._batch:
+                self.flush()
+
+    def flush(self) -> None:
+        """Hands all rows so far to the operating system."""
+        if not self._rows:
+            return
+        columns = []
+        for name, buffer in self._buffers.items():
+            flat = pa.array(buffer[: self._rows].ravel())
+            width = self._widths[name]
+            columns.append(pa.FixedSizeListArray.from_arrays(flat, width) if width else flat)
+        self._stream.write_batch(pa.record_batch(columns, schema=self._schema))
+        self._rows = 0
+
+    def close(self) -> None:
+        """Writes what is left and ends the stream."""
+        self.flush()
+        self._stream.close()
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class Record:
+    """A run, read back.
+
+    Attributes:
+        columns: name to array: `t` (N,) [s], `q` (N, m), `v` (N, n), `u` (N, n_u) the command from
+            t on, `v_hat` (N, n), `theta_hat` (N, p), `pivot` (N,) M̂'s smallest pivot, `spent` (N,)
+            what implicit steps have taken from the conserved quantity, `pe` and `pe_perp` (N,) the
+            online levels of (2) and (75); for every rival R also `v_hat_R` and `theta_hat_R`.
+        metadata: `scenario` (JSON text), `names`, `units`, `scale`, `r`, `versions`.
+        complete: whether the stream was closed; a killed run's is not.
+    """
+
+    columns: dict[str, Array]
+    metadata: dict[str, Any]
+    complete: bool
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def __len__(self) -> int:
+        return len(self.columns["t"])
+
+    @property
+    def rivals(self) -> list[str]:
+        """Names of the other identifiers in the record."""
+        prefix = "theta_hat_"
+        return [name.removeprefix(prefix) for name in self.columns if name.startswith(prefix)]
+
+    @staticmethod
+    def read(path: Path) -> Record:
+        """Reads a run folder or its record, whole or cut off.
+
+        Raises:
+            BadRun: there is no record, or nothing of it can be read.
+        """
+        file = path / FILE if path.is_dir() else path
+        if not file.is_file():
+            raise BadRun(path, "there is no record.arrow", "Give the folder that a run has written")
+        batches, complete = [], False
+        try:
+            with pa.memory_map(str(file)) as source:
+                reader = pa.ipc.open_stream(source)
+                schema = reader.schema
+                try:
+                    for batch in reader:
+                        batches.append(batch)
+                    complete = _ended(file)
+                except (pa.ArrowInvalid, OSError):
+                    complete = False  # cut in the middle of a batch: what came before is good
+                table = pa.Table.from_batches(batches, schema)
+                columns = {field.name: _column(table.column(field.name), field.type)
+                           for field in schema}  # fmt: skip
+            metadata = json.loads((schema.metadata or {})[b"nsaid"])
+        except (pa.ArrowException, OSError) as error:
+            raise BadRun(
+                file, f"not an Arrow stream ({error})", "Run the scenario again"
+            ) from error
+        except (KeyError, ValueError) as error:
+            raise BadRun(file, "an Arrow stream, but not a run's", "Give a run's folder") from error
+        return Record(columns, metadata, complete)
+
+
+def _ended(file: Path) -> bool:
+    """Whether the stream has Arrow's end mark: a continuation marker and a length of 0."""
+    with file.open("rb") as stream:
+        stream.seek(-8, 2)
+        return stream.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
+
+
+def _column(column: pa.ChunkedArray, kind: pa.DataType) -> Array:
+    if pa.types.is_fixed_size_list(kind):
+        # `values`, as `flatten` imports all of pyarrow.compute: a stream's batches are whole
+        flat = [chunk.values.to_numpy(zero_copy_only=False) for chunk in column.chunks]
+        joined = np.concatenate(flat) if flat else np.zeros(0)
+        return joined.reshape(-1, kind.list_size)
+    return column.to_numpy().copy()

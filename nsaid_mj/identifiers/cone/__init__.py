@@ -1,0 +1,1 @@
+"""The law in the metric of the cone of physical parameters."""

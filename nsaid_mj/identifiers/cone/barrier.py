@@ -1,0 +1,395 @@
+"""The cone of physical parameters: its barrier, its metric, and draws from it.
+
+Every block with a geometry is a convex cone: numbers > 0; the ten inertial parameters of a link
+whose pseudo-inertia P(φ) ≻ 0 (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018); the upper triangle of
+an SPD matrix; fewer numbers than that, if its entries are tied: Σ θ_l E_l ≻ 0, a linear matrix
+inequality. The barrier b = −Σ log det P(φ_i) − Σ log det M − Σ log θ_j grows without bound at its
+edge, and b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...numerics.linalg import cholesky
+from ...parameters import Array, Block, Indices, ParameterSpace
+
+compiled = njit(cache=True, error_model="numpy")  # divisions by 0 are inf or NaN, and stay visible
+
+
+class Cone(NamedTuple):
+    """The blocks of θ that are cones, for compiled code; their matrices P(θ) sparse.
+
+    Attributes:
+        positive: (a,) indices of the parameters that are > 0.
+        blocks: (b, 5) rows [start, end, k, first, last]: θ_start … θ_end−1 are the parameters of a
+            k × k matrix, k (k + 1)/2 unless they are tied, and it is entries first … last − 1.
+        entries: (e, 3) rows [i, j, l], i ≥ j, ordered by l: P_ij holds θ_l …
+        values: (e,) … times this.
+        weights: (e,) these, twice off the diagonal: tr(X E_l) = Σ weights X_ij if X is symmetric.
+        links: (l,) first parameters of the blocks that are pseudo-inertias.
+        others: (b − l,) indices of the blocks that are not.
+        degree: ν, the number of `positive` and the sum of all k.
+    """
+
+    positive: Indices
+    blocks: Indices
+    entries: Indices
+    values: Array
+    weights: Array
+    links: Indices
+    others: Indices
+    degree: int
+
+
+def cone_of(space: ParameterSpace) -> Cone:
+    """The cones of a parameter space."""
+    positive, blocks, entries, values, degree = [], [], [], [], 0
+    links, others = [], []
+    for block, place in space:
+        if block.geometry == "positive":
+            positive += range(place.start, place.stop)
+            degree += len(block)
+        elif block.geometry != "free":
+            basis = _basis(block)
+            k = 1 + max(i for i, *_ in basis)
+            if block.geometry == "pseudo_inertia":
+                links.append(place.start)
+            else:
+                others.append(len(blocks))
+            blocks.append((place.start, place.stop, k, len(entries), len(entries) + len(basis)))
+            entries += [(i, j, place.start + at) for i, j, at, _ in basis]
+            values += [value for *_, value in basis]
+            degree += k
+    places = np.array(entries, dtype=np.intp).reshape(-1, 3)
+    return Cone(
+        np.array(positive, dtype=np.intp),
+        np.array(blocks, dtype=np.intp).reshape(-1, 5),
+        places,
+        np.array(values, dtype=np.float64),
+        np.where(places[:, 0] == places[:, 1], 1.0, 2.0) * values,
+        np.array(links, dtype=np.intp),
+        np.array(others, dtype=np.intp),
+        degree,
+    )
+
+
+def _basis(block: Block) -> list[tuple[int, int, int, float]]:
+    """Entries [i, j, l] and values of a block's matrix, ordered by l."""
+    if block.geometry == "pseudo_inertia":
+        return _PSEUDO_INERTIA
+    if block.geometry == "tied":
+        return sorted(block.entries, key=lambda entry: entry[2])
+    k = round(((8 * len(block) + 1) ** 0.5 - 1) / 2)  # spd: the upper triangle, row by row
+    pairs = zip(*np.triu_indices(k), strict=True)
+    return [(int(column), int(row), at, 1.0) for at, (row, column) in enumerate(pairs)]
+
+
+# P(φ) = [[½ tr(I) 1 − I, h], [hᵀ, m]], φ = (m, h, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) as Pinocchio's
+_PSEUDO_INERTIA = [
+    (3, 3, 0, 1.0), (3, 0, 1, 1.0), (3, 1, 2, 1.0), (3, 2, 3, 1.0),
+    (0, 0, 4, -0.5), (1, 1, 4, 0.5), (2, 2, 4, 0.5), (1, 0, 5, -1.0),
+    (0, 0, 6, 0.5), (1, 1, 6, -0.5), (2, 2, 6, 0.5), (2, 0, 7, -1.0), (2, 1, 8, -1.0),
+    (0, 0, 9, 0.5), (1, 1, 9, 0.5), (2, 2, 9, -0.5),
+]  # fmt: skip
+
+
+@compiled
+def tied(cone, block):
+    """Whether a block's matrix has fewer parameters than a symmetric one has entries."""
+    start, end, k, _, _ = cone.blocks[block]
+    return end - start < k * (k + 1) // 2
+
+
+def coordinates(cone: Cone) -> Array:
+    """(e,) the way back: θ_l is the sum of its entries' P_ij, each times this; 0 if tied."""
+    pairing = np.zeros(len(cone.values))
+    for block, (start, _, k, first, last) in enumerate(cone.blocks):
+        if tied.py_func(cone, block):  # an import that asks must not compile
+            continue
+        own = slice(first, last)
+        i, j, at = cone.entries[own].T
+        basis = np.zeros((k * (k + 1) // 2, k * (k + 1) // 2))
+        basis[i * (i + 1) // 2 + j, at - start] = cone.values[own]
+        pairing[own] = np.linalg.inv(basis)[at - start, i * (i + 1) // 2 + j]
+    return pairing
+
+
+@compiled
+def matrix(cone, block, theta):
+    """(k, k) lower triangle of a block's P."""
+    start, _, k, first, last = cone.blocks[block]
+    P = np.empty((k, k))
+    matrix_into(cone.entries[first:last], cone.values[first:last], start, theta[start:], P, k)
+    return P
+
+
+@compiled
+def matrix_into(entries, values, start, theta, P, k):
+    """Writes the lower triangle of a block's P into (k, k); the rest of it becomes 0.
+
+    `entries`, `values` are the block's own, `theta` its parameters, θ_start the first.
+    """
+    P[:k, :k] = 0.0
+    for e in range(entries.shape[0]):
+        P[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2] - start]
+
+
+@compiled
+def read(cone, block, P, pairing, theta):
+    """Writes a block's parameters in θ (p,) from the lower triangle of its P (k, k)."""
+    start, end, _, first, last = cone.blocks[block]
+    own = cone.entries[first:last]
+    read_into(own, pairing[first:last], start, P, theta[start:end])
+
+
+@compiled
+def read_into(entries, pairing, start, P, theta):
+    """Writes a block's parameters from the lower triangle of its P; arguments as above."""
+    theta[:] = 0.0
+    for e in range(entries.shape[0]):
+        theta[entries[e, 2] - start] += pairing[e] * P[entries[e, 0], entries[e, 1]]
+
+
+@compiled
+def factor(cone, block, theta):
+    """(k, k) Cholesky factor of a block's P; NaN where it is not positive definite."""
+    L = matrix(cone, block, theta)
+    if not cholesky(L, L) > 0:
+        L[:] = np.nan
+    return L
+
+
+@compiled
+def inverse(L):
+    """(k, k) P⁻¹ of P = L Lᵀ."""
+    X, S = L.copy(), np.empty(L.shape)
+    for i in range(L.shape[0]):
+        X[i, i] = 1 / L[i, i]
+    inverse_into(X, X, S, L.shape[0])
+    return S
+
+
+@compiled
+def inverse_into(L, X, S, k):
+    """Writes P⁻¹ of P = L Lᵀ into S (k, k) and L⁻¹ into X (k, k), which may be L itself.
+
+    Here and below a factor holds the inverses of its diagonal.
+    """
+    for j in range(k):
+        X[j, j] = L[j, j]
+        for i in range(j + 1, k):
+            total = L[i, j] * X[j, j]
+            for m in range(j + 1, i):
+                total += L[i, m] * X[m, j]
+            X[i, j] = -total * L[i, i]
+    for i in range(k):
+        for j in range(i + 1):
+            total = X[i, i] * X[i, j]
+            for m in range(i + 1, k):
+                total += X[m, i] * X[m, j]
+            S[i, j] = S[j, i] = total
+
+
+@compiled
+def inside(cone, theta):
+    """Whether θ (p,) is inside: every number > 0 and every matrix positive definite."""
+    for j in cone.positive:
+        if not theta[j] > 0:
+            return False
+    k = 0
+    for block in range(cone.blocks.shape[0]):
+        k = max(k, cone.blocks[block, 2])
+    L = np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        start, end, k, first, last = cone.blocks[block]
+        own = cone.entries[first:last]
+        matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
+        factor_in_place(L, k)
+        if not L[k - 1, k - 1] < np.inf:
+            return False
+    return True
+
+
+@compiled
+def barrier(cone, theta):
+    """b(θ); infinite outside."""
+    total = 0.0
+    for j in cone.positive:
+        if not theta[j] > 0:
+            return np.inf
+        total -= np.log(theta[j])
+    for block in range(cone.blocks.shape[0]):
+        L = factor(cone, block, theta)
+        if np.isnan(L[0, 0]):
+            return np.inf
+        for i in range(L.shape[0]):
+            total -= 2 * np.log(L[i, i])
+    return total
+
+
+@compiled
+def block_gradient(cone, block, S, gradient):
+    """Writes a block's −tr(P⁻¹E_l) into ∇b (p,), from S = P⁻¹."""
+    start, end, _, first, last = cone.blocks[block]
+    gradient[start:end] = 0.0
+    for e in range(first, last):
+        i, j, at = cone.entries[e]
+        gradient[at] -= cone.weights[e] * S[i, j]
+
+
+@compiled
+def hessian_into(entries, weights, start, S, hessian, c):
+    """Writes the lower triangle of a block's tr(P⁻¹E_l P⁻¹E_m) into (c, c), from S = P⁻¹.
+
+    `entries`, `weights` are the block's own, θ_start its first parameter.
+    """
+    hessian[:c, :c] = 0.0
+    for e in range(entries.shape[0]):
+        a, b, row = entries[e, 0], entries[e, 1], entries[e, 2] - start
+        for f in range(entries.shape[0]):
+            i, j, column = entries[f, 0], entries[f, 1], entries[f, 2] - start
+            if column > row:
+                break
+            weight = 0.5 * weights[e] * weights[f]
+            hessian[row, column] += weight * (S[a, i] * S[b, j] + S[a, j] * S[b, i])
+
+
+@compiled
+def gradient_and_hessian(cone, theta):
+    """∇b (p,) and ∇²b (p, p), block diagonal: −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m); NaN outside."""
+    p = theta.shape[0]
+    gradient, hessian = np.zeros(p), np.zeros((p, p))
+    for j in cone.positive:
+        own = 1 / theta[j] if theta[j] > 0 else np.nan
+        gradient[j], hessian[j, j] = -own, own * own
+    for block in range(cone.blocks.shape[0]):
+        S = inverse(factor(cone, block, theta))
+        block_gradient(cone, block, S, gradient)
+        start, end, _, first, last = cone.blocks[block]
+        entries, weights = cone.entries[first:last], cone.weights[first:last]
+        part, c = hessian[start:end, start:end], end - start
+        hessian_into(entries, weights, start, S, part, c)
+        for i in range(c):
+            for j in range(i):
+                part[j, i] = part[i, j]
+    return gradient, hessian
+
+
+@compiled
+def metric_solve(cone, theta, stiffness, mu, gradient):
+    """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
+
+    Args:
+        cone: the cones.
+        theta: (p,) θ inside; the result is NaN where it is not.
+        stiffness: (p, p) Γ⁻¹.
+        mu: weight μ of the barrier.
+        gradient: (p,) what to raise.
+    """
+    metric, x = stiffness + mu * gradient_and_hessian(cone, theta)[1], gradient.copy()
+    factor_in_place(metric, x.shape[0])
+    solve_in_place(metric, x, x.shape[0])
+    return x
+
+
+@compiled
+def factor_in_place(A, n):
+    """Turns the lower triangle of A (n, n) into its Cholesky factor; NaN where A is not ≻ 0.
+
+    No decision is taken, so that the code can be emitted for many at once: the root of a pivot < 0
+    is NaN, and so is what follows from a pivot 0.
+    """
+    for j in range(n):  # by columns: the entries of one do not wait for each other
+        pivot = A[j, j]
+        for m in range(j):
+            pivot -= A[j, m] * A[j, m]
+        A[j, j] = 1 / np.sqrt(pivot)
+        for i in range(j + 1, n):
+            total = A[i, j]
+            for m in range(j):
+                total -= A[i, m] * A[j, m]
+            A[i, j] = total * A[j, j]
+
+
+@compiled
+def solve_in_place(L, x, n):
+    """Overwrites b in x (n,) by the solution of L Lᵀ x = b."""
+    for i in range(n):
+        total = x[i]
+        for m in range(i):
+            total -= L[i, m] * x[m]
+        x[i] = total * L[i, i]
+    for i in range(n - 1, -1, -1):
+        x[i] *= L[i, i]
+        for m in range(i):
+            x[m] -= L[i, m] * x[i]
+
+
+def drawn_inside(
+    space: ParameterSpace, theta: Array, error: float, rng: np.random.Generator
+) -> Array:
+    """(p,) parameters off θ by about ±error, inside the cone whatever the error.
+
+    Numbers are multiplied by e^u, u within ±error; a matrix P becomes A P Aᵀ in balanced units,
+    with e^{±error/2} on A's diagonal and ±error/4 off it; blocks without a sign move by ±error of
+    their size. Of a tied matrix the diagonal is drawn as numbers, and what is off it as if it had
+    no sign; the latter is then reduced until, in balanced units, the smallest eigenvalue is at
+    least e^{−error} of what it was. A θ on the cone's edge is first moved inside.
+
+    Args:
+        space: names, scale and geometry.
+        theta: (p,) where to draw about.
+        error: largest relative error.
+        rng: source of the errors.
+    """
+    cone, drawn = cone_of(space), np.array(theta, dtype=np.float64)
+    pairing = coordinates(cone)
+    for block, place in space:
+        if block.geometry == "free":
+            size = np.maximum(np.abs(theta[place]), 0.1 * block.scale)
+            drawn[place] += error * size * rng.uniform(-1, 1, len(block))
+        elif block.geometry == "positive":
+            start = np.maximum(theta[place], 0.01 * block.scale)
+            drawn[place] = start * np.exp(error * rng.uniform(-1, 1, len(block)))
+    for i, (_, _, k, _, _) in enumerate(cone.blocks):
+        if tied(cone, i):
+            _draw_tied(cone, i, space.scale, error, rng, drawn)
+            continue
+        P = matrix(cone, i, theta)
+        P += np.tril(P, -1).T
+        smallest = 0.01 * np.abs(matrix(cone, i, space.scale).diagonal())
+        balance = 1 / np.sqrt(np.maximum(P.diagonal(), smallest))
+        N = P * np.outer(balance, balance)
+        N += max(0.0, 1e-3 - np.linalg.eigvalsh(N)[0]) * np.eye(k)
+        A = error / 4 * rng.uniform(-1, 1, (k, k))
+        A[np.diag_indices(k)] = np.exp(error / 2 * rng.uniform(-1, 1, k))
+        read(cone, i, A @ N @ A.T / np.outer(balance, balance), pairing, drawn)
+    return drawn
+
+
+def _draw_tied(
+    cone: Cone, block: int, scale: Array, error: float, rng: np.random.Generator, theta: Array
+) -> None:
+    """Draws a tied block of θ (p,), in place; see `drawn_inside`."""
+    start, end, _, first, last = cone.blocks[block]
+    row, column, at = cone.entries[first:last].T
+    on, off = np.unique(at[row == column]), np.unique(at[row != column])
+    theta[on] = np.maximum(theta[on], 0.01 * scale[on])
+    kept = np.exp(-error) * max(1e-3, _smallest(cone, block, theta))
+    u = error * rng.uniform(-1, 1, end - start)
+    theta[off] += np.maximum(np.abs(theta[off]), 0.1 * scale[off]) * u[off - start]
+    theta[on] *= np.exp(u[on - start])
+    gap = 1 - _smallest(cone, block, theta)  # in proportion to what is off the diagonal
+    if gap > 1 - kept:
+        theta[off] *= (1 - kept) / gap
+
+
+def _smallest(cone: Cone, block: int, theta: Array) -> float:
+    """Smallest eigenvalue of a block's P whose diagonal is made 1."""
+    P = matrix(cone, block, theta)
+    balance = 1 / np.sqrt(P.diagonal())
+    return float(np.linalg.eigvalsh(P * np.outer(balance, balance))[0])

@@ -1,0 +1,336 @@
+"""A chart of the cone: (44) and (45) are integrated in coordinates that cannot leave it.
+
+η is the logarithm of a number, and of a matrix its Cholesky factor with the logarithms of its
+diagonal: any η is inside. Blocks without a sign are their own chart.
+
+So are tied matrices, for a Cholesky factor leaves the span of their E_l: there not any η is inside.
+Instead `confine` holds a step to a Dikin ellipsoid, which lies inside the cone.
+
+Links, of which an arm has many, are taken eight abreast (`lanes`), by the formulas of the rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...numerics.lanes import LANES, abreast
+from ...parameters import Block, ParameterSpace
+from .barrier import (
+    compiled,
+    cone_of,
+    coordinates,
+    factor,
+    factor_in_place,
+    hessian_into,
+    inverse,
+    inverse_into,
+    matrix,
+    matrix_into,
+    metric_solve,
+    read,
+    read_into,
+    solve_in_place,
+    tied,
+)
+
+_REACH = 0.9  # of a step of a tied block, in the metric ∇²b; a Dikin ellipsoid is inside up to 1
+
+
+@compiled
+def chart_room(cone):
+    """Scratch for the functions below."""
+    k, c = 1, 1
+    for block in cone.others:
+        k = max(k, cone.blocks[block, 2])
+        c = max(c, cone.blocks[block, 1] - cone.blocks[block, 0])
+    matrices = np.empty((4, k, k))
+    return matrices, np.empty((c, c)), np.empty(c), np.ones((30, LANES)), np.empty((10, LANES))
+
+
+@compiled
+def confine(cone, start, eta):
+    """Cuts the step from `start` (p,) to η (p,) back, in every tied block, to where it is inside.
+
+    The block is then inside after any step: P ⪰ (1 − 0.9) P(start). A step that is cut is shorter
+    than RK4's, so that V may rise and the conserved quantity drift.
+    """
+    for block in cone.others:
+        if not tied(cone, block):
+            continue
+        first, end, k, _, _ = cone.blocks[block]
+        D, S = matrix(cone, block, eta - start), inverse(factor(cone, block, start))
+        for i in range(k):
+            for j in range(i):
+                D[j, i] = D[i, j]
+        share = np.dot(S, D)
+        length = np.sqrt(np.sum(share * share.T))  # √(dᵀ ∇²b d)
+        if length > _REACH:
+            for at in range(first, end):
+                eta[at] = start[at] + _REACH / length * (eta[at] - start[at])
+
+
+@compiled
+def to_chart_into(cone, theta, eta, room):
+    """Writes η (p,) of a θ (p,) inside; NaN in every block that is outside."""
+    eta[:] = theta
+    for j in cone.positive:
+        eta[j] = np.log(theta[j]) if theta[j] > 0 else np.nan
+    for block in cone.others:
+        start, end, k, first, last = cone.blocks[block]
+        L = room[0][0]
+        own = cone.entries[first:last]
+        matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
+        factor_in_place(L, k)
+        is_inside = L[k - 1, k - 1] < np.inf  # what follows a pivot that is not > 0 is NaN
+        if not tied(cone, block):
+            at = start
+            for i in range(k):
+                for j in range(i):
+                    eta[at + j] = L[i, j]
+                eta[at + i] = -np.log(L[i, i])
+                at += i + 1
+        if not is_inside:
+            eta[start:end] = np.nan
+    source, result = room[3:]
+    for group in range(0, cone.links.shape[0], LANES):
+        links = cone.links[group : group + LANES]
+        gather(links, theta, source)
+        _link_factor(source, result)
+        for i in range(4):
+            at = i * (i + 3) // 2
+            for lane in range(links.shape[0]):
+                result[at, lane] = -np.log(result[at, lane])
+        for lane, at in enumerate(links):
+            is_inside = result[9, lane] > -np.inf
+            for row in range(10):
+                eta[at + row] = result[row, lane] if is_inside else np.nan
+
+
+@compiled
+def to_chart(cone, theta):
+    """(p,) η of a θ inside; NaN in every block that is outside."""
+    eta = np.empty(theta.shape[0])
+    to_chart_into(cone, theta, eta, chart_room(cone))
+    return eta
+
+
+@compiled
+def from_chart(cone, eta, pairing):
+    """(p,) θ of any η; `pairing` is `coordinates(cone)`."""
+    theta = np.empty(eta.shape[0])
+    from_chart_into(cone, eta, pairing, theta, chart_room(cone))
+    return theta
+
+
+@compiled
+def natural_rate(cone, eta, theta, stiffness, mu, gradient):
+    """(p,) η̇."""
+    rate = np.empty(eta.shape[0])
+    natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, chart_room(cone))
+    return rate
+
+
+@compiled
+def gather(links, vector, rows):
+    """Writes the links' parameters in a vector (p,) into rows (10, 8), one column each."""
+    for lane, at in enumerate(links):
+        for row in range(10):
+            rows[row, lane] = vector[at + row]
+
+
+@compiled
+def scatter(links, rows, vector):
+    """The way back."""
+    for lane, at in enumerate(links):
+        for row in range(10):
+            vector[at + row] = rows[row, lane]
+
+
+@compiled
+def unpack(eta, sign, L, k):
+    """Writes the Cholesky factor that a block's η holds into (k, k).
+
+    For sign = −1 its diagonal is inverted.
+    """
+    at = 0
+    for i in range(k):
+        for j in range(i):
+            L[i, j] = eta[at + j]
+        L[i, i] = np.exp(sign * eta[at + i])
+        at += i + 1
+
+
+@compiled
+def gather_factors(links, eta, sign, rows):
+    """Writes what `unpack` does of links into rows (10, 8)."""
+    gather(links, eta, rows)
+    for i in range(4):
+        for lane in range(links.shape[0]):
+            rows[i * (i + 3) // 2, lane] = np.exp(sign * rows[i * (i + 3) // 2, lane])
+
+
+@compiled
+def squared_into(L, P, k):
+    """Writes the lower triangle of L Lᵀ, here with L's own diagonal, into P (k, k)."""
+    for i in range(k):
+        for j in range(i + 1):
+            total = L[i, 0] * L[j, 0]
+            for m in range(1, j + 1):
+                total += L[i, m] * L[j, m]
+            P[i, j] = total
+
+
+@compiled
+def from_chart_into(cone, eta, pairing, theta, room):
+    """Writes θ (p,) of any η (p,); `pairing` is `coordinates(cone)`."""
+    theta[:] = eta
+    for j in cone.positive:
+        theta[j] = np.exp(eta[j])
+    L, P = room[0][0], room[0][1]
+    for block in cone.others:
+        if not tied(cone, block):
+            start, end, k, _, _ = cone.blocks[block]
+            unpack(eta[start:end], 1.0, L, k)
+            squared_into(L, P, k)
+            read(cone, block, P, pairing, theta)
+    source, result = room[3:]
+    for group in range(0, cone.links.shape[0], LANES):
+        links = cone.links[group : group + LANES]
+        gather_factors(links, eta, 1.0, source)
+        _link_parameters(source, result)
+        scatter(links, result, theta)
+
+
+@compiled
+def rate_in_place(L, rate, k):
+    """Turns a Ṗ (k, k) into what η̇ holds: the recursion of Cholesky's factor, differentiated."""
+    for i in range(k):
+        for j in range(i):
+            total = rate[i, j] - L[i, j] * rate[j, j]
+            for m in range(j):
+                total -= rate[i, m] * L[j, m] + L[i, m] * rate[j, m]
+            rate[i, j] = total * L[j, j]
+        total = 0.5 * rate[i, i]
+        for m in range(i):
+            total -= rate[i, m] * L[i, m]
+        rate[i, i] = total * L[i, i]
+    for i in range(k):
+        rate[i, i] *= L[i, i]
+
+
+@compiled
+def chart_rate(cone, eta, theta_rate):
+    """(p,) η̇ of a rate θ̇ at η."""
+    rate = theta_rate.copy()
+    for j in cone.positive:
+        rate[j] = theta_rate[j] * np.exp(-eta[j])
+    for block in range(cone.blocks.shape[0]):
+        if not tied(cone, block):
+            start, end, k, _, _ = cone.blocks[block]
+            L, P_rate = np.empty((k, k)), matrix(cone, block, theta_rate)
+            unpack(eta[start:end], -1.0, L, k)
+            rate_in_place(L, P_rate, k)
+            pack(P_rate, rate[start:end], k)
+    return rate
+
+
+@compiled
+def pack(L, eta, k):
+    """Writes the lower triangle of L (k, k) row by row, as η holds it."""
+    at = 0
+    for i in range(k):
+        for j in range(i + 1):
+            eta[at] = L[i, j]
+            at += 1
+
+
+@compiled
+def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room):
+    """Writes η̇ (p,) at η and its θ, where θ̇ = (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
+
+    Every matrix that has a chart is factored by η. Γ⁻¹ is given by its diagonal or whole.
+    """
+    if stiffness.ndim == 2:
+        rate[:] = chart_rate(cone, eta, metric_solve(cone, theta, stiffness, mu, gradient))
+        return
+    for j in range(rate.shape[0]):
+        rate[j] = gradient[j] / stiffness[j]
+    for j in cone.positive:
+        rate[j] = gradient[j] / (stiffness[j] * theta[j] + mu / theta[j])
+    share = 1 / mu
+    (L, X, S, P_rate), metric, x, source, result = room
+    for block in cone.others:
+        start, end, k, first, last = cone.blocks[block]
+        c, entries, values = end - start, cone.entries[first:last], cone.values[first:last]
+        flat = tied(cone, block)
+        if flat:
+            matrix_into(entries, values, start, theta[start:end], L, k)
+            factor_in_place(L, k)
+        else:
+            unpack(eta[start:end], -1.0, L, k)
+        inverse_into(L, X, S, k)
+        hessian_into(entries, cone.weights[first:last], start, S, metric, c)
+        for i in range(c):
+            metric[i, i] += share * stiffness[start + i]
+            x[i] = share * gradient[start + i]
+        factor_in_place(metric, c)
+        solve_in_place(metric, x, c)
+        if flat:
+            rate[start:end] = x[:c]
+        else:
+            matrix_into(entries, values, start, x, P_rate, k)
+            rate_in_place(L, P_rate, k)
+            pack(P_rate, rate[start:end], k)
+    for group in range(0, cone.links.shape[0], LANES):
+        links = cone.links[group : group + LANES]
+        gather_factors(links, eta, -1.0, source)
+        for lane, at in enumerate(links):
+            for row in range(10):
+                source[10 + row, lane] = share * stiffness[at + row]
+                source[20 + row, lane] = share * gradient[at + row]
+        _link_rate(source, result)
+        scatter(links, result, rate)
+
+
+# -- the same for links, eight abreast ---------------------------------------------------------
+
+_LINK = cone_of(
+    ParameterSpace((Block("link", tuple("0123456789"), ("",) * 10, np.ones(10), "pseudo_inertia"),))
+)
+_LOWER = np.tril_indices(4)
+
+
+def _of(*shape: int):
+    return np.zeros(shape, dtype=object)
+
+
+def _factor(theta):
+    L = _of(4, 4)
+    matrix_into.py_func(_LINK.entries, _LINK.values, 0, theta, L, 4)
+    factor_in_place.py_func(L, 4)
+    return L[_LOWER]
+
+
+def _parameters(eta):
+    L, P, theta = _of(4, 4), _of(4, 4), _of(10)
+    L[_LOWER] = eta
+    squared_into.py_func(L, P, 4)
+    read_into.py_func(_LINK.entries, coordinates(_LINK), 0, P, theta)
+    return theta
+
+
+def _rate(numbers):
+    L, X, S, P_rate, metric = _of(4, 4), _of(4, 4), _of(4, 4), _of(4, 4), _of(10, 10)
+    L[_LOWER], x = numbers[:10], numbers[20:].copy()
+    inverse_into.py_func(L, X, S, 4)
+    hessian_into.py_func(_LINK.entries, _LINK.weights, 0, S, metric, 10)
+    metric[np.diag_indices(10)] += numbers[10:20]
+    factor_in_place.py_func(metric, 10)
+    solve_in_place.py_func(metric, x, 10)
+    matrix_into.py_func(_LINK.entries, _LINK.values, 0, x, P_rate, 4)
+    rate_in_place.py_func(L, P_rate, 4)
+    return P_rate[_LOWER]
+
+
+_link_factor, _link_parameters = abreast(_factor, 10), abreast(_parameters, 10)
+_link_rate = abreast(_rate, 30)

@@ -1,0 +1,134 @@
+"""Nullspace adaptive identification as data: which law, and how its gain is designed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..log import EXACT, SensorLevels
+from ..parameters import Array
+from ..system import SecondOrderSystem
+from .base import Expected, Identifier, IdentifierConfig
+from .cone.law import ConeIdentifier
+from .memory.law import MemoryIdentifier
+from .memory.statistics import MemoryConfig
+from .nullspace_aid import NullspaceIdentifier
+
+
+@dataclass(frozen=True)
+class NullspaceAID(IdentifierConfig):
+    """Nullspace adaptive identification with constant gains.
+
+    Attributes:
+        K: gain of the identification plant, K = K·I [1/s].
+        gain: adaptation gain γ; Γ = γ diag(scale²) [1/J].
+        interpolation: the measured state half-way between samples: `hermite`, the cubic through
+            both positions and velocities, for exact encoders; `linear`, the mean of both
+            velocities, where differences of positions are noise; `auto` chooses by the sensors.
+        gamma: `scale`, Γ = γ diag(scale²); or `simulated`, Γ = rate·K·S H⁻¹ S with H the mean of
+            S Wᵀ M⁻¹ W S that a simulation under the prior expects, S = diag(scale).
+        rate: at which every direction converges where `gamma` is `simulated` [1/s]; those that
+            are excited less than `floor` of the best are slower.
+        floor: smallest eigenvalue of H that counts, as a share of the largest.
+        law: `paper`, (45) with constant Γ; `cone`, Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹, which keeps θ̂
+            inside the cone of physical parameters and M̂ > 0; or `memory`, that and implicit steps
+            towards what past data say.
+        barrier: μ where the law is not `paper`, in units of Γ⁻¹ at the scale; 0 makes `cone` the
+            paper's law.
+        memory: how past data are kept and used, where the law is `memory`.
+    """
+
+    K: float = 20.0
+    gain: float = 1.0
+    interpolation: Literal["auto", "hermite", "linear"] = "auto"
+    gamma: Literal["scale", "simulated"] = "scale"
+    rate: float = 0.1
+    floor: float = 1e-2
+    law: Literal["paper", "cone", "memory"] = "paper"
+    barrier: float = 1.0
+    memory: MemoryConfig = field(default_factory=MemoryConfig)
+
+    def __post_init__(self) -> None:
+        if self.interpolation not in ("auto", "hermite", "linear"):
+            raise InvalidInput(
+                "interpolation", "auto, hermite or linear", self.interpolation, "auto will do."
+            )
+        if self.gamma not in ("scale", "simulated"):
+            raise InvalidInput("gamma", "scale or simulated", self.gamma, "scale needs no driver.")
+        if not (np.isfinite(self.rate) and self.rate > 0):
+            raise InvalidInput("identifier.rate", "a rate > 0 /s", self.rate, "0.1 will do.")
+        if self.law not in ("paper", "cone", "memory"):
+            raise InvalidInput(
+                "law", "paper, cone or memory", self.law, "paper is (45) as printed."
+            )
+        if not (np.isfinite(self.barrier) and self.barrier >= 0):
+            raise InvalidInput("identifier.barrier", "a weight ≥ 0", self.barrier, "1.0 will do.")
+        if self.law == "memory" and not self.barrier > 0:
+            raise InvalidInput(
+                "identifier.barrier",
+                "a weight > 0 for the law memory",
+                self.barrier,
+                "1.0 will do.",
+            )
+        if not 0 < self.floor <= 1:
+            raise InvalidInput("identifier.floor", "a share in (0, 1]", self.floor, "1e-3 will do.")
+
+    def build(
+        self,
+        system: SecondOrderSystem,
+        prior: Array,
+        dt: float,
+        noise: SensorLevels = EXACT,
+        gramian: Expected | None = None,
+    ) -> Identifier:
+        """Makes the identifier with K = K·I and Γ as `gamma` says.
+
+        Raises:
+            InvalidInput: `gamma` is `simulated` and there is nothing to simulate with.
+        """
+        K, Gamma = np.full(system.n, self.K), self._gain(system, gramian)
+        hermite = noise.exact if self.interpolation == "auto" else self.interpolation == "hermite"
+        if not self.in_cone:
+            return NullspaceIdentifier(system, K, Gamma, prior, dt, hermite)
+        stiffness = 1 / Gamma if Gamma.ndim == 1 else np.diag(np.linalg.inv(Gamma))
+        mu = self.barrier * float(np.median(stiffness * system.space.scale**2))
+        if self.law == "cone":
+            return ConeIdentifier(system, K, Gamma, prior, dt, mu, hermite)
+        return MemoryIdentifier(system, K, Gamma, prior, dt, mu, hermite, self.memory, noise)
+
+    @property
+    def in_cone(self) -> bool:
+        """Whether θ̂ must start, and stays, inside the cone of physical parameters."""
+        return self.law != "paper" and self.barrier > 0
+
+    def _gain(self, system: SecondOrderSystem, gramian: Expected | None) -> Array:
+        """(p,) or (p, p) Γ."""
+        scale = system.space.scale
+        if self.gamma == "scale":
+            return self.gain * scale**2
+        if gramian is None:
+            raise InvalidInput("gamma", "scale, without a driver", self.gamma, "Run a scenario.")
+        inverse = floored_inverse(gramian(), self.floor)
+        return self.rate * self.K * inverse * np.outer(scale, scale)
+
+
+def floored_inverse(gramian: Array, floor: float) -> Array:
+    """Inverse of a positive semidefinite matrix, its eigenvalues raised to floor·λ_max.
+
+    Directions without any excitation are raised, too: nothing is to be learned along them, but
+    the estimate must be free to turn, and the prior's null directions are not quite the true ones.
+
+    Raises:
+        InvalidInput: it is 0.
+    """
+    values, vectors = np.linalg.eigh(gramian)
+    if not values[-1] > 0:
+        raise InvalidInput(
+            "gamma", "an excitation that moves something", "an expected Gramian of 0",
+            "Drive the plant harder, or take --gamma scale.",
+        )  # fmt: skip
+    inverse = (vectors / np.maximum(values, floor * values[-1])) @ vectors.T
+    return 0.5 * (inverse + inverse.T)

@@ -1,0 +1,1 @@
+"""The law with a memory of past data."""

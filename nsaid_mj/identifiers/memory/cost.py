@@ -1,0 +1,180 @@
+"""How badly a θ explains remembered data: a cost that a change of scale does not change.
+
+    R(θ) = ½ Σ_i w_i λ_i(θ),    λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ,
+
+G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 diagonal on the actuators: the
+balance is measured in shares of the actuators' own effort, as if every command had a relative
+error. θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
+
+Where sensors are noisy, or something is kept of a time before the actuators changed, all rows
+become one, of the same slope at the estimate θ̂: G = Σ_i w_i G_i/θ̂ᵀΣ_iθ̂ − B + (what is kept) ⪰ 0
+over Σ̄, the mean of the Σ_i/θ̂ᵀΣ_iθ̂. B is what noise has made of the first sum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...parameters import Array, Indices, ParameterSpace
+from .statistics import Means, Memory, View
+
+_QUADRATURE = 1e-8  # floor of λ where sensors are exact: what is left is the quadrature's error
+_NOISE = 1e-12  # … and where they are not
+_DRIVEN = 1e-6  # share of a row's size below which it counts as not actuated
+_CORRELATED = 0.95  # correlation of neighbouring blocks, at most
+_OWN = 1e-2  # share of a row's size that its own positive parameters must have to measure it
+_SURE = 3.0  # standard errors by which motion must stand out from noise, 1/√blocks each
+_RIDGE = 1e-9  # added to a curvature of unit diagonal, whose last digits may not be ⪰ 0
+
+
+@dataclass(frozen=True)
+class Quotient:
+    """R, of a memory as it stands.
+
+    Attributes:
+        gramian: (n, p, p) G_i, means over the blocks.
+        effort: (n, p) diagonals of Σ_i.
+        weights: (n,) w_i.
+        seen: (p, p) the curvature before B was taken from it; None where nothing was.
+        excess: (p, p) B, for who wants to know; None likewise.
+    """
+
+    gramian: Array
+    effort: Array
+    weights: Array
+    seen: Array | None = None
+    excess: Array | None = None
+
+    def value(self, theta: Array) -> float:
+        """R(θ)."""
+        return 0.5 * float(self.weights @ self.levels(theta))
+
+    def gradient(self, theta: Array) -> Array:
+        """(p,) ∇R(θ) = Σ_i w_i (G_i θ − λ_i Σ_i θ) / θᵀ Σ_i θ."""
+        pull, effort = self.gramian @ theta, self.effort @ theta**2
+        level = pull @ theta / effort
+        return (self.weights / effort) @ (pull - level[:, None] * self.effort * theta)
+
+    def curvature(self, theta: Array) -> Array:
+        """(p, p) Gauss–Newton's Hessian.
+
+        With Π = 1 − θ (Σ_i θ)ᵀ / θᵀ Σ_i θ it is Σ_i w_i Πᵀ G_i Π / θᵀ Σ_i θ ⪰ 0.
+        """
+        effort = self.effort @ theta**2
+        return _projected(self.gramian, self.effort * theta, theta, effort, self.weights / effort)
+
+    def levels(self, theta: Array, gramian: Array | None = None) -> Array:
+        """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ."""
+        G = self.gramian if gramian is None else gramian
+        return (G @ theta) @ theta / (self.effort @ theta**2)
+
+    def weighted(self, theta: Array, memory: Memory) -> tuple[Quotient, View]:
+        """R as a log-likelihood near θ, for residuals that are correlated from block to block.
+
+        With ρ_i the correlation of neighbours in row i at θ, Y − ρ_i Y′ is what is new in a block
+        (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949); its Gramian takes G_i's place, and
+        w_i = blocks/λ_i(θ). B is the sum of the noise's own Gramians, so weighted; but of a
+        direction in which it leaves no more than chance would, B takes all: data that cannot
+        be told from noise say nothing, and neither bend nor hold the estimate.
+
+        Args:
+            theta: (p,) an estimate.
+            memory: whose R this is.
+
+        Returns:
+            R with these weights, and how they weigh what comes next.
+        """
+        means, kept, view = memory.means, memory.kept, self.view(theta, memory.means)
+        effort, share = self.effort @ theta**2, means.blocks * view.share
+        if means.noise is None and kept is None:
+            return Quotient(means.innovations(view.rho), self.effort, share * effort), view
+        seen = means.gathered(view.rho, share)
+        excess = np.zeros_like(seen)
+        if means.noise is not None:
+            certain = max(0.5, 1 - _SURE / np.sqrt(means.blocks))
+            excess = _told_apart(means.gathered_noise(view.rho, share), seen, certain)
+        if kept is not None:
+            seen = seen + kept
+        reference = np.mean(self.effort / effort[:, None], axis=0)
+        return Quotient((seen - excess)[None], reference[None], np.ones(1), seen, excess), view
+
+    def view(self, theta: Array, means: Means) -> View:
+        """How θ (p,) weighs the blocks of these means, and those to come; see `weighted`."""
+
+        def level(gramian: Array) -> Array:
+            return (gramian @ theta) @ theta / effort
+
+        effort, floor = self.effort @ theta**2, _QUADRATURE if means.noise is None else _NOISE
+        own, lagged, last = level(means.gramian), level(means.lagged), (means.last @ theta) ** 2
+        rho = np.clip(lagged / np.maximum(own, floor), 0.0, _CORRELATED)
+        new, least = means.of_innovations(rho, own, lagged, last / effort), np.full(len(rho), floor)
+        if means.noise is not None:  # few data are fitted too well
+            own, lagged = (level(part) for part in means.noise)
+            least = np.maximum(least, (1 + rho**2) * own - 2 * rho * lagged)
+        return View(theta, rho, 1 / (np.maximum(new, least) * effort))
+
+    def plant(self, theta: Array, actuators: Indices) -> Array:
+        """(p, p) curvature at θ whatever the actuators' gains: Schur's complement, Σ held."""
+        whole = np.tensordot(self.weights / (self.effort @ theta**2), self.gramian, 1)
+        k = actuators
+        rest = whole - whole[:, k] @ inverse(whole[np.ix_(k, k)]) @ whole[k]
+        rest[k], rest[:, k] = 0.0, 0.0
+        return rest
+
+
+def quotient(means: Means, space: ParameterSpace) -> Quotient | None:
+    """R of means over blocks, with weights 0; None as long as no actuator has moved anything.
+
+    A row without an actuator of its own (tyres, not the engine, push sideways) is measured in
+    shares of what its other positive parameters do, tyres or drag; where they do next to nothing
+    of it, of all others' effort.
+    """
+    diagonal = np.einsum("ipp->ip", means.gramian)
+    size = diagonal @ space.scale**2
+    effort = np.zeros_like(diagonal)
+    effort[:, space.actuators] = diagonal[:, space.actuators]
+    driven = effort @ space.scale**2 > _DRIVEN * size
+    if not driven.any():
+        return None
+    shared = np.mean(effort[driven] / size[driven, None], axis=0)
+    own = diagonal * positive(space)
+    others = np.where((own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared)
+    effort = np.where(driven[:, None], effort, others)
+    effort[size <= 0] = shared  # a row in which nothing has happened says nothing
+    return Quotient(means.gramian, effort, np.zeros(len(size)))
+
+
+def positive(space: ParameterSpace) -> Array:
+    """(p,) 1 where a parameter is a positive number of its own, 0 elsewhere."""
+    mask = np.zeros(len(space))
+    for block, place in space:
+        mask[place] = block.geometry == "positive"
+    return mask
+
+
+def _told_apart(excess: Array, whole: Array, certain: float) -> Array:
+    """B ⪰ 0, and all of `whole` ⪰ 0 in directions of which its share is not below `certain`."""
+    size = np.diag(whole)
+    scale = np.sqrt(np.where(size > 0, size, 1.0))
+    L = np.linalg.cholesky(whole / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)))
+    half = np.linalg.solve(L, excess / np.outer(scale, scale))
+    shares, vectors = np.linalg.eigh(np.linalg.solve(L, half.T))
+    root = scale[:, None] * (L @ vectors)
+    return (root * np.where(shares < certain, np.maximum(shares, 0.0), 1.0)) @ root.T
+
+
+def inverse(matrix: Array) -> Array:
+    """(k, k) its inverse, where it is not singular to the last digit; 0 where it is."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    balanced = np.outer(scale, scale)
+    return np.linalg.pinv(matrix * balanced, rcond=1e-14, hermitian=True) * balanced
+
+
+def _projected(gramian: Array, slope: Array, theta: Array, effort: Array, share: Array) -> Array:
+    """Σ_i share_i Πᵀ G_i Π, Π = 1 − θ slope_iᵀ / effort_i."""
+    pull = gramian @ theta
+    mixed = (pull * (share / effort)[:, None]).T @ slope
+    bent = (slope * (share * (pull @ theta) / effort**2)[:, None]).T @ slope
+    return np.tensordot(share, gramian, 1) - mixed - mixed.T + bent

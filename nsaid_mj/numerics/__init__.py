@@ -1,0 +1,1 @@
+"""Small compiled mathematics: linear algebra, rotations and poses. No robotics."""

@@ -1,0 +1,1 @@
+"""MuJoCo as the world: stepping, callbacks, coordinates, sensors, faults."""

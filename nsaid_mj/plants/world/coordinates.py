@@ -1,0 +1,314 @@
+"""The one place where MuJoCo's coordinates become the system's, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from ...numerics.spatial import cross, quaternion_of, rotate, rotation, rotation_vector, unrotate
+from ...parameters import Array, Indices
+
+
+class Reading(NamedTuple):
+    """Where MuJoCo and q hold a system's coordinates, for compiled code.
+
+    Attributes:
+        group: 6 where a free joint comes first, 3 where the joints are x, y and ψ of a body in the
+            plane, 0 where all are joints.
+        free: (2,) where qpos and qvel hold the free joint.
+        joints: (k, 4) rows [where qpos, qvel and q hold a 1-DOF joint, whether q holds its cosine
+            and sine].
+    """
+
+    group: int
+    free: Indices
+    joints: Indices
+
+
+def reading_of(
+    qpos: Indices, dof: Indices, circular: Sequence[bool] = (), free: Sequence[int] = ()
+) -> Reading:
+    """The reading of 1-DOF joints, plain unless told, after a free joint if `free` says where."""
+    circles = np.array(circular or np.zeros(len(qpos)), dtype=int)
+    places = (7 if free else 0) + np.cumsum(1 + circles) - (1 + circles)
+    joints = np.column_stack([qpos, dof, places, circles])
+    return Reading(6 if free else 0, np.array(free or (-1, -1)), joints)
+
+
+@njit(cache=True)
+def read_coordinates(reading, qpos, qvel, numbers, velocity):
+    """Writes position numbers (n,) and velocities (n,) of MuJoCo's qpos and qvel."""
+    first = 0
+    if reading.group == 6:
+        at, dof = reading.free
+        attitude = np.array([qpos[at + 4], qpos[at + 5], qpos[at + 6], qpos[at + 3]])
+        turn, linear = rotation_vector(attitude), unrotate(attitude, qvel[dof : dof + 3])
+        for i in range(3):
+            numbers[i], numbers[3 + i] = qpos[at + i], turn[i]
+            velocity[i], velocity[3 + i] = linear[i], qvel[dof + 3 + i]
+        first = 6
+    for k in range(reading.joints.shape[0]):
+        numbers[first + k] = qpos[reading.joints[k, 0]]
+        velocity[first + k] = qvel[reading.joints[k, 1]]
+    if reading.group == 3:
+        c, s = np.cos(numbers[2]), np.sin(numbers[2])
+        x, y = velocity[0], velocity[1]
+        velocity[0], velocity[1] = c * x + s * y, c * y - s * x
+
+
+@njit(cache=True)
+def write_position(reading, numbers, q):
+    """Writes q (m,) of position numbers (n,), as `JointTree` and `RigidBody` have it."""
+    first = 0
+    if reading.group == 6:
+        attitude = quaternion_of(numbers[3:6])
+        q[:3], q[3:7] = numbers[:3], attitude
+        first = 6
+    for k in range(reading.joints.shape[0]):
+        number, place = numbers[first + k], reading.joints[k, 2]
+        if reading.joints[k, 3]:
+            q[place], q[place + 1] = np.cos(number), np.sin(number)
+        else:
+            q[place] = number
+
+
+class JointMap:
+    """Joint numbers in Pinocchio's order ↔ MuJoCo's qpos and qvel, matched by joint name.
+
+    Only 1-DOF joints: a joint's number is its angle [rad] or travel [m] in both engines, and
+    MuJoCo orders bodies depth first where Pinocchio need not.
+
+    Args:
+        model: MuJoCo's.
+        names: of the joints, in Pinocchio's order.
+
+    Attributes:
+        motors: (n,) MuJoCo's degree of freedom of every 1-DOF joint.
+    """
+
+    def __init__(self, model: Any, names: Sequence[str]):
+        joints = [model.joint(name) for name in names]
+        self.qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
+        self.dof = np.array([joint.dofadr[0] for joint in joints], dtype=int)
+        self.motors = self.dof
+
+    def reading(self, circular: Sequence[bool] = ()) -> Reading:
+        """For compiled code; `circular` tells of which joints q holds cosine and sine."""
+        return reading_of(self.qpos, self.dof, circular)
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(n,) joint numbers and (n,) joint velocities."""
+        return data.qpos[self.qpos], data.qvel[self.dof]
+
+    def write(self, data: Any, coordinates: Array, velocity: Array) -> None:
+        """Sets qpos and qvel from joint numbers and velocities."""
+        data.qpos[self.qpos] = coordinates
+        data.qvel[self.dof] = velocity
+
+    def mass_matrix(self, model: Any, data: Any) -> Array:
+        """(n, n) MuJoCo's M at its present state, in Pinocchio's order."""
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        return full[np.ix_(self.dof, self.dof)]
+
+    def bias(self, model: Any, data: Any) -> Array:
+        """(n,) MuJoCo's Coriolis, centrifugal and gravity forces, in Pinocchio's order."""
+        return data.qfrc_bias[self.dof]
+
+    def acceleration(self, data: Any) -> Array:
+        """(n,) MuJoCo's present acceleration of the joints."""
+        return data.qacc[self.dof]
+
+
+def pose_of(qpos: Array) -> Array:
+    """(7,) our pose [p, x, y, z, w] of MuJoCo's free-joint qpos [p, w, x, y, z]."""
+    return np.array([*qpos[:3], *qpos[4:7], qpos[3]])
+
+
+class PoseMap:
+    """A free joint: position numbers [p, rotation vector] and body twist ↔ qpos and qvel.
+
+    MuJoCo's quaternion is w, x, y, z, and its linear velocity lies in the world's axes.
+
+    Args:
+        model: MuJoCo's.
+        joint: name of the free joint.
+    """
+
+    def __init__(self, model: Any, joint: str):
+        at, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
+        self.qpos, self.dof = slice(at, at + 7), slice(dof, dof + 6)
+        nowhere = np.zeros(0, dtype=int)
+        self.reading = reading_of(nowhere, nowhere, free=(at, dof))
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(6,) position numbers and (6,) body twist."""
+        numbers, twist = np.empty((2, 6))
+        read_coordinates(self.reading, data.qpos, data.qvel, numbers, twist)
+        return numbers, twist
+
+    def write(self, data: Any, numbers: Array, twist: Array) -> None:
+        """Sets qpos and qvel from position numbers and a body twist."""
+        x, y, z, w = attitude = quaternion_of(np.asarray(numbers[3:], dtype=np.float64))
+        data.qpos[self.qpos] = [*numbers[:3], w, x, y, z]
+        data.qvel[self.dof] = [*rotate(attitude, np.asarray(twist[:3], float)), *twist[3:]]
+
+    def acceleration(self, data: Any) -> Array:
+        """(6,) time derivative of the body twist, from MuJoCo's present qacc."""
+        attitude = pose_of(data.qpos[self.qpos])[3:]
+        qvel, qacc = data.qvel[self.dof], data.qacc[self.dof]
+        linear = unrotate(attitude, qacc[:3]) - np.cross(qvel[3:], unrotate(attitude, qvel[:3]))
+        return np.concatenate([linear, qacc[3:]])
+
+
+class FloatingMap:
+    """A floating base and its joints: position numbers and velocities ↔ qpos and qvel.
+
+    With T = blkdiag(Rᵀ, 1) the system's v is T q̇, and its v̇ is T q̈ + [−ω × Rᵀ v_world, 0].
+
+    Args:
+        model: MuJoCo's.
+        base: name of the free joint.
+        names: of the 1-DOF joints, in Pinocchio's order.
+
+    Attributes:
+        motors: (n − 6,) MuJoCo's degree of freedom of every 1-DOF joint.
+    """
+
+    def __init__(self, model: Any, base: str, names: Sequence[str]):
+        self.base, self.joints = PoseMap(model, base), JointMap(model, names)
+        self.motors = self.joints.motors
+        self.dof = np.concatenate([np.r_[self.base.dof], self.motors])
+        self._reading = self.reading()
+
+    def reading(self, circular: Sequence[bool] = ()) -> Reading:
+        """For compiled code; `circular` tells of which joints q holds cosine and sine."""
+        free = self.base.qpos.start, self.base.dof.start
+        return reading_of(self.joints.qpos, self.joints.dof, circular, free)
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities."""
+        numbers, velocity = np.empty((2, len(self.dof)))
+        read_coordinates(self._reading, data.qpos, data.qvel, numbers, velocity)
+        return numbers, velocity
+
+    def write(self, data: Any, numbers: Array, velocity: Array) -> None:
+        """Sets qpos and qvel from position numbers and velocities."""
+        self.base.write(data, numbers[:6], velocity[:6])
+        self.joints.write(data, numbers[6:], velocity[6:])
+
+    def mass_matrix(self, model: Any, data: Any) -> Array:
+        """(n, n) MuJoCo's M at its present state, for the system's v: T M Tᵀ."""
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        half = self._into_body(data, full[np.ix_(self.dof, self.dof)])
+        return self._into_body(data, half.T)
+
+    def bias(self, model: Any, data: Any) -> Array:
+        """(n,) MuJoCo's Coriolis, centrifugal and gravity forces, for the system's v."""
+        _, velocity = self.base.read(data)
+        turning = np.zeros(len(self.dof))
+        turning[:3] = np.cross(velocity[3:], velocity[:3])
+        own = self._into_body(data, data.qfrc_bias[self.dof])
+        return own + self.mass_matrix(model, data) @ turning
+
+    def acceleration(self, data: Any) -> Array:
+        """(n,) time derivative of the system's v, from MuJoCo's present qacc."""
+        return np.concatenate([self.base.acceleration(data), self.joints.acceleration(data)])
+
+    def _into_body(self, data: Any, rows: Array) -> Array:
+        """T times rows (n, ...)."""
+        attitude = pose_of(data.qpos[self.base.qpos])[3:]
+        turned = rows.copy()
+        turned[:3] = rotation(attitude).T @ rows[:3]
+        return turned
+
+
+def joint_map(model: Any, names: Sequence[str]) -> JointMap | FloatingMap:
+    """The map of a tree whose joints have these names; the first may be a free joint."""
+    if model.joint(names[0]).type[0] == mujoco.mjtJoint.mjJNT_FREE:
+        return FloatingMap(model, names[0], names[1:])
+    return JointMap(model, names)
+
+
+class PlanarMap:
+    """Two slides and a hinge: x, y, ψ and the body's u, v, r ↔ qpos and qvel.
+
+    Args:
+        model: MuJoCo's.
+        joints: names of the joints along x, along y and about z.
+    """
+
+    def __init__(self, model: Any, joints: tuple[str, str, str] = ("x", "y", "yaw")):
+        self.qpos = np.array([model.joint(name).qposadr[0] for name in joints])
+        self.dof = np.array([model.joint(name).dofadr[0] for name in joints])
+        self.reading = reading_of(self.qpos, self.dof)._replace(group=3)
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(3,) x, y [m], ψ [rad] and (3,) body twist."""
+        numbers, twist = np.empty((2, 3))
+        read_coordinates(self.reading, data.qpos, data.qvel, numbers, twist)
+        return numbers, twist
+
+    def write(self, data: Any, numbers: Array, twist: Array) -> None:
+        """Sets qpos and qvel from x, y, ψ and a body twist."""
+        c, s = np.cos(numbers[2]), np.sin(numbers[2])
+        u, v, r = twist
+        data.qpos[self.qpos], data.qvel[self.dof] = numbers, [c * u - s * v, s * u + c * v, r]
+
+    def acceleration(self, data: Any) -> Array:
+        """(3,) time derivative of the body twist, from MuJoCo's present qacc."""
+        yaw = data.qpos[self.qpos[2]]
+        u, v, r = self._into_body(yaw, data.qvel[self.dof])
+        return self._into_body(yaw, data.qacc[self.dof]) - r * np.array([-v, u, 0.0])
+
+    @staticmethod
+    def _into_body(yaw: float, rates: Array) -> Array:
+        c, s = np.cos(yaw), np.sin(yaw)
+        x, y, r = rates
+        return np.array([c * x + s * y, c * y - s * x, r])
+
+
+class LevelMap:
+    """A free joint on level ground, seen from above: x, y, ψ and u, v, r ↔ qpos and qvel.
+
+    ψ is the heading of the body's x-axis on the ground. Height, pitch and roll stay unread.
+
+    Args:
+        model: MuJoCo's.
+        joint: name of the free joint.
+    """
+
+    def __init__(self, model: Any, joint: str):
+        self.pose = PoseMap(model, joint)
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """(3,) x, y [m], ψ [rad] and (3,) velocities along and across the heading, and ψ̇."""
+        pose, qvel = data.qpos[self.pose.qpos], data.qvel[self.pose.dof]
+        return _seen_from_above(pose, qvel)
+
+    def write(self, data: Any, numbers: Array, twist: Array) -> None:
+        """Sets x, y, ψ and a level motion; height stays, pitch and roll become 0."""
+        c, s = np.cos(numbers[2] / 2), np.sin(numbers[2] / 2)
+        height = data.qpos[self.pose.qpos][2]
+        data.qpos[self.pose.qpos] = [*numbers[:2], height, c, 0.0, 0.0, s]
+        c, s = np.cos(numbers[2]), np.sin(numbers[2])
+        u, v, r = twist
+        data.qvel[self.pose.dof] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]
+
+
+@njit(cache=True)
+def _seen_from_above(pose, qvel):
+    """What `LevelMap` reads of a free joint's qpos (7,) and qvel (6,)."""
+    attitude = (pose[4], pose[5], pose[6], pose[3])
+    ahead = rotate(attitude, (1.0, 0.0, 0.0))
+    turning = cross(rotate(attitude, qvel[3:]), ahead)
+    length = np.hypot(ahead[0], ahead[1])
+    c, s = ahead[0] / length, ahead[1] / length
+    yaw_rate = (ahead[0] * turning[1] - ahead[1] * turning[0]) / length**2
+    numbers = np.array([pose[0], pose[1], np.arctan2(s, c)])
+    return numbers, np.array([c * qvel[0] + s * qvel[1], c * qvel[1] - s * qvel[0], yaw_rate])

@@ -1,0 +1,181 @@
+"""Fossen's hydrodynamics in MuJoCo, exactly: drag, buoyancy, thrusters and added mass.
+
+MuJoCo's passive forces cannot carry an inertia. The callback solves Fossen's equations for the
+whole body itself and hands MuJoCo the force that makes its rigid body accelerate just so:
+
+    (M_RB + M_A) ν̇ = f(ν_r) − C_RB(ν) ν − C_A(ν_r) ν_r + M_A ν̇_c,     f_passive = M_RB ν̇ + C_RB(ν) ν
+
+without gravity in MuJoCo: weight is part of f. ν_r = ν − ν_c is relative to the water, whose own
+velocity is steady in the world, so that ν̇_c = −ω × v_c in the body's axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, njit
+
+from ...numerics.spatial import coadjoint, rotate, unrotate
+from ...parameters import Array
+from .callbacks import WORDS, as_pointer, field_offsets
+
+LIMIT = 16
+"""Most thrusters a body may have."""
+
+
+@dataclass(frozen=True)
+class Hydrodynamics:
+    """The true numbers of a body in water; axes x forward, y left, z up.
+
+    Attributes:
+        rigid: (6, 6) M_RB about the body's origin [kg, kg·m, kg·m²].
+        added: (6, 6) M_A, symmetric [kg, kg·m, kg·m²].
+        linear: (6,) linear drag [N·s/m, N·m·s/rad].
+        quadratic: (6,) quadratic drag [N·s²/m², N·m·s²/rad²].
+        net_weight: weight less buoyancy [N].
+        righting: (3,) r_B B − r_G W [N·m].
+        positions: (k, 3) of the thrusters [m].
+        directions: (k, 3) in which they push.
+        thrust: (k,) at full command [N].
+        curve: (5,) coefficients of u, u³, u⁵, u⁷, u⁹ of the command curve.
+        flow: (3,) velocity of the water in the world [m/s].
+    """
+
+    rigid: Array
+    added: Array
+    linear: Array
+    quadratic: Array
+    net_weight: float
+    righting: Array
+    positions: Array
+    directions: Array
+    thrust: Array
+    curve: Array
+    flow: Array
+
+    def numbers(self, lagged: bool) -> Array:
+        """What `fossen` reads from userdata.
+
+        Args:
+            lagged: whether the actuators have an activation of their own.
+        """
+        inverse = np.linalg.inv(self.rigid + self.added)
+        thrusters = np.hstack([self.positions, self.directions, self.thrust[:, None]])
+        return np.concatenate(
+            [
+                [len(thrusters), float(lagged)], self.rigid.ravel(), self.added.ravel(),
+                inverse.ravel(), self.linear, self.quadratic, [self.net_weight], self.righting,
+                self.flow, self.curve, thrusters.ravel(),
+            ]
+        )  # fmt: skip
+
+    @property
+    def gain_places(self) -> list[list[int]]:
+        """Where in `numbers` every thruster's gain is."""
+        return [[140 + 7 * j] for j in range(len(self.thrust))]
+
+
+SIZE = 2 + 3 * 36 + 12 + 1 + 3 + 3 + 5 + 7 * LIMIT
+"""Most numbers `Hydrodynamics.numbers` returns."""
+
+
+@njit(cache=True)
+def motion_in_water(attitude, qvel, flow):
+    """(6,) ν, (6,) ν_r and (6,) ν̇_c of a body in water that flows steadily.
+
+    Args:
+        attitude: (4,) quaternion x, y, z, w, body to world.
+        qvel: (6,) MuJoCo's velocity of the free joint.
+        flow: (3,) velocity of the water in the world [m/s].
+    """
+    v, relative, carried = np.empty(6), np.empty(6), np.zeros(6)
+    linear, current = unrotate(attitude, qvel[:3]), unrotate(attitude, flow)
+    for i in range(3):
+        v[i], v[3 + i] = linear[i], qvel[3 + i]
+        relative[i], relative[3 + i] = linear[i] - current[i], qvel[3 + i]
+    carried[0] = current[1] * v[5] - current[2] * v[4]  # v_c × ω: the current's own rate,
+    carried[1] = current[2] * v[3] - current[0] * v[5]  # seen from the body
+    carried[2] = current[0] * v[4] - current[1] * v[3]
+    return v, relative, carried
+
+
+@njit(cache=True)
+def passive_wrench(rigid, added, inverse, v, relative, carried, f):
+    """(6,) the wrench, in body axes, that makes a body of M_RB alone move as f and M_A do.
+
+    Args:
+        rigid: (6, 6) M_RB.
+        added: (6, 6) M_A.
+        inverse: (6, 6) of M_RB + M_A.
+        v: (6,) ν.
+        relative: (6,) ν_r.
+        carried: (6,) ν̇_c.
+        f: (6,) all other forces on the body; used as working space.
+    """
+    momentum, stirred, a = np.zeros(6), np.zeros(6), np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            momentum[i] += rigid[i, j] * v[j]
+            stirred[i] += added[i, j] * relative[j]
+            f[i] += added[i, j] * carried[j]
+    turning = coadjoint(6, v, momentum)  # −C_RB(ν) ν
+    lost = coadjoint(6, relative, stirred)  # −C_A(ν_r) ν_r
+    f += turning + lost
+    for i in range(6):
+        for j in range(6):
+            a[i] += inverse[i, j] * f[j]
+    for i in range(6):
+        f[i] = -turning[i]
+        for j in range(6):
+            f[i] += rigid[i, j] * a[j]
+    return f
+
+
+@cache
+def fossen() -> Any:
+    """The callback for a model whose only joint is the body's free joint."""
+    offsets = field_offsets()
+    at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
+    at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
+
+    @cfunc("void(voidptr, voidptr)", cache=True)
+    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
+        words = carray(data, (WORDS,), np.uintp)
+        d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)
+        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
+        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
+        force = carray(as_pointer(words[at_force]), (6,), np.float64)
+        k = int(d[0])
+        command = carray(as_pointer(words[at_act if d[1] > 0 else at_ctrl]), (k,), np.float64)
+        rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
+        inverse = d[74:110].reshape(6, 6)
+        attitude = (qpos[4], qpos[5], qpos[6], qpos[3])
+        v, relative, carried = motion_in_water(attitude, qvel, d[126:129])
+        f = np.zeros(6)
+        for i in range(6):
+            f[i] = -(d[110 + i] + d[116 + i] * abs(relative[i])) * relative[i]
+        x, y, z = unrotate(attitude, (0.0, 0.0, 1.0))
+        f[0], f[1], f[2] = f[0] - d[122] * x, f[1] - d[122] * y, f[2] - d[122] * z
+        f[3] += d[124] * z - d[125] * y
+        f[4] += d[125] * x - d[123] * z
+        f[5] += d[123] * y - d[124] * x
+        for j in range(k):
+            px, py, pz, x, y, z, gain = d[134 + 7 * j : 141 + 7 * j]
+            u = command[j]
+            s = u * u
+            shape = ((((d[133] * s + d[132]) * s + d[131]) * s + d[130]) * s + d[129]) * u
+            x, y, z = gain * shape * x, gain * shape * y, gain * shape * z
+            f[0], f[1], f[2] = f[0] + x, f[1] + y, f[2] + z
+            f[3] += py * z - pz * y
+            f[4] += pz * x - px * z
+            f[5] += px * y - py * x
+        wrench = passive_wrench(rigid, added, inverse, v, relative, carried, f)
+        linear = rotate(attitude, wrench[:3])
+        for i in range(3):
+            force[i] += linear[i]
+            force[3 + i] += wrench[3 + i]
+
+    return passive

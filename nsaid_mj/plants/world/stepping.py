@@ -1,0 +1,125 @@
+"""A stretch of a run in one call: MuJoCo steps, sensors measure, a compiled law answers.
+
+The arithmetic, and its order, is that of `Plant`'s own loop.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from ...control.computed_torque import Tracking, computed_torque, tracking_room
+from ...log import Log
+from ...parameters import Array
+from .callbacks import c_address, call_pp
+from .coordinates import Reading, read_coordinates, write_position
+from .sensors import Errors, add_errors
+
+_FIRST, _LAST = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADCTRL)
+
+
+class World(NamedTuple):
+    """MuJoCo's function, model and data for compiled code, by address; arrays are views of data.
+
+    Attributes:
+        step: mj_step.
+        model: mjModel.
+        data: mjData.
+        qpos: (nq,).
+        qvel: (nv,).
+        ctrl: (n_u,).
+        warnings: (4,) how often position, velocity, acceleration and control were bad.
+    """
+
+    step: np.uint64
+    model: np.uint64
+    data: np.uint64
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    warnings: Any
+
+    @staticmethod
+    def of(model: Any, data: Any) -> World:
+        """The world of a model and its data, which must outlive it."""
+        step, of_model, of_data = map(
+            np.uint64, (c_address("mj_step"), model._address, data._address)
+        )
+        arrays = data.qpos, data.qvel, data.ctrl
+        return World(step, of_model, of_data, *arrays, warnings_of(data))
+
+
+def warnings_of(data: Any) -> Any:
+    """(4,) how often MuJoCo found position, velocity, acceleration and control bad; a view."""
+    return data.warning.number[_FIRST : _LAST + 1]
+
+
+def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors, log: Log) -> int:
+    """Fills a log whose times and first row are given.
+
+    Args:
+        law: the commands (N, n_u) at all times, or the numbers of `computed_torque`.
+        world: where MuJoCo is, at the log's first row.
+        reading: where the system's coordinates are in it.
+        errors: of the sensors.
+        log: what is measured and commanded.
+
+    Returns:
+        How many rows are written: all, or as far as they and MuJoCo are sound, and one more.
+    """
+    if isinstance(law, Tracking):
+        return track(law, world, reading, errors, log)
+    log.u[1:] = law[1:]
+    return play(world, reading, errors, log)
+
+
+@njit(cache=True, nogil=True)
+def play(world, reading, errors, log):
+    """Commands are those in the log."""
+    numbers = np.empty(log.v.shape[1])
+    for k in range(1, log.t.shape[0]):
+        q, v, u = log.q[k], log.v[k], log.u[k]
+        _advance(world, reading, errors, k - 1, log.u[k - 1], numbers, q, v)
+        if not sound(world.warnings, q, v, u):
+            return k + 1
+    return log.t.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def track(tracking, world, reading, errors, log):
+    """Commands are those of `computed_torque`."""
+    numbers, room = np.empty(log.v.shape[1]), tracking_room(tracking)
+    for k in range(1, log.t.shape[0]):
+        q, v, u = log.q[k], log.v[k], log.u[k]
+        _advance(world, reading, errors, k - 1, log.u[k - 1], numbers, q, v)
+        computed_torque(tracking, log.t[k], q, v, room, u)
+        if not sound(world.warnings, q, v, u):
+            return k + 1
+    return log.t.shape[0]
+
+
+@njit(cache=True)
+def _advance(world, reading, errors, k, command, numbers, q, v):
+    """Makes one step under a command, and measures with the k-th errors."""
+    for i in range(command.shape[0]):
+        world.ctrl[i] = command[i]
+    call_pp(world.step, world.model, world.data)
+    read_coordinates(reading, world.qpos, world.qvel, numbers, v)
+    add_errors(errors, k, numbers, v)
+    write_position(reading, numbers, q)
+
+
+@njit(cache=True)
+def sound(warnings, q, v, u):
+    """Whether MuJoCo has found nothing bad, of the kinds in `warnings`, and all is finite."""
+    total = 0.0
+    for count in warnings:
+        if count > 0:
+            return False
+    for part in (q, v, u):
+        for number in part:
+            total += number
+    return np.isfinite(total)

@@ -1,0 +1,155 @@
+"""A Pinocchio model in MuJoCo, one body for each joint, and its meshes."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from ...parameters import Array
+from .plant import set_options
+from .robots import Robot
+from .shapes import VisualMesh, of_geom
+
+
+def tree_spec(model: pin.Model, dt: float) -> Any:
+    """MuJoCo's specification of a Pinocchio model without friction and motors.
+
+    URDF's traps are avoided by not going through it: no effort limit clips a hidden gain, no
+    joint limit becomes a soft constraint, no inertia is silently repaired. Bodies and joints have
+    the names of the model's joints.
+    """
+    spec = mujoco.MjSpec()
+    set_options(spec, dt)
+    spec.option.gravity = model.gravity.linear
+    bodies = {0: spec.worldbody}
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for i in range(1, model.njoints):
+        name, placement = model.names[i], model.jointPlacements[i]
+        body = bodies[model.parents[i]].add_body(name=name)
+        bodies[i] = body
+        body.pos, body.quat = placement.translation, _wxyz(placement.rotation)
+        _give_inertia(body, model.inertias[i])
+        if model.joints[i].nv == 6:
+            body.add_freejoint(name=name)
+            continue
+        jacobian = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)
+        # Pinocchio squeezes a single column
+        subspace = jacobian.reshape(6, -1)[:, model.joints[i].idx_v]
+        slides = np.linalg.norm(subspace[:3]) > np.linalg.norm(subspace[3:])
+        body.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=subspace[:3] if slides else subspace[3:],
+        )
+    return spec
+
+
+def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
+    body.explicitinertial = True
+    body.mass, body.ipos = inertia.mass, inertia.lever
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    body.iquat, body.inertia = _wxyz(axes), moments
+
+
+class Looks:
+    """A robot's own meshes, where its description has any.
+
+    Args:
+        robot: the description.
+    """
+
+    def __init__(self, robot: Robot):
+        self._robot = robot
+
+    def visuals(self) -> list[VisualMesh]:
+        """The meshes."""
+        return list(self._meshes.values())
+
+    @cached_property
+    def _meshes(self) -> dict[int, VisualMesh]:
+        """What can be drawn, by its index in Pinocchio's visual geometry."""
+        meshes = ((i, _mesh(g)) for i, g in enumerate(self._robot.visual.geometryObjects))
+        return {i: mesh for i, mesh in meshes if mesh is not None}
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+        model, visual = self._robot.model, self._robot.visual
+        data, geometry = model.createData(), visual.createData()
+        drawn = list(self._meshes)
+        translations = np.zeros((len(q), len(drawn), 3))
+        quaternions = np.zeros((len(q), len(drawn), 4))
+        for k, configuration in enumerate(q):
+            pin.updateGeometryPlacements(model, data, visual, geometry, configuration)
+            for j, i in enumerate(drawn):
+                pose = geometry.oMg[i]
+                translations[k, j] = pose.translation
+                quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
+        return translations, quaternions
+
+
+class GeomLooks:
+    """The geoms of a MuJoCo model whose bodies have the names of a Pinocchio model's joints.
+
+    Args:
+        model: MuJoCo's.
+        tree: Pinocchio's.
+    """
+
+    def __init__(self, model: Any, tree: pin.Model):
+        self._model, self._tree = model, tree
+        self._bodies = [tree.getJointId(model.body(i).name) for i in model.geom_bodyid]
+        quaternions = (pin.Quaternion(*wxyz) for wxyz in model.geom_quat)
+        self._places = [
+            pin.SE3(quaternion.toRotationMatrix(), place.copy())
+            for quaternion, place in zip(quaternions, model.geom_pos, strict=True)
+        ]
+
+    def visuals(self) -> list[VisualMesh]:
+        """The geoms as meshes."""
+        return [of_geom(self._model, i) for i in range(self._model.ngeom)]
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the geoms at positions q (k, m).
+
+        Returns:
+            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
+        """
+        data = self._tree.createData()
+        translations = np.zeros((len(q), len(self._bodies), 3))
+        quaternions = np.zeros((len(q), len(self._bodies), 4))
+        for k, configuration in enumerate(q):
+            pin.forwardKinematics(self._tree, data, configuration)
+            for j, (body, place) in enumerate(zip(self._bodies, self._places, strict=True)):
+                pose = data.oMi[body] * place
+                translations[k, j] = pose.translation
+                quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
+        return translations, quaternions
+
+
+def _wxyz(rotation: Array) -> Array:
+    """MuJoCo's quaternion (w, x, y, z) of a rotation matrix."""
+    x, y, z, w = pin.Quaternion(rotation).normalized().coeffs()
+    return np.array([w, x, y, z])
+
+
+def _mesh(geometry: Any) -> VisualMesh | None:
+    """A Pinocchio geometry object as triangles, or None if it is not a mesh."""
+    shape = geometry.geometry
+    if not hasattr(shape, "vertices") or not hasattr(shape, "num_tris"):
+        return None
+    vertices = np.array(shape.vertices())
+    triangles = np.array(
+        [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
+    )
+    red, green, blue, alpha = np.asarray(geometry.meshColor, dtype=float).ravel().tolist()
+    return VisualMesh(geometry.name, vertices, triangles, (red, green, blue, alpha))

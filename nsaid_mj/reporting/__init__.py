@@ -1,0 +1,1 @@
+"""What a person reads of a run: pages, plots, the terminal, progress."""

@@ -1,0 +1,1 @@
+"""Many runs: methods compared, fields swept, Monte-Carlo."""

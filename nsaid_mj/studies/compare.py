@@ -1,0 +1,318 @@
+"""One log, many methods, the same figures: `nsaid compare`.
+
+For every seed and every level of noise the scenario's plant is driven once. Each method gets the
+log's first seconds, the structure, one and the same prior and the sensors' stated levels, and is
+judged by the plant's truth after the fact.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from .. import evaluation
+from ..baselines import BATCH, Estimate, Method, Problem, follow
+from ..baselines.sysid import BUDGET, sysid
+from ..errors import BadRun, InvalidInput, NoEstimate, NsaidError, UnknownName
+from ..experiment.loop import Cost, Ending, Run
+from ..experiment.record import Record
+from ..experiment.scenario import Scenario
+from ..experiment.setup import Seeds, prepare, trajectory
+from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
+from ..log import EXACT
+from ..plants import Sensors
+from ..resources import write_json, write_text
+from .cells import DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
+
+_HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gains' shares", "force residual", "time [s]")
+
+FILES = ("compare.json", "compare.csv")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is compared on what.
+
+    Attributes:
+        scenario: the plant, its excitation, and the gains of our identifiers.
+        methods: names; see `METHODS`.
+        seeds: of truth, prior, excitation and sensors.
+        durations: how much of the log a method gets [s].
+        noises: multiples of the scenario's sensor noise; 0 is exact sensors.
+        budget: at most so many seconds for the search of `sysid`.
+    """
+
+    scenario: Scenario
+    methods: tuple[str, ...] = DEFAULT
+    seeds: tuple[int, ...] = (0, 1, 2)
+    durations: tuple[float, ...] = (10.0, 20.0)
+    noises: tuple[float, ...] = (0.0,)
+    budget: float = BUDGET
+
+    def __post_init__(self) -> None:
+        for name in self.methods:
+            if name not in METHODS:
+                raise UnknownName("method", name, METHODS)
+        for name in ("methods", "seeds", "durations", "noises"):
+            values = getattr(self, name)
+            if not values or len(set(values)) < len(values):
+                raise InvalidInput(name, "one or more, none twice", values, "Give each once.")
+        if not isinstance(self.scenario.identifier, NullspaceAID):
+            kind = type(self.scenario.identifier).__name__
+            raise InvalidInput("scenario", "the identifier NullspaceAID", kind, "Change it.")
+        if min(self.seeds) < 0:
+            raise InvalidInput("seeds", "whole numbers ≥ 0", self.seeds, "0:3 is 0,1,2.")
+        if not all(np.isfinite(s) and s >= 0 for s in self.noises):
+            raise InvalidInput("noises", "multiples ≥ 0", self.noises, "1 is the scenario's.")
+        if not self.budget > 0:
+            raise InvalidInput("budget", "seconds > 0", self.budget, f"{BUDGET:g} will do.")
+        shortest = 3 * self.scenario.dt
+        if not all(np.isfinite(d) and d >= shortest for d in self.durations):
+            raise InvalidInput("durations", f"times ≥ {shortest:g} s", self.durations, "Longer.")
+
+
+def compare(plan: Plan, told: Callable[[str], None] = lambda _: None) -> Iterator[Cell]:
+    """Yields the cells of a comparison as they are known.
+
+    Args:
+        plan: what is compared.
+        told: gets what is being done, in words.
+    """
+    warm = False
+    for seed in plan.seeds:
+        for noise in plan.noises:
+            told(f"seed {seed}, {sensors(noise)}: driving the plant")
+            names = (PRIOR, *plan.methods)
+            try:
+                world = World(plan, seed, noise)
+            except NsaidError as error:
+                for duration in plan.durations:
+                    yield from (Cell(m, seed, noise, duration, failure=str(error)) for m in names)
+                continue
+            if not warm:
+                world.warm_up()
+                warm = True
+            for duration in plan.durations:
+                for name in names:
+                    told(f"seed {seed}, {sensors(noise)}, {duration:g} s: {name}")
+                    yield world.cell(name, duration)
+
+
+class World:
+    """One driven plant: its log, the prior, the methods, and who judges.
+
+    Raises:
+        NsaidError: it cannot be built, or diverges.
+    """
+
+    def __init__(self, plan: Plan, seed: int, noise: float):
+        self._key = seed, noise
+        scenario = _scenario(plan, seed, noise)
+        plant, prior, identifiers = prepare(scenario)
+        seeds = Seeds.of(seed)
+        driver = scenario.excitation.build(
+            plant.system, prior, np.random.default_rng(seeds.excitation)
+        )
+        sensors = Sensors(scenario.noise if noise else None, np.random.default_rng(seeds.sensors))
+        with plant.running():
+            log = trajectory(plant, driver, scenario.steps, sensors)
+        if plant.diverged or not all(np.isfinite(part).all() for part in log):
+            raise NoEstimate(f"the plant diverged ({plant.diverged})", "Take a smaller dt.")
+        self._problem = Problem(plant.system, log, prior, scenario.noise.levels if noise else EXACT)
+        self._run = Run(scenario, Path(), Record({"t": log.t}, {}, True), plant, prior, {}, {},
+                        Ending(), Cost())  # fmt: skip
+        self._judges: dict[bool, evaluation.Judge] = {}
+        self._methods: dict[str, Method] = {
+            **{name: partial(follow, law) for name, law in identifiers.items() if name},
+            **{name: method for name, method in BATCH.items() if name in plan.methods},
+            PRIOR: lambda problem: Estimate(problem.prior),
+            "sysid": lambda problem: Estimate(*sysid(problem, plan.budget)),
+        }
+
+    def warm_up(self) -> None:
+        """Lets every quick method run once, so that no figure counts compiling."""
+        short = self._problem._replace(log=self._problem.log.first(64))
+        for name, method in self._methods.items():
+            if name != "sysid":
+                _attempt(method, short)
+
+    def cell(self, name: str, duration: float) -> Cell:
+        """One method on the log's first seconds, judged."""
+        problem = self._problem._replace(log=self._problem.log.until(duration))
+        begin = time.perf_counter()
+        estimate, failure = _attempt(self._methods[name], problem)
+        wall: float | None = time.perf_counter() - begin
+        if name == PRIOR:
+            wall = None
+        if estimate is None:
+            return Cell(name, *self._key, duration, wall_s=wall, failure=failure)
+        figures = self._judge(duration)(estimate.theta)
+        cell = Cell(name, *self._key, duration, wall_s=wall, note=estimate.note)
+        return replace(cell, **figures)  # pyright: ignore[reportArgumentType]
+
+    def _judge(self, duration: float) -> evaluation.Judge:
+        """The judge of estimates at a time of the run: a fault may change the truth."""
+        run = replace(self._run, ending=Ending(time=duration))
+        struck = bool(run.plant.struck(duration))
+        if struck not in self._judges:
+            self._judges[struck] = evaluation.Judge(run)
+        return self._judges[struck]
+
+
+def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
+    """The scenario of one log; the prior lies in the cone, as for the laws that need it there."""
+    base = plan.scenario
+    identifier = base.identifier
+    assert isinstance(identifier, NullspaceAID)  # a plan's always is
+    rivals: dict[str, IdentifierConfig] = {
+        law: replace(identifier, law=law) for law in LAWS if law in plan.methods
+    }
+    if "conventional" in plan.methods:
+        known = base.rivals.get("conventional")
+        rivals["conventional"] = known or ConventionalAID(K=identifier.K, gain=identifier.gain)
+    level = replace(
+        base.noise,
+        position=noise * base.noise.position,
+        velocity=noise * base.noise.velocity,
+        encoder_step=noise * base.noise.encoder_step,
+    )
+    return replace(
+        base,
+        identifier=replace(identifier, law="cone", barrier=identifier.barrier or 1.0),
+        rivals=rivals,
+        sensors="noisy" if noise else "ideal",
+        noise=level if noise else base.noise,
+        duration=max(plan.durations),
+        seed=seed,
+    )
+
+
+def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
+    """A method's estimate, or None and why there is none."""
+    try:
+        with np.errstate(all="ignore"):  # an estimate that is not finite is told as a failure
+            estimate = method(problem)
+    except NsaidError as error:
+        return None, str(error)
+    except np.linalg.LinAlgError as error:
+        return None, f"linear algebra: {error}"
+    if not np.isfinite(estimate.theta).all():
+        return None, "the estimate is not finite"
+    return estimate, ""
+
+
+# -- what is left behind -----------------------------------------------------------------------
+
+
+def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
+    """Writes compare.json and compare.csv: every cell, and how to run it again.
+
+    Raises:
+        BadRun: the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / FILES[0], {
+            "scenario": plan.scenario.to_json(),
+            "methods": list(plan.methods), "seeds": list(plan.seeds),
+            "durations": list(plan.durations), "noises": list(plan.noises),
+            "budget": plan.budget, "versions": evaluation.versions(),
+            "cells": [asdict(cell) for cell in cells],
+        })  # fmt: skip
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, [f.name for f in fields(Cell)], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(cell) for cell in cells)
+        write_text(folder / FILES[1], stream.getvalue())
+    except OSError as error:
+        raise BadRun(
+            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
+        ) from error
+
+
+def tell(cells: Sequence[Cell], console: Console) -> None:
+    """Prints one table: the median over the seeds, and the worst in brackets; then what failed."""
+    several = len({cell.seed for cell in cells}) > 1
+    roomy = console.width >= 110
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("", no_wrap=True)
+    for head in _HEADS:
+        table.add_column(escape(head), justify="right", no_wrap=True)
+    if roomy:
+        table.add_column("")
+    section: tuple[float, float] | None = None
+    failures = []
+    for row in rows(cells):
+        if section != (row.noise, row.duration):
+            section = row.noise, row.duration
+            table.add_row(f"[bold]{sensors(row.noise)}, {row.duration:g} s[/bold]")
+        shown = [
+            _told(row.median[key])
+            + (f" ({_told(row.worst[key])})" if several and key != "wall_s" else "")
+            for _, key in FIGURES
+        ]
+        table.add_row(f"  {row.method}", *shown, *(["; ".join(row.notes)] if roomy else []))
+        if row.failures:
+            failures.append(f"  {row.method}, {sensors(row.noise)}, {row.duration:g} s, failed on "
+                            f"{len(row.failures)} seed(s): {row.failures[0]}")  # fmt: skip
+    console.print(table)
+    if several:
+        console.print("Medians over the seeds, the worst in brackets; a failed seed counts as –.")
+    for line in failures:
+        console.print(line, soft_wrap=True, markup=False)
+
+
+def _told(value: float) -> str:
+    """Two digits, without the zeros of an exponent."""
+    if not np.isfinite(value):
+        return "–"
+    digits = f"{value:.1e}" if value < 0.01 else f"{value:.2g}"
+    return digits.replace("e-0", "e-")
+
+
+def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
+    """Compares, writes the folder's files and plots, and prints the table.
+
+    Stopped by Ctrl-C, it writes what it has.
+
+    Args:
+        plan: what is compared.
+        folder: where to write; it is made.
+        quiet: print nothing.
+    """
+    cells: list[Cell] = []
+    total = (1 + len(plan.methods)) * len(plan.seeds) * len(plan.durations) * len(plan.noises)
+    bar = Progress(
+        TextColumn("{task.description:48}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        console=Console(stderr=True), transient=True, disable=quiet,
+    )  # fmt: skip
+    write(folder, plan, cells)  # before minutes of work, say that it cannot be written
+    try:
+        with bar:
+            task = bar.add_task("", total=total)
+            for cell in compare(plan, lambda words: bar.update(task, description=words)):
+                cells.append(cell)
+                bar.advance(task)
+    finally:
+        write(folder, plan, cells)
+        from .compare_plots import draw
+
+        plots = draw(folder, cells)
+    if not quiet:
+        console = Console(highlight=False)
+        tell(cells, console)
+        files: list[Any] = [folder / name for name in FILES] + plots
+        console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
+    return cells

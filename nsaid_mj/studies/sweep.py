@@ -1,0 +1,215 @@
+"""Many runs of one scenario with fields varied and seeds drawn: `nsaid sweep`.
+
+joblib spreads the runs over local processes or a cluster. A run's number says all about it, so
+that neither the number of workers nor the order in which they finish changes a result. A line of
+`rows.jsonl` is written as soon as its run is known; a sweep that was killed goes on from there.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from .. import evaluation
+from ..errors import BadRun, InvalidInput
+from ..experiment.fields import field_path, field_value, with_field
+from ..experiment.library import digest_of
+from ..experiment.scenario import Scenario
+from ..resources import write_json
+from .sweep_engine import Engine
+from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, read_manifest, read_rows, write_table
+from .sweep_worker import Job
+
+
+def seed_of(master: int, draw: int) -> int:
+    """The `Scenario.seed` of a draw: 63 bits of SeedSequence(master, spawn_key=(draw,))."""
+    sequence = np.random.SeedSequence(master, spawn_key=(draw,))
+    return int(sequence.generate_state(1, np.uint64)[0]) >> 1  # as a signed column can hold it
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Which runs a sweep is made of: every combination of the varied fields, with every seed.
+
+    Run k is draw k // C of combination k % C, of C. A draw has one and the same seed in all
+    combinations: they are compared on the same plants, priors and noise.
+
+    Attributes:
+        script: the scenario's packed name, or its script's path.
+        scenario: what is varied; its seed is the master seed.
+        vary: dotted field to the values it takes.
+        seeds: number of draws.
+        arguments: flags of `nsaid run` that made the scenario, to repeat a run.
+
+    Raises:
+        InvalidInput: there is nothing to run, a value comes twice, or a scenario refuses one.
+    """
+
+    script: str
+    scenario: Scenario
+    vary: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    seeds: int = 10
+    arguments: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.seeds < 1:
+            raise InvalidInput("seeds", "a number ≥ 1", self.seeds, "100 give distributions.")
+        for path, values in self.vary.items():
+            if not values or len(set(values)) < len(values):
+                raise InvalidInput(path, "values, none twice", values, "Give each once.")
+            if path == "seed":
+                raise InvalidInput("seed", "a field other than the seed", "seed", "--seeds draws; "
+                                   "--seed is the master that they are drawn from.")  # fmt: skip
+        _ = self.scenarios
+
+    @cached_property
+    def combinations(self) -> list[dict[str, Any]]:
+        """The varied fields' values, combination by combination, the last field fastest."""
+        return [dict(zip(self.vary, values, strict=True))
+                for values in itertools.product(*self.vary.values())]  # fmt: skip
+
+    @cached_property
+    def scenarios(self) -> list[Scenario]:
+        """The scenario of every combination, with the master seed still."""
+        found = []
+        for values in self.combinations:
+            scenario = self.scenario
+            for path, value in values.items():
+                scenario = with_field(scenario, path, value)
+            found.append(scenario)
+        return found
+
+    def __len__(self) -> int:
+        return self.seeds * len(self.combinations)
+
+    def what(self, number: int) -> Row:
+        """The first columns of a run's row: number, draw, seed and the varied fields."""
+        draw, combination = divmod(number, len(self.combinations))
+        seed = seed_of(self.scenario.seed, draw)
+        return {"run": number, "draw": draw, "seed": seed} | self.combinations[combination]
+
+    def run(self, number: int) -> Scenario:
+        """The scenario of a run, with its own seed."""
+        draw, combination = divmod(number, len(self.combinations))
+        return replace(self.scenarios[combination], seed=seed_of(self.scenario.seed, draw))
+
+    @cached_property
+    def digest(self) -> str:
+        """Of the script's text."""
+        return digest_of(self.script)
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What the results depend on, and what a reader needs to know of them."""
+        return {
+            "script": self.script,
+            "script_sha256": self.digest,
+            "scenario": json.loads(self.scenario.to_json()),
+            "vary": {path: list(values) for path, values in self.vary.items()},
+            "seeds": self.seeds,
+            "master_seed": self.scenario.seed,
+            "runs": len(self),
+            "versions": evaluation.versions(),
+            "arguments": list(self.arguments),
+        }
+
+
+def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
+    """Fields and their values, from `field=value,value` of a command line.
+
+    Raises:
+        UnknownName: no field, or more than one, is called so.
+        InvalidInput: a text is not of this form, a value not of its field's type, or a field
+            comes twice.
+    """
+    found: dict[str, tuple[Any, ...]] = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        if not equals:
+            raise InvalidInput("--vary", "field=value,value", text, "identifier.gain=0.1,1 is one.")
+        path = field_path(name, scenario)
+        if path in found:
+            raise InvalidInput("--vary", "every field once", path, "Give all its values together.")
+        found[path] = tuple(field_value(path, value, scenario) for value in values.split(","))
+    return found
+
+
+def run(
+    plan: Plan, folder: Path, engine: Engine | None = None, quiet: bool = False, retry: bool = False
+) -> Sweep:
+    """Makes the runs that a folder does not have yet.
+
+    Stopped by Ctrl-C, it keeps what it has; the same call goes on from there.
+
+    Args:
+        plan: which runs.
+        folder: where to write; it is made.
+        engine: who makes them; processes of this machine where nobody is named.
+        quiet: show no progress.
+        retry: make runs that have come to no result once more.
+
+    Raises:
+        BadRun: the folder cannot be written, or holds another sweep.
+    """
+    engine = engine or Engine()
+    known = opened(folder, plan.manifest)
+    if retry:
+        known = {number: row for number, row in known.items() if row["failure"] is None}
+    longest = max(engine.time(scenario) for scenario in plan.scenarios)
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+        TextColumn("{task.fields[lost]} without result"), TimeRemainingColumn(),
+        console=Console(stderr=True), transient=True, disable=quiet,
+    )  # fmt: skip
+
+    def job(number: int) -> Job:
+        scenario = plan.run(number)
+        return Job(number, plan.script, plan.digest, scenario.to_json(), engine.time(scenario))
+
+    try:
+        with bar, (folder / ROWS).open("ab", buffering=0) as stream:
+            lost = sum(row["failure"] is not None for row in known.values())
+            task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
+            todo = [number for number in range(len(plan)) if number not in known]
+            for found in engine.make(todo, job, longest):
+                row = plan.what(found["run"]) | found
+                line = json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n"
+                stream.write(line.encode())
+                os.fsync(stream.fileno())
+                lost += row["failure"] is not None
+                bar.update(task, advance=1, lost=lost)
+    finally:
+        write_table(folder)
+    return read(folder)
+
+
+def opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
+    """Makes a sweep's folder, or finds the rows that an earlier one of the same plan has left."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if (folder / MANIFEST).is_file():
+            there, wanted = read_manifest(folder), json.loads(json.dumps(manifest))
+            differ = [key for key in wanted if key != "arguments" and wanted[key] != there.get(key)]
+            if differ:
+                raise BadRun(folder, f"it holds another sweep; {', '.join(differ)} differ",
+                             "Give another folder with --out, or take this one away")  # fmt: skip
+        else:
+            write_json(folder / MANIFEST, manifest)
+            (folder / ROWS).write_bytes(b"")
+        rows, size = read_rows(folder)
+        os.truncate(folder / ROWS, size)  # half a line is no row
+    except OSError as error:
+        raise BadRun(
+            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
+        ) from error
+    return rows

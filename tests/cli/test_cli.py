@@ -1,0 +1,388 @@
+"""The command line: what it lists, takes, prints and exits with."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from nsaid_mj import ArmPlant, Scenario
+from nsaid_mj.cli.options import Output, parse
+from nsaid_mj.experiment.library import load
+from nsaid_mj.plants.world.robots import known_robots
+from nsaid_mj.resources import scenarios
+from tests.support.faulty import FILES, NSAID, Heard, flat, shell, strict
+
+HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "pyarrow", "rerun", "matplotlib", "tyro",
+         "rich", "example_robot_data")  # fmt: skip
+ROV = ("run", "scalar_rov", "--duration", "1", "--held-out", "0.5", "--pe-window", "0.5")
+SCRIPTS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.py"))
+
+
+# -- list and help -------------------------------------------------------------------------------
+
+
+def test_list_shows_every_scenario_with_its_title_and_every_robot() -> None:
+    code, said = shell("list")
+    assert (code, said.err) == (0, "")
+    lines = [line.split(maxsplit=1) for line in said.out.splitlines() if line.startswith("  ")]
+    titles = {line[0]: line[1] for line in lines if len(line) > 1}
+    for name, path in scenarios().items():
+        assert titles[name].strip() in path.read_text(encoding="utf-8").splitlines()[0]
+    robots = said.out.partition("Robots")[2].split()
+    assert set(known_robots()) <= set(robots)
+    assert {"scalar_rov", "double_pendulum", "ur5", "panda", "arm", "wrong_gains"} <= set(titles)
+
+
+def loaded_by(*arguments: str) -> tuple[set[str], str]:
+    """Which heavy modules a command has imported, and what it has said."""
+    code = (
+        "import sys, nsaid_mj.cli as cli\n"
+        f"sys.argv = ['nsaid', *{list(arguments)!r}]\n"
+        "try: cli.run_from_shell()\n"
+        "except SystemExit: pass\n"
+        f"print('LOADED', *({set(HEAVY)!r} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    out, _, names = done.stdout.partition("LOADED")
+    return set(names.split()), out + done.stderr
+
+
+@pytest.mark.parametrize("words", ["--help", "run --help", "view --help", "run no_such", "fly"])
+def test_what_needs_nothing_heavy_loads_nothing_heavy(words: str) -> None:
+    loaded, said = loaded_by(*words.split())
+    assert "nsaid" in said
+    assert loaded == set()
+
+
+def test_the_heavy_modules_would_be_seen() -> None:
+    loaded, _ = loaded_by("run", "ur5", "--help")
+    assert {"numpy", "mujoco", "tyro"} <= loaded
+
+
+@pytest.mark.parametrize(
+    "words", ["--help", "-h", "run --help", "run -h", "view --help", "list -h"]
+)
+def test_help_is_on_stdout_and_no_error(words: str) -> None:
+    code, said = shell(*words.split())
+    assert (code, said.err) == (0, "")
+    assert said.out.startswith("usage: nsaid")
+
+
+def test_a_scenarios_help_shows_every_field_with_unit_and_default() -> None:
+    code, said = shell("run", "ur5", "--help")
+    text = flat(said.out)
+    assert code == 0
+    for flag in ("--duration", "--dt", "--seed", "--sensors", "--plant.robot", "--plant.damping",
+                 "--excitation.fundamental", "--identifier.K", "--noise.velocity", "--out",
+                 "--quiet", "--json", "--live"):  # fmt: skip
+        assert flag in text
+    assert "simulated time [s]. (default: 60.0)" in text
+
+
+@pytest.mark.parametrize("words", ["", "fly", "run", "run --quiet", "view", "view a b", "list all"])
+def test_an_incomplete_command_shows_the_usage(words: str) -> None:
+    code, said = shell(*words.split())
+    assert code == 2
+    assert said.out == "" and said.err.startswith("usage: nsaid") and "error: " in said.err
+
+
+# -- which scenario ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "near"), [("scalar_rv", "scalar_rov"), ("UR5", "ur5"), ("pnada", "panda")]
+)
+def test_an_unknown_scenario_gives_the_near_ones(name: str, near: str) -> None:
+    code, said = shell("run", name)
+    assert code == 2 and said.out == ""
+    assert said.err.startswith(f"nsaid: no scenario is called '{name}'.")
+    assert near in said.err and "ending in .py" in said.err
+    assert len(said.err.splitlines()) == 1
+
+
+def test_an_unknown_scenario_like_none_gives_all() -> None:
+    _, said = shell("run", "q")
+    assert all(name in said.err for name in scenarios())
+
+
+OWN = '''"""A scenario of one's own, with an excitation of its own."""
+from __future__ import annotations
+from dataclasses import dataclass
+from nsaid_mj import MultisineCommand, NullspaceAID, ScalarRovPlant, Scenario
+
+@dataclass(frozen=True)
+class Gentle(MultisineCommand):
+    """A multisine, gentler.
+
+    Attributes:
+        share: of the amplitude.
+    """
+    share: float = 0.5
+
+    def build(self, system, prior, rng):
+        assert self.share == 0.25
+        return super().build(system, prior, rng)
+
+scenario = Scenario(
+    plant=ScalarRovPlant(), excitation=Gentle(), identifier=NullspaceAID(K=10.0, gain=0.3),
+    duration=0.5, dt=0.01, pe_window=0.2, held_out=0.2,
+)
+'''
+
+
+def test_a_file_is_run_and_its_own_fields_are_flags(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    code, said = shell("run", "mine.py", "--share", "0.25")
+    assert code == 0
+    assert said.out.startswith("mine: completed")
+    assert sorted(path.name for path in (tmp_path / "runs" / "mine").iterdir()) == sorted(FILES)
+
+
+def test_a_file_beside_a_known_name_is_asked_for_by_its_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ur5.py").write_text(OWN)
+    (tmp_path / "ur5").write_text("not a scenario")
+    monkeypatch.chdir(tmp_path)
+    assert isinstance(load("ur5").plant, ArmPlant)
+    assert not isinstance(load("ur5.py").plant, ArmPlant)
+
+
+# -- options -------------------------------------------------------------------------------------
+
+
+def options(name: str, *arguments: str) -> tuple[Scenario, Output]:
+    return parse(name, load(name), arguments)
+
+
+@pytest.mark.parametrize(
+    ("name", "short", "full", "value"),
+    [
+        ("arm", "--robot", "--plant.robot", "panda"),
+        ("ur5", "--friction-speed", "--plant.friction-speed", "0.1"),
+        ("ur5", "--friction_speed", "--plant.friction-speed", "0.1"),
+        ("ur5", "--armature", "--plant.armature", "0.0"),
+        ("ur5", "--K", "--identifier.K", "7.5"),
+        ("ur5", "--interpolation", "--identifier.interpolation", "linear"),
+        ("ur5", "--velocity", "--noise.velocity", "0.5"),
+        ("scalar_rov", "--amplitude", "--excitation.amplitude", "0.2"),
+        ("scalar_rov", "--mass", "--plant.mass", "12"),
+        ("wrong_gains", "--robot", "--plant.robot", "ur5"),
+    ],
+)
+def test_a_fields_last_name_will_do(name: str, short: str, full: str, value: str) -> None:
+    one, other = options(name, short, value), options(name, full, value)
+    assert one == other == options(name, f"{short}={value}") != options(name)
+
+
+@pytest.mark.parametrize(
+    ("flag", "field", "value"),
+    [("--duration", "duration", 7.0), ("--seed", "seed", 3), ("--dt", "dt", 0.005),
+     ("--sensors", "sensors", "noisy"), ("--record-every", "record_every", 4),
+     ("--gain-error", "gain_error", 0.1), ("--pe-window", "pe_window", 9.0)],
+)  # fmt: skip
+def test_a_scenarios_field_is_a_flag(flag: str, field: str, value: float | str) -> None:
+    scenario, output = options("scalar_rov", flag, str(value))
+    assert getattr(scenario, field) == value != getattr(load("scalar_rov"), field)
+    assert output == Output()
+
+
+def test_what_becomes_of_the_run_is_a_flag() -> None:
+    scenario, output = options("ur5", "--out", "there", "--quiet", "--json", "--live")
+    assert scenario == load("ur5")
+    assert output == Output(Path("there"), quiet=True, json=True, live=True)
+
+
+def test_a_rivals_fields_are_flags() -> None:
+    scenario, _ = options("wrong_gains", "--rivals.conventional.K", "3")
+    assert scenario.rivals["conventional"].K == 3.0  # type: ignore[attr-defined]
+    assert scenario.identifier == load("wrong_gains").identifier
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("scalar_rov --dt soon", ("--dt", "'soon'")),
+        ("scalar_rov --seed 1.5", ("--seed", "1.5")),
+        ("scalar_rov --sensors perfect", ("--sensors", "perfect", "ideal", "noisy")),
+        ("scalar_rov --duration", ("--duration",)),
+        ("scalar_rov --no-such-flag 3", ("--no-such-flag",)),
+        ("scalar_rov --robot ur5", ("--robot",)),
+        ("scalar_rov --gain 3", ("--gain", "--identifier.gain", "--plant.gain")),
+        ("wrong_gains --K 3", ("--K", "--identifier.K", "--rivals.conventional.K")),
+        ("scalar_rov twice", ("twice",)),
+    ],
+)
+def test_a_wrong_option_shows_what_there_is(
+    words: str, told: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, said = shell("run", *words.split())
+    text = flat(said.err)
+    assert code == 2 and said.out == ""
+    assert all(part in text for part in told)
+    assert f"nsaid run {words.partition(' ')[0]} --help" in text
+    assert not list(tmp_path.iterdir())
+
+
+# -- what a run prints ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run of the vehicle, in a process of its own, with --json."""
+
+    folder: Path
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    desk = tmp_path_factory.mktemp("json")
+    words = [str(NSAID), *ROV, "--out", "out", "--json"]
+    ran = subprocess.run(words, cwd=desk, capture_output=True, text=True, check=False)
+    return Done(desk / "out", ran.returncode, ran.stdout, ran.stderr)
+
+
+KEYS: dict[str, type | tuple[type, ...]] = {  # design.md, "What a number is called"
+    "status": str, "status_time": float, "n": int, "p": int, "r": int,
+    "theta_perp_ratio": float, "theta_perp_ratio_initial": float, "actuator_ratio_error": float,
+    "force_residual_ratio": float, "velocity_error_rms": float, "conserved_drift": float,
+    "lyapunov_violations": int, "pe_level": float, "pe_level_perp": float, "law": str, "gamma": str,
+    "sensors": str, "unobservable": list, "wall_s": float, "sim_s": float,
+    "real_time_factor": float, "identifier_us_per_step": float, "plant_us_per_step": float,
+    "seed": int, "versions": dict, "scenario_hash": str,
+}  # fmt: skip
+
+
+def test_json_is_one_document_and_nothing_else(done: Done) -> None:
+    assert (done.code, done.err) == (0, "")
+    summary = strict(done.out)
+    assert summary == strict((done.folder / "summary.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_the_summary_has_what_the_design_names(done: Done, key: str) -> None:
+    value = strict(done.out)[key]
+    assert isinstance(value, KEYS[key]) and not isinstance(value, bool)
+
+
+def test_the_summarys_numbers_hold_together(done: Done) -> None:
+    summary = strict(done.out)
+    assert (summary["status"], summary["status_time"], summary["status_signal"]) == (
+        "completed", pytest.approx(1.0), "",
+    )  # fmt: skip
+    assert (summary["n"], summary["p"], summary["r"]) == (1, 4, 1)
+    assert summary["law"] in ("paper", "cone", "memory")
+    assert summary["gamma"] in ("scale", "simulated") and summary["sensors"] in ("ideal", "noisy")
+    assert summary["real_time_factor"] == pytest.approx(summary["sim_s"] / summary["wall_s"])
+    spent = summary["identifier_us_per_step"] + summary["plant_us_per_step"]
+    assert 0 < spent * 100 * 1e-6 < summary["wall_s"]
+    assert summary["actuator_ratio_error"] == 0 and summary["conserved_drift"] < 1e-6
+    assert 0 < summary["theta_perp_ratio"] < summary["theta_perp_ratio_initial"] < 1
+    assert summary["unobservable"] and all(
+        line["direction"] and line["fix"] for line in summary["unobservable"]
+    )
+    assert {"mujoco", "pin", "numpy", "python"} <= set(summary["versions"])
+    assert len(summary["scenario_hash"]) == 12 and int(summary["scenario_hash"], 16) >= 0
+
+
+@pytest.fixture(scope="module")
+def again(done: Done, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Heard]:
+    """The same command in another process, this one, with --quiet."""
+    folder = tmp_path_factory.mktemp("quiet") / "out"
+    code, said = shell(*ROV, "--out", folder, "--quiet")
+    assert code == 0
+    return folder, said
+
+
+def test_quiet_prints_nothing(again: tuple[Path, Heard]) -> None:
+    folder, said = again
+    assert (said.out, said.err, said.warned) == ("", "", [])
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+
+
+@pytest.mark.parametrize("file", ["record.arrow", "scenario.json"])
+def test_the_same_command_writes_the_same_bytes(
+    done: Done, again: tuple[Path, Heard], file: str
+) -> None:
+    assert (done.folder / file).read_bytes() == (again[0] / file).read_bytes()
+
+
+def test_another_seed_writes_other_bytes(done: Done, tmp_path: Path) -> None:
+    code, _ = shell(*ROV, "--out", tmp_path, "--quiet", "--seed", "1")
+    assert code == 0
+    assert (done.folder / "record.arrow").read_bytes() != (tmp_path / "record.arrow").read_bytes()
+
+
+def test_a_person_is_told_what_was_found_and_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, said = shell(*ROV)
+    told = flat(said.out)
+    assert code == 0 and "Traceback" not in said.err
+    assert told.startswith("scalar_rov: completed, 1 s simulated in")
+    assert "× real time" in told and "3 of 4 directions of θ can be known" in told
+    assert "nsaid view runs/scalar_rov" in told
+    assert sorted(path.name for path in (tmp_path / "runs/scalar_rov").iterdir()) == sorted(FILES)
+
+
+def test_the_progress_bar_shows_the_real_time_factor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    monkeypatch.setenv("COLUMNS", "120")
+    code, said = shell(
+        "run", "scalar_rov", "--duration", "20", "--held-out", "0.5", "--out", tmp_path
+    )
+    assert code == 0
+    assert "/20 s" in said.err and "× real time" in said.err and "rms Δv" in said.err
+
+
+@pytest.mark.parametrize("flags", [[], ["-u"]], ids=["buffered", "unbuffered"])
+def test_a_reader_that_leaves_is_no_error(flags: list[str]) -> None:
+    listing = subprocess.Popen(
+        [sys.executable, *flags, str(NSAID), "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert listing.stdout is not None and listing.stderr is not None
+    listing.stdout.close()
+    assert listing.stderr.read() == b""
+    assert listing.wait() == 0
+
+
+# -- scenario scripts ----------------------------------------------------------------------------
+
+
+def test_the_scripts_are_the_scenarios() -> None:
+    assert [path.stem for path in SCRIPTS] == sorted(scenarios())
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_a_scenario_is_at_most_forty_lines(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_a_scenario_runs_by_itself(path: Path, tmp_path: Path) -> None:
+    ran = subprocess.run(
+        [sys.executable, str(path), "--duration", "0.2", "--held-out", "0.5", "--out", "out",
+         "--pe-window", "0.1", "--json"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (ran.returncode, ran.stderr) == (0, "")
+    summary = strict(ran.stdout)
+    assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(FILES)
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+    told = Scenario.from_json((tmp_path / "out" / "scenario.json").read_text(encoding="utf-8"))
+    assert told.hash == summary["scenario_hash"]

@@ -1,0 +1,62 @@
+"""What a start does without, so that it is quick; scripts/startup.py has the times."""
+
+import subprocess
+import sys
+
+import example_robot_data
+import pytest
+from pinocchio import robot_wrapper
+
+from nsaid_mj.errors import BadRobot
+from nsaid_mj.plants.world.robots import load_robot
+
+HEAVY = {"mujoco", "pinocchio", "numba", "numpy", "rerun", "pyarrow", "scipy", "matplotlib", "tyro",
+         "joblib", "rich"}  # fmt: skip
+
+
+def modules_after(code: str) -> set[str]:
+    """What a fresh process has imported at its end, whatever else it prints."""
+    told = f"import sys, atexit\natexit.register(lambda: print('\\n', *sys.modules))\n{code}"
+    done = subprocess.run(
+        [sys.executable, "-c", told], capture_output=True, text=True, check=True, timeout=120
+    )
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["sweep", "--help"]])
+def test_help_imports_nothing_heavy(arguments):
+    call = f"sys.argv = ['nsaid', *{arguments}]\nfrom nsaid_mj.cli import *\nrun_from_shell()"
+    modules = modules_after(call)
+    assert "nsaid_mj.cli" in modules
+    assert not modules & HEAVY
+
+
+def test_a_run_and_its_report_import_no_more_than_they_use():
+    modules = modules_after("import nsaid_mj.reporting.finish, nsaid_mj.experiment.loop")
+    assert {"rerun", "nsaid_mj.reporting.report"} <= modules
+    assert not modules & {"matplotlib", "pyarrow.compute", "joblib", "dask", "ray"}
+
+
+def test_meshes_are_read_when_they_are_looked_at():
+    robot, theirs = load_robot("solo12", "free"), example_robot_data.load("solo12")
+    assert "visual" not in vars(robot)
+    assert robot.model == theirs.model
+    found = [(g.name, g.placement, g.geometry.num_tris) for g in robot.visual.geometryObjects]
+    wanted = theirs.visual_model.geometryObjects
+    assert found == [(g.name, g.placement, g.geometry.num_tris) for g in wanted]
+    assert found
+
+
+def test_a_held_robots_meshes_are_those_of_its_held_model():
+    robot = load_robot("solo12")
+    assert robot.model.nv == 12
+    parents = {g.parentJoint for g in robot.visual.geometryObjects}
+    assert max(parents) == robot.model.njoints - 1
+
+
+def test_pinocchio_is_left_as_it_was():
+    build = robot_wrapper.buildModelsFromUrdf
+    assert load_robot("ur5").visual.ngeoms
+    with pytest.raises(BadRobot, match="cassie"):
+        load_robot("cassie")
+    assert robot_wrapper.buildModelsFromUrdf is build

@@ -1,0 +1,345 @@
+"""A scenario is data: JSON keeps it whole, its hash tells it, bad fields are named."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nsaid_mj.control import (
+    DepthHeadingAutopilot,
+    DriverConfig,
+    Driving,
+    FourierTracking,
+    HoverAndReach,
+    MultisineCommand,
+    PoseHold,
+    QuadrotorFlight,
+    SwimAndReach,
+)
+from nsaid_mj.errors import InvalidInput, UnknownName
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.scenario import Scenario
+from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID
+from nsaid_mj.plants import (
+    ArmPlant,
+    AstrobeePlant,
+    BlueROV2Plant,
+    BMW320iPlant,
+    F1TenthPlant,
+    Fault,
+    FloatingBasePlant,
+    FlyingArmPlant,
+    Mismatch,
+    QuadrotorPlant,
+    REMUS100Plant,
+    RoverPlant,
+    ScalarRovPlant,
+    SensorNoise,
+    UvmsPlant,
+)
+from nsaid_mj.plants.arm import Backend
+from nsaid_mj.resources import scenarios
+
+FEW = settings(deadline=None, max_examples=50)
+positive, share = st.floats(1e-9, 1e9), st.floats(0, 0.99)
+text = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+guess, backend = st.none() | positive, st.sampled_from(get_args(Backend))
+PLANT = st.builds(ScalarRovPlant, positive, positive, positive, positive, share) | st.builds(
+    ArmPlant, text, guess, guess, guess, positive, share, positive, backend
+)
+DRIVER = st.builds(
+    FourierTracking, positive, st.integers(1, 9), st.floats(0.01, 1), positive, guess
+) | st.builds(MultisineCommand, st.floats(0.01, 1), st.floats(2, 9), st.integers(1, 9), share)
+LAW = st.builds(
+    NullspaceAID, positive, positive, st.sampled_from(["auto", "hermite", "linear"])
+) | st.builds(ConventionalAID, positive, positive, st.lists(text, max_size=3).map(tuple))
+SCENARIO = st.builds(
+    Scenario,
+    plant=PLANT,
+    excitation=DRIVER,
+    identifier=LAW,
+    rivals=st.dictionaries(st.from_regex(r"[a-zé_]{1,3}", fullmatch=True), LAW, max_size=2),
+    initial_error=share,
+    gain_error=st.none() | share,
+    duration=st.floats(1, 1e6),
+    dt=st.floats(1e-6, 0.1),
+    sensors=st.sampled_from(["ideal", "noisy"]),
+    noise=st.builds(SensorNoise, share, share, share),
+    pe_window=positive,
+    held_out=positive,
+    record_every=st.integers(1, 99),
+    seed=st.integers(0, 2**64),
+)
+
+
+def same(scenario: Scenario) -> None:
+    again = Scenario.from_json(scenario.to_json())
+    assert again == scenario and type(again) is Scenario
+    assert again.hash == scenario.hash and again.to_json() == scenario.to_json()
+
+
+@pytest.mark.parametrize("name", scenarios())
+def test_a_packed_scenario_survives_JSON(name):
+    same(load(name))
+
+
+def test_packed_scenarios_are_there_and_differ():
+    assert {"ur5", "double_pendulum", "scalar_rov"} <= set(scenarios())
+    hashes = [load(name).hash for name in scenarios()]
+    assert len(set(hashes)) == len(hashes)
+
+
+@FEW
+@given(SCENARIO)
+def test_any_scenario_survives_JSON(scenario):
+    same(scenario)
+    json.loads(scenario.to_json(), parse_constant=lambda name: pytest.fail(f"{name} in JSON"))
+
+
+@pytest.mark.parametrize("name", ["conventional", "type", "plant", "é"])
+def test_any_identifier_may_name_a_rival(name):
+    same(Scenario(rivals={name: ConventionalAID()}))
+
+
+# -- the hash --------------------------------------------------------------------------------
+
+
+def changed(value: Any, name: str) -> Iterator[Any]:
+    """Every value that differs from this one in one number, by the least possible."""
+    if is_dataclass(value) and not isinstance(value, type):
+        for field in fields(value):
+            for other in changed(getattr(value, field.name), field.name):
+                moved = isinstance(other, Mismatch) and (any(other.flow) or other.fluid != "exact")
+                if moved and isinstance(value, ArmPlant | ScalarRovPlant):
+                    continue  # neither has water or wind about it
+                yield replace(value, **{field.name: other})
+    elif isinstance(value, dict):
+        yield value | {"another": NullspaceAID()}
+        for key, item in value.items():
+            yield {k: v for k, v in value.items() if k != key}
+            yield from (value | {key: other} for other in changed(item, key))
+    elif isinstance(value, tuple) and name == "flow":
+        yield (0.1, 0.0, 0.0)
+    elif isinstance(value, tuple):
+        yield (*value, "mass")
+        yield ()
+    elif isinstance(value, str):
+        others = {"sensors": "noisy", "interpolation": "linear", "gamma": "simulated",
+                  "law": "cone", "fluid": "ellipsoid", "backend": "compiled"}  # fmt: skip
+        yield others.get(name, value + "_")
+    elif isinstance(value, int):
+        yield value + 1
+    elif value is None:
+        yield 0.5
+    else:
+        assert isinstance(value, float)
+        yield float(np.nextafter(value, 0.4))
+
+
+WHOLE = Scenario(rivals={"known": ConventionalAID()}, plant=ArmPlant(damping=2.0))
+SCALAR = Scenario(plant=ScalarRovPlant(), excitation=MultisineCommand(), identifier=NullspaceAID())
+
+
+WET = Scenario(plant=BlueROV2Plant(), excitation=MultisineCommand())
+
+
+@pytest.mark.parametrize("scenario", [WHOLE, SCALAR, WET], ids=["arm", "scalar", "rov"])
+def test_the_hash_changes_with_any_field(scenario):
+    others = list(changed(scenario, ""))
+    leaves = scenario.to_json().count('": ') - scenario.to_json().count('"$type": ')
+    assert len(others) >= leaves - 9  # at least one for each number (the rest are containers)
+    for other in others:
+        assert other != scenario
+        same(other)
+    assert len({scenario.hash, *(other.hash for other in others)}) == 1 + len(others)
+
+
+def test_the_hash_tells_types_apart():
+    laws = NullspaceAID(K=2.0), ConventionalAID(K=2.0)
+    assert len({Scenario(identifier=law).hash for law in laws}) == 2
+    assert len(WHOLE.hash) == 12 and int(WHOLE.hash, 16) >= 0
+
+
+# -- reading ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["Nothing", "main", "run", "Measurement", "__version__", 7, None])
+def test_a_foreign_type_is_refused(name):
+    tree = json.loads(WHOLE.to_json())
+    tree["plant"]["$type"] = name
+    with pytest.raises(InvalidInput):
+        Scenario.from_json(json.dumps(tree))
+
+
+@pytest.mark.parametrize("text", ["[]", "{}", "3", "not json", '{"$type": "SensorNoise"}',
+                                  '{"$type": "Scenario", "colour": "red"}'])  # fmt: skip
+def test_what_is_no_scenario_is_refused(text):
+    with pytest.raises(InvalidInput):
+        Scenario.from_json(text)
+
+
+# -- bad fields ------------------------------------------------------------------------------
+
+NAN, INF = np.nan, np.inf
+NOT_POSITIVE = [0.0, -1.0, NAN, INF]
+BAD_ARM = {
+    "damping": NOT_POSITIVE, "friction": NOT_POSITIVE, "armature": [-1.0, NAN, INF],
+    "gain": [0.0, -1.0, NAN, INF], "spread": [-0.1, 1.0, NAN], "friction_speed": NOT_POSITIVE,
+    "backend": ["fortran", ""],
+}  # fmt: skip
+NO_SHARE = [0.0, -0.1, 1.01, NAN]
+BAD = {
+    Scenario: {
+        "dt": NOT_POSITIVE, "duration": [*NOT_POSITIVE, 1.9e-3], "pe_window": NOT_POSITIVE,
+        "held_out": NOT_POSITIVE, "initial_error": [-0.1, NAN, INF],
+        "gain_error": [-0.1, 1.0, NAN], "record_every": [0, 1.5, -1],
+        "seed": [-1, 0.5], "sensors": ["perfect", ""],
+        "rivals": [{"": NullspaceAID()}, {"two words": NullspaceAID()}],
+    },
+    ArmPlant: BAD_ARM,
+    FloatingBasePlant: BAD_ARM,
+    UvmsPlant: {"spread": [-0.1, 1.0, NAN]},
+    REMUS100Plant: {"spread": [-0.1, 1.0, NAN]},
+    DepthHeadingAutopilot: {
+        "propeller": [0.0, 0.2, 1.01, NAN], "swing": NOT_POSITIVE, "dither": NOT_POSITIVE,
+        "low": [0.0, -1.0, NAN, 2.1], "high": [0.05, NAN, INF], "tones": [0, -1],
+        "slow": NOT_POSITIVE, "depth": [NAN, INF], "dive": NOT_POSITIVE, "turn": NOT_POSITIVE,
+        "bandwidth": NOT_POSITIVE,
+    },
+    FlyingArmPlant: {"spread": [-0.1, 1.0, NAN]},
+    SwimAndReach: {
+        "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF], "tones": [0, -1],
+        "amplitude": NO_SHARE, "fundamental": NOT_POSITIVE, "harmonics": [0, -1],
+        "reach": NO_SHARE, "speed": NOT_POSITIVE, "bandwidth": NOT_POSITIVE,
+    },
+    HoverAndReach: {
+        "travel": NOT_POSITIVE, "turn": NOT_POSITIVE, "fundamental": NOT_POSITIVE,
+        "harmonics": [0, -1], "reach": NO_SHARE, "speed": NOT_POSITIVE, "dither": NO_SHARE,
+        "low": [0.0, -1.0, NAN, 3.1], "high": [0.5, NAN, INF], "tones": [0, -1],
+        "position_bandwidth": NOT_POSITIVE, "attitude_bandwidth": NOT_POSITIVE,
+    },
+    ScalarRovPlant: {
+        "mass": NOT_POSITIVE, "drag": NOT_POSITIVE, "gain": NOT_POSITIVE,
+        "net_weight": [0.0, NAN, INF], "spread": [-0.1, 1.0, NAN],
+    },
+    FourierTracking: {
+        "fundamental": NOT_POSITIVE, "harmonics": [0, -1], "reach": [0.0, 1.01, NAN],
+        "bandwidth": NOT_POSITIVE, "speed": NOT_POSITIVE,
+    },
+    MultisineCommand: {
+        "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF], "tones": [0, -1],
+        "amplitude": [-1.0, NAN, INF],
+    },
+    NullspaceAID: {
+        "K": [*NOT_POSITIVE, 1e9], "gain": NOT_POSITIVE, "interpolation": ["spline"],
+        "gamma": ["best"], "law": ["newton"], "barrier": [-1.0, NAN, INF],
+        "rate": NOT_POSITIVE, "floor": [0.0, -0.1, 1.01, NAN],
+    },
+    MemoryConfig: {
+        "window": NOT_POSITIVE, "block": NOT_POSITIVE, "interval": NOT_POSITIVE,
+        "pace": NOT_POSITIVE, "anchor": [-1.0, NAN, INF], "horizon": [-1.0, NAN, INF],
+        "surprise": [-1.0, NAN, INF],
+    },
+    Mismatch: {
+        "lag": [-1.0, NAN, INF], "delay": [-1.0, NAN, INF], "fluid": ["honey"],
+        "flow": [(1.0, 2.0), (0.0, 0.0, NAN), ("a", "b", "c")],
+    },
+    Fault: {
+        "loss": [-0.1, 1.0, NAN], "actuator": [0, -1, 1.5], "time": [-1.0, NAN, INF],
+    },
+    BlueROV2Plant: {"spread": [-0.1, 1.0, NAN]},
+    AstrobeePlant: {"spread": [-0.1, 1.0, NAN]},
+    QuadrotorPlant: {"model": ["phantom", ""], "spread": [-0.1, 1.0, NAN]},
+    QuadrotorFlight: {
+        "radius": NOT_POSITIVE, "speed": NOT_POSITIVE, "climb": NOT_POSITIVE,
+        "yaw_rate": NOT_POSITIVE, "tilt": [*NOT_POSITIVE, 1.6], "bandwidth": NOT_POSITIVE,
+        "attitude_bandwidth": NOT_POSITIVE, "dither": [*NOT_POSITIVE, 1.0],
+        "low": [0.0, -1.0, NAN, 9.1], "high": [2.9, NAN, INF],
+    },
+    PoseHold: {
+        "bandwidth": NOT_POSITIVE, "period": NOT_POSITIVE, "travel": [-1.0, NAN, INF],
+        "turn": [-1.0, NAN, INF], "bias": [-1.0, NAN, INF], "dither": NOT_POSITIVE,
+        "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF], "tones": [0, -1],
+        "one_sided": ["yes"],
+    },
+    ConventionalAID: {
+        "K": [*NOT_POSITIVE, 1e9], "gain": NOT_POSITIVE,
+        "known": [(), ("mass", "drag", "net weight", "thruster gain")],
+    },
+    F1TenthPlant: {"spread": [-0.1, 1.0, NAN]},
+    BMW320iPlant: {"spread": [-0.1, 1.0, NAN]},
+    RoverPlant: {"spread": [-0.1, 1.0, NAN]},
+    Driving: {
+        "speed": NOT_POSITIVE, "variation": [0.0, -0.1, 0.56, NAN], "grip": NOT_POSITIVE,
+        "pace_low": [0.0, -1.0, NAN, 0.9], "pace_high": [0.1, NAN, INF],
+        "steer_low": [0.0, -1.0, NAN, 5.1], "steer_high": [0.4, NAN, INF], "tones": [0, -1],
+        "ground": NOT_POSITIVE,
+    },
+    SensorNoise: {"position": [-1.0, NAN], "velocity": [-1.0, INF], "encoder_step": [-1.0, NAN]},
+}  # fmt: skip
+ALSO = {
+    "gain": "Gamma",
+    "low": "band",
+    "high": "band",
+    **dict.fromkeys(("pace_low", "pace_high", "steer_low", "steer_high"), "band"),
+    "dither": "amplitude",
+}  # the paper's letter; one field, two ends
+
+
+DRIVEN = {
+    Driving: F1TenthPlant(),
+    SwimAndReach: UvmsPlant(),
+    PoseHold: AstrobeePlant(),
+    HoverAndReach: FlyingArmPlant(),
+    DepthHeadingAutopilot: REMUS100Plant(),
+    QuadrotorFlight: QuadrotorPlant(),
+}  # others drive any arm
+
+
+@cache
+def plant(config):
+    return config.build(1e-3, 0)
+
+
+def use(part) -> None:
+    """Makes what a part of a scenario describes, as a run would before its first step."""
+    scalar = plant(ScalarRovPlant())
+    if isinstance(part, NullspaceAID | ConventionalAID):
+        part.build(scalar.system, scalar.truth, 1e-3)
+    elif isinstance(part, DriverConfig):
+        config = DRIVEN.get(type(part), ArmPlant(robot="double_pendulum"))
+        part.build(plant(config).system, plant(config).truth, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    "part,field,value",
+    [(part, name, value) for part, bad in BAD.items() for name in bad for value in bad[name]],
+    ids=lambda x: getattr(x, "__name__", None) or str(x),
+)
+def test_a_bad_field_is_named_before_the_run(part, field, value):
+    with pytest.raises(InvalidInput) as caught:
+        use(part(**{field: value}))
+    error = caught.value
+    names = {field, ALSO.get(field, field)}
+    assert names & set(error.name.split("."))
+    assert error.expected and error.remedy and str(error.got) in str(error)
+
+
+@pytest.mark.parametrize("part", BAD, ids=lambda part: part.__name__)
+def test_every_field_has_its_bad_values_and_the_default_is_good(part):
+    parts = {"plant", "excitation", "identifier", "noise", "robot", "mismatch", "fault", "memory"}
+    assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
+    default = part(known=("mass",)) if part is ConventionalAID else part()
+    use(default)
+
+
+def test_an_unknown_known_is_told_with_near_names():
+    with pytest.raises(UnknownName) as caught:
+        use(ConventionalAID(known=("thruster gian",)))
+    assert "thruster gain" in caught.value.near

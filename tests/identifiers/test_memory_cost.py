@@ -1,0 +1,271 @@
+"""The cost of remembered data: its slope, its curvature, and what a change of scale does not do."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nsaid_mj.identifiers.memory.cost import Quotient, positive, quotient
+from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder
+from nsaid_mj.log import EXACT
+from nsaid_mj.parameters import Array
+from nsaid_mj.plants import SensorNoise
+from tests.support.remembered import Log, driven, noisy, remember
+
+FEW = settings(deadline=None, max_examples=25)
+seeds = st.integers(0, 2**32 - 1)
+NAMES = ["scalar_rov", "bluerov2", "double_pendulum", "crazyflie"]
+NOISE = SensorNoise()
+
+
+@cache
+def remembered(name: str, sensors: str) -> tuple[Log, Memory]:
+    """A memory of a few seconds of a driven plant."""
+    log = driven(name, 3.0)
+    exact = sensors == "ideal"
+    levels = EXACT if exact else NOISE.levels
+    seen = log if exact else noisy(log, NOISE, 1)
+    own = Recorder(log.plant.system, MemoryConfig(), log.dt, levels, exact)
+    *_, memory = remember(own, seen)
+    return log, memory
+
+
+def near(log: Log, rng: np.random.Generator, error: float = 0.3) -> Array:
+    """θ within ±error of the truth, those near 0 of their scale."""
+    size = np.abs(log.plant.truth) + 0.1 * log.plant.system.space.scale
+    return log.plant.truth + error * size * rng.uniform(-1, 1, len(size))
+
+
+def weighted(name: str, sensors: str, theta: Array) -> Quotient:
+    log, memory = remembered(name, sensors)
+    found = quotient(memory.means, log.plant.system.space)
+    assert found is not None
+    return found.weighted(theta, memory)[0]
+
+
+def drawn(rng: np.random.Generator, n: int = 3, p: int = 7) -> tuple[Quotient, Array]:
+    """A quotient of random data with a θ* > 0 in the nullspace of all, its first 3 actuators."""
+    truth = np.exp(rng.uniform(-1, 1, p))
+    rows = rng.standard_normal((n, 5, p))
+    rows -= (rows @ truth)[..., None] * truth / (truth @ truth)
+    effort = np.zeros((n, p))
+    effort[:, :3] = rng.uniform(0, 2, (n, 3))
+    G = np.einsum("ikp,ikq->ipq", rows, rows)
+    return Quotient(G, effort, rng.uniform(0.1, 9, n), None, effort.mean(axis=0)), truth
+
+
+each = pytest.mark.parametrize("name", NAMES)
+both = pytest.mark.parametrize("sensors", ["ideal", "noisy"])
+
+
+@each
+@both
+@FEW
+@given(seeds)
+def test_the_gradient_is_the_slope(name, sensors, seed):
+    log, _ = remembered(name, sensors)
+    rng, scale = np.random.default_rng(seed), log.plant.system.space.scale
+    theta = near(log, rng)
+    cost = weighted(name, sensors, theta)
+    step = 1e-5 * (np.abs(theta) + 0.1 * scale) * rng.standard_normal(len(theta))
+    slope = cost.gradient(theta) @ step
+    whole, half = ((cost.value(theta + x) - cost.value(theta - x)) / 2 for x in (step, step / 2))
+    rise = (8 * half - whole) / 3  # Richardson's extrapolation
+    terms = np.abs(cost.gradient(theta) * step).sum()
+    assert rise == pytest.approx(slope, abs=1e-7 * terms + 1e-11 * cost.weights.sum())
+
+
+@each
+@both
+@FEW
+@given(seeds, st.floats(1e-6, 1e6))
+def test_a_change_of_scale_changes_nothing(name, sensors, seed, factor):
+    """R(sθ) = R(θ), so θᵀ ∇R = 0; and the weights have no scale either."""
+    log, _ = remembered(name, sensors)
+    theta = near(log, np.random.default_rng(seed))
+    cost = weighted(name, sensors, theta)
+    assert cost.value(factor * theta) == pytest.approx(cost.value(theta), rel=1e-9)
+    pull = theta * cost.gradient(theta)
+    assert abs(pull.sum()) < 1e-9 * np.abs(pull).sum()
+    again = weighted(name, sensors, factor * theta)
+    np.testing.assert_allclose(again.weights, cost.weights, rtol=1e-7)
+    pulls = np.outer(theta, theta) * cost.curvature(theta)  # Π θ = 0
+    assert np.abs(pulls.sum(axis=1)).max() <= 1e-9 * np.abs(pulls).max()
+
+
+@FEW
+@given(seeds)
+def test_every_true_theta_sees_the_cost_fall(seed):
+    """θ*ᵀ ∇R ≤ −2 R min θ*/θ̂ over the actuators, wherever G_i θ* = 0: no other stationary point."""
+    rng = np.random.default_rng(seed)
+    cost, truth = drawn(rng)
+    theta = truth * np.exp(rng.uniform(-2, 2, len(truth)))
+    share = (truth / theta)[:3].min()
+    fall, size = truth @ cost.gradient(theta), np.abs(truth * cost.gradient(theta)).sum()
+    assert fall <= -2 * share * cost.value(theta) + 1e-12 * size
+    assert cost.value(truth) == pytest.approx(0, abs=1e-12 * cost.weights.sum())
+    assert np.abs(truth * cost.gradient(truth)).max() < 1e-10 * cost.weights.sum()
+
+
+@pytest.mark.parametrize("name", ["scalar_rov", "double_pendulum", "crazyflie"])
+@FEW
+@given(seeds)
+def test_so_does_a_plants(name, seed):
+    log, _ = remembered(name, "ideal")
+    rng, truth = np.random.default_rng(seed), log.plant.truth
+    theta = truth * np.exp(rng.uniform(-1, 1, len(truth)))
+    cost = weighted(name, "ideal", theta)
+    k = log.plant.system.space.actuators
+    share = (truth[k] / theta[k]).min()
+    assert truth @ cost.gradient(theta) <= -2 * share * cost.value(theta) * (1 - 1e-3)
+
+
+@FEW
+@given(seeds)
+def test_curvature_is_gauss_newtons(seed):
+    """Jᵀ J of the residuals r_ik = (w_i/θᵀΣ_iθ)^½ y_ik θ, s_i held or not: here by differences."""
+    rng = np.random.default_rng(seed)
+    n, count, p = 2, 6, 5
+    rows, effort = rng.standard_normal((n, count, p)), np.zeros((n, p))
+    effort[:, :2] = rng.uniform(0.1, 2, (n, 2))
+    theta, weights = rng.uniform(0.5, 2, p), rng.uniform(0.1, 9, n)
+    cost = Quotient(np.einsum("ikp,ikq->ipq", rows, rows), effort, weights, None, effort[0])
+
+    def residuals(theta: Array) -> Array:
+        return ((rows @ theta) * np.sqrt(weights / (effort @ theta**2))[:, None]).ravel()
+
+    steps = 1e-6 * np.eye(p)
+    J = np.stack([residuals(theta + s) - residuals(theta - s) for s in steps], axis=1) / 2e-6
+    own, size = cost.curvature(theta), np.abs(J.T @ J).max()
+    np.testing.assert_allclose(own, J.T @ J, atol=1e-6 * size)
+    np.testing.assert_allclose(own, own.T, atol=1e-12 * size)
+    assert cost.value(theta) == pytest.approx(0.5 * residuals(theta) @ residuals(theta))
+    slope = J.T @ residuals(theta)
+    np.testing.assert_allclose(cost.gradient(theta), slope, atol=1e-6 * np.abs(J).max() ** 2)
+
+
+@each
+@both
+@FEW
+@given(seeds)
+def test_curvature_is_positive_semidefinite(name, sensors, seed):
+    log, _ = remembered(name, sensors)
+    theta = near(log, np.random.default_rng(seed))
+    hessian = weighted(name, sensors, theta).curvature(theta)
+    balanced = hessian * np.outer(theta, theta)
+    assert np.linalg.eigvalsh(balanced)[0] > -1e-9 * np.abs(balanced).max()
+
+
+@each
+@FEW
+@given(seeds)
+def test_noise_takes_no_more_than_there_is(name, seed):
+    """0 ⪯ B ⪯ the curvature with Σ held: R ≥ 0."""
+    log, _ = remembered(name, "noisy")
+    theta = near(log, np.random.default_rng(seed))
+    cost = weighted(name, "noisy", theta)
+    assert cost.excess is not None and weighted(name, "ideal", theta).excess is None
+    assert cost.seen is not None
+    whole = cost.seen
+    unit = 1 / np.sqrt(np.where(np.diag(whole) > 0, np.diag(whole), 1.0))
+    left = (whole - cost.excess) * np.outer(unit, unit)
+    assert np.linalg.eigvalsh(left)[0] > -1e-8  # a ridge of 1e-9 keeps the last digits ⪰ 0
+    made = cost.excess * np.outer(unit, unit)
+    assert np.linalg.eigvalsh(made)[0] > -1e-9 and np.abs(made).max() > 0
+
+
+# -- what the data are measured in ---------------------------------------------------------------
+
+
+@each
+def test_residuals_are_measured_on_positive_numbers_only(name):
+    """On a row's actuators, and where it has none on its other positive parameters."""
+    log, memory = remembered(name, "ideal")
+    space = log.plant.system.space
+    found = quotient(memory.means, space)
+    assert (
+        found is not None
+        and (found.effort >= 0).all()
+        and (found.effort @ space.scale**2 > 0).all()
+    )
+    own = found.gramian[:, space.actuators][:, :, space.actuators].any(axis=(1, 2))
+    rest = np.setdiff1d(np.arange(len(space)), space.actuators)
+    assert own.any() and (found.effort[np.ix_(own, rest)] == 0).all()
+    assert (found.effort[:, positive(space) == 0] == 0).all()
+
+
+def test_an_actuator_that_never_moved_is_not_seen():
+    """Nothing pulls at it, and no residual is excused by it."""
+    log = driven("bluerov2", 3.0)
+    space, still = log.plant.system.space, 2
+    rows = [row._replace(u=row.u * (np.arange(len(row.u)) != still)) for row in log.rows]
+    own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
+    *_, memory = remember(own, log._replace(rows=rows))
+    found = quotient(memory.means, space)
+    assert found is not None
+    k = space.actuators[still]
+    assert (found.effort[:, k] == 0).all() and (found.gramian[:, k] == 0).all()
+    theta = near(log, np.random.default_rng(0))
+    cost, _ = found.weighted(theta, memory)
+    assert cost.gradient(theta)[k] == 0 and (cost.curvature(theta)[k] == 0).all()
+
+
+@pytest.mark.parametrize("name", ["scalar_rov", "bluerov2"])
+def test_without_any_command_there_is_no_quotient(name):
+    log = driven(name, 1.0)
+    own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
+    *_, memory = remember(own, log._replace(rows=[row._replace(u=0 * row.u) for row in log.rows]))
+    assert np.abs(memory.means.gramian).max() > 0
+    assert quotient(memory.means, log.plant.system.space) is None
+
+
+def test_a_row_without_an_actuator_is_measured_in_shares_of_the_others():
+    """A rotor pushes along one axis: the others' balances are drag's, or have none of their own."""
+    log, memory = remembered("crazyflie", "ideal")
+    space, gramian = log.plant.system.space, memory.means.gramian.copy()
+    dragged = quotient(memory.means, space)
+    assert dragged is not None and (dragged.effort[:2, space.actuators] == 0).all()
+    gramian[:2, positive(space) > 0] = 0.0
+    gramian[:2, :, positive(space) > 0] = 0.0
+    found = quotient(memory.means._replace(gramian=gramian), space)
+    assert found is not None
+    own = found.effort[:, space.actuators]
+    shares = own / np.einsum("ipp,p->i", gramian, space.scale**2)[:, None]
+    np.testing.assert_allclose(shares[:2], np.tile(shares[2:].mean(axis=0), (2, 1)), rtol=1e-9)
+    assert (own[:2] > 0).any(axis=1).all()
+
+
+def test_a_row_in_which_nothing_happened_says_nothing():
+    log, memory = remembered("bluerov2", "ideal")
+    moving = (np.arange(log.plant.system.n) != 1)[:, None, None]
+    theta = near(log, np.random.default_rng(1))
+    means = memory.means
+    still = memory._replace(means=means._replace(
+        gramian=moving * means.gramian, lagged=moving * means.lagged, last=moving[:, 0] * means.last
+    ))  # fmt: skip
+    found = quotient(still.means, log.plant.system.space)
+    assert found is not None
+    cost, view = found.weighted(theta, still)
+    assert np.isfinite(cost.weights).all() and np.isfinite(view.share).all()
+    alone = Quotient(cost.gramian[[1]], cost.effort[[1]], cost.weights[[1]])
+    assert alone.value(theta) == 0 and (alone.gradient(theta) == 0).all()
+    assert np.isfinite(cost.gradient(theta)).all()
+
+
+@both
+def test_weights_are_one_over_the_residuals(sensors):
+    """½ w λ = ½ blocks for every row whose residuals are above the floor, without N."""
+    log, memory = remembered("bluerov2", sensors)
+    theta = near(log, np.random.default_rng(2))
+    cost = weighted("bluerov2", sensors, theta)
+    without = cost.value(theta)
+    if cost.excess is not None:
+        without += 0.5 * theta @ cost.excess @ theta
+    assert without == pytest.approx(0.5 * memory.means.blocks * log.plant.system.n, rel=1e-9)
+    truth = log.plant.truth
+    floor = weighted("bluerov2", sensors, truth)
+    assert np.isfinite(floor.weights).all() and (floor.weights > 0).all()

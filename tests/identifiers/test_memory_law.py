@@ -1,0 +1,535 @@
+"""The law with a memory: implicit steps that lower V at any size, and the error it states."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from nsaid_mj import evaluation as metrics
+from nsaid_mj.cli.options import parse
+from nsaid_mj.control import Driver
+from nsaid_mj.errors import InvalidInput
+from nsaid_mj.evaluation.confidence import Known, known
+from nsaid_mj.evaluation.figures import actuator_ratio_error
+from nsaid_mj.evaluation.summary import law_of
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.record import FILE
+from nsaid_mj.experiment.scenario import Scenario
+from nsaid_mj.experiment.setup import trajectory
+from nsaid_mj.identifiers import MemoryConfig, NullspaceAID, State, Status
+from nsaid_mj.identifiers.cone import barrier as geometry
+from nsaid_mj.identifiers.memory.cost import Quotient, quotient
+from nsaid_mj.identifiers.memory.law import MemoryIdentifier
+from nsaid_mj.identifiers.memory.statistics import Memory
+from nsaid_mj.log import EXACT, Measurement, SensorLevels
+from nsaid_mj.log import Log as Measured
+from nsaid_mj.nullspace import Nullspace, structural
+from nsaid_mj.parameters import Array
+from nsaid_mj.plants import SensorNoise
+from nsaid_mj.reporting.finish import rebuild
+from tests.support.remembered import Log, driven, noisy
+
+NOISE = SensorNoise()
+NAMES = ["bluerov2", "double_pendulum", "f1tenth"]
+
+
+def inside(log: Log, seed: int, error: float = 0.3) -> Array:
+    space, rng = log.plant.system.space, np.random.default_rng(seed)
+    return geometry.drawn_inside(space, log.plant.truth, error, rng)
+
+
+def build(
+    name: str, prior: Array, levels: SensorLevels = EXACT, interpolation: str = "auto", **memory
+) -> MemoryIdentifier:
+    """A packed scenario's identifier with a memory."""
+    scenario, log = load(name), driven(name, 0.1)
+    assert isinstance(scenario.identifier, NullspaceAID)
+    config = replace(
+        scenario.identifier, law="memory", memory=MemoryConfig(**memory),
+        interpolation=interpolation,
+    )  # fmt: skip
+    law = config.build(log.plant.system, prior, log.dt, levels)
+    assert isinstance(law, MemoryIdentifier)
+    return law
+
+
+def follow(law: MemoryIdentifier, rows: list[Measurement]) -> list[State]:
+    states = [law.init(rows[0])]
+    for before, after in pairwise(rows):
+        states.append(law.step(states[-1], before, after))
+        assert states[-1].status is Status.completed, after.t
+    return states
+
+
+@cache
+def nullspace(name: str) -> Nullspace:
+    plant = driven(name, 0.1).plant
+    return structural(plant.system, plant.truth, np.random.default_rng(0))
+
+
+def distance(name: str, theta: Array) -> float:
+    return float(nullspace(name).ratio(theta / driven(name, 0.1).plant.system.space.scale))
+
+
+@cache
+def remembered(name: str, seconds: float = 3.0) -> Memory:
+    """A memory of ideal data, from a law that has not used it."""
+    log = driven(name, seconds)
+    law = build(name, inside(log, 1), interval=1e6)
+    memory = follow(law, log.rows)[-1].memory
+    assert memory is not None
+    return law.recorder.take(memory)
+
+
+# -- an implicit step ----------------------------------------------------------------------------
+
+
+def decrement(law: MemoryIdentifier, cost: Quotient, start: Array, theta: Array) -> float:
+    """Length of Newton's step from θ, in the metric of what an implicit step makes least."""
+    reach, (slope, metric) = law.config.pace * law.config.interval, law._mirror(theta)
+    gradient = reach * cost.gradient(theta) + slope - law._mirror(start)[0]
+    hessian = reach * cost.curvature(theta) + metric
+    return float(np.sqrt(gradient @ np.linalg.solve(hessian, gradient)))
+
+
+def rounding(cost: Quotient, theta: Array) -> float:
+    """To what R(θ) is known: the terms of θᵀGθ, which cancel, to a unit in their last place."""
+    terms = np.einsum("p,ipq,q->i", np.abs(theta), np.abs(cost.gramian), np.abs(theta))
+    return 1e-16 * float(cost.weights @ (terms / (cost.effort @ theta**2)))
+
+
+@pytest.mark.parametrize("pace", [1e-2, 1.0, 1e2, 1e4, 1e6])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
+    """D_ψ(θ*‖θ⁺) ≤ D_ψ(θ*‖θ̂) + κh R(θ*), and κh R(θ) + D_ψ(θ‖θ̂) is stationary at θ⁺."""
+    log, memory = driven(name, 3.0), remembered(name)
+    truth = log.plant.truth
+    for seed in range(3):
+        law = build(name, inside(log, seed), pace=pace)
+        theta, whole = law.prior, float(law.divergence(truth, law.prior))
+        reach = law.config.pace * law.config.interval
+        for k in range(4):
+            found = quotient(memory.means, log.plant.system.space)
+            assert found is not None
+            cost, _ = found.weighted(theta, memory)
+            ahead, seen = law.settle(theta, memory)
+            assert seen.scores.view is not None and geometry.inside(law.cone, ahead)
+            old, new = (reach * cost.value(x) + float(law.divergence(x, theta)) / law.mu
+                        for x in (theta, ahead))  # fmt: skip
+            assert new <= old * (1 + 1e-9) + reach * rounding(cost, theta)
+            before, after = (decrement(law, cost, theta, x) for x in (theta, ahead))
+            assert after < max(1e-3 * before, 0.03)
+            slack = law.mu * reach * cost.value(truth)
+            fell = float(law.divergence(truth, theta) - law.divergence(truth, ahead))
+            assert fell > -slack - 1e-9 * whole
+            if k == 0:
+                assert slack < 1e-2 * fell and fell > 0.1 * whole
+            theta = ahead
+        assert distance(name, theta) < (0.2 if pace < 1 else 2e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_spent_is_what_the_steps_cost_and_the_rest_stands(name):
+    """Q(θ̂) − Q(θ⁺) = D_ψ(θ⁺‖θ̂); Q and all costs together stand to RK4's error."""
+    log = driven(name, 5.0)
+    law = build(name, inside(log, 2))
+    states = follow(law, log.rows)
+    theta, spent = (np.array([getattr(s, k) for s in states]) for k in ("theta_hat", "spent"))
+    whole = law.conserved(theta) + spent
+    assert np.abs(whole / whole[0] - 1).max() < 1e-6
+    steps, cost = np.flatnonzero(np.diff(spent)), 0.0
+    assert len(steps) == round(5.0 / law.config.interval)
+    for k in steps:
+        # without the memory's step the sample's own step would have ended here
+        plain, _ = super(MemoryIdentifier, law).follow(states[k], Measured.of(log.rows[k : k + 2]))
+        once = 2 * float(law.divergence(states[k + 1].theta_hat, plain.theta_hat))
+        took = states[k + 1].spent - states[k].spent
+        assert took == pytest.approx(once, rel=1e-3, abs=1e-8 * whole[0])
+        cost += once
+    assert spent[-1] == pytest.approx(cost, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_v_falls_in_every_step_of_a_run(name):
+    log = driven(name, 5.0)
+    law, truth = build(name, inside(log, 3)), log.plant.truth
+    states = follow(law, log.rows)
+    V = []
+    for row, state in zip(log.rows, states, strict=True):
+        dv = state.v_hat - row.v
+        M = log.plant.system.mass_matrix(np.r_[row.q, row.v], truth)
+        V.append(0.5 * dv @ M @ dv + float(law.divergence(truth, state.theta_hat)))
+    rises = np.diff(V)
+    stepped = np.diff([s.spent for s in states]) != 0
+    assert rises[~stepped].max() < 1e-6 * V[0]
+    assert (rises[stepped] <= law.slack(states[-1], truth) + 1e-9 * V[0]).all()
+    assert law.slack(states[-1], truth) < 0.02 * V[0]
+    assert V[-1] < 0.5 * V[0]
+
+
+# -- where it stays ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["bluerov2", "f1tenth"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wild_start_stays_in_the_cone_and_converges(name, seed):
+    """e^{±1} on every block of the cone, 20 s: issue 4 asks for 0.01."""
+    log = driven(name, 20.0)
+    law = build(name, inside(log, seed, 1.0))
+    state = law.init(log.rows[0])
+    for before, after in pairwise(log.rows):
+        state = law.step(state, before, after)
+        assert state.status is Status.completed
+        if state.spent:
+            assert geometry.inside(law.cone, state.theta_hat)
+    assert distance(name, law.prior) > 0.1
+    assert distance(name, state.theta_hat) < 1e-3
+
+
+@pytest.mark.parametrize("levels", [EXACT, NOISE.levels], ids=["ideal", "noisy"])
+def test_what_no_row_observes_stays_where_it_was(levels):
+    """n·∇ψ(θ̂) stands for every n of P_s without an actuator: at any residual, noisy or not."""
+    log = driven("double_pendulum", 3.0)
+    space, basis = log.plant.system.space, nullspace("double_pendulum").P
+    basis = basis * space.scale[:, None]
+    _, s, rows = np.linalg.svd(basis[space.actuators] / space.scale[space.actuators, None])
+    free = basis @ rows[np.sum(s > 1e-9) :].T
+    assert free.shape[1] >= 10 and np.abs(free[space.actuators]).max() < 1e-9
+    law = build("double_pendulum", inside(log, 4), levels, anchor=0.0)
+    rows = log.rows if levels.exact else noisy(log, NOISE, 1).rows
+    memory = follow(build("double_pendulum", law.prior, levels, interval=1e6), rows)[-1].memory
+    assert memory is not None
+    memory, theta, moved = law.recorder.take(memory), law.prior, 0.0
+    for _ in range(5):
+        ahead, _ = law.settle(theta, memory)
+        moved = max(moved, float(np.abs((ahead - theta) / space.scale).max()))
+        theta = ahead
+    turn = (law._mirror(theta)[0] - law._mirror(law.prior)[0]) @ free
+    assert moved > 0.05
+    assert np.abs(turn).max() < 1e-4 * np.abs(law._mirror(law.prior)[0][:, None] * free).max()
+
+
+def test_a_long_run_does_not_blow_up_what_is_not_observed():
+    """The trap of a normaliser on all of θ: a residual that stays makes the unobserved grow."""
+    log = driven("bluerov2", 60.0)
+    law = build("bluerov2", inside(log, 5))
+    scale = log.plant.system.space.scale
+    rng = np.random.default_rng(0)  # an unknown force on every thruster: no θ explains the motion
+    rows = [
+        row._replace(u=row.u + 0.2 * rng.standard_normal(row.u.shape)) for row in log.rows[:6001]
+    ]
+    early = follow(law, rows[:3001])
+    late = follow(law, rows)[-1]
+    for state in (early[-1], late):
+        assert np.abs(state.theta_hat / scale).max() < 3 * np.abs(law.prior / scale).max()
+    change = np.abs(late.theta_hat - early[-1].theta_hat) / scale
+    assert change.max() < 1.0  # with the trap, by e^κt
+
+
+class Heave(Driver):
+    """All vertical thrusters together: nothing else moves the vehicle."""
+
+    def __init__(self, plant, seed: int):
+        config = load("bluerov2").excitation
+        self.driver = config.build(plant.system, plant.truth, np.random.default_rng(seed))
+
+    def start(self):
+        return self.driver.start()
+
+    def command(self, t, q, v):
+        u = self.driver.command(t, q, v)
+        return np.r_[0 * u[:4], np.full(4, u[0])]
+
+
+class Surge(Heave):
+    """The horizontal thrusters in one proportion."""
+
+    def command(self, t, q, v):
+        u = self.driver.command(t, q, v)
+        return np.r_[0.8 * u[0] * np.array([1.0, 1.0, -1.0, -1.0]), 0 * u[4:]]
+
+
+@cache
+def one_axis(kind: type[Heave], seconds: float) -> Log:
+    dt, plant = 0.01, load("bluerov2").plant.build(0.01, 3)
+    with plant.running():
+        rows = trajectory(plant, kind(plant, 0), round(seconds / dt)).rows  # pyright: ignore
+    return Log(plant, dt, rows)
+
+
+@pytest.mark.parametrize("anchor", [None, 0.0])
+def test_noise_does_not_blow_up_what_nothing_moves(anchor):
+    """Where all that is seen of a direction is noise, its Gramian less N is not ⪰ 0."""
+    log = one_axis(Heave, 20.0)
+    scale = log.plant.system.space.scale
+    for seed in range(3):
+        law = build("bluerov2", inside(log, seed), NOISE.levels, anchor=anchor)
+        states = follow(law, noisy(log, NOISE, seed).rows)
+        for state in states[:: len(states) // 20]:
+            assert geometry.inside(law.cone, state.theta_hat)
+            assert np.abs((state.theta_hat - law.prior) / scale).max() < 2.0
+        assert law.confidence(states[-1]) is not None
+
+
+def test_no_seed_of_a_noisy_flight_ends_early():
+    """Astrobee's drives are weak: much of what is seen is noise."""
+    ended = []
+    for seed in range(8):
+        log = driven("astrobee", 12.0, seed=seed)
+        law = build("astrobee", inside(log, seed), NOISE.levels)
+        rows = noisy(log, NOISE, seed).rows
+        state = law.init(rows[0])
+        for before, after in pairwise(rows):
+            state = law.step(state, before, after)
+            if state.status is not Status.completed:
+                ended.append((seed, after.t))
+                break
+    assert not ended
+
+
+def test_constant_commands_and_one_velocity():
+    log = driven("scalar_rov", 20.0)
+    plant = log.plant
+    rows = []
+    with plant.running():
+        plant.reset(np.zeros(1), np.zeros(1))
+        for k in range(2001):
+            coordinates, v = plant.coordinates()
+            q, u = plant.position(coordinates), np.array([0.4])
+            rows.append(Measurement(k * log.dt, q, v.copy(), u))
+            plant.step(rows[-1].u)
+    law, truth = build("scalar_rov", inside(log, 1)), plant.truth
+    states = follow(law, rows)
+    V = [float(law.divergence(truth, s.theta_hat)) for s in states]
+    assert V[-1] <= V[0] and np.isfinite(states[-1].theta_hat).all()
+    assert states[-1].memory is not None and states[-1].memory.scores.view is not None
+    t, q, v, u = rows[-1]
+    x = np.r_[q, v]
+    W, force = plant.system.regressor(t, x, v, 0 * v, u), plant.system.F(t, x, u)
+    error = abs(W @ states[-1].theta_hat) / np.abs(force * states[-1].theta_hat).max()
+    assert error < 1e-3 < abs(W @ law.prior) / np.abs(force * law.prior).max()
+
+
+def test_a_sample_may_be_longer_than_a_block_and_an_interval():
+    log = driven("scalar_rov", 20.0)
+    law = build("scalar_rov", inside(log, 1), block=1e-4, interval=1e-4, pace=1e3)
+    state = follow(law, log.rows)[-1]
+    assert state.memory is not None and state.memory.means.blocks == len(log.rows) - 1
+    assert distance("scalar_rov", state.theta_hat) < 1e-4
+
+
+# -- noise ---------------------------------------------------------------------------------------
+
+
+def test_subtracting_the_noise_removes_its_bias():
+    """f1tenth, 20 s, medians of 3 seeds: with N and without, all else the same."""
+    errors: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(3):
+        log = driven("f1tenth", 20.0, seed=seed)
+        rows = noisy(log, NOISE, seed).rows
+        for subtracted, found in errors.items():
+            levels = NOISE.levels if subtracted else EXACT
+            law = build("f1tenth", inside(log, seed), levels, "linear", anchor=1.0)
+            found.append(distance("f1tenth", follow(law, rows)[-1].theta_hat))
+    assert np.median(errors[True]) < 0.5 * np.median(errors[False])
+
+
+def knowledge(law: MemoryIdentifier, state: State) -> Known:
+    stated = law.confidence(state)
+    assert stated is not None
+    system, theta = law.system, state.theta_hat
+    return known(stated, theta, structural(system, theta, np.random.default_rng(0)), system.space)
+
+
+@cache
+def told(seed: int, seconds: float) -> tuple[Known, float, float]:
+    """What a BlueROV2's estimate knows after some time with noise, its coverage and error."""
+    log = driven("bluerov2", seconds, seed=seed)
+    law = build("bluerov2", inside(log, seed), NOISE.levels)
+    state = follow(law, noisy(log, NOISE, seed).rows)[-1]
+    found, scale, truth = knowledge(law, state), log.plant.system.space.scale, log.plant.truth
+    error = actuator_ratio_error(log.plant.system, state.theta_hat, truth)
+    return found, found.covered(state.theta_hat / scale, truth / scale), error
+
+
+def test_the_stated_deviations_cover_the_truth():
+    covered = [told(seed, 20.0)[1] for seed in range(6)]
+    assert np.mean(covered) >= 0.9
+    assert not any(told(seed, 20.0)[0].below_noise.any() for seed in range(6))
+
+
+@pytest.mark.slow
+def test_a_deviation_shrinks_with_the_square_root_of_time():
+    seeds = range(3)
+    short, long = (
+        np.median([np.median(told(s, t)[0].deviation) for s in seeds]) for t in (20.0, 80.0)
+    )
+    assert 1.4 < short / long < 2.8  # 2 of fourfold data
+    blocks = [np.median(told(seeds[0], t)[0].blocks) for t in (20.0, 80.0)]
+    assert blocks[1] / blocks[0] == pytest.approx(4, rel=0.25)
+    assert blocks[0] < 200  # 200 blocks there were, and neighbours are correlated
+
+
+def test_deviations_are_not_needlessly_wide():
+    """An actuator's error is of the size that is stated: neither 10 times less nor more."""
+    for seed in range(6):
+        found, _, error = told(seed, 20.0)
+        assert 0.1 < error / found.actuators.max() < 4
+
+
+def test_a_direction_that_nothing_moves_is_flagged():
+    log = one_axis(Surge, 20.0)
+    law = build("bluerov2", inside(log, 1), NOISE.levels)
+    state = follow(law, noisy(log, NOISE, 1).rows)[-1]
+    found, space = knowledge(law, state), log.plant.system.space
+    assert found.below_noise.any()
+    assert (found.deviation[found.below_noise] > found.deviation[~found.below_noise].max()).all()
+    vertical = space.actuators[4:]  # never commanded
+    weight = np.linalg.norm(found.directions[found.below_noise][:, vertical], axis=0)
+    assert (weight > 0.5).all()
+
+
+def test_nothing_is_said_before_there_is_something_to_say():
+    log = driven("bluerov2", 1.0)
+    law = build("bluerov2", inside(log, 1))
+    assert law.confidence(law.init(log.rows[0])) is None
+    assert law.slack(law.init(log.rows[0]), log.plant.truth) == 0
+    rest = [row._replace(u=0 * row.u, v=0 * row.v, q=log.rows[0].q) for row in log.rows]
+    state = law.init(rest[0])
+    for before, after in pairwise(rest):
+        state = law.step(state, before, after)
+    assert state.status is Status.completed and state.spent == 0
+    assert law.confidence(state) is None
+
+
+# -- pure ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("levels", [EXACT, NOISE.levels], ids=["ideal", "noisy"])
+def test_a_step_is_pure(levels):
+    log = driven("f1tenth", 3.0)
+    one, other = (build("f1tenth", inside(log, 1), levels) for _ in range(2))
+    states = follow(one, log.rows)
+
+    def bits(state: State) -> bytes:
+        return pickle.dumps((state[:5], state.memory, state.spent))
+
+    frozen = [bits(state) for state in states]
+    every = round(0.5 / log.dt)
+    for k in (
+        4 * every,
+        every - 1,
+        2 * every,
+        4 * every - 1,
+        3,
+    ):  # settling, closing a block …
+        for law in (one, other):
+            again = law.step(states[k], log.rows[k], log.rows[k + 1])
+            assert bits(again) == frozen[k + 1]
+    assert [bits(state) for state in states] == frozen
+
+
+def test_an_ending_keeps_the_memory_it_had():
+    log = driven("f1tenth", 1.0)
+    law = build("f1tenth", inside(log, 1))
+    state = follow(law, log.rows[:200])[-1]
+    broken = log.rows[200]._replace(v=np.nan * log.rows[200].v)
+    ended = law.step(state, log.rows[199], broken)
+    assert ended.status is Status.measurement_not_finite
+    assert ended.memory is state.memory and ended.spent == state.spent
+    assert (ended.theta_hat == state.theta_hat).all()
+
+
+@pytest.mark.parametrize("back", [0.0, -0.1, np.nan])
+def test_a_repeated_sample_is_refused(back):
+    log = driven("f1tenth", 1.0)
+    law = build("f1tenth", inside(log, 1))
+    state = follow(law, log.rows[:10])[-1]
+    with pytest.raises(InvalidInput, match="t"):
+        law.step(state, log.rows[9], log.rows[10]._replace(t=log.rows[9].t + back))
+
+
+# -- a run ---------------------------------------------------------------------------------------
+
+
+def scenario(name: str = "f1tenth", **changes) -> Scenario:
+    base = load(name)
+    assert isinstance(base.identifier, NullspaceAID)
+    short = {"duration": 4.0, "held_out": 1.0, "pe_window": 1.0, "record_every": 1}
+    return replace(base, identifier=replace(base.identifier, law="memory"), **(short | changes))
+
+
+@pytest.fixture(scope="module", params=["ideal", "noisy"])
+def finished(request, tmp_path_factory):
+    return run(scenario(sensors=request.param), tmp_path_factory.mktemp(request.param))
+
+
+def test_the_record_knows_what_was_spent_and_the_summary_what_is_known(finished):
+    record, summary = finished.record, metrics.summarize(finished)
+    steps = np.flatnonzero(np.diff(record["spent"])) + 1
+    number = record["t"][steps] / 0.5
+    np.testing.assert_allclose(number, np.round(number), atol=1e-9)
+    assert 6 <= len(number) <= 8  # an interval that surprises is waited for
+    assert summary["law"] == "memory" and summary["status"] == "completed"
+    assert summary["conserved_drift"] < 1e-4
+    stated = summary["confidence"]
+    assert stated["directions"] == summary["p"] - summary["r"] == len(stated["worst_known"]) + 3
+    assert 0 <= stated["covered"] <= 1 and len(stated["independent_samples"]) == summary["n"]
+    if summary["sensors"] == "ideal":
+        assert summary["lyapunov_violations"] == 0 and summary["lyapunov_bound"] < 0.01
+
+
+def test_a_log_is_replayed_to_the_bit(finished):
+    record, law = finished.record, finished.identifiers[""]
+    rows = [Measurement(float(t), q, v, u)
+            for t, q, v, u in zip(*(record[k] for k in "tqvu"), strict=True)]  # fmt: skip
+    states = follow(law, rows)
+    assert (np.array([s.theta_hat for s in states]) == record["theta_hat"]).all()
+    assert (np.array([s.spent for s in states]) == record["spent"]).all()
+
+
+def test_a_killed_run_is_rebuilt_from_its_record(finished, tmp_path):
+    whole = (finished.folder / FILE).read_bytes()
+    (tmp_path / FILE).write_bytes(whole[: round(0.8 * len(whole))])
+    summary = rebuild(tmp_path)
+    assert summary["status"] == "interrupted" and summary["sim_s"] > 1
+    assert summary["confidence"] is None  # a record has no memory
+    assert summary["conserved_drift"] < 1e-4  # what was spent is in the record
+    if summary["sensors"] == "ideal":
+        assert summary["lyapunov_violations"] == 0
+    assert (tmp_path / "report.html").is_file() and (tmp_path / "run.rrd").is_file()
+
+
+# -- as data -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", ["paper", "cone", "memory"])
+def test_a_law_is_a_flag_and_survives_json(law):
+    chosen, _ = parse("bluerov2", load("bluerov2"), ["--law", law, "--horizon", "30"])
+    assert isinstance(chosen.identifier, NullspaceAID)
+    assert chosen.identifier.law == law == law_of(chosen.identifier)
+    assert chosen.identifier.memory == MemoryConfig(horizon=30.0)
+    assert Scenario.from_json(chosen.to_json()) == chosen
+    assert chosen.identifier.in_cone == (law != "paper")
+
+
+def test_every_number_of_the_memory_is_a_flag():
+    words = ["--window", "0.2", "--block", "0.05", "--interval", "1", "--pace", "3",
+             "--anchor", "0.5", "--horizon", "20"]  # fmt: skip
+    chosen, _ = parse("bluerov2", load("bluerov2"), words)
+    assert isinstance(chosen.identifier, NullspaceAID)
+    memory = MemoryConfig(window=0.2, block=0.05, interval=1.0, pace=3.0, anchor=0.5, horizon=20.0)
+    assert chosen.identifier.memory == memory
+    assert chosen.hash != load("bluerov2").hash
+
+
+def test_without_a_barrier_there_is_no_memory():
+    with pytest.raises(InvalidInput) as caught:
+        NullspaceAID(law="memory", barrier=0.0)
+    assert caught.value.name == "identifier.barrier"

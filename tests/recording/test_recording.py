@@ -1,0 +1,500 @@
+"""Recordings: what is written is what was recorded, and no viewer can end a run."""
+
+from __future__ import annotations
+
+import functools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
+
+from nsaid_mj import (
+    ArmPlant,
+    Block,
+    BlueROV2Plant,
+    ConventionalAID,
+    FourierTracking,
+    MultisineCommand,
+    NullspaceAID,
+    ParameterSpace,
+    ScalarRovPlant,
+    Scenario,
+    recording,
+)
+from nsaid_mj import (
+    evaluation as metrics,
+)
+from nsaid_mj.errors import BadRun
+from nsaid_mj.experiment.loop import Run, run
+from nsaid_mj.identifiers import Status
+from nsaid_mj.plants.underwater import published
+from nsaid_mj.recording import forces, layout, live, scene, series, viewer
+from nsaid_mj.recording.file import spread
+from nsaid_mj.recording.text import drawable
+from nsaid_mj.systems.rigid_body import RigidBody
+
+ARM = Scenario(
+    plant=ArmPlant(robot="ur5", damping=2.0, friction=1.0, armature=0.1),
+    excitation=FourierTracking(fundamental=0.1, harmonics=5),
+    identifier=NullspaceAID(K=20.0, gain=1.0),
+    duration=0.3,
+    pe_window=0.1,
+    held_out=0.1,
+)
+ROV = Scenario(
+    plant=ScalarRovPlant(),
+    excitation=MultisineCommand(low=0.05, high=0.5, tones=8, amplitude=0.8),
+    identifier=NullspaceAID(K=5.0, gain=0.01),
+    rivals={"conventional": ConventionalAID(K=5.0, gain=0.01)},
+    duration=2.0,
+    dt=0.01,
+    pe_window=0.5,
+    held_out=1.0,
+)
+VEHICLE = Scenario(
+    plant=BlueROV2Plant(),
+    excitation=MultisineCommand(low=0.2, high=2.0, tones=4, amplitude=0.9),
+    identifier=NullspaceAID(K=10.0, gain=0.3),
+    duration=2.0,
+    dt=0.01,
+    pe_window=0.5,
+    held_out=0.5,
+)
+
+
+def recorded(scenario: Scenario, folder: Path) -> Run:
+    result = run(scenario, folder)
+    recording.write(result, metrics.summarize(result))
+    return result
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return recorded(ARM, tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def rov(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return recorded(ROV, tmp_path_factory.mktemp("rov"))
+
+
+@pytest.fixture(scope="module")
+def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return recorded(VEHICLE, tmp_path_factory.mktemp("vehicle"))
+
+
+@functools.cache
+def entities_of(file: Path) -> dict[str, dict[str, list]]:
+    entities: dict[str, dict[str, list]] = {}
+    for chunk in RrdReader(file).stream():
+        columns = entities.setdefault(str(chunk.entity_path), {})
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if name.startswith("Mesh3D:vertex_"):
+                columns[name] = [None]  # large, and not looked into
+                continue
+            if name == "log_time":  # nanoseconds since 1970, which datetime does not have
+                continue
+            columns.setdefault(name, []).extend(batch.column(name).to_pylist())
+    return entities
+
+
+def read(result: Run) -> dict[str, dict[str, list]]:
+    """Column name to values, by entity, over all of a recording's chunks."""
+    return entities_of(result.folder / recording.FILE)
+
+
+def seconds(time: object) -> float:
+    return time.total_seconds() if hasattr(time, "total_seconds") else float(time) * 1e-9  # type: ignore
+
+
+def test_an_arm_is_all_there(arm: Run) -> None:
+    entities = read(arm)
+    for name in ("velocity_error", "distance/NS-AID", "theta_perp", "share", "lyapunov",
+                 "conserved", "excitation/all", "excitation/perpendicular", "result",
+                 "estimate/motor_gain/estimated", "estimate/motor_gain/true_direction",
+                 "estimate/link_6/estimated"):  # fmt: skip
+        assert f"/{name}" in entities
+    meshes = [
+        e for e in entities if e.startswith("/robot/") and "Mesh3D:vertex_positions" in entities[e]
+    ]
+    assert len(meshes) == len(arm.plant.visuals()) > 0
+    assert all("Transform3D:translation" in entities[mesh] for mesh in meshes)
+
+
+@pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
+def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
+    which: str, request: pytest.FixtureRequest
+) -> None:
+    result: Run = request.getfixturevalue(which)
+    entities, space = read(result), result.plant.system.space
+    for block, place in space:
+        name = "".join(c if c.isalnum() else "_" for c in block.name)
+        columns = entities[f"/estimate/{name}/estimated"]
+        values = [v for v in columns["Scalars:scalars"] if v]
+        expected = result.record["theta_hat"][-1, place] / space.scale[place]
+        assert values[-1] == expected.tolist()
+        times = [seconds(time) for time in columns["sim_time"] if time is not None]
+        assert times[-1] == pytest.approx(result.record["t"][-1], abs=1e-9)
+        assert times[-1] == pytest.approx(result.scenario.duration, abs=1e-9)
+
+
+def test_the_distance_is_the_summarys_and_rivals_have_theirs(rov: Run) -> None:
+    entities, summary = read(rov), metrics.summarize(rov)
+    for name, numbers in (("NS-AID", summary), ("conventional", summary["rivals"]["conventional"])):
+        values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
+        assert values[0][0] == numbers["theta_perp_ratio_initial"]
+        assert values[-1][0] == numbers["theta_perp_ratio"]
+        assert f"/velocity_rms/{name}" in entities
+
+
+def test_the_true_direction_is_the_projection_of_the_estimate(rov: Run) -> None:
+    entities, space = read(rov), rov.plant.system.space
+    estimate, truth = rov.record["theta_hat"][-1] / space.scale, rov.plant.truth / space.scale
+    paths = [f"/estimate/{b.name.replace(' ', '_')}/true_direction" for b, _ in space]
+    shown = np.array([entities[path]["Scalars:scalars"][-1] for path in paths]).ravel()
+    assert shown @ (estimate - shown) == pytest.approx(0, abs=1e-12)
+    assert np.linalg.matrix_rank(np.stack([shown, truth])) == 1
+
+
+@pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
+def test_rerun_verifies_the_file_and_nothing_else_is_left(
+    which: str, request: pytest.FixtureRequest
+) -> None:
+    result: Run = request.getfixturevalue(which)
+    file = result.folder / recording.FILE
+    assert subprocess.call([*viewer.program(), "rrd", "verify", str(file)]) == 0
+    assert not list(result.folder.glob(".*"))
+
+
+def test_series_have_names_with_units_that_the_viewer_can_draw(arm: Run) -> None:
+    for entity, columns in read(arm).items():
+        for names in columns.get("SeriesLines:names", []):
+            assert all(name == drawable(name) for name in names)
+            assert all(name.endswith("]") for name in names if name != "true direction"), entity
+
+
+def test_the_text_says_what_came_out(arm: Run) -> None:
+    text = read(arm)["/result"]["TextDocument:text"][0][0]
+    assert "completed" in text and "57 of 84" in text and "gain_6" in text
+    assert text == drawable(text)
+
+
+def test_a_robot_without_meshes_is_drawn_by_its_joints(tmp_path: Path) -> None:
+    scenario = Scenario(plant=ArmPlant(robot="double_pendulum_simple"), duration=0.1, held_out=0.1)
+    result = run(scenario, tmp_path)
+    drawn = scene.Scene(result.plant)
+    if result.plant.visuals():
+        pytest.skip("it has meshes now")
+    assert not drawn.empty
+    recording.write(result, metrics.summarize(result))
+    assert "LineStrips3D:strips" in read(result)["/robot/links"]
+
+
+def test_a_sharp_edge_stays_sharp_and_a_flat_face_flat() -> None:
+    corners = np.array(np.meshgrid([0.0, 1], [0.0, 1], [0.0])).reshape(3, 4).T
+    vertices = np.vstack([corners, [[0, 0, 1], [1, 0, 1]]])
+    triangles = np.array([[0, 2, 1], [1, 2, 3], [0, 1, 4]])
+    _, faces, normals = scene.shaded(vertices, triangles)
+    assert faces.shape == (3, 3)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
+    np.testing.assert_allclose(np.abs(normals[:6, 2]), 1)
+    np.testing.assert_allclose(normals[6:, 2], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("length", "most"), [(2, 4000), (4000, 4000), (4001, 4000), (60001, 4000)])
+def test_decimation_keeps_both_ends(length: int, most: int) -> None:
+    rows = spread(length, most)
+    assert rows[0] == 0 and rows[-1] == length - 1 and len(rows) <= most + 1
+    assert np.all(np.diff(rows) > 0)
+
+
+def test_reruns_warnings_are_errors() -> None:
+    rec = rr.RecordingStream("nsaid_mj test")
+    with pytest.raises(RerunWarning):
+        rec.log("x", rr.Scalars("no number"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
+def test_no_view_is_on_two_pages(which: str, request: pytest.FixtureRequest) -> None:
+    result: Run = request.getfixturevalue(which)
+    space, drawn = result.plant.system.space, scene.Scene(result.plant)
+    camera = drawn.camera(result.record["q"], result.record["v"])
+    for kind in ("motor gain", ""):
+        whole = layout.blueprint(space, camera, farthest=1.0, shared=kind, conserves=True)
+        found, waiting = [], [whole.root_container]
+        while waiting:
+            part = waiting.pop()
+            found.append(part.id)  # Rerun complains of one that has two parents
+            waiting += getattr(part, "contents", []) if hasattr(part, "kind") else []
+        assert len(found) == len(set(found)) > 10
+
+
+# -- vehicles ------------------------------------------------------------------------------------
+
+
+def column(entities: dict[str, dict[str, list]], entity: str, name: str) -> np.ndarray:
+    """The values of an entity's column, where it has any."""
+    return np.array([value for value in entities[f"/{entity}"][name] if value is not None])
+
+
+def drawn_rows(result: Run, entities: dict[str, dict[str, list]], entity: str) -> np.ndarray:
+    """The record's rows that an entity's values are of, by their times."""
+    times = [seconds(t) for t in entities[f"/{entity}"]["sim_time"] if t is not None]
+    rows = np.round(np.array(times) / result.scenario.dt).astype(int)
+    np.testing.assert_allclose(result.record["t"][rows], times, atol=1e-9)
+    return rows
+
+
+def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: Run) -> None:
+    entities, record, space = read(vehicle), vehicle.record, vehicle.plant.system.space
+    body = scene.BODY
+    rows = drawn_rows(vehicle, entities, body)
+    assert len(rows) > 60
+    q, u = record["q"][rows], record["u"][rows]
+    places = column(entities, body, "Transform3D:translation")[:, 0]
+    attitudes = column(entities, body, "Transform3D:quaternion")[:, 0]
+    np.testing.assert_allclose(np.hstack([places, attitudes]), q, atol=1e-6)
+
+    # As MuJoCo has them: the published thrusters, each with its own true gain.
+    thrusters, gains = published(), vehicle.plant.truth[space["thruster gain"]]
+    powers = u[..., None] ** (2 * np.arange(len(thrusters.curve)) + 1)
+    thrust = (powers @ thrusters.curve * gains)[..., None] * thrusters.directions
+    assert (drawn_rows(vehicle, entities, forces.COMMANDED) == rows).all()
+    origins = column(entities, forces.COMMANDED, "Arrows3D:origins")
+    vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")
+    assert origins.shape == vectors.shape == (len(rows), 8, 3)
+    np.testing.assert_allclose(
+        origins, np.broadcast_to(thrusters.positions, origins.shape), atol=1e-6
+    )
+    length = (vectors * thrust).sum() / (thrust**2).sum()
+    assert length > 0
+    np.testing.assert_allclose(vectors, length * thrust, atol=1e-5)
+    longest = np.linalg.norm(vectors, axis=2).max(axis=1)
+    assert 0.15 < np.sqrt(np.mean(longest**2)) < 0.4  # the vehicle is half a metre long
+
+    # The estimated ones stand beside them, and differ by what the gains' shares are wrong.
+    beside = column(entities, forces.ESTIMATED, "Arrows3D:origins") - origins
+    assert 0 < np.linalg.norm(beside, axis=2).min() <= np.linalg.norm(beside, axis=2).max() < 0.05
+    theta_s, true_s = record["theta_hat"][rows] / space.scale, vehicle.plant.truth / space.scale
+    factor = theta_s @ true_s / (true_s @ true_s)
+    k = space["thruster gain"]
+    share = record["theta_hat"][rows][:, k] / vehicle.plant.truth[k] / factor[:, None]
+    assert np.abs(share - 1).max() > 0.05
+    estimated = column(entities, forces.ESTIMATED, "Arrows3D:vectors")
+    np.testing.assert_allclose(estimated, share[..., None] * vectors, atol=1e-5)
+
+
+def test_an_arm_has_neither_forces_nor_a_path(arm: Run) -> None:
+    assert not {f"/{forces.COMMANDED}", f"/{scene.PATH}"} & set(read(arm))
+
+
+def test_a_heaving_vehicles_force_is_upright(rov: Run) -> None:
+    entities = read(rov)
+    rows = drawn_rows(rov, entities, forces.COMMANDED)
+    vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")[:, 0]
+    u = rov.record["u"][rows, 0]
+    np.testing.assert_allclose(vectors, np.outer(u, [0, 0, vectors[-1, 2] / u[-1]]), atol=1e-6)
+    heights = column(entities, scene.BODY, "Transform3D:translation")[:, 0]
+    np.testing.assert_allclose(heights, np.outer(rov.record["q"][rows], [0, 0, 1]), atol=1e-6)
+
+
+def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: Run) -> None:
+    entities = read(vehicle)
+    rows = drawn_rows(vehicle, entities, scene.BODY)
+    places = vehicle.record["q"][rows, :3]
+    for way in (scene.PATH, scene.TRAIL):
+        assert (drawn_rows(vehicle, entities, way) == rows[1:]).all()
+        steps = column(entities, way, "LineStrips3D:strips")[:, 0]
+        np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
+
+
+def test_the_meshes_of_a_vehicle_move_as_one_and_as_mujoco_has_them(vehicle: Run) -> None:
+    entities, plant = read(vehicle), vehicle.plant
+    q = vehicle.record["q"][-1:]
+    translations, quaternions = plant.poses(q)
+    R = scene._rotate(q[:, 3:], np.eye(3))[0].T
+    meshes = sorted(e for e in entities if "Mesh3D:vertex_positions" in entities[e])
+    assert len(meshes) == len(plant.visuals())
+    for i, mesh in enumerate(meshes):
+        place = column(entities, mesh[1:], "Transform3D:translation")
+        turn = column(entities, mesh[1:], "Transform3D:quaternion")
+        assert len(place) == len(turn) == 1  # once and for all
+        np.testing.assert_allclose(q[0, :3] + R @ place[0, 0], translations[0, i], atol=1e-6)
+        there = scene._rotate(turn[0], np.eye(3))[0].T
+        world = scene._rotate(quaternions[:, i], np.eye(3))[0].T
+        np.testing.assert_allclose(R @ there, world, atol=1e-6)
+
+
+class Sled(RigidBody):
+    """In the plane: a jet astern, one abeam, a torque, which has no place, and a weak fin."""
+
+    def __init__(self) -> None:
+        blocks = (
+            Block("mass", ("m",), ("kg",), np.ones(1)),
+            Block("jet", ("astern", "abeam", "torque"), ("N",) * 3, np.ones(3), actuator=True),
+            Block("fin", ("lift", "drag"), ("N",) * 2, np.ones(2), actuator=True),
+        )
+        mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3, [1, 0, 0], [1, 0, 0]])
+        tensor = np.eye(3)[..., None] * np.eye(6)[0]
+        super().__init__(ParameterSpace(blocks), tensor, 3, mounts)
+
+    def _F(self, t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+        turning = [0.3, 0.4, 1.0]  # a jet turns too, and that is no force across the plane
+        fin = 0.02 * np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
+        return np.hstack([np.zeros((3, 1)), np.vstack([np.diag(u)[:2], turning * u]), fin])
+
+    def random_state(self, rng: np.random.Generator):
+        return np.zeros(3), np.zeros(3), rng.uniform(-1, 1, 3)
+
+
+def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: Path) -> None:
+    u = np.array([[1.0, 2, 9], [-1.0, -2, 9]])
+    rows = forces.Rows(np.array([0.0, 1]), np.zeros((2, 3)), np.zeros((2, 3)), u)
+    theta = np.array([1.0, 3, 4, 5, 6, 7])
+    arrows = forces.Arrows.of(Sled(), 2.0, rows, theta)
+    assert arrows is not None
+    assert [p.tolist() for p in arrows.parts] == [[1], [2], [4, 5]]
+    # 8 N over 0.02·‖(6, 7)‖ N, so that fins are drawn 43 times as long at most
+    assert arrows.magnified == {"fin": 20.0}
+    assert arrows.lengths[:, 0].tolist() == [arrows.lengths[0, 0] * n for n in (1, 1, 20)]
+    file = tmp_path / "sled.rrd"
+    rec = rr.RecordingStream("nsaid_mj test")
+    rec.save(file)
+    arrows.log_style(rec, forces.COMMANDED)
+    arrows.log(rec, forces.COMMANDED, rows, theta)
+    rec.disconnect()
+    entities = entities_of(file)
+    vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")
+    fin = [-0.14, 0.12, 0]
+    expected = np.array([[[3.0, 0, 0], [0, 8, 0], fin], [[-3.0, 0, 0], [0, -8, 0], fin]])
+    np.testing.assert_allclose(vectors, arrows.lengths * expected, rtol=1e-6)
+    up = 2.5 * arrows.radius  # they lie on the ground
+    origins = column(entities, forces.COMMANDED, "Arrows3D:origins")
+    np.testing.assert_allclose(origins[0, 0] + vectors[0, 0], [-1, 0, up], atol=1e-6)  # inwards
+    np.testing.assert_allclose(origins[0, 1], [0, 0.5, up], atol=1e-6)
+    np.testing.assert_allclose(origins[1, 0], [-1, 0, up], atol=1e-6)
+    np.testing.assert_allclose(origins[1, 1] + vectors[1, 1], [0, 0.5, up], atol=1e-6)  # inwards
+    across = np.einsum("ja,ja->j", arrows.beside, [[1.0, 0, 0], [0, 1, 0], fin])
+    np.testing.assert_allclose(across, 0, atol=1e-12)
+
+
+def test_a_bodys_velocities_have_their_names(vehicle: Run, arm: Run) -> None:
+    assert series.velocity_names(vehicle.plant)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
+    assert series.velocity_names(vehicle.plant, "")[5] == "yaw rate [rad/s]"
+    assert series.velocity_names(arm.plant)[0] == "Δv_1 [rad/s]"
+
+
+def test_a_large_block_has_a_page_of_its_own(vehicle: Run, arm: Run) -> None:
+    def names(result: Run) -> list[object]:
+        return [page.name for page in layout.estimates(result.plant.system.space)]
+
+    assert names(vehicle) == ["Estimate", "Mass matrix"]
+    assert names(arm) == ["Estimate", "Links"]
+
+
+# -- live ----------------------------------------------------------------------------------------
+
+
+def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording.Live, "_serve", lambda self: "")
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_, **__: None)
+
+
+def test_live_without_a_display_serves_this_machine_and_ends_its_server(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    no_display(monkeypatch)
+    started: list[list[str]] = []
+    servers: list[subprocess.Popen[bytes]] = []
+
+    def launch(flags: list[str], **rest: bool) -> subprocess.Popen[bytes]:
+        started.append(flags)
+        servers.append(real(flags, **rest))
+        return servers[-1]
+
+    real = live._launch
+    monkeypatch.setattr(live, "_launch", launch)
+    result = run(ROV, tmp_path, recording.Live("rov"))
+    assert result.ending.status is Status.completed
+    assert "http://127.0.0.1:" in capfd.readouterr().err
+    assert started[0][:3] == ["--serve-web", "--bind", "127.0.0.1"]
+    assert servers[0].poll() is not None
+
+
+@pytest.mark.parametrize("where", ["start", "see"])
+def test_a_viewer_that_fails_ends_no_run(
+    where: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    no_display(monkeypatch)
+    monkeypatch.setattr(live, "program", lambda: [sys.executable, "-c", "raise SystemExit(3)"])
+    if where == "see":
+        no_connection(monkeypatch)
+        monkeypatch.setattr(recording.Live, "_see", lambda *_: 1 / 0)
+    result = run(ROV, tmp_path, recording.Live("rov"))
+    assert result.ending.status is Status.completed
+    told = [x for x in capfd.readouterr().err.splitlines() if x.startswith("nsaid:")]
+    assert len(told) == 1 and "goes on without a viewer" in told[0]
+
+
+def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    no_display(monkeypatch)
+    no_connection(monkeypatch)
+    plant = ROV.plant.build(ROV.dt, 0)
+    monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
+    observer = recording.Live("rov")
+    observer._start(plant)
+    observer._rec = None
+    observer.stop()
+
+
+def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    no_display(monkeypatch)
+    no_connection(monkeypatch)
+    file = tmp_path / "live.rrd"
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
+    monkeypatch.setattr(live, "_PERIOD", 0.0)
+    monkeypatch.setattr(live, "_SHARE", 0)
+    result = run(VEHICLE, tmp_path / "run", recording.Live("vehicle"))
+    entities = entities_of(file)
+    rows = drawn_rows(result, entities, forces.ESTIMATED)
+    assert len(rows) > 20 and f"/{forces.COMMANDED}" not in entities
+    assert column(entities, forces.ESTIMATED, "Arrows3D:vectors").shape == (len(rows), 8, 3)
+    steps = column(entities, scene.TRAIL, "LineStrips3D:strips")[:, 0]
+    places = result.record["q"][rows, :3]
+    np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
+
+
+# -- viewer --------------------------------------------------------------------------------------
+
+
+def test_the_viewers_command_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    no_display(monkeypatch)
+    with pytest.raises(BadRun, match="--web"):
+        viewer.viewer_command(Path("run.rrd"), web=False)
+    command = viewer.viewer_command(Path("run.rrd"), web=True)
+    assert "--serve-web" in command
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+
+
+def test_the_viewers_command_with_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    command = viewer.viewer_command(Path("run.rrd"), web=False)
+    assert "--serve-web" not in command
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    assert Path(command[0]).is_file() and os.access(command[0], os.X_OK)
+    assert Path(command[0]).parent.name != "bin"  # the program itself, not the console script

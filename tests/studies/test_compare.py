@@ -1,0 +1,277 @@
+"""`nsaid compare`: the same log, prior and figures for all; failures told, nothing swallowed."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from nsaid_mj.baselines import BATCH, Estimate
+from nsaid_mj.cli.commands import command
+from nsaid_mj.errors import BadRun, InvalidInput, NoEstimate, UnknownName
+from nsaid_mj.experiment.library import load
+from nsaid_mj.identifiers import ConventionalAID
+from nsaid_mj.studies import compare
+from nsaid_mj.studies.compare import PRIOR, Cell, Plan, World, rows, tell
+from nsaid_mj.studies.compare_plots import draw
+
+SCALAR = load("scalar_rov")
+
+
+def plan(**changes):
+    given = {"methods": ("paper", "ols"), "seeds": (0,), "durations": (2.0, 4.0)}
+    return Plan(SCALAR, **(given | changes))
+
+
+def cells(**changes):
+    return list(compare.compare(plan(**changes)))
+
+
+# -- the plan --------------------------------------------------------------------------------
+
+
+def test_an_unknown_method_is_told_with_near_ones():
+    with pytest.raises(UnknownName) as caught:
+        plan(methods=("wsl",))
+    assert "wls" in caught.value.near
+    assert set(BATCH) | {"paper", "cone", "conventional", "sysid"} <= set(caught.value.choices)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"methods": ()},
+        {"methods": ("ols", "ols")},
+        {"seeds": ()},
+        {"seeds": (-1,)},
+        {"durations": (0.0,)},
+        {"durations": (np.inf,)},
+        {"noises": (-1.0,)},
+        {"noises": (np.nan,)},
+        {"budget": 0.0},
+    ],
+)
+def test_a_plan_that_cannot_be_run_is_refused(changes):
+    with pytest.raises(InvalidInput):
+        plan(**changes)
+
+
+def test_a_scenario_of_another_identifier_is_refused():
+    with pytest.raises(InvalidInput, match="NullspaceAID"):
+        Plan(replace(SCALAR, identifier=ConventionalAID()))
+
+
+def test_every_law_can_be_compared():
+    """A law that is added to NullspaceAID is a method without a line here."""
+    laws = compare.LAWS
+    assert {"paper", "cone"} <= set(laws)
+    found = cells(methods=laws, durations=(1.0,))
+    assert [cell.method for cell in found] == [PRIOR, *laws]
+    assert not any(cell.failure for cell in found)
+
+
+# -- the cells -------------------------------------------------------------------------------
+
+
+def test_there_is_a_cell_for_everything_and_the_prior_does_not_learn():
+    found = cells(seeds=(0, 3), noises=(0.0, 1.0))
+    keys = {(c.method, c.seed, c.noise, c.duration) for c in found}
+    assert len(found) == len(keys) == 3 * 2 * 2 * 2
+    for seed in (0, 3):
+        priors = {c.theta_perp_ratio for c in found if c.method == PRIOR and c.seed == seed}
+        assert len(priors) == 1  # one prior for all lengths and all noises
+    assert len({c.theta_perp_ratio for c in found if c.method == PRIOR}) == 2
+
+
+def test_the_same_plan_gives_the_same_figures():
+    first, second = cells(noises=(1.0,)), cells(noises=(1.0,))
+    assert [replace(c, wall_s=None) for c in first] == [replace(c, wall_s=None) for c in second]
+
+
+def test_a_longer_comparison_has_the_same_short_cells():
+    """Every method gets the first seconds of one log."""
+    short, long = cells(durations=(2.0,)), cells(durations=(2.0, 4.0))
+    assert [c.theta_perp_ratio for c in short] == [
+        c.theta_perp_ratio for c in long if c.duration == 2.0
+    ]
+
+
+def test_noise_is_a_multiple_of_the_scenarios_and_stated_so():
+    exact, half, double = (World(plan(noises=(x,)), 0, x)._problem for x in (0.0, 0.5, 2.0))
+    assert exact.noise.exact
+    assert half.noise.velocity == 0.5 * SCALAR.noise.velocity
+    assert double.noise.position == 2.0 * SCALAR.noise.position
+    rough = [np.std(np.diff(p.log.v[:, 0], n=3)) for p in (half, double)]
+    assert rough[1] / rough[0] == pytest.approx(4.0, rel=0.2)
+
+
+def test_a_method_that_fails_says_why_and_the_others_go_on(monkeypatch):
+    def lost(_):
+        raise NoEstimate("it got lost", "Look again.")
+
+    def singular(_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setitem(BATCH, "ols", lost)
+    monkeypatch.setitem(BATCH, "wls", singular)
+    monkeypatch.setitem(BATCH, "tls", lambda p: Estimate(np.full_like(p.prior, np.nan)))
+    found = {c.method: c for c in cells(methods=("ols", "wls", "tls", "rls"), durations=(2.0,))}
+    assert found["ols"].failure == "it got lost. Look again."
+    assert "Singular matrix" in found["wls"].failure
+    assert "not finite" in found["tls"].failure
+    assert found["ols"].theta_perp_ratio is None
+    assert not found["rls"].failure and found["rls"].theta_perp_ratio is not None
+
+
+def test_a_mistake_of_ours_is_not_a_failure_of_a_method(monkeypatch):
+    def broken(_):
+        raise TypeError("a mistake")
+
+    monkeypatch.setitem(BATCH, "ols", broken)
+    with pytest.raises(TypeError, match="a mistake"):
+        cells()
+
+
+def test_a_plant_that_diverges_fails_all_methods(monkeypatch):
+    def diverge(*_):
+        raise NoEstimate("the plant diverged (qacc)", "Take a smaller dt.")
+
+    monkeypatch.setattr(World, "__init__", diverge)
+    found = cells()
+    assert len(found) == 6
+    assert all("diverged" in cell.failure for cell in found)
+
+
+def test_a_method_that_is_for_arms_says_so_elsewhere():
+    (_, cell) = cells(methods=("sysid",), durations=(2.0,))
+    assert "arms" in cell.failure
+
+
+def test_a_fault_changes_the_truth_that_judges():
+    from nsaid_mj import Fault
+
+    rover = load("bluerov2")
+    struck = replace(rover.plant, fault=Fault(actuator=1, loss=0.4, time=2.0))
+    here = Plan(replace(rover, plant=struck), methods=("ols",), seeds=(0,), durations=(1.5, 3.0))
+    before, after = (c for c in compare.compare(here) if c.method == PRIOR)
+    assert before.actuator_ratio_error != after.actuator_ratio_error
+
+
+# -- what is told ----------------------------------------------------------------------------
+
+
+def test_a_failed_seed_counts_as_infinite():
+    made = [Cell("ols", seed, 0.0, 1.0, 0.1 * seed, 0.1, None, 1.0) for seed in (1, 2)]
+    made.append(Cell("ols", 3, 0.0, 1.0, failure="it got lost"))
+    (row,) = rows(made)
+    assert row.median["theta_perp_ratio"] == 0.2
+    assert row.best["theta_perp_ratio"] == 0.1
+    assert row.worst["theta_perp_ratio"] == np.inf
+    assert row.median["force_residual_ratio"] == np.inf
+    assert row.failures == ("it got lost",)
+
+
+def test_the_table_fits_a_terminal_and_tells_failures():
+    made = [
+        Cell(m, seed, noise, 20.0, 1.234e-3, 2.345e-3, 3.456e-3, 12.3, "cut-off 4 Hz")
+        for m in compare.METHODS
+        for seed in (0, 1)
+        for noise in (0.0, 0.3)
+    ]
+    made.append(Cell("ekf", 2, 0.0, 20.0, failure="M̂ not positive definite [at] t = 1 s"))
+    stream = io.StringIO()
+    tell(made, Console(file=stream, width=80, highlight=False))
+    table, failures = stream.getvalue().split("Medians over the seeds")
+    assert "1.2e-3 (–)" in table and "…" not in table
+    assert "[at] t = 1 s" in failures
+    for method in compare.METHODS:
+        assert method in table
+
+
+def test_the_plots_are_those_that_the_cells_suffice_for(tmp_path):
+    def made(durations, noises):
+        return [
+            Cell(m, s, x, d, 1e-3 * d, 1e-2 + x, None, 1.0 + d)
+            for m in (PRIOR, "ols", "memory")
+            for s in (0, 1)
+            for d in durations
+            for x in noises
+        ]
+
+    every = draw(tmp_path, made((1.0, 2.0), (0.0, 1.0)))
+    assert [p.name for p in every] == ["data_length.png", "noise.png", "wall_time.png"]
+    assert all(p.read_bytes().startswith(b"\x89PNG") for p in every)
+    assert [p.name for p in draw(tmp_path, made((1.0,), (0.0,)))] == ["wall_time.png"]
+    assert draw(tmp_path, []) == []
+
+
+# -- the command -----------------------------------------------------------------------------
+
+
+def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
+    code = command(
+        ["compare", "scalar_rov", "--methods", "paper,ols", "--seeds", "0:2", "--durations", "2,4",
+         "--sensors", "ideal,noisy", "--noise-scales", "0.5,2", "--out", str(tmp_path / "out"),
+         "--initial-error", "0.2"]
+    )  # fmt: skip
+    assert code == 0
+    printed = capsys.readouterr().out
+    assert "exact sensors, 4 s" in printed and "2 × noise, 2 s" in printed
+    found = json.loads((tmp_path / "out" / "compare.json").read_text())
+    assert found["noises"] == [0.0, 0.5, 2.0] and found["seeds"] == [0, 1]
+    assert json.loads(found["scenario"])["initial_error"] == 0.2
+    assert len(found["cells"]) == 3 * 2 * 2 * 3
+    with (tmp_path / "out" / "compare.csv").open() as stream:
+        lines = list(csv.DictReader(stream))
+    assert [float(line["theta_perp_ratio"]) for line in lines] == [
+        cell["theta_perp_ratio"] for cell in found["cells"]
+    ]
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"compare.json", "compare.csv", "data_length.png", "noise.png",
+                     "wall_time.png"}  # fmt: skip
+
+
+def test_as_json_it_prints_nothing_else(tmp_path, capsys):
+    command(["compare", "scalar_rov", "--methods", "ols", "--seeds", "1", "--durations", "2",
+             "--out", str(tmp_path), "--json"])  # fmt: skip
+    assert json.loads(capsys.readouterr().out)["methods"] == ["ols"]
+
+
+@pytest.mark.parametrize(
+    "flags, told",
+    [
+        (["--seeds", "a"], "0:10"),
+        (["--seeds", "3:1"], "one or more"),
+        (["--durations", "ten"], "numbers between commas"),
+        (["--noise-scales", "1,x"], "numbers between commas"),
+        (["--sensors", "loud"], "kind of sensors"),
+        (["--methods", "magic"], "no method"),
+        (["--seed", "3"], "--seeds"),
+        (["--duration=3"], "--durations"),
+    ],
+)
+def test_bad_flags_say_what_would_be_accepted(flags, told):
+    with pytest.raises((InvalidInput, UnknownName), match=told):
+        command(["compare", "scalar_rov", *flags])
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(World, "__init__", lambda *_: pytest.fail("it has begun"))
+    with pytest.raises(BadRun, match="--out"):
+        compare.run(plan(), tmp_path / "file" / "out", quiet=True)
+
+
+def test_stopped_by_ctrl_c_it_writes_what_it_has(tmp_path, monkeypatch):
+    def stopped(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(BATCH, "ols", stopped)
+    monkeypatch.setattr(World, "warm_up", lambda _: None)
+    with pytest.raises(KeyboardInterrupt):
+        compare.run(plan(), tmp_path, quiet=True)
+    found = json.loads((tmp_path / "compare.json").read_text())
+    assert [cell["method"] for cell in found["cells"]] == [PRIOR, "paper"]

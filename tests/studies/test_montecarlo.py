@@ -1,0 +1,330 @@
+"""Many identifiers at once give what each gives alone, however many there are and at once."""
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from nsaid_mj import (
+    ArmPlant,
+    BlueROV2Plant,
+    FourierTracking,
+    MultisineCommand,
+    NullspaceAID,
+    ScalarRovPlant,
+    Scenario,
+)
+from nsaid_mj import (
+    evaluation as metrics,
+)
+from nsaid_mj.cli.commands import command
+from nsaid_mj.errors import BadRun, InvalidInput
+from nsaid_mj.experiment import loop as experiment
+from nsaid_mj.experiment import setup
+from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid, rk4
+from nsaid_mj.identifiers.base import Estimates
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.log import Log
+from nsaid_mj.studies import montecarlo, sweep_results
+from nsaid_mj.studies.montecarlo import Course, Plan, monte_carlo
+
+ARM = Scenario(
+    ArmPlant("double_pendulum", backend="compiled"), FourierTracking(0.2),
+    NullspaceAID(gain=0.3), duration=1.2,
+)  # fmt: skip
+BOAT = Scenario(
+    BlueROV2Plant(), MultisineCommand(0.1, 1.0), NullspaceAID(6.0, 0.6), duration=6.0, dt=0.01
+)
+SCENARIOS = {
+    "arm": ARM,
+    "arm, cone": replace(ARM, identifier=NullspaceAID(gain=0.3, law="cone")),
+    "arm, Pinocchio": replace(ARM, plant=ArmPlant("double_pendulum"), duration=0.2),
+    "arm, noise": replace(ARM, sensors="noisy"),
+    "arm, memory": replace(
+        ARM, identifier=NullspaceAID(law="memory", memory=MemoryConfig(interval=0.1)), duration=0.6
+    ),
+    "boat": BOAT,
+    "number": Scenario(ScalarRovPlant(), MultisineCommand(), duration=3.0, dt=0.01),
+}
+every = pytest.mark.parametrize("name", SCENARIOS)
+FEW = 5
+
+
+def figures(rows: list[dict]) -> list[dict]:
+    """Rows without what they cost."""
+    costs = sweep_results.COSTS
+    return [{key: value for key, value in row.items() if key not in costs} for row in rows]
+
+
+def course_of(scenario: Scenario) -> Course:
+    (course,) = montecarlo.simulate([scenario], montecarlo.ThreadPoolExecutor(1))
+    return course
+
+
+def stepped(course: Course, scenario: Scenario) -> State:
+    """The last state of a draw, one `step` after the other."""
+    prior = setup.draw_for(scenario, course.plant)
+    law = setup.laws_for(scenario, course.plant.system, prior)[""]
+    state = law.init(course.log.at(0))
+    for previous, now in pairwise(course.log.rows):
+        state = law.step(state, previous, now)
+    return state
+
+
+@every
+def test_runs_do_not_depend_on_how_many_there_are_or_are_made_at_once(name):
+    rows = figures(monte_carlo(SCENARIOS[name], FEW, jobs=1))
+    assert figures(monte_carlo(SCENARIOS[name], 9, jobs=2))[:FEW] == rows
+    assert len({row["theta_perp_ratio"] for row in rows}) == FEW  # draws differ
+    assert [row["run"] for row in rows] == list(range(FEW))
+
+
+@every
+def test_a_run_is_the_identifier_s_own_steps(name):
+    scenario = SCENARIOS[name]
+    rows, course = monte_carlo(scenario, 2, jobs=2), course_of(scenario)
+    for row in rows:
+        state = stepped(course, replace(scenario, seed=row["seed"]))
+        assert state.status.words == row["status"]
+        assert row["theta_perp_ratio"] == float(course.ratio(state.theta_hat))
+
+
+@pytest.mark.parametrize("name", ["arm", "arm, noise", "boat"])
+def test_plants_of_their_own_are_runs_of_their_seeds(name, tmp_path):
+    scenario = SCENARIOS[name]
+    rows = monte_carlo(scenario, 3, jobs=2, shared=False)
+    assert len({row["theta_perp_ratio_initial"] for row in rows}) == 3
+    alone = experiment.run(replace(scenario, seed=rows[2]["seed"]), tmp_path)
+    course = course_of(alone.scenario)
+    assert np.array_equal(course.truth, alone.plant.truth)
+    for key, part in zip("tqvu", course.log, strict=True):
+        assert np.array_equal(part, alone.record[key])
+    last = alone.record["theta_hat"][-1]
+    assert rows[2]["theta_perp_ratio"] == float(course.ratio(last))
+    summary = metrics.summarize(alone)
+    for key in ("status", "status_time", "actuator_ratio_error"):
+        assert rows[2][key] == summary[key], key
+    for key in ("theta_perp_ratio", "theta_perp_ratio_initial"):
+        assert rows[2][key] == pytest.approx(summary[key], rel=1e-12), key
+
+
+def test_other_plants_have_other_truths():
+    with montecarlo.ThreadPoolExecutor(2) as pool:
+        one, other = montecarlo.simulate([replace(BOAT, seed=k) for k in (1, 2)], pool)
+    assert not np.array_equal(one.truth, other.truth)
+    assert not np.array_equal(one.log.v, other.log.v)
+
+
+def test_a_diverging_identifier_loses_only_itself(monkeypatch):
+    """One of the group adapts far too fast."""
+    want, laws_for = figures(monte_carlo(ARM, FEW, jobs=1)), montecarlo.laws_for
+    seed = want[2]["seed"]
+
+    def mixed(scenario, system, prior):
+        hot = replace(scenario.identifier, gain=1e6 if scenario.seed == seed else 0.3)
+        return laws_for(replace(scenario, identifier=hot), system, prior)
+
+    monkeypatch.setattr(montecarlo, "laws_for", mixed)
+    monkeypatch.setattr(montecarlo, "_GROUP", FEW)
+    found = figures(monte_carlo(ARM, FEW, jobs=1))
+    assert found[2]["status"] != Status.completed.words and found[2]["status_time"] < ARM.duration
+    assert found[2]["time_to_converge"] is None
+    assert found[:2] + found[3:] == want[:2] + want[3:]
+
+
+@pytest.mark.parametrize("gain,drift,status", [
+    (1e6, 1e-3, Status.estimate_not_positive_definite), (1e3, 0.0, Status.adaptation_too_fast),
+])  # fmt: skip
+def test_a_lost_run_ends_as_it_does_alone(gain, drift, status, monkeypatch, tmp_path):
+    for module in (montecarlo, experiment):
+        monkeypatch.setattr(module, "DRIFT", drift)
+    scenario = replace(ARM, identifier=NullspaceAID(gain=gain))
+    rows = monte_carlo(scenario, 2, shared=False)
+    for k, row in enumerate(rows):
+        alone = experiment.run(replace(scenario, seed=row["seed"]), tmp_path / str(k))
+        assert (row["status"], row["status_time"]) == (
+            alone.ending.status.words, alone.ending.time
+        )  # fmt: skip
+        assert row["status"] == status.words
+
+
+def test_a_plant_that_diverges_ends_its_runs():
+    wild = replace(BOAT, dt=0.5, duration=200.0, identifier=NullspaceAID(K=1.0, gain=1e-6),
+                   excitation=MultisineCommand(0.1, 0.4, amplitude=1e4))  # fmt: skip
+    rows = monte_carlo(wild, 3, jobs=2, shared=False)
+    assert {row["status"] for row in rows} <= {s.words for s in Status}
+    assert any(row["status"] == Status.plant_diverged.words for row in rows)
+    assert all(row["status_time"] < wild.duration for row in rows)
+
+
+@pytest.mark.parametrize("runs,jobs,name", [(0, 1, "runs"), (-3, 1, "runs"), (1, 0, "jobs")])
+def test_nothing_to_run_or_nobody_to_run_it_is_told(runs, jobs, name):
+    with pytest.raises(InvalidInput) as told:
+        monte_carlo(ARM, runs, jobs)
+    assert told.value.name == name
+
+
+# -- eight abreast -----------------------------------------------------------------------------
+
+
+def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
+    """Identifiers whose priors and gains all differ."""
+    laws = []
+    for k in range(count):
+        scenario = replace(course.scenario, seed=100 + k)
+        system, prior = course.plant.system, setup.draw_for(scenario, course.plant)
+        law = setup.laws_for(scenario, system, prior)[""]
+        assert isinstance(law, NullspaceIdentifier)
+        law.K, law.Gamma = law.K * (1 + 0.01 * k), law.Gamma * (1 + 0.1 * k)
+        laws.append(law)
+    return laws
+
+
+def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
+    """Whether every bit is."""
+    same = (np.array_equal(a, b, equal_nan=True) for a, b in zip(one[1], other[1], strict=True))
+    (a, b), parts = (one[0], other[0]), ("t", "v_hat", "theta_hat", "pivot", "spent")
+    return a.status == b.status and all(same) and all(
+        np.array_equal(getattr(a, part), getattr(b, part), equal_nan=True) for part in parts
+    )  # fmt: skip
+
+
+def followed(laws: list[NullspaceIdentifier], log: Log, monkeypatch) -> tuple[list, int]:
+    """What `side_by_side` makes of them, and how often eight went abreast to the end."""
+    calls = []
+
+    def spied(*arguments):
+        calls.append(rk4.follow_eight(*arguments))
+        return calls[-1]
+
+    monkeypatch.setattr(nullspace_aid, "follow_eight", spied)
+    states = [law.init(log.at(0)) for law in laws]
+    motion = laws[0].motion(log)
+    assert motion is not None
+    made = list(nullspace_aid.side_by_side(laws, states, log, motion))
+    return made, sum(row == len(log.t) for row in calls)
+
+
+def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:
+    return law.follow(law.init(log.at(0)), log)
+
+
+@pytest.fixture(scope="module")
+def arm() -> Course:
+    return course_of(ARM)
+
+
+@pytest.mark.parametrize("robot", ["double_pendulum", "z1", "ur5"])
+def test_each_of_eight_abreast_gets_the_bits_it_gets_alone(robot, monkeypatch):
+    plant = ArmPlant(robot, backend="compiled", armature=0.1, damping=0.5, friction=0.5)
+    course = course_of(replace(ARM, plant=plant, duration=0.6))
+    laws = laws_of(course, 8)
+    made, abreast = followed(laws, course.log, monkeypatch)
+    assert abreast == 1
+    for law, one in zip(laws, made, strict=True):
+        assert equal(one, alone(law, course.log))
+    assert len({one[0].theta_hat.tobytes() for one in made}) == 8
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 7, 9, 13, 16])
+def test_any_number_may_go_abreast(count, arm, monkeypatch):
+    laws = laws_of(arm, count)
+    made, abreast = followed(laws, arm.log, monkeypatch)
+    whole, rest = divmod(count, 8)
+    assert abreast == whole + (rest >= nullspace_aid._FEWEST)
+    assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
+
+
+@pytest.mark.parametrize("hot", [[0], [3], [1, 6]])
+def test_one_of_eight_that_fails_ends_as_alone_and_the_others_go_on(hot, arm, monkeypatch):
+    laws = laws_of(arm, 8)
+    for k in hot:
+        laws[k].Gamma = 1e7 * laws[k].Gamma
+    made, abreast = followed(laws, arm.log, monkeypatch)
+    assert abreast == 0
+    for k, (law, one) in enumerate(zip(laws, made, strict=True)):
+        assert (one[0].status is Status.completed) == (k not in hot)
+        assert equal(one, alone(law, arm.log))
+
+
+def test_a_measurement_that_is_no_number_ends_all_as_alone(arm, monkeypatch):
+    laws, v = laws_of(arm, 8), arm.log.v.copy()
+    v[40, 0] = np.nan
+    log = arm.log._replace(v=v)
+    made, _ = followed(laws, log, monkeypatch)
+    for law, one in zip(laws, made, strict=True):
+        assert one[0].status is Status.measurement_not_finite and len(one[1].pivot) < 42
+        assert equal(one, alone(law, log))
+
+
+def test_what_cannot_go_abreast_goes_alone(arm, monkeypatch):
+    """A law with a whole Γ, and one that has ended."""
+    laws = laws_of(arm, 8)
+    laws[2].Gamma = np.diag(laws[2].Gamma)
+    made, abreast = followed(laws, arm.log, monkeypatch)
+    assert abreast == 0
+    assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
+    laws = laws_of(arm, 8)
+    ended = laws[1].init(arm.log.at(0))._replace(status=Status.adaptation_too_fast)
+    states = [ended if k == 1 else law.init(arm.log.at(0)) for k, law in enumerate(laws)]
+    motion = laws[0].motion(arm.log)
+    assert motion is not None
+    stays = list(nullspace_aid.side_by_side(laws, states, arm.log, motion))[1]
+    assert stays[0] is ended and len(stays[1].pivot) == 1
+
+
+# -- the command -------------------------------------------------------------------------------
+
+
+def test_a_command_writes_a_table_and_goes_on_where_it_was(tmp_path, capsys):
+    words = ["montecarlo", "scalar_rov", "--duration=2", "--jobs=2", f"--out={tmp_path / 'mc'}"]
+    assert command([*words, "--runs=4", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    table = pq.read_table(tmp_path / "mc" / sweep_results.TABLE)
+    far = np.sort(table["theta_perp_ratio"].to_numpy())
+    assert told["quantiles"]["theta_perp_ratio"]["worst"] == far[-1]
+    assert far[0] <= told["quantiles"]["theta_perp_ratio"]["median"] <= far[-1]
+    assert told["runs"] == table.num_rows == 4 and told["lost"] == []
+    rows = (tmp_path / "mc" / sweep_results.ROWS).read_text().splitlines()
+    (tmp_path / "mc" / sweep_results.ROWS).write_text("\n".join(rows[:2]) + "\n" + rows[2][:9])
+    assert command([*words, "--runs=4"]) == 0
+    again = pq.read_table(tmp_path / "mc" / sweep_results.TABLE)
+    for key in set(table.column_names) - set(sweep_results.COSTS):
+        assert again[key].equals(table[key]), key
+    assert "4 priors on one motion, 0 lost" in capsys.readouterr().out
+    with pytest.raises(BadRun, match="runs differ"):
+        command([*words, "--runs=5"])
+
+
+def test_lost_runs_are_told_with_their_seeds(tmp_path, capsys):
+    plan = Plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
+    found = montecarlo.run(plan, tmp_path / "mc", 2, quiet=True)
+    montecarlo.tell(found)
+    said = capsys.readouterr().out
+    assert "3 lost" in said
+    for row in found.rows:
+        assert f"run {row['run']} (seed {row['seed']}): {row['status']}" in said
+    assert montecarlo.document(found)["quantiles"]["theta_perp_ratio"]["median"] is None
+
+
+def test_a_report_is_drawn_of_many_runs(tmp_path, capsys):
+    """Of runs that ended well, and of none that did."""
+    for name, gain in (("well", 0.3), ("lost", 1e6)):
+        plan = Plan("double_pendulum", replace(ARM, identifier=NullspaceAID(gain=gain)), 3)
+        montecarlo.run(plan, tmp_path / name, 1, quiet=True)
+        assert command(["report", str(tmp_path / name)]) == 0
+        assert "report.html" in capsys.readouterr().out
+        assert (tmp_path / name / "distributions.png").stat().st_size > 1000
+        page = (tmp_path / name / "report.html").read_text()
+        assert "3 of 3 runs" in " ".join(page.split()) and "3 seeds" in page
+
+
+def test_a_folder_of_something_else_is_left_alone(tmp_path: Path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(BadRun, match="something else"):
+        montecarlo.run(Plan("ur5", ARM, 2), tmp_path, quiet=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
