@@ -17,8 +17,7 @@ from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.evaluation import summarize
 from nsaid_mj.experiment import loop as experiment
-from nsaid_mj.experiment import setup
-from nsaid_mj.experiment import rehearsal
+from nsaid_mj.experiment import rehearsal, setup
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.rehearsal import expected_gramian
