@@ -71,23 +71,33 @@ class BadRobot(NsaidError):
 
 
 class EnginesDisagree(NsaidError):
-    """MuJoCo and Pinocchio compute different dynamics for what should be one robot.
+    """Two engines compute different dynamics for what should be one robot.
 
     Attributes:
         robot: its name.
-        link: the link at which they differ most.
-        quantity: "mass matrix" or "bias force".
+        link: the link or joint at which they differ most.
+        quantity: "mass matrix", "bias force" or "torque regressor".
         difference: largest relative difference.
         tolerance: what would have been accepted.
+        engines: the two that were compared.
     """
 
-    def __init__(self, robot: str, link: str, quantity: str, difference: float, tolerance: float):
+    def __init__(
+        self,
+        robot: str,
+        link: str,
+        quantity: str,
+        difference: float,
+        tolerance: float,
+        engines: tuple[str, str] = ("MuJoCo", "Pinocchio"),
+        remedy: str = "The plant is not the system the identifier assumes; check the link's "
+        "inertia and joint in the URDF.",
+    ):
         self.robot, self.link, self.quantity = robot, link, quantity
-        self.difference, self.tolerance = difference, tolerance
+        self.difference, self.tolerance, self.engines = difference, tolerance, engines
         super().__init__(
-            f"robot {robot}: MuJoCo and Pinocchio differ in the {quantity} at {link} by "
-            f"{difference:.2g} (relative; at most {tolerance:.0e} is accepted). The plant is not "
-            "the system the identifier assumes; check the link's inertia and joint in the URDF."
+            f"robot {robot}: {engines[0]} and {engines[1]} differ in the {quantity} at {link} by "
+            f"{difference:.2g} (relative; at most {tolerance:.0e} is accepted). {remedy}"
         )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .errors import InvalidInput
 from .parameters import Array
@@ -27,25 +28,86 @@ class Measurement(NamedTuple):
     u: Array
 
 
-class Log(NamedTuple):
-    """What was measured and commanded, in order.
-
-    Attributes:
-        t: (N,) times [s], increasing.
-        q: (N, m) positions.
-        v: (N, n) velocities.
-        u: (N, n_u) commands; u[k] is held from t[k] to t[k+1].
-    """
+class _Columns(NamedTuple):
+    """The arrays of a log; compiled loops see a `Log` as this."""
 
     t: Array
     q: Array
     v: Array
     u: Array
 
+
+class Log(_Columns):
+    """What was measured and commanded, in order: N samples, checked when the log is made.
+
+    Any array-like of numbers is taken, whatever its strides and float type, and kept as
+    C-contiguous float64 arrays; arrays that are that already are not copied. One coordinate may be
+    given as (N,) in place of (N, 1). Whether m, n and n_u suit a system is checked by the
+    identifier that follows the log.
+
+    Args:
+        t: (N,) times [s], strictly increasing; N ≥ 1.
+        q: (N, m) positions, in the system's own coordinates.
+        v: (N, n) velocities.
+        u: (N, n_u) commands; u[k] is held from t[k] to t[k+1].
+
+    Raises:
+        InvalidInput: a part is no array of real numbers, has the wrong shape or length, holds NaN
+            or infinity, or the times do not increase.
+    """
+
+    __slots__ = ()
+
+    def __new__(cls, t: ArrayLike, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> Log:
+        """Checks the parts, and converts them."""
+        times = _numbers("t", t)
+        if times.ndim != 1 or not len(times):
+            raise InvalidInput("t", "(N,) times, N ≥ 1", f"shape {times.shape}", _REMEDY)
+        parts = [
+            _column(name, part, len(times)) for name, part in zip("qvu", (q, v, u), strict=True)
+        ]
+        for name, part in zip("tqvu", (times, *parts), strict=True):
+            _finite(name, part)
+        late = np.flatnonzero(~(np.diff(times) > 0))
+        if len(late):
+            before, after = times[late[0] : late[0] + 2].tolist()
+            raise InvalidInput(
+                "t",
+                f"a time after {before!r} s in row {late[0] + 1}",
+                repr(after),
+                "Sort the samples by time and drop repeated ones.",
+            )
+        return cls.unchecked(times, *parts)
+
+    @classmethod
+    def unchecked(cls, t: Array, q: Array, v: Array, u: Array) -> Log:
+        """A log of arrays that hold what a log must, or that are about to be filled with it.
+
+        For producers of measurements, whose last sample may be the one that is not finite. Shapes,
+        lengths and order are the caller's duty: compiled loops do not check them again.
+        """
+        return tuple.__new__(cls, (t, q, v, u))
+
+    @classmethod
+    def unchecked_of(cls, measurements: Sequence[Measurement]) -> Log:
+        """The log of one or more measurements in order, unchecked: see `unchecked`."""
+        parts = zip(*measurements, strict=True)
+        return cls.unchecked(*(np.array(part, dtype=np.float64) for part in parts))
+
     @staticmethod
     def of(measurements: Sequence[Measurement]) -> Log:
-        """The log of one or more measurements in order."""
-        return Log(*(np.array(part, dtype=np.float64) for part in zip(*measurements, strict=True)))
+        """The log of one or more measurements in order.
+
+        Raises:
+            InvalidInput: as for the class.
+        """
+        if not len(measurements):
+            raise InvalidInput("measurements", "one or more", "none", "A log begins with a sample.")
+        return Log(*zip(*measurements, strict=True))  # pyright: ignore[reportArgumentType]
+
+    def _replace(self, **parts: ArrayLike) -> Log:
+        """The log with some of its parts replaced, checked again."""
+        return Log(**(self._asdict() | parts))
 
     def at(self, k: int) -> Measurement:
         """The k-th measurement."""
@@ -58,7 +120,7 @@ class Log(NamedTuple):
 
     def part(self, start: int, end: int) -> Log:
         """Its measurements start … end − 1."""
-        return Log(*(part[start:end] for part in self))
+        return Log.unchecked(*(part[start:end] for part in self))
 
     def first(self, count: int) -> Log:
         """Its first measurements."""
@@ -81,6 +143,56 @@ class Log(NamedTuple):
             raise InvalidInput("t", "at least 3 samples at a constant rate", f"{len(self.t)} times",
                                "Resample the log.")  # fmt: skip
         return float((self.t[-1] - self.t[0]) / len(steps))
+
+
+_REMEDY = "A log is t (N,), q (N, m), v (N, n) and u (N, n_u), one row for each sample."
+
+
+def _numbers(name: str, part: ArrayLike) -> Array:
+    """The part as a C-contiguous float64 array."""
+    try:
+        found = np.asarray(part)
+        if found.dtype.kind not in "fiub":
+            found = found.astype(np.float64) if found.dtype.kind == "O" else found
+        if found.dtype.kind not in "fiub":
+            raise TypeError(f"an array of {found.dtype}")
+        return np.ascontiguousarray(found, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput(name, "an array of real numbers", f"{error}", _REMEDY) from error
+
+
+def _column(name: str, part: ArrayLike, count: int) -> Array:
+    """(N, ·) rows of a part; (N,) is one column."""
+    rows = _numbers(name, part)
+    if rows.ndim == 1:
+        rows = rows[:, None]
+    if rows.ndim != 2 or len(rows) != count:
+        raise InvalidInput(name, f"{count} rows, one for each time", f"shape {np.shape(part)}",
+                           _REMEDY)  # fmt: skip
+    return rows
+
+
+def _finite(name: str, part: Array) -> None:
+    if not np.isfinite(part).all():
+        row, *column = np.argwhere(~np.isfinite(part))[0].tolist()
+        where = f"{part[(row, *column)]} in row {row}" + (f", column {column[0]}" if column else "")
+        raise InvalidInput(name, "finite numbers", where, "Drop or interpolate such samples.")
+
+
+class Middle(NamedTuple):
+    """The states half-way between the N samples of a log, for RK4's middle stages.
+
+    Attributes:
+        q: (N−1, m) positions.
+        v: (N−1, n) velocities.
+    """
+
+    q: Array
+    v: Array
+
+    def part(self, start: int, end: int) -> Middle:
+        """Its states start … end − 1."""
+        return Middle(self.q[start:end], self.v[start:end])
 
 
 class SensorLevels(NamedTuple):

@@ -6,9 +6,10 @@ sensors, arms on both backends, and prints one hash for each run over the column
     python scripts/gate.py --save runs/gate          # before: hashes and columns
     python scripts/gate.py --against runs/gate       # after: the same hashes, or by how much not
 
-Metadata of the record do not count. Runs whose arithmetic may be reordered (Pinocchio's regressors
-and systems without a compiled motion) pass when no column differs by more than 1e-9 of its largest
-value; all others must be equal to the bit. Bits depend on the processor and on the versions of
+Metadata of the record do not count. Runs on Pinocchio's regressors, whose sums may be reordered, pass
+when no column differs by more than 1e-9 of its largest value, or by 1e-7 where the memory is free of
+its anchor (exact sensors): its implicit steps amplify rounding along what the data hardly show. All
+others must be equal to the bit. Bits depend on the processor and on the versions of
 numpy and numba: save and compare on one machine.
 """
 
@@ -31,8 +32,7 @@ from nsaid_mj import Record, Scenario
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
 STEPS, SECONDS = 300, 1.5  # of a run: the longer of the two
-TOLERANCE = 1e-9  # of a column's largest value, where bits may differ
-LOOSE = ("pinocchio", "scalar_rov")  # where the order of additions is free
+TOLERANCE, UNANCHORED = 1e-9, 1e-7  # of a column's largest value, on Pinocchio's regressors
 
 
 def cases(only: str) -> Iterator[tuple[str, Scenario]]:
@@ -100,8 +100,8 @@ def main() -> int:
             with np.load(chosen.against / f"{name}.npz") as kept:
                 same = digest({key: kept[key] for key in kept.files}) == words
                 apart = 0.0 if same else difference(columns, kept)
-            free = any(word in name for word in LOOSE)
-            good = same or (free and apart <= TOLERANCE)
+            most = UNANCHORED if name.endswith("memory-ideal") else TOLERANCE
+            good = same or ("pinocchio" in name and apart <= most)
             words += " same" if same else f" {apart:.1e} {'within' if good else 'DIFFERENT'}"
             failed += not good
         print(f"{name:44} {words}", flush=True)

@@ -98,11 +98,10 @@ def kalman(problem: Problem) -> Estimate:
     for k in range(len(log.t) - 1):
         t, q, u, h = log.t[k], log.q[k], log.u[k], log.t[k + 1] - log.t[k]
         theta = scale * theta_s
-        here = system.at(t, q, v, u)
-        a, W, pivot = here.evaluate(v, theta)
+        a, W, pivot = system.evaluate_at(t, q, v, u, v, theta)
         later = v + h * a
-        a_later, W_later, pivot_later = system.at(t + h, log.q[k + 1], later, u).evaluate(
-            later, theta
+        a_later, W_later, pivot_later = system.evaluate_at(
+            t + h, log.q[k + 1], later, u, later, theta
         )
         if not min(pivot, pivot_later) > 0:
             raise NoEstimate(f"M̂ not positive definite at t = {t:.3g} s", "Take a better prior.")
@@ -110,9 +109,9 @@ def kalman(problem: Problem) -> Estimate:
         for j in range(n):
             moved = v.copy()
             moved[j] += step[j]
-            J[:, j] = (system.at(t, q, moved, u).evaluate(moved, theta)[0] - a) / step[j]
+            J[:, j] = (system.evaluate_at(t, q, moved, u, moved, theta).a - a) / step[j]
         A[:n, :n] = np.eye(n) + h * J + 0.5 * (h * J) @ (h * J)
-        A[:n, n:] = -0.5 * h * np.linalg.solve(here.mass_tensor @ theta, W + W_later) * scale
+        A[:n, n:] = -0.5 * h * np.linalg.solve(system._mass_tensor(q) @ theta, W + W_later) * scale
         P = A @ P @ A.T
         P[:n, :n] += Q
         v = v + 0.5 * h * (a + a_later)

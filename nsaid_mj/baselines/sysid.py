@@ -25,7 +25,7 @@ from ..parameters import Array
 from ..plants.world.callbacks import WORDS, as_pointer, field_offsets, installed
 from ..plants.world.coordinates import JointMap
 from ..plants.world.tree import tree_spec
-from ..systems.multibody import Multibody
+from ..systems.multibody import MotorTree
 
 if TYPE_CHECKING:
     from . import Problem
@@ -60,7 +60,7 @@ def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
         NoEstimate: the system is no arm, the toolbox is not installed, or MuJoCo refuses the prior.
     """
     system, log, prior, _ = problem
-    if not isinstance(system, Multibody) or system.group:
+    if not isinstance(system, MotorTree) or system.group:
         raise NoEstimate("mujoco.sysid is set up for arms on the ground only", "Leave it out.")
     toolbox = _toolbox()
     model, step = _Model(toolbox, system, prior, log.step), log.step
@@ -132,7 +132,7 @@ class _Search:
 class _Model:
     """An arm in MuJoCo, built from the structure and an estimate, as a function of it."""
 
-    def __init__(self, toolbox: Any, system: Multibody, prior: Array, step: float):
+    def __init__(self, toolbox: Any, system: MotorTree, prior: Array, step: float):
         self._toolbox, self._system = toolbox, system
         tree = pin.Model(system.model)
         for i in range(system.bodies):

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ..dynamics.structures import Linkage
 from ..dynamics.tree import CIRCLE, tree_place, tree_room, tree_torque
 from ..parameters import Array
-from ..system import Linkage
 from .signals import Series, fourier
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from ..systems.multibody import Multibody
+from ..systems.multibody import MotorTree
 from .computed_torque import Tracking, computed_torque, tracking_room
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory
@@ -50,7 +50,7 @@ class FourierTracking(DriverConfig):
         Raises:
             InvalidInput: the system is not a tree of joints, or not every joint has a motor.
         """
-        if not isinstance(system, Multibody) or system.group:
+        if not isinstance(system, MotorTree) or system.group:
             raise InvalidInput(
                 "excitation",
                 "an arm on a fixed base",
@@ -76,7 +76,7 @@ class _ComputedTorque(Driver):
     """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e."""
 
     def __init__(
-        self, system: Multibody, prior: Array, trajectory: FourierTrajectory, omega: float
+        self, system: MotorTree, prior: Array, trajectory: FourierTrajectory, omega: float
     ):
         self._trajectory = trajectory
         self._tracking = Tracking(system.tree, prior, trajectory.series, omega)

@@ -223,7 +223,7 @@ class _HoverAndReach(Driver):
     def command(self, t: float, q: Array, v: Array) -> Array:
         system, prior = self._system, self._prior
         rest = np.zeros(system.n_u)
-        free, _, _ = system.at(t, q, v, rest).evaluate(v, prior)
+        free = system.evaluate_at(t, q, v, rest, v, prior).a
         M = system.mass_matrix(np.concatenate([q, v]), prior)
         effect = np.linalg.solve(M, self._inputs)[self._rows]
         rest[len(system.joints) :] = self._dither(t)
@@ -291,7 +291,7 @@ def joint_torque(
     The joints' accelerations are those without motors plus (M⁻¹)_jj τ.
     """
     u = np.concatenate([np.zeros(len(system.joints)), thrust])
-    free, _, _ = system.at(t, q, v, u).evaluate(v, theta)
+    free = system.evaluate_at(t, q, v, u, v, theta).a
     M = system.mass_matrix(np.concatenate([q, v]), theta)
     torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], wanted - free[6:])
     return np.asarray(torque, dtype=np.float64)

@@ -1,7 +1,7 @@
-"""What a measured motion decides of every stage, for compiled loops: â of (29) and Wᵀ Δv.
+"""What a log alone decides of every stage of RK4, for compiled loops: â of (29) and Wᵀ Δv.
 
-Any number of identifiers may share a motion. Which kind it is, a tree, a body or a tree that
-carries more than bodies, is chosen when a loop is compiled.
+Any number of identifiers may share a motion. Its kind is chosen by type when a loop is compiled: a
+tree of bodies, one body, a tree with added mass, or the tensors of any system.
 """
 
 from __future__ import annotations
@@ -12,18 +12,20 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
+from ..log import Log, Middle
 from ..numerics.eight import zeros
 from ..numerics.linalg import solve_positive
 from ..numerics.spatial import bracket, coadjoint
 from ..parameters import Array
-from ..system import ConstantInertia, Linkage, LoadedTree
+from ..system import SecondOrderSystem
 from .interpolation import tree_half_way
 from .loaded import loaded_gradient, loaded_work
+from .structures import ConstantInertia, Linkage, LoadedTree
 from .tree import MOTION, STATE, tree_gradient, tree_place
 
 
 class TreeMotion(NamedTuple):
-    """What N samples of a tree alone decide in every stage; any number of identifiers share it.
+    """The motion of a tree of bodies along N samples.
 
     Attributes:
         linkage: of the tree.
@@ -31,8 +33,8 @@ class TreeMotion(NamedTuple):
         u: (N, n_u) commands.
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        states: (N, b, ·) of `recursion`.
-        middles: (N−1, b, ·) likewise, half-way.
+        states: (N, b, ·) of `dynamics.tree`, at the samples.
+        middles: (N−1, b, ·) of `dynamics.tree`, half-way between them.
     """
 
     linkage: Linkage
@@ -45,15 +47,15 @@ class TreeMotion(NamedTuple):
 
 
 class BodyMotion(NamedTuple):
-    """The same of a body with M constant in its frame.
+    """The motion of one body, whose M is constant in its own frame, along N samples.
 
     Attributes:
         inertia: of the body.
-        group: its velocities are a body twist of.
+        group: size of the body twist that its velocities are.
         t: (N,) times [s].
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        F: (3, N−1, n, p) at start, middle and end of every step.
+        F: (3, N−1, n, p) force regressor at start, middle and end of every step.
     """
 
     inertia: ConstantInertia
@@ -65,7 +67,7 @@ class BodyMotion(NamedTuple):
 
 
 class LoadedMotion(NamedTuple):
-    """The same of a tree whose bodies carry inertias of any kind.
+    """The motion of a tree whose bodies carry inertias of any kind, along N samples.
 
     Attributes:
         loaded: the tree.
@@ -73,9 +75,9 @@ class LoadedMotion(NamedTuple):
         u: (N, n_u) commands.
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        states: (N, b, ·) of `recursion`.
-        middles: (N−1, b, ·) likewise, half-way.
-        F: (3, N−1, n, k) the last columns of F at start, middle and end of every step.
+        states: (N, b, ·) of `dynamics.tree`, at the samples.
+        middles: (N−1, b, ·) of `dynamics.tree`, half-way between them.
+        F: (3, N−1, n, k) the last k columns of F at start, middle and end of every step.
     """
 
     loaded: LoadedTree
@@ -88,12 +90,46 @@ class LoadedMotion(NamedTuple):
     F: Array
 
 
-Motion = TreeMotion | BodyMotion | LoadedMotion
+class TensorMotion(NamedTuple):
+    """The motion of any system along N samples, as the tensors of M, C and F.
+
+    Entry [j] of a tensor at one instant is W_M(q, e_j), or W_C(q, v, e_j): (n, n, p).
+
+    Attributes:
+        t: (N,) times [s].
+        v: (N, n) velocities.
+        vm: (N−1, n) velocities half-way between samples.
+        M: (2N−1, n, n, p) at the first sample, half-way to the second, at the second …
+        C: (2N−1, n, n, p) at the same instants.
+        F: (3, N−1, n, p) force regressor at start, middle and end of every step.
+    """
+
+    t: Array
+    v: Array
+    vm: Array
+    M: Array
+    C: Array
+    F: Array
+
+
+# -- motions of a log ----------------------------------------------------------------------------
+
+
+def force_regressors(system: SecondOrderSystem, log: Log, middle: Middle) -> Array:
+    """(3, N−1, n, p) F at start, middle and end of every step, the step's command held."""
+    t, held = log.t, log.u[:-1]
+    return np.stack(
+        [
+            system.forces(t[:-1], log.q[:-1], log.v[:-1], held),
+            system.forces(0.5 * (t[:-1] + t[1:]), middle.q, middle.v, held),
+            system.forces(t[1:], log.q[1:], log.v[1:], held),
+        ]
+    )
 
 
 @njit(cache=True, nogil=True)
 def tree_motion(linkage, hermite, t, q, v, u):
-    """The motion of a tree; `hermite` says how the state between samples is had."""
+    """The motion of a tree; `hermite` chooses the interpolation between samples."""
     steps, bodies = t.shape[0] - 1, linkage[1].shape[0]
     qm, vm = np.empty(q.shape[1]), np.empty((steps, v.shape[1]))
     states, middles = np.empty((steps + 1, bodies, STATE)), np.empty((steps, bodies, STATE))
@@ -106,8 +142,11 @@ def tree_motion(linkage, hermite, t, q, v, u):
     return TreeMotion(linkage, t, u, v, vm, states, middles)
 
 
+# -- one stage -----------------------------------------------------------------------------------
+
+
 def stage_room(motion, like):
-    """What `stage` works with, for numbers of the kind that the array `like` has."""
+    """Workspace of `stage`, for numbers of the kind that the array `like` has."""
 
 
 def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
@@ -131,7 +170,12 @@ def _stage_room(motion, like):
     def loaded(motion, like):
         return loaded_work(motion.loaded, motion.v.shape[1])
 
-    return {TreeMotion: tree, BodyMotion: body, LoadedMotion: loaded}[motion.instance_class]
+    def tensor(motion, like):
+        n = motion.v.shape[1]
+        return np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+
+    rooms = {TreeMotion: tree, BodyMotion: body, LoadedMotion: loaded, TensorMotion: tensor}
+    return rooms[motion.instance_class]
 
 
 @overload(stage)
@@ -160,7 +204,16 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
             a_hat, gradient[0],
         )  # fmt: skip
 
-    return {TreeMotion: tree, BodyMotion: body, LoadedMotion: loaded}[motion.instance_class]
+    def tensor(motion, at, k, v_hat, theta, work, a_hat, gradient):
+        v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
+        instant = 2 * (k - 1) + at
+        return tensor_gradient(
+            motion.M[instant], motion.C[instant], motion.F[at, k - 1], v, v_hat, theta, work, a_hat,
+            gradient[0],
+        )  # fmt: skip
+
+    stages = {TreeMotion: tree, BodyMotion: body, LoadedMotion: loaded, TensorMotion: tensor}
+    return stages[motion.instance_class]
 
 
 @njit(cache=True)
@@ -190,4 +243,30 @@ def body_gradient(entries, values, group, F, v, v_hat, theta, M, L, a_hat, gradi
     for e in range(values.shape[0]):
         i, j, k = entries[e]
         gradient[k] += values[e] * (a_hat[j] * dv[i] - v[j] * turned[i])
+    return pivot
+
+
+@njit(cache=True)
+def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
+    """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
+
+    M and C (n, n, p) are tensors with W_M(a) = Σ_j a_j M[j] and W_C(w) = Σ_j w_j C[j].
+    """
+    n, p = F.shape
+    M_hat, C_hat, L = work
+    M_hat[:] = np.dot(M.reshape(n * n, p), theta).reshape(n, n)  # (8)
+    C_hat[:] = np.dot(C.reshape(n * n, p), theta).reshape(n, n)  # (9)
+    a_hat[:] = np.dot(F, theta) - np.dot(v_hat, C_hat)
+    pivot = solve_positive(M_hat, L, a_hat)  # (29)
+    if not pivot > 0.0:
+        return pivot
+    gradient[:] = 0.0
+    for i in range(n):
+        dv = v_hat[i] - v[i]  # (37)
+        for k in range(p):
+            gradient[k] -= dv * F[i, k]
+        for j in range(n):
+            of_M, of_C = dv * a_hat[j], dv * v_hat[j]
+            for k in range(p):
+                gradient[k] += of_M * M[j, i, k] + of_C * C[j, i, k]
     return pivot

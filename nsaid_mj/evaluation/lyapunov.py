@@ -96,6 +96,6 @@ def assumption_46(run: Run) -> tuple[float | None, float]:
     if not (constant and isinstance(law, NullspaceIdentifier) and law.conserves):
         return None, least  # (46) speaks of a constant Γ of full rank
     error = law.conserved(run.prior - run.plant.truth)
-    gain = law.Gamma
+    gain = law.metric.Gamma
     largest = gain.max() if gain.ndim == 1 else np.linalg.eigvalsh(gain)[-1]
     return float(least - np.sqrt(largest * error)), least

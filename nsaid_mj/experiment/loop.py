@@ -267,7 +267,7 @@ class _Loop:
         period = min((observer.period for observer in self.observers), default=np.inf)
         stretch = max(1, round(min(period / dt, stretch_of(scenario))))
         with plant.running():
-            log = Log.of([plant.begin(self.driver, sensors)])
+            log = Log.unchecked_of([plant.begin(self.driver, sensors)])
             if self._unsound(log):
                 return
             self.states |= {name: law.init(log.at(0)) for name, law in self.identifiers.items()}
@@ -340,9 +340,8 @@ class _Loop:
         levels = np.empty((len(log.t), 2))
         levels[:] = self.monitor.level, self.monitor.level_perp
         for j in rows[(k + rows) % every == 0]:
-            instant = self.plant.system.at(*log.at(j))
-            _, W, _ = instant.evaluate(own.v_hat[j], own.theta_hat[j])
-            self.monitor.add(W * self.plant.system.space.scale, every * scenario.dt)
+            stage = self.plant.system.evaluate_at(*log.at(j), own.v_hat[j], own.theta_hat[j])
+            self.monitor.add(stage.W * self.plant.system.space.scale, every * scenario.dt)
             levels[j:] = self.monitor.level, self.monitor.level_perp
         first = fresh + -(k + fresh) % scenario.record_every
         pivot = np.where(np.isfinite(own.pivot), own.pivot, 0.0)

@@ -55,7 +55,7 @@ def expected_gramian(
     for k in range(steps):
         t = k * dt
         u = np.asarray(driver.command(t, q, v), dtype=np.float64)
-        a, W, pivot = system.at(t, q, v, u).evaluate(v, theta)
+        a, W, pivot = system.evaluate_at(t, q, v, u, v, theta)
         if not (pivot > 0 and np.isfinite(a).all()):
             raise InvalidInput(
                 "gamma", "a prior under which the motion can be simulated",
@@ -85,10 +85,10 @@ def _step(
     """RK4 with the command held; tangent steps of the stages are added as if they commuted."""
     a1, v1 = a, v
     v2 = v + dt / 2 * a1
-    a2 = system.at(t, system.integrate(q, dt / 2 * v1), v2, u).evaluate(v2, theta)[0]
+    a2 = system.evaluate_at(t, system.integrate(q, dt / 2 * v1), v2, u, v2, theta).a
     v3 = v + dt / 2 * a2
-    a3 = system.at(t, system.integrate(q, dt / 2 * v2), v3, u).evaluate(v3, theta)[0]
+    a3 = system.evaluate_at(t, system.integrate(q, dt / 2 * v2), v3, u, v3, theta).a
     v4 = v + dt * a3
-    a4 = system.at(t, system.integrate(q, dt * v3), v4, u).evaluate(v4, theta)[0]
+    a4 = system.evaluate_at(t, system.integrate(q, dt * v3), v4, u, v4, theta).a
     step = dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
     return system.integrate(q, step), v + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)

@@ -118,17 +118,18 @@ class Confidence(NamedTuple):
 
 
 class Identifier(ABC):
-    """An adaptive identifier of a system's θ. Same input, same bits.
+    """An adaptive identifier of a system's θ: pure functions of a state. Same input, same bits.
 
     Attributes:
         system: the structure it knows.
         conserves: whether its conserved quantity exists.
-        cancelling: size of what cancels in V's second term, beside V itself [J]: it rounds.
+        cancelling: size of the terms that cancel in V's second term, beside V itself [J]; their
+            rounding bounds how exactly V is known.
     """
 
     system: SecondOrderSystem
     conserves: bool
-    cancelling: float = 0.0
+    cancelling: float
 
     @abstractmethod
     def init(self, first: Measurement) -> State:
@@ -138,6 +139,7 @@ class Identifier(ABC):
     def step(self, state: State, previous: Measurement, following: Measurement) -> State:
         """The state at the following measurement; the command is held in between."""
 
+    @abstractmethod
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Steps along a log that begins where the state stands.
 
@@ -149,37 +151,59 @@ class Identifier(ABC):
             The state at the last measurement, or where it may not go on; and the estimates from the
             first measurement up to there, but not at a step that failed.
         """
-        states = [state]
-        for k in range(1, len(log.t)):
-            if state.status is not Status.completed:
-                break
-            state = self.step(state, log.at(k - 1), log.at(k))
-            if state.status is Status.completed:
-                states.append(state._replace(memory=None))
-        return state, Estimates.of(*states)
 
     @abstractmethod
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) the law's conserved quantity for estimates (..., p); constant along a run."""
 
+    @abstractmethod
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
-        """(...,) the second term of V (66) at θ (p,) and estimates (..., p): ½ Δθᵀ Γ⁻¹ Δθ."""
-        return 0.5 * self.conserved(theta_hat - theta)
+        """(...,) the second term of V (66) at θ (p,) and estimates (..., p)."""
 
+    @abstractmethod
     def implicit(self, t: Array) -> np.ndarray:
         """(N−1,) between which of the times (N,) of a run lies an implicit step of a memory."""
-        return np.zeros(max(0, len(t) - 1), dtype=bool)
 
+    @abstractmethod
     def slack(self, state: State, theta: Array) -> float:
         """By how much V may rise in a step up to `state` because θ (p,) is not quite what data say.
 
         0 for a law without a memory; sensors' noise and the quadrature's error make it more.
         """
-        return 0.0
 
+    @abstractmethod
     def confidence(self, state: State) -> Confidence | None:
         """What is known of the estimate's error; None for a law that does not say."""
-        return None
+
+
+class DataMemory(ABC):
+    """What an identifier remembers of past data, and how that moves θ̂ every now and then.
+
+    Attributes:
+        every: steps between two of its updates of θ̂.
+    """
+
+    every: int
+
+    @abstractmethod
+    def begin(self, first: Measurement) -> Memory:
+        """The memory at a first measurement: of nothing."""
+
+    @abstractmethod
+    def absorb(self, state: State, log: Log) -> State:
+        """The state with a log of at most `every` steps in its memory, and θ̂ updated if due."""
+
+    @abstractmethod
+    def slack(self, state: State, theta: Array) -> float:
+        """By how much an update up to `state` can raise V under the true θ (p,)."""
+
+    @abstractmethod
+    def updates(self, t: Array) -> np.ndarray:
+        """(N−1,) between which of the times (N,) of a run an update lies."""
+
+    @abstractmethod
+    def confidence(self, state: State) -> Confidence | None:
+        """What is known of the estimate's error; None as long as the memory says nothing."""
 
 
 Expected = Callable[[], Array]
@@ -190,9 +214,9 @@ class IdentifierConfig(ABC):
     """An identifier as data; `build` makes the thing itself."""
 
     @property
+    @abstractmethod
     def in_cone(self) -> bool:
         """Whether θ̂ must start inside the cone of physical parameters."""
-        return False
 
     @abstractmethod
     def build(

@@ -12,10 +12,10 @@ from ..log import EXACT, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .base import Expected, Identifier, IdentifierConfig
-from .cone.law import ConeIdentifier
-from .memory.law import MemoryIdentifier
+from .cone.law import cone_identifier
+from .memory.law import memory_identifier
 from .memory.statistics import MemoryConfig
-from .nullspace_aid import NullspaceIdentifier
+from .nullspace_aid import paper_identifier
 
 
 @dataclass(frozen=True)
@@ -92,12 +92,12 @@ class NullspaceAID(IdentifierConfig):
         K, Gamma = np.full(system.n, self.K), self._gain(system, gramian)
         hermite = noise.exact if self.interpolation == "auto" else self.interpolation == "hermite"
         if not self.in_cone:
-            return NullspaceIdentifier(system, K, Gamma, prior, dt, hermite)
+            return paper_identifier(system, K, Gamma, prior, dt, hermite)
         stiffness = 1 / Gamma if Gamma.ndim == 1 else np.diag(np.linalg.inv(Gamma))
         mu = self.barrier * float(np.median(stiffness * system.space.scale**2))
         if self.law == "cone":
-            return ConeIdentifier(system, K, Gamma, prior, dt, mu, hermite)
-        return MemoryIdentifier(system, K, Gamma, prior, dt, mu, hermite, self.memory, noise)
+            return cone_identifier(system, K, Gamma, prior, dt, mu, hermite)
+        return memory_identifier(system, K, Gamma, prior, dt, mu, hermite, self.memory, noise)
 
     @property
     def in_cone(self) -> bool:

@@ -16,7 +16,7 @@ from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
 from ..system import SecondOrderSystem
 from .base import Expected, Identifier, IdentifierConfig
-from .nullspace_aid import NullspaceIdentifier
+from .nullspace_aid import paper_identifier
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,11 @@ class ConventionalAID(IdentifierConfig):
     gain: float = 1.0
     known: tuple[str, ...] = ("actuators",)
 
+    @property
+    def in_cone(self) -> bool:
+        """Whether θ̂ must start inside the cone of physical parameters: no."""
+        return False
+
     def build(
         self,
         system: SecondOrderSystem,
@@ -43,7 +48,7 @@ class ConventionalAID(IdentifierConfig):
     ) -> Identifier:
         """Makes the identifier; `known` parameters stay at their prior."""
         held = known_mask(system.space, self.known)
-        return NullspaceIdentifier(
+        return paper_identifier(
             system,
             K=np.full(system.n, self.K),
             Gamma=np.where(held, 0.0, self.gain * system.space.scale**2),

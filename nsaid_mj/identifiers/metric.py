@@ -1,15 +1,20 @@
-"""What tells the laws apart, for compiled loops: gains, and the chart in which θ̂ moves.
+"""Metrics: what turns Wᵀ Δv into θ̂̇ (45), in Python and for compiled loops.
 
-A `Flat` law is the paper's: its chart is η = θ̂, and θ̂̇ = Γ Wᵀ Δv. A `Curved` one has the cone's
-metric in place of Γ⁻¹ and a chart that cannot leave it. Which is chosen when a loop is compiled.
+A `Metric` is the Python side: its gain, what it conserves, its part of V. For compiled loops it
+becomes a tuple of numbers with a chart, the coordinates in which θ̂ moves: a `Flat` one is the
+paper's, with η = θ̂ and θ̂̇ = Γ Wᵀ Δv; a `Curved` one is the cone's, with a chart that cannot leave
+it. Which loop is compiled is chosen by the tuple's type.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
+import numpy as np
 from numba.extending import overload
 
+from ..errors import InvalidInput
 from ..numerics.eight import copy_into
 from ..numerics.linalg import times_into
 from ..parameters import Array
@@ -48,6 +53,72 @@ class Curved(NamedTuple):
 
 
 Law = Flat | Curved
+
+
+class Metric(ABC):
+    """What turns Wᵀ Δv into θ̂̇.
+
+    Attributes:
+        Gamma: (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part.
+        conserves: whether its conserved quantity exists.
+        cancelling: size of the terms that cancel in `divergence`, beside its value [J].
+    """
+
+    Gamma: Array
+    conserves: bool
+    cancelling: float
+
+    @abstractmethod
+    def law(self, K: Array) -> Law:
+        """The metric and the gain K of (44) as numbers for compiled loops."""
+
+    @abstractmethod
+    def conserved(self, theta_hat: Array) -> Array:
+        """(...,) what (45) and (30) conserve, for estimates (..., p)."""
+
+    @abstractmethod
+    def divergence(self, theta: Array, theta_hat: Array) -> Array:
+        """(...,) the second term of V at θ (p,) and estimates (..., p)."""
+
+
+class ConstantMetric(Metric):
+    """The paper's: θ̂̇ = Γ Wᵀ Δv with a constant Γ.
+
+    Args:
+        Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
+            hold a parameter at its prior.
+        held: (p,) which parameters are held at their prior; their Γ must be 0.
+
+    Raises:
+        InvalidInput: Γ is not positive definite on the parameters that move.
+    """
+
+    cancelling = 0.0
+
+    def __init__(self, Gamma: Array, held: np.ndarray | None = None):
+        size = len(Gamma)
+        self.moving = np.ones(size, dtype=bool) if held is None else ~np.asarray(held)
+        self.Gamma = positive_gain("Gamma", Gamma, size, self.moving)
+        self.conserves = bool(self.moving.all())
+
+    def law(self, K: Array) -> Flat:
+        """K and Γ for compiled loops."""
+        return Flat(K, self.Gamma)
+
+    def conserved(self, theta_hat: Array) -> Array:
+        """(...,) θ̂ᵀ Γ⁻¹ θ̂ over the parameters that move, constant under (45) by (30).
+
+        Constant only where none is held: (30) says W θ̂ = 0 for the whole θ̂.
+        """
+        theta = np.asarray(theta_hat)[..., self.moving]
+        if self.Gamma.ndim == 1:
+            return np.sum(theta**2 / self.Gamma[self.moving], axis=-1)
+        return np.sum(theta * np.linalg.solve(self.Gamma, theta[..., None])[..., 0], axis=-1)
+
+    def divergence(self, theta: Array, theta_hat: Array) -> Array:
+        """(...,) ½ Δθᵀ Γ⁻¹ Δθ of (66)."""
+        return 0.5 * self.conserved(theta_hat - theta)
+
 
 # -- what a law's metric decides ------------------------------------------------------------------
 
@@ -140,3 +211,33 @@ def _sound(law, theta):
         return inside(law.cone, theta)
 
     return flat if law.instance_class is Flat else curved
+
+
+# -- gains ----------------------------------------------------------------------------------------
+
+
+def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None = None) -> Array:
+    """A gain given by its diagonal (size,) or whole (size, size), checked positive definite.
+
+    Raises:
+        InvalidInput: the shape is wrong, it is not symmetric or not positive definite.
+    """
+    gain = np.ascontiguousarray(value, dtype=np.float64)
+    if gain.shape not in ((size,), (size, size)):
+        raise InvalidInput(
+            name, f"shape ({size},) or ({size}, {size})", gain.shape, "Give the diagonal or all."
+        )
+    if not np.isfinite(gain).all():
+        raise InvalidInput(name, "finite values", "NaN or infinity", "Check how it was computed.")
+    if gain.ndim == 2 and not np.allclose(gain, gain.T, rtol=1e-10, atol=0):
+        raise InvalidInput(name, "a symmetric matrix", "one that is not", "Use (G + Gᵀ)/2.")
+    smallest = (
+        gain[moving if moving is not None else slice(None)].min(initial=np.inf)
+        if gain.ndim == 1
+        else np.linalg.eigvalsh(gain)[0]
+    )
+    if not smallest > 0:
+        raise InvalidInput(
+            name, "a positive definite gain", f"smallest eigenvalue {smallest:g}", "Make it > 0."
+        )
+    return gain

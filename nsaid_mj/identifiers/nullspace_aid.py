@@ -1,4 +1,4 @@
-"""The paper's identifier, (44) and (45)."""
+"""The paper's identifier, (44) and (45), in any metric, with or without a memory."""
 
 from __future__ import annotations
 
@@ -6,20 +6,54 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from ..dynamics.interpolation import between_two, midpoints
-from ..dynamics.motions import BodyMotion, LoadedMotion, Motion, TreeMotion, tree_motion
+from ..dynamics.motions import TreeMotion
 from ..errors import InvalidInput
 from ..log import Log, Measurement
 from ..numerics.lanes import LANES
 from ..parameters import Array
-from ..system import SecondOrderSystem, checked
-from .base import Estimates, Identifier, State, Status
-from .metric import Flat, Law
-from .rk4 import advance_by_regressor, begin, follow, follow_eight, inside_law, room
+from ..system import Motion, SecondOrderSystem, checked
+from .base import Confidence, DataMemory, Estimates, Identifier, State, Status
+from .metric import ConstantMetric, Flat, Metric, positive_gain
+from .rk4 import follow, follow_eight
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
-_PIECE = 500  # steps whose motion is held at once
 _FEWEST = 4  # identifiers for which eight abreast, some idle, are faster than one after the other
+
+
+def paper_identifier(
+    system: SecondOrderSystem,
+    K: Array,
+    Gamma: Array,
+    prior: Array,
+    dt: float,
+    hermite: bool = True,
+    held: np.ndarray | None = None,
+) -> NullspaceIdentifier:
+    """The identifier of (44) and (45) as printed, with a constant Γ.
+
+    Args:
+        system: the structure.
+        K: (n,) or (n, n) positive definite gain of the identification plant [1/s].
+        Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
+            hold a parameter at its prior, for `ConventionalAID`.
+        prior: (p,) θ̂(0).
+        dt: time between measurements [s].
+        hermite: cubic Hermite interpolation between samples; else linear.
+        held: (p,) which parameters are held at their prior; their Γ must be 0.
+
+    Raises:
+        InvalidInput: a shape or value is wrong, a gain is not positive definite, or K is too
+            fast for dt.
+    """
+    Gamma = np.asarray(Gamma, dtype=np.float64)
+    if Gamma.shape not in ((system.p,), (system.p, system.p)):
+        raise InvalidInput(
+            "Gamma",
+            f"shape ({system.p},) or ({system.p}, {system.p})",
+            Gamma.shape,
+            "Give the diagonal or all.",
+        )
+    return NullspaceIdentifier(system, K, ConstantMetric(Gamma, held), prior, dt, hermite)
 
 
 class NullspaceIdentifier(Identifier):
@@ -28,33 +62,31 @@ class NullspaceIdentifier(Identifier):
     Args:
         system: the structure.
         K: (n,) or (n, n) positive definite gain of the identification plant [1/s].
-        Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a
-            diagonal hold a parameter at its prior, for `ConventionalAID`.
+        metric: what turns Wᵀ Δv into θ̂̇ (45).
         prior: (p,) θ̂(0).
         dt: time between measurements [s].
-        hermite: how the state between samples is had; see `NullspaceAID.interpolation`.
-        held: (p,) which parameters are held at their prior; their Γ must be 0.
+        hermite: cubic Hermite interpolation between samples; else linear.
+        memory: of past data; None for a law without one.
 
     Raises:
-        InvalidInput: a shape or value is wrong, a gain is not positive definite, or K is too
-            fast for dt.
+        InvalidInput: a shape or value is wrong, K is not positive definite, or too fast for dt.
     """
 
     def __init__(
         self,
         system: SecondOrderSystem,
         K: Array,
-        Gamma: Array,
+        metric: Metric,
         prior: Array,
         dt: float,
         hermite: bool = True,
-        held: np.ndarray | None = None,
+        memory: DataMemory | None = None,
     ):
-        self.system, self.prior, self.hermite = system, system.space.check(prior, "prior"), hermite
+        self.system, self.metric, self.memory = system, metric, memory
+        self.prior, self.hermite = system.space.check(prior, "prior"), hermite
         self.K = positive_gain("K", K, system.n)
-        moving = np.ones(system.p, dtype=bool) if held is None else ~np.asarray(held)
-        self.Gamma = positive_gain("Gamma", Gamma, system.p, moving)
-        self.moving, self.conserves = moving, bool(moving.all())
+        self.conserves, self.cancelling = metric.conserves, metric.cancelling
+        self.law = metric.law(self.K)
         fastest = np.abs(self.K).max() if self.K.ndim == 1 else np.linalg.eigvalsh(self.K)[-1]
         if not fastest * dt <= RK4_LIMIT:
             raise InvalidInput(
@@ -64,15 +96,12 @@ class NullspaceIdentifier(Identifier):
                 f"Take K ≤ {RK4_LIMIT / dt:g}/s or a smaller dt.",
             )
 
-    @property
-    def law(self) -> Law:
-        """Its gains and metric, for compiled loops."""
-        return Flat(self.K, self.Gamma)
-
     def init(self, first: Measurement) -> State:
-        """v̂ = v, so that Δv(t₀) = 0 as (46) assumes, and θ̂ the prior."""
+        """v̂ = v, so that Δv(t₀) = 0 as (46) assumes, θ̂ the prior, and a memory of nothing."""
         first = checked(self.system, first)
-        return State(first.t, first.v.copy(), self.prior.copy(), np.inf, Status.completed)
+        memory = self.memory.begin(first) if self.memory else None
+        theta = self.prior.copy()
+        return State(first.t, first.v.copy(), theta, np.inf, Status.completed, memory)
 
     def step(self, state: State, previous: Measurement, following: Measurement) -> State:
         """One RK4 step of (44, 45) from `previous` to `following`.
@@ -83,55 +112,58 @@ class NullspaceIdentifier(Identifier):
         for sample in (previous, following):
             if tuple(map(np.shape, sample)) != ((), *((k,) for k in self._widths)):
                 checked(self.system, sample)  # says which
-        return self.follow(state, Log.of([previous, following]))[0]
-
-    def motion(self, log: Log) -> Motion | None:
-        """What a log alone decides of its steps; None where no compiled loop knows the system.
-
-        Identifiers of one system that have the state between samples the same way may share it.
-        """
-        system, (t, q, v, u) = self.system, log
-        if system.linkage is not None:
-            return tree_motion(system.linkage, self.hermite, *log)
-        if system.loaded is not None:
-            tree = tree_motion(system.loaded.linkage, self.hermite, *log)
-            F = np.stack([
-                system.applied(states, u[:-1])
-                for states in (tree.states[:-1], tree.middles, tree.states[1:])
-            ])  # fmt: skip
-            return LoadedMotion(system.loaded, *tree[1:], F)
-        if system.inertia is None:
-            return None
-        qm, vm = midpoints(system, log, self.hermite)
-        tm, held = 0.5 * (t[:-1] + t[1:]), u[:-1]
-        F = np.stack([
-            system.forces(t[:-1], q[:-1], v[:-1], held),
-            system.forces(tm, qm, vm, held),
-            system.forces(t[1:], q[1:], v[1:], held),
-        ])  # fmt: skip
-        return BodyMotion(system.inertia, system.group, t, v, vm, F)
+        if not (following.t > previous.t and np.isfinite(following.t)):
+            raise InvalidInput(
+                "t",
+                f"a time after {previous.t!r} s",
+                repr(following.t),
+                "Sort the samples by time.",
+            )
+        pair = zip(previous, following, strict=True)
+        return self.follow(state, Log.unchecked(*(np.array(part, np.float64) for part in pair)))[0]
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """RK4 steps of (44, 45) along a log.
+        """RK4 steps of (44, 45) along a log, and the memory's updates where it has one.
 
         Raises:
-            InvalidInput: time does not increase, or a shape is wrong.
+            InvalidInput: the log's widths are not the system's.
         """
-        return self.along(state, log)
+        if self.memory is None:
+            return self.along(state, log)
+        made, at = [Estimates.of(state)], 0
+        while at < len(log.t) - 1 and state.status is Status.completed:
+            assert state.memory is not None
+            steps = self.memory.every - state.memory.step % self.memory.every
+            piece = log.part(at, at + steps + 1)
+            state, estimates = self.along(state, piece)
+            if state.status is Status.completed:
+                state = self.memory.absorb(state, piece)
+                estimates.theta_hat[-1], estimates.spent[-1] = state.theta_hat, state.spent
+            made.append(estimates.after(1))
+            at += len(estimates.pivot) - 1
+        return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
 
     def along(
         self, state: State, log: Log, motion: Motion | None = None
     ) -> tuple[State, Estimates]:
-        """The same, where the log's `motion` may be known already.
+        """RK4 steps of (44, 45) along a log, without a memory's updates.
+
+        Args:
+            state: at the first measurement; one that may not go on stays as it is.
+            log: N measurements.
+            motion: of that log, where it is known already: identifiers of one system that
+                interpolate alike may share it.
 
         Raises:
-            InvalidInput: time does not increase, or a shape is wrong.
+            InvalidInput: the log's widths are not the system's.
         """
         self._check(log)
         estimates = Estimates(
-            np.empty((len(log.t), self.system.n)), np.empty((len(log.t), self.system.p)),
-            np.empty(len(log.t)), np.full(len(log.t), state.spent),
-        )  # fmt: skip
+            np.empty((len(log.t), self.system.n)),
+            np.empty((len(log.t), self.system.p)),
+            np.empty(len(log.t)),
+            np.full(len(log.t), state.spent),
+        )
         for start, part in zip(
             estimates, (state.v_hat, state.theta_hat, state.pivot), strict=False
         ):
@@ -140,78 +172,61 @@ class NullspaceIdentifier(Identifier):
             return state, estimates.first(1)
         return _end(state, log, estimates, self._follow(log, estimates, motion))
 
+    def motion(self, log: Log) -> Motion:
+        """What a log alone decides of this identifier's stages."""
+        return self.system.motion(log, self.hermite)
+
     def _check(self, log: Log) -> None:
-        """Accepts a log."""
-        shapes = tuple(part.shape for part in log)
-        if shapes != (log.t.shape, *((len(log.t), k) for k in self._widths)):
-            checked(self.system, log.at(0))  # says which
-        wrong = ~((np.diff(log.t) > 0) & np.isfinite(log.t[1:]))
-        if wrong.any():
-            before, after = log.t[int(np.argmax(wrong)) :][:2].tolist()
-            raise InvalidInput("t", f"a time after {before!r} s", repr(after),
-                               "Sort the samples by time.")  # fmt: skip
+        """Accepts a log of the system's widths."""
+        if not isinstance(log, Log):
+            raise InvalidInput("log", "a Log", type(log).__name__, "Make one: Log(t, q, v, u).")
+        for name, part, width in zip("qvu", log[1:], self._widths, strict=True):
+            if part.shape[1] != width:
+                raise InvalidInput(
+                    name,
+                    f"{width} columns",
+                    f"{part.shape[1]}",
+                    "A log holds the system's own coordinates: m positions, n velocities and "
+                    "n_u commands.",
+                )
 
     @property
     def _widths(self) -> tuple[int, int, int]:
         return self.system.m, self.system.n, self.system.n_u
 
-    def _follow(self, log: Log, estimates: Estimates, motion: Motion | None = None) -> int:
+    def _follow(self, log: Log, estimates: Estimates, motion: Motion | None) -> int:
         """Writes the estimates from row 1 on; returns the row that failed, N where none did."""
         if motion is not None:
             return follow(self.law, motion, *estimates[:3])
-        for at in range(0, len(log.t) - 1, _PIECE):
-            rows = [part[at : at + _PIECE + 1] for part in estimates[:3]]
-            piece = self.motion(log.part(at, at + _PIECE + 1))
-            if piece is None:
-                return self._follow_any(log, estimates)
-            failed = follow(self.law, piece, *rows)
+        steps = self.system.motion_steps
+        for at in range(0, len(log.t) - 1, steps):
+            rows = [part[at : at + steps + 1] for part in estimates[:3]]
+            failed = follow(self.law, self.motion(log.part(at, at + steps + 1)), *rows)
             if failed < len(rows[0]):
                 return at + failed
         return len(log.t)
 
-    def _follow_any(self, log: Log, estimates: Estimates) -> int:
-        """The same for any system, stage by stage."""
-        system, n, law = self.system, self.system.n, self.law
-        work = room(law, n, system.p)
-        z, theta, last = work[1], work[4], system.at(*log.at(0))
-        for k in range(1, len(log.t)):
-            previous, following = log.at(k - 1), log.at(k)
-            (t, q, v, _), u = following, previous.u
-            dt = t - previous.t
-            between = between_two(system, previous, following, self.hermite)
-            first, last = last.commanded(previous.t, u), system.at(t, q, v, u)
-            middle = system.at(previous.t + 0.5 * dt, *between, u)
-            begin(law, work, estimates.v_hat[k - 1], estimates.theta_hat[k - 1])
-            smallest = np.inf
-            for instant, weight, reach in (
-                (first, dt / 6, dt / 2),
-                (middle, dt / 3, dt / 2),
-                (middle, dt / 3, dt),
-                (last, dt / 6, 0.0),
-            ):
-                a_hat, W, pivot = instant.evaluate(z[:n], theta)  # (29), (10, 31)
-                if not pivot > 0:
-                    estimates.pivot[k] = pivot
-                    return k
-                smallest = min(smallest, pivot)
-                advance_by_regressor(law, work, instant.v, a_hat, W, weight, reach)
-            if not inside_law(law, theta):
-                estimates.pivot[k] = np.nan
-                return k
-            estimates.v_hat[k], estimates.theta_hat[k] = z[:n], theta
-            estimates.pivot[k] = smallest
-        return len(log.t)
-
     def conserved(self, theta_hat: Array) -> Array:
-        """θ̂ᵀ Γ⁻¹ θ̂ over the parameters that move, constant under (45) by (30).
+        """(...,) the metric's conserved quantity for estimates (..., p)."""
+        return self.metric.conserved(theta_hat)
 
-        Constant only where none is held: (30) says W θ̂ = 0 for the whole θ̂.
-        """
-        moving = self.moving
-        theta = np.asarray(theta_hat)[..., moving]
-        if self.Gamma.ndim == 1:
-            return np.sum(theta**2 / self.Gamma[moving], axis=-1)
-        return np.sum(theta * np.linalg.solve(self.Gamma, theta[..., None])[..., 0], axis=-1)
+    def divergence(self, theta: Array, theta_hat: Array) -> Array:
+        """(...,) the second term of V (66), in the metric, at θ (p,) and estimates (..., p)."""
+        return self.metric.divergence(theta, theta_hat)
+
+    def implicit(self, t: Array) -> np.ndarray:
+        """(N−1,) between which of the times (N,) of a run lies an update by the memory."""
+        if self.memory is None:
+            return np.zeros(max(0, len(t) - 1), dtype=bool)
+        return self.memory.updates(t)
+
+    def slack(self, state: State, theta: Array) -> float:
+        """By how much an update of the memory can raise V under the true θ (p,); else 0."""
+        return 0.0 if self.memory is None else self.memory.slack(state, theta)
+
+    def confidence(self, state: State) -> Confidence | None:
+        """What the memory knows of the estimate's error; None without one."""
+        return None if self.memory is None else self.memory.confidence(state)
 
 
 def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
@@ -286,30 +301,3 @@ def _abreast(
         own = Estimates(v_hat[..., i], theta_hat[..., i], pivot[..., i], spent)
         made.append(_end(state, log, own, count))
     return made
-
-
-def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None = None) -> Array:
-    """A gain given by its diagonal (size,) or whole (size, size), checked positive definite.
-
-    Raises:
-        InvalidInput: the shape is wrong, it is not symmetric or not positive definite.
-    """
-    gain = np.ascontiguousarray(value, dtype=np.float64)
-    if gain.shape not in ((size,), (size, size)):
-        raise InvalidInput(
-            name, f"shape ({size},) or ({size}, {size})", gain.shape, "Give the diagonal or all."
-        )
-    if not np.isfinite(gain).all():
-        raise InvalidInput(name, "finite values", "NaN or infinity", "Check how it was computed.")
-    if gain.ndim == 2 and not np.allclose(gain, gain.T, rtol=1e-10, atol=0):
-        raise InvalidInput(name, "a symmetric matrix", "one that is not", "Use (G + Gᵀ)/2.")
-    smallest = (
-        gain[moving if moving is not None else slice(None)].min(initial=np.inf)
-        if gain.ndim == 1
-        else np.linalg.eigvalsh(gain)[0]
-    )
-    if not smallest > 0:
-        raise InvalidInput(
-            name, "a positive definite gain", f"smallest eigenvalue {smallest:g}", "Make it > 0."
-        )
-    return gain

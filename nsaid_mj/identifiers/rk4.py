@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 
 from ..dynamics.motions import stage, stage_room
 from ..numerics.eight import copy_into, eights, zeros
@@ -14,16 +13,12 @@ from .metric import Flat, adapt, chart, enter, hold, leave, sound
 # -- one step --------------------------------------------------------------------------------------
 
 
+@njit(cache=True)
 def work_room(law, n, p):
     """What a step works with: its start, its stages' z = (v̂, η), RK4's total, a rate, θ̂."""
     k, like = (n + p,), law.K
     start, z, total, rate = zeros(k, like), zeros(k, like), zeros(k, like), zeros(k, like)
     return start, z, total, rate, zeros((p,), like), chart(law)
-
-
-register_jitable(work_room)
-room = njit(cache=True)(work_room)
-"""The same, for Python's own loops."""
 
 
 @njit(cache=True)
@@ -69,18 +64,6 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
         copy_into(total, z)
     hold(law, start[n:], eta)
     leave(law, eta, theta, scratch)
-
-
-@njit(cache=True)
-def advance_by_regressor(law, work, v, a_hat, W, weight, reach):
-    """The same from the regressor W (n, p) in place of Wᵀ Δv."""
-    advance(law, work, v, a_hat, np.dot(work[1][: v.shape[0]] - v, W), weight, reach)
-
-
-@njit(cache=True)
-def inside_law(law, theta):
-    """Whether θ̂ (p,) may be what a step ends at."""
-    return sound(law, theta)
 
 
 # -- along a log -----------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ import pinocchio as pin
 from ..errors import BadRobot, EnginesDisagree, InvalidInput
 from ..parameters import Array
 from ..systems.compiled import CompiledMultibody
-from ..systems.multibody import JointScales, Multibody
+from ..systems.multibody import JointScales, MotorTree, Multibody
 from .world.callbacks import coulomb_friction
 from .world.coordinates import joint_map
 from .world.mismatch import Mismatch
@@ -22,8 +22,8 @@ from .world.robots import Base, Robot, load_robot
 from .world.shapes import VisualMesh
 from .world.tree import Looks, tree_spec
 
-Backend = Literal["pinocchio", "compiled"]
-"""Where a robot's regressors come from: Pinocchio, or our own recursions, which agree with it."""
+Backend = Literal["compiled", "pinocchio"]
+"""Where a robot's regressors come from: compiled recursions, or Pinocchio; they agree."""
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
@@ -44,8 +44,8 @@ class ArmPlant(PlantConfig):
         gain: nominal motor gain [N·m or N per unit of command].
         spread: largest relative deviation of the true numbers from the nominal ones.
         friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
-        backend: where the identifier's regressors come from: `pinocchio`, or `compiled` recursions
-            that agree with it and take a tenth of the time.
+        backend: where the identifier's regressors come from: `compiled` recursions, which are held
+            against Pinocchio at every start, or `pinocchio`, several times slower.
     """
 
     robot: str = "ur5"
@@ -55,7 +55,7 @@ class ArmPlant(PlantConfig):
     gain: float = 1.0
     spread: float = 0.2
     friction_speed: float = 0.05
-    backend: Backend = "pinocchio"
+    backend: Backend = "compiled"
     _base: ClassVar[Base] = "held"
 
     def __post_init__(self) -> None:
@@ -149,12 +149,12 @@ class Arm(Plant):
         EnginesDisagree: the two engines compute different dynamics.
     """
 
-    system: Multibody
+    system: MotorTree
 
     def __init__(
         self,
         robot: Robot,
-        system: Multibody,
+        system: MotorTree,
         hidden: HiddenJoints,
         dt: float,
         mismatch: Mismatch,

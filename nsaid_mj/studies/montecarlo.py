@@ -27,7 +27,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from .. import evaluation
-from ..dynamics.motions import Motion
 from ..errors import BadRun, InvalidInput
 from ..evaluation.figures import actuator_ratio_error
 from ..experiment.library import digest_of
@@ -36,12 +35,12 @@ from ..experiment.scenario import Scenario
 from ..experiment.setup import Seeds, draw_for, laws_for, plant_for, trajectory
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
-from ..identifiers.memory.law import MemoryIdentifier
 from ..identifiers.nullspace_aid import NullspaceIdentifier, side_by_side
 from ..log import Log
 from ..nullspace import Nullspace, structural
 from ..parameters import Array
 from ..plants import Plant, Sensors
+from ..system import Motion
 from .sweep import opened, seed_of
 from .sweep_results import MANIFEST, ROWS, TABLE, Group, Row, Sweep, read, told, write_table
 from .sweep_worker import CONVERGED
@@ -277,7 +276,7 @@ def _made(
 
 def _shared(law: Identifier, log: Log) -> Motion | None:
     """What all identifiers of one kind can share on a log; None for a law that goes its own way."""
-    if isinstance(law, NullspaceIdentifier) and not isinstance(law, MemoryIdentifier):
+    if isinstance(law, NullspaceIdentifier) and law.memory is None:
         return law.motion(log)
     return None
 

@@ -65,7 +65,7 @@ class FlyingArm(VehicleManipulator):
         self.allocation[1, 3:6] = (spins[:, None] * directions).T
 
     def applied(self, states: Array, u: Array) -> Array:
-        """As in the base class: rotors."""
+        """(N, n, 2 r) the columns of F of the rotors' thrust and torque gains."""
         return _rotors(self.allocation, u[:, len(self.joints) :])
 
 

@@ -76,7 +76,7 @@ class GroundVehicle(RigidBody):
         return _forces(v, u, self.wheelbase / 2, self.p)
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """As in the base class, in one compiled call."""
+        """(N, n, p) F for N samples, in one compiled call."""
         return _each_forces(v, u, self.wheelbase / 2, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""Trees of revolute and prismatic joints (5), fixed or afloat, through Pinocchio's regressors.
+"""Trees of revolute and prismatic joints (5), fixed or afloat, with a motor on every joint.
 
 θ = ten inertial parameters of every link, the base first where it floats, then, for every joint,
 rotor inertia (where the robot has any), viscous and Coulomb friction, motor gain. Link inertias are
@@ -14,10 +14,20 @@ import numpy as np
 import pinocchio as pin
 from numba import njit
 
+from ..dynamics.interpolation import tree_midpoints
+from ..dynamics.motions import TensorMotion
 from ..dynamics.tree import accelerate, tree_state, tree_work
+from ..log import Log, Middle
 from ..numerics.spatial import bracket
 from ..parameters import Array, Block, ParameterSpace
-from ..system import DIFFERENCE, Instant
+from ..system import Stage
+from .general import (
+    balance_by_sample,
+    difference_step,
+    forces_by_sample,
+    tensor_motion,
+    tensor_steps,
+)
 from .joints import JointTree
 from .rigid_body import INERTIAL, INERTIAL_UNITS
 from .tree import linkage_of
@@ -50,7 +60,7 @@ class JointScales:
     rotor: Array | None = None
 
 
-class Multibody(JointTree):
+class MotorTree(JointTree):
     """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5), with motors on the joints only.
 
     C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
@@ -58,48 +68,70 @@ class Multibody(JointTree):
     the Lie bracket of the base's twists, 0 where the base is fixed: rates of joints commute.
     Friction is `viscous·v + coulomb·tanh(v/friction_speed)`.
 
+    The regressors are supplied by `Multibody` (Pinocchio's) or `CompiledMultibody` (compiled
+    recursions, which agree with Pinocchio's).
+
     Args:
         model: kinematics and gravity; its inertias are not read and not kept.
         scales: data-sheet guesses, which become the scale of θ.
         friction_speed: (k,) joint speed at which Coulomb friction is developed [rad/s or m/s].
 
     Attributes:
-        tree: its bodies, for `recursion`.
+        tree: its bodies, for `dynamics.tree`.
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
         super().__init__(model)
-        self._weightless = pin.Model(self.model)
-        self._weightless.gravity.setZero()
-        self._data, self._data_0 = self.model.createData(), self._weightless.createData()
         self.n_u = len(self.joints)
         self.scales, self.friction_speed = scales, np.asarray(friction_speed, dtype=np.float64)
         self.space = _space(self, scales)
-        self._links = 10 * self.bodies
+        links = 10 * self.bodies
+        viscous = links + (0 if scales.rotor is None else self.n_u)
+        columns = np.array([links, viscous, viscous + self.n_u, viscous + 2 * self.n_u])
+        self.tree = linkage_of(self.model, self.friction_speed, columns)
+        self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
         self._zero = np.zeros(self.n)
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples."""
+        return Middle(*tree_midpoints(self.tree, log.t, log.q, log.v, hermite))
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws a configuration within the limits, speeds and commands of operation."""
+        q = self.position(rng.uniform(*self.limits))
+        v = self._speed * rng.uniform(-1, 1, self.n)
+        return q, v, self.scales.command * rng.uniform(-1, 1, self.n_u)
+
+
+class Multibody(MotorTree):
+    """A `MotorTree` whose regressors are Pinocchio's: the reference, several times slower.
+
+    Its arguments are those of `MotorTree`.
+    """
+
+    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
+        super().__init__(model, scales, friction_speed)
+        self.motion_steps = tensor_steps(self)
+        self._weightless = pin.Model(self.model)
+        self._weightless.gravity.setZero()
+        self._data, self._data_0 = self.model.createData(), self._weightless.createData()
         self._unit = np.eye(self.n)
         self._joint = np.arange(self.n_u)
         self._moved = self.group + self._joint  # the velocity of each joint
-        rotors = 0 if scales.rotor is None else self.n_u
-        self._rotor = self._links if rotors else None
-        self._viscous = self._links + rotors
-        self._coulomb, self._gain = self._viscous + self.n_u, self._viscous + 2 * self.n_u
-        self._at = (
-            self.group,
-            -1 if self._rotor is None else self._rotor,
-            self._viscous,
-            self._coulomb,
-            self._gain,
-        )
-        columns = np.array([self._links, self._viscous, self._coulomb, self._gain])
-        self.tree = linkage_of(self.model, self.friction_speed, columns)
-        self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
+        self._links, self._viscous, self._coulomb, self._gain = self.tree.columns.tolist()
+        self._rotor = None if scales.rotor is None else self._links
 
     # -- regressors ----------------------------------------------------------------------------
 
+    def _weighted(self, q: Array, v: Array, a: Array) -> Array:
+        """(n, 10 b) Pinocchio's regressor; a single joint's, which it squeezes, too."""
+        regressor = pin.computeJointTorqueRegressor(self.model, self._data, q, v, a)
+        return regressor if self.n > 1 else regressor.reshape(1, -1)
+
     def _torque_regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(n, 10 n) of a robot without weight."""
-        return pin.computeJointTorqueRegressor(self._weightless, self._data_0, q, v, a)
+        """(n, 10 b) Pinocchio's regressor of a robot without weight."""
+        regressor = pin.computeJointTorqueRegressor(self._weightless, self._data_0, q, v, a)
+        return regressor if self.n > 1 else regressor.reshape(1, -1)
 
     def _W_M(self, q: Array, a: Array) -> Array:
         W = np.zeros((self.n, self.p))
@@ -127,7 +159,7 @@ class Multibody(JointTree):
 
     def _transport(self, q: Array, v: Array) -> Array:
         W = np.zeros((self.n, self.p))
-        step = DIFFERENCE / (1.0 + np.abs(v).max(initial=0.0))
+        step = difference_step(v)
         ahead = self._torque_regressor(self.integrate(q, step * v), self._zero, v).copy()
         behind = self._torque_regressor(self.integrate(q, -step * v), self._zero, v)
         W[:, : self._links] = (ahead - behind) / (2 * step)
@@ -136,7 +168,7 @@ class Multibody(JointTree):
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
         F = self._joint_forces(v, u)
-        weight = pin.computeJointTorqueRegressor(self.model, self._data, q, self._zero, self._zero)
+        weight = self._weighted(q, self._zero, self._zero)
         np.negative(weight, out=F[:, : self._links])
         return F
 
@@ -144,7 +176,7 @@ class Multibody(JointTree):
         W = -self._joint_forces(v, u)
         turned = a + 0.5 * bracket(self.group, v, w)
         np.subtract(
-            pin.computeJointTorqueRegressor(self.model, self._data, q, 0.5 * (v + w), turned),
+            self._weighted(q, 0.5 * (v + w), turned),
             self._torque_regressor(q, 0.5 * (v - w), self._zero),
             out=W[:, : self._links],
         )
@@ -160,74 +192,44 @@ class Multibody(JointTree):
         F[self._moved, self._gain + self._joint] = u
         return F
 
-    def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
-        """The robot at one measured state and command."""
-        if self.n == 1:  # Pinocchio squeezes a single joint's matrices to vectors
-            return Instant(self, t, q, v, u)
-        return _TreeInstant(self, t, q, v, u)
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample.
 
-    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws a configuration within the limits, speeds and commands of operation."""
-        q = self.position(rng.uniform(*self.limits))
-        v = self._speed * rng.uniform(-1, 1, self.n)
-        return q, v, self.scales.command * rng.uniform(-1, 1, self.n_u)
-
-
-class _TreeInstant(Instant):
-    """A robot at one state: W is Pinocchio's; â solves the same equations by `recursion`.
-
-    Pinocchio's own algorithms for â store centres of mass, h/m, and so refuse links without mass.
-    """
-
-    system: Multibody
-
-    def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
-        """As in the base class."""
-        tree, q, v, u = self.system, self.q, self.v, self.u
-        theta = np.ascontiguousarray(theta)
-        a_hat, plus, minus, turned, pivot = _accelerate(tree.tree, tree.group, q, v, w, u, theta)
-        W = _whole(
-            pin.computeJointTorqueRegressor(tree.model, tree._data, q, plus, turned),
-            pin.computeJointTorqueRegressor(tree._weightless, tree._data_0, q, minus, tree._zero),
-            v, a_hat, u, tree.friction_speed, tree._at, tree.p,
-        )  # fmt: skip
+        W is Pinocchio's; â solves the same equations by `dynamics.tree`, since Pinocchio's own
+        algorithms for â store centres of mass, h/m, and so refuse links without mass.
+        """
+        a_hat, pivot = _accelerate(self.tree, q, v, w, u, np.ascontiguousarray(theta))
+        W = self._W(t, q, v, w, a_hat, u)
         if not pivot > 0:
             a_hat[:] = np.nan
-        return a_hat, W, pivot
+        return Stage(a_hat, W, pivot)
 
-    def commanded(self, t: float, u: Array) -> Instant:
-        """The same state under another command."""
-        return _TreeInstant(self.system, t, self.q, self.v, u)
+    # -- along a log ---------------------------------------------------------------------------
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """(N, n, p) F for N samples."""
+        return forces_by_sample(self, t, q, v, u)
+
+    def motion(self, log: Log, hermite: bool) -> TensorMotion:
+        """The tensors of M, C and F along a log."""
+        return tensor_motion(self, log, hermite)
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """The terms of the momentum balance behind a leak, sample by sample."""
+        return balance_by_sample(self, leak, log, q, v)
 
 
 @njit(cache=True)
-def _accelerate(tree, group, q, v, w, u, theta):
-    """â of (29), 0 where M̂ is not ≻ 0; (v + w)/2; (v − w)/2; â + ½[v, w]; M̂'s smallest pivot."""
+def _accelerate(tree, q, v, w, u, theta):
+    """â (n,) of (29), 0 where M̂ is not ≻ 0; M̂'s smallest pivot."""
     a = np.empty(v.shape[0])
     state = tree_state(tree, q, v)
     pivot = accelerate(tree, state, v, w, u, theta, tree_work(tree, v.shape[0]), a)
     if not pivot > 0.0:
         a[:] = 0.0
-    return a, 0.5 * (v + w), 0.5 * (v - w), a + 0.5 * bracket(group, v, w), pivot
-
-
-@njit(cache=True)
-def _whole(with_weight, without, v, a, u, friction_speed, at, p):
-    """(n, p) W of (10) from the two regressors of its links."""
-    n, links = with_weight.shape
-    base, rotor, viscous, coulomb, gain = at
-    W = np.zeros((n, p))
-    for i in range(n):
-        for k in range(links):
-            W[i, k] = with_weight[i, k] - without[i, k]
-    for k in range(n - base):
-        i = base + k
-        W[i, viscous + k] = v[i]
-        W[i, coulomb + k] = np.tanh(v[i] / friction_speed[k])
-        W[i, gain + k] = -u[k]
-        if rotor >= 0:
-            W[i, rotor + k] = a[i]
-    return W
+    return a, pivot
 
 
 def link_block(number: int, mass: float, length: float) -> Block:

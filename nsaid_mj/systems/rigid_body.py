@@ -15,7 +15,11 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from ..log import Log
+from ..dynamics.motions import BodyMotion, force_regressors
+from ..dynamics.structures import ConstantInertia
+from ..log import Log, Middle
+from ..numerics.interpolation import body_midpoints
+from ..numerics.linalg import evaluate
 from ..numerics.spatial import (
     coadjoint,
     planar_difference,
@@ -26,7 +30,7 @@ from ..numerics.spatial import (
     quaternion_of,
 )
 from ..parameters import Array, Block, ParameterSpace
-from ..system import ConstantInertia, SecondOrderSystem
+from ..system import SecondOrderSystem, Stage
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 PLANAR_UNITS = ("m/s", "m/s", "rad/s")
@@ -35,13 +39,19 @@ INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 
 
 class RigidBody(SecondOrderSystem):
-    """A body whose M is linear in θ and constant in its own frame. Subclasses supply `_F`.
+    """A body whose M is linear in θ and constant in its own frame.
+
+    A subclass supplies `_F`, `forces` and `random_state`. With h = M v, C w = −ad_wᵀ h, so that an
+    identifier need not form W_M and W_C.
 
     Args:
         space: names, units and scale of θ.
         mass_tensor: (n, n, p) with M(θ) = mass_tensor · θ, symmetric in its first two axes.
         n_u: number of commands.
         mounts: (k, 3) for every actuator parameter, where its force acts, in the body's axes [m].
+
+    Attributes:
+        inertia: M, sparse.
     """
 
     inertia: ConstantInertia
@@ -61,13 +71,30 @@ class RigidBody(SecondOrderSystem):
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
         return turned(self.group, w, momentum(*self.inertia, self.p, v))
 
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
+
     def _transport(self, q: Array, v: Array) -> Array:
         return -self._W_C(q, v, v)  # M is constant in the body, and C skew
+
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample."""
+        return Stage(*evaluate(self._constant, self._W_C(q, v, w), self._F(t, q, v, u), theta))
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples."""
+        return Middle(*body_midpoints(self.group, log.t, log.q, log.v, hermite))
+
+    def motion(self, log: Log, hermite: bool) -> BodyMotion:
+        """The body's motion along a log."""
+        middle = self.midpoints(log, hermite)
+        F = force_regressors(self, log, middle)
+        return BodyMotion(self.inertia, self.group, log.t, log.v, middle.v, F)
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """As in the base class, compiled but for F."""
+        """The terms of the momentum balance behind a leak, compiled but for F."""
         t, held, (entries, values), group = log.t, log.u[:-1], self.inertia, self.group
         momenta = np.zeros((*log.v.shape, self.p))
         drive = np.zeros((*log.v.shape, self.p))
@@ -107,7 +134,11 @@ class RigidBody(SecondOrderSystem):
             return coordinates.copy()
         if coordinates.ndim == 1:
             return np.concatenate([coordinates[:3], quaternion_of(coordinates[3:])])
-        return np.stack([self.position(row) for row in coordinates])
+        poses = np.empty((*coordinates.shape[:-1], 7))
+        poses[..., :3] = coordinates[..., :3]
+        for numbers, pose in zip(coordinates.reshape(-1, 6), poses.reshape(-1, 7), strict=True):
+            pose[3:] = quaternion_of(numbers[3:])
+        return poses
 
 
 @njit(cache=True)

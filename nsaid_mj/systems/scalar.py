@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..log import Log
+from ..dynamics.motions import BodyMotion, force_regressors
+from ..dynamics.structures import ConstantInertia
+from ..log import Log, Middle
+from ..numerics.interpolation import body_midpoints
+from ..numerics.linalg import evaluate
 from ..parameters import Array, Block, ParameterSpace
-from ..system import ConstantInertia, SecondOrderSystem
+from ..system import SecondOrderSystem, Stage
 
 
 class ScalarVehicle(SecondOrderSystem):
@@ -48,8 +52,32 @@ class ScalarVehicle(SecondOrderSystem):
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
         return self.forces(np.array([t]), q[None], v[None], u[None])[0]
 
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        return self._W_M(q, a) - self._F(t, q, v, u)
+
+    def _mass_tensor(self, q: Array) -> Array:
+        return self._W_M(q, np.ones(1))[None]
+
+    def _transport(self, q: Array, v: Array) -> Array:
+        return np.zeros((1, 4))
+
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample."""
+        W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
+        return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples."""
+        return Middle(*body_midpoints(0, log.t, log.q, log.v, hermite))
+
+    def motion(self, log: Log, hermite: bool) -> BodyMotion:
+        """The vehicle's motion along a log."""
+        middle = self.midpoints(log, hermite)
+        F = force_regressors(self, log, middle)
+        return BodyMotion(self.inertia, 0, log.t, log.v, middle.v, F)
+
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """As in the base class, at once."""
+        """(N, 1, 4) F for N samples."""
         F = np.zeros((len(v), 1, 4))
         F[:, 0, 1:2], F[:, 0, 2], F[:, 0, 3:] = -v * np.abs(v), -1.0, u
         return F
@@ -57,7 +85,7 @@ class ScalarVehicle(SecondOrderSystem):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """As in the base class, at once: C = 0."""
+        """The terms of the momentum balance behind a leak; C = 0."""
         t, held = log.t, log.u[:-1]
         momenta, half = np.zeros((len(t), 1, 4)), np.zeros((len(v), 1, 4))
         momenta[:, 0, :1], half[:, 0, :1] = log.v, leak * v
@@ -76,6 +104,10 @@ class ScalarVehicle(SecondOrderSystem):
     def J(self, q: Array) -> Array:
         """(1, 1) identity: q̇ = v (3)."""
         return np.eye(1)
+
+    def position(self, coordinates: Array) -> Array:
+        """(..., 1) a copy of the position numbers, which are the position."""
+        return np.array(coordinates, dtype=np.float64)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws height within 10 m, velocity within twice the speed, command within its range."""

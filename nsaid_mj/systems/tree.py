@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ..dynamics import tree as recursion
+from ..dynamics.structures import Linkage, LoadedTree
 from ..parameters import Array, Indices
-from ..system import Linkage, LoadedTree
 
 
 def linkage_of(model: pin.Model, friction_speed: Array, columns: Indices) -> Linkage:

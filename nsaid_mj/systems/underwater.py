@@ -63,7 +63,7 @@ class UnderwaterVehicle(RigidBody):
         return _forces(q, v, u, self._allocation, self._curve, self.p)
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """As in the base class, in one compiled call."""
+        """(N, n, p) F for N samples, in one compiled call."""
         return _each_forces(q, v, u, self._allocation, self._curve, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:

@@ -9,17 +9,19 @@ then the thrusters'.
 from __future__ import annotations
 
 from abc import abstractmethod
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 from numba import njit
 
+from ..dynamics.interpolation import tree_midpoints
+from ..dynamics.motions import LoadedMotion, tree_motion
+from ..dynamics.structures import LoadedTree
 from ..dynamics.tree import AT, AXIS
-from ..log import Log
+from ..log import Log, Middle
 from ..numerics.triples import add, cross, dot, forth, three
 from ..parameters import Array, Block, ParameterSpace
-from ..system import Instant, LoadedTree
+from ..system import Stage
 from . import loads
 from .joints import JointTree
 from .multibody import JointScales, joint_blocks, link_block
@@ -78,10 +80,18 @@ class VehicleManipulator(JointTree):
 
     @abstractmethod
     def applied(self, states: Array, u: Array) -> Array:
-        """As in the base class: the columns of `vehicle`."""
+        """(N, n, k) the columns of F of the blocks in `vehicle`.
+
+        Args:
+            states: (N, b, ·) of `dynamics.tree`.
+            u: (N, n_u) commands.
+        """
+
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
 
     def _state(self, q: Array, v: Array) -> Array:
-        """(b, ·) of `recursion`."""
+        """(b, ·) of `dynamics.tree`."""
         return loads.placed(self.loaded.linkage, q[None], v[None])[0]
 
     def _W_M(self, q: Array, a: Array) -> Array:
@@ -102,7 +112,7 @@ class VehicleManipulator(JointTree):
         return self._forces(self._state(q, v)[None], v[None], u[None])[0]
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """As in the base class, compiled."""
+        """(N, n, p) F for N samples, compiled."""
         return self._forces(loads.placed(self.loaded.linkage, q, v), v, u)
 
     def _forces(self, states: Array, v: Array, u: Array) -> Array:
@@ -113,7 +123,7 @@ class VehicleManipulator(JointTree):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """As in the base class, compiled."""
+        """The terms of the momentum balance behind a leak, compiled."""
         linkage, held = self.loaded.linkage, log.u[:-1]
         states, middles = loads.placed(linkage, log.q, log.v), loads.placed(linkage, q, v)
         terms = loads.balance(self.loaded, leak, states, middles, log.v, v, held, self.p)
@@ -121,41 +131,28 @@ class VehicleManipulator(JointTree):
             F[:, :, self._vehicle :] = self.applied(those, held)
         return terms
 
-    def at(self, t: float, q: Array, v: Array, u: Array) -> Instant:
-        """The vehicle at one measured state and command."""
-        return _VehicleInstant(self, t, q, v, u)
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample, without a tensor of M."""
+        state, theta = self._state(q, v), np.ascontiguousarray(theta)
+        F = self._forces(state[None], v[None], u[None])[0]
+        return Stage(*loads.evaluate(self.loaded, state, v, u, F, w, theta))
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples."""
+        return Middle(*tree_midpoints(self.loaded.linkage, log.t, log.q, log.v, hermite))
+
+    def motion(self, log: Log, hermite: bool) -> LoadedMotion:
+        """The vehicle's motion along a log."""
+        tree = tree_motion(self.loaded.linkage, hermite, *log)
+        states = tree.states[:-1], tree.middles, tree.states[1:]
+        F = np.stack([self.applied(those, log.u[:-1]) for those in states])
+        return LoadedMotion(self.loaded, *tree[1:], F)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a pose and a configuration within the limits, speeds and commands of operation."""
         q = self.position(rng.uniform(*self.limits))
         v = self._speed * rng.uniform(-1, 1, self.n)
         return q, v, rng.uniform(*self.command_limits)
-
-
-class _VehicleInstant(Instant):
-    """A vehicle at one state, by `loaded`: no tensor of its mass matrix."""
-
-    system: VehicleManipulator
-
-    @cached_property
-    def _state(self) -> Array:
-        return self.system._state(self.q, self.v)
-
-    @cached_property
-    def F(self) -> Array:
-        """(n, p) force regressor of (4)."""
-        return self.system._forces(self._state[None], self.v[None], self.u[None])[0]
-
-    def evaluate(self, w: Array, theta: Array) -> tuple[Array, Array, float]:
-        """As in the base class."""
-        theta = np.ascontiguousarray(theta)
-        return loads.evaluate(self.system.loaded, self._state, self.v, self.u, self.F, w, theta)
-
-    def commanded(self, t: float, u: Array) -> Instant:
-        """The same state under another command."""
-        other = _VehicleInstant(self.system, t, self.q, self.v, u)
-        other.__dict__["_state"] = self._state
-        return other
 
 
 @njit(cache=True)

@@ -12,45 +12,16 @@ from nsaid_mj.dynamics.interpolation import body_half_way
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import Status
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.numerics import spatial
 from nsaid_mj.parameters import Array
 from nsaid_mj.system import SecondOrderSystem
 from tests.paper.bench import Motion, estimates, identify, lyapunov, order
+from tests.support.dense import Dense
 from tests.support.vehicles import VEHICLES
 
 BODIES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "scalar_rov"]
 bodies = pytest.mark.parametrize("name", BODIES)
-
-
-class Dense(SecondOrderSystem):
-    """A system as the generic law sees it: W of every stage, M from W_M, no inertia."""
-
-    def __init__(self, system: SecondOrderSystem):
-        self.n, self.m, self.n_u, self.space = system.n, system.m, system.n_u, system.space
-        self.group, self.velocity_units = system.group, system.velocity_units
-        self.inner = system
-
-    def _W_M(self, q: Array, a: Array) -> Array:
-        return self.inner._W_M(q, a)
-
-    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        return self.inner._W_C(q, v, w)
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return self.inner._F(t, q, v, u)
-
-    def integrate(self, q: Array, dq: Array) -> Array:
-        return self.inner.integrate(q, dq)
-
-    def difference(self, q0: Array, q1: Array) -> Array:
-        return self.inner.difference(q0, q1)
-
-    def J(self, q: Array) -> Array:
-        return self.inner.J(q)
-
-    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        return self.inner.random_state(rng)
 
 
 @cache
@@ -85,7 +56,7 @@ def test_the_compiled_step_is_the_generic_one(name, gains, hermite):
         rng = np.random.default_rng(1)
         K, Gamma = full(K, rng), full(Gamma, rng)
     fast, dense = (
-        identify(NullspaceIdentifier(s, K, Gamma, prior, dt, hermite), seen)
+        identify(paper_identifier(s, K, Gamma, prior, dt, hermite), seen)
         for s in (system, Dense(system))
     )
     scale = system.space.scale
@@ -108,7 +79,7 @@ def test_the_compiled_step_ends_as_the_generic_one_does(name):
     ):
         ends = []
         for s in (system, Dense(system)):
-            identifier = NullspaceIdentifier(s, *gains, start, dt)
+            identifier = paper_identifier(s, *gains, start, dt)
             state = identifier.step(identifier.init(seen[0]), *seen[:2])
             assert state.status is status
             broken = identifier.step(identifier.init(seen[0]), seen[0], lost)
@@ -239,7 +210,7 @@ def test_the_law_is_of_fourth_order_and_ends_where_44_and_45_do(name):
     K, Gamma = 20.0, STARTS[name][2] * scale**2
     end, counts, errors = exact(system, K, Gamma, prior, m), np.array([10, 20, 40, 80]), []
     for count in counts:
-        law = NullspaceIdentifier(system, np.full(system.n, K), Gamma, prior, m.seconds / count)
+        law = paper_identifier(system, np.full(system.n, K), Gamma, prior, m.seconds / count)
         states = identify(law, m.samples(count))
         errors.append(np.abs((states[-1].theta_hat - end) / scale).max())
     moved = np.abs((end - prior) / scale).max()
@@ -254,7 +225,7 @@ def test_the_sphere_is_kept_and_V_falls(name):
     truth = experiment.prepare(load(name))[0].truth
     Gamma = law.gain * system.space.scale**2
     for gain in (Gamma, full(Gamma, np.random.default_rng(3))):
-        identifier = NullspaceIdentifier(system, np.full(system.n, law.K), gain, prior, dt)
+        identifier = paper_identifier(system, np.full(system.n, law.K), gain, prior, dt)
         states = identify(identifier, seen)
         conserved = identifier.conserved(estimates(states)[1])
         drift = np.abs(conserved / conserved[0] - 1).max()

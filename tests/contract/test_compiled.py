@@ -17,14 +17,14 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID
 from nsaid_mj.identifiers.base import Status
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.arm import Backend, nominal_scales
 from nsaid_mj.plants.world.robots import Base, known_robots, load_robot
-from nsaid_mj.system import Instant
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
+from tests.support.dense import Dense
 
 FEW = ["double_pendulum held", "kinova held", "panda held", "xarm7 held", "borinot free",
        "solo12 free"]  # fmt: skip
@@ -113,8 +113,8 @@ def check_evaluate(robot: str, seeds) -> None:
         elif seed % 3 == 1:
             light = 10 * rng.integers(ours.bodies)  # hidden among heavier ones, or not
             theta[light : light + 10] *= rng.choice([-0.1, 0.0])
-        a, W, pivot = ours.at(0.0, q, v, u).evaluate(w, theta)
-        expected, W_expected, pivot_expected = Instant(theirs, 0.0, q, v, u).evaluate(w, theta)
+        a, W, pivot = ours.evaluate_at(0.0, q, v, u, w, theta)
+        expected, W_expected, pivot_expected = Dense(theirs).evaluate_at(0.0, q, v, u, w, theta)
         M = theirs.mass_matrix(np.r_[q, v], theta)
         if pivot_expected > 0:
             definite += 1
@@ -148,7 +148,7 @@ def test_one_joint_is_a_tree_too(joint):
     near(ours._W(0.0, q, v, w, a, u), theirs._W(0.0, q, v, w, a, u))
     near(ours._F(0.0, q, v, u), theirs._F(0.0, q, v, u))
     one, other = (
-        system.at(0.0, q, v, u).evaluate(w, theirs.space.scale) for system in (ours, theirs)
+        system.evaluate_at(0.0, q, v, u, w, theirs.space.scale) for system in (ours, theirs)
     )
     assert other[2] > 0
     for found, expected in zip(one, other, strict=True):
@@ -248,7 +248,7 @@ def test_a_dense_gain_is_the_diagonal_one():
     )
     ends = []
     for gains in ((K, Gamma), (np.diag(K), np.diag(Gamma))):
-        law = NullspaceIdentifier(ours, *gains, true_theta("kinova held"), 1e-3)
+        law = paper_identifier(ours, *gains, true_theta("kinova held"), 1e-3)
         state = law.init(samples[0])
         for one, other in pairwise(samples):
             state = law.step(state, one, other)
@@ -272,7 +272,7 @@ def test_not_a_number_stays_visible(part, law):
         samples[1] = samples[1]._replace(**{part: spoilt})
     after = identifier.step(state, *samples)
     assert not after.pivot > 0 and after.status is Status.measurement_not_finite
-    a, W, _ = ours.at(0.0, *samples[1][1:3], samples[0].u).evaluate(state.v_hat, state.theta_hat)
+    a, W, _ = ours.evaluate_at(0.0, *samples[1][1:3], samples[0].u, state.v_hat, state.theta_hat)
     assert np.isnan(a).any() or np.isnan(W).any()
 
 

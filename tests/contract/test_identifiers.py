@@ -24,7 +24,7 @@ from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
 from nsaid_mj.plants.scalar_rov import ScalarRov
 
@@ -207,7 +207,7 @@ def test_a_gain_is_positive_definite(name, gain, bad):
     gains: dict[str, Any] = {"K": np.ones(system.n), "Gamma": np.ones(system.p)}
     gains[gain] = BAD_GAINS[bad](len(gains[gain]))
     with pytest.raises(InvalidInput) as caught:
-        NullspaceIdentifier(system, **gains, prior=prior, dt=1e-3)
+        paper_identifier(system, **gains, prior=prior, dt=1e-3)
     assert caught.value.name == gain and caught.value.remedy
 
 
@@ -217,7 +217,7 @@ def test_a_gain_is_positive_definite(name, gain, bad):
 def test_a_prior_is_one_number_for_each_parameter(name, change):
     system, prior, _ = motion(name)
     with pytest.raises(InvalidInput) as caught:
-        NullspaceIdentifier(system, np.ones(system.n), np.ones(system.p), change(prior), 1e-3)
+        paper_identifier(system, np.ones(system.n), np.ones(system.p), change(prior), 1e-3)
     assert caught.value.name == "prior"
 
 
@@ -230,7 +230,7 @@ def test_K_is_within_what_rk4_can_follow(name, law):
     assert caught.value.name == "K"
     K = 2e3 * np.eye(system.n) + 600.0 * np.ones((system.n, system.n))  # λ_max = 2000 + 600 n
     with pytest.raises(InvalidInput, match="λ_max"):
-        NullspaceIdentifier(system, K, np.ones(system.p), prior, 1e-3)
+        paper_identifier(system, K, np.ones(system.p), prior, 1e-3)
 
 
 @systems
@@ -238,7 +238,7 @@ def test_a_diagonal_and_a_matrix_are_the_same_gain(name):
     system, prior, seen = motion(name)
     K, Gamma = np.full(system.n, 20.0), system.space.scale**2
     diagonal, full = (
-        NullspaceIdentifier(system, *gains, prior=prior, dt=1e-3)
+        paper_identifier(system, *gains, prior=prior, dt=1e-3)
         for gains in ((K, Gamma), (np.diag(K), np.diag(Gamma)))
     )
     one, two = identify(diagonal, seen)[-1], identify(full, seen)[-1]
@@ -287,7 +287,7 @@ def test_the_scale_of_theta_is_a_symmetry(name, law):
 
     def scaled(alpha):
         other = copy.copy(one)
-        other.prior, other.Gamma = alpha * one.prior, alpha * one.Gamma
+        other.prior, other.Gamma = alpha * one.prior, alpha * one.metric.Gamma
         return identify(other, seen)
 
     states = identify(one, seen)

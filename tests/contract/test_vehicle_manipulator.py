@@ -8,23 +8,24 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.control import HoverAndReach, SwimAndReach
-from nsaid_mj.dynamics.interpolation import between_two, midpoints
 from nsaid_mj.dynamics.loaded import loaded_gradient, loaded_work
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.setup import draw_prior, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.numerics.spatial import unrotate
 from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
 from nsaid_mj.plants.vehicle_manipulator import VehicleWithArm
-from nsaid_mj.system import Instant, SecondOrderSystem
+from nsaid_mj.system import SecondOrderSystem
 from nsaid_mj.systems import loads
 from nsaid_mj.systems.flying_arm import FlyingArm
+from nsaid_mj.systems.general import midpoints_by_sample
 from nsaid_mj.systems.multibody import JointScales
 from nsaid_mj.systems.underwater_manipulator import UnderwaterManipulator
-from tests.contract.test_bodies import Dense, full
+from tests.contract.test_bodies import full
+from tests.support.dense import Dense
 
 CONFIGS = {
     "uvms": UvmsPlant(), "borinot": FlyingArmPlant(), "iris": FlyingArmPlant(robot="iris"),
@@ -105,20 +106,18 @@ def test_m_dot_minus_2c_is_skew(name):
 
 
 @vehicles
-def test_an_instant_says_what_the_system_says(name):
+def test_one_sample_evaluates_to_what_the_definitions_give(name):
     system, theta = plant(name).system, plant(name).truth
     for seed in range(5):
         x, w, _, u, _ = draw(system, seed)
         q, v = system.split(x)
-        instant = system.at(0.0, q, v, 0 * u).commanded(0.0, u)
-        assert type(instant) is not Instant
-        a, W, pivot = instant.evaluate(w, theta)
+        a, W, pivot = system.evaluate_at(0.0, q, v, u, w, theta)
         near(a, system.acceleration(0.0, x, w, u, theta), 1e-10)  # (29)
         near(W, system.regressor(0.0, x, w, a, u), 1e-12)
         assert np.abs(W @ theta).max() <= 1e-12 * (np.abs(W) @ np.abs(theta)).max()  # (30)
         L = np.linalg.cholesky(system.mass_matrix(x, theta))
         assert pivot == pytest.approx((np.diag(L) ** 2).min(), rel=1e-9)
-        a, W, pivot = instant.evaluate(w, -theta)
+        a, W, pivot = system.evaluate_at(0.0, q, v, u, w, -theta)
         assert not pivot > 0 and np.isnan(a).all() and np.isfinite(W).all()
 
 
@@ -281,7 +280,7 @@ def test_a_stage_is_that_of_the_regressors(name):
                 tree, states[0], v, u, system.applied(states, u[None])[0], w, sign * theta, work,
                 a, gradient,
             )  # fmt: skip
-            dense, W, smallest = Instant(system, 0.0, q, v, u).evaluate(w, sign * theta)
+            dense, W, smallest = Dense(system).evaluate_at(0.0, q, v, u, w, sign * theta)
             assert pivot == pytest.approx(smallest, rel=1e-9)
             if sign > 0:
                 near(a, dense, 1e-11)
@@ -357,7 +356,7 @@ def test_full_gains_and_ends_are_the_generic_ones(name):
         fast, dense = (
             law.follow(law.init(log.at(0)), measured)
             for law in (
-                NullspaceIdentifier(s, *gains, prior, 5e-3) for s in (p.system, Dense(p.system))
+                paper_identifier(s, *gains, prior, 5e-3) for s in (p.system, Dense(p.system))
             )
         )
         assert fast[0].status is dense[0].status is status
@@ -394,9 +393,10 @@ def test_the_momentum_balance_is_the_generic_one(name, leak):
 def test_the_states_half_way_are_the_generic_ones(name):
     p, log = driven(name)
     for hermite in (True, False):
-        middle = midpoints(p.system, log, hermite)
+        middle = p.system.midpoints(log, hermite)
         for k in (0, 70, 149):
-            q, v = between_two(p.system, log.at(k), log.at(k + 1), hermite)
+            one = midpoints_by_sample(p.system, log.part(k, k + 2), hermite)
+            q, v = one.q[0], one.v[0]
             near(middle.q[k], q, 1e-12)
             near(middle.v[k], v, 1e-11)
 

@@ -240,9 +240,9 @@ def test_the_gain_gives_every_direction_one_rate():
     H = (axes * values) @ axes.T
     law = NullspaceAID(K=6.0, gamma="simulated", rate=0.2, floor=1e-3)
     identifier = law.build(system, plant.truth, 0.01, gramian=lambda: 0.5 * (H + H.T))
-    assert isinstance(identifier, NullspaceIdentifier) and identifier.Gamma.shape == (p, p)
+    assert isinstance(identifier, NullspaceIdentifier) and identifier.metric.Gamma.shape == (p, p)
     scale = system.space.scale
-    rates = axes.T @ (identifier.Gamma / np.outer(scale, scale)) @ H @ axes / 6.0
+    rates = axes.T @ (identifier.metric.Gamma / np.outer(scale, scale)) @ H @ axes / 6.0
     np.testing.assert_allclose(rates, np.diag(0.2 * values / np.maximum(values, 0.01)), atol=1e-8)
 
 
@@ -254,7 +254,7 @@ def test_a_gain_by_scale_needs_no_rehearsal():
     law = NullspaceAID(gamma="scale", gain=0.5)
     identifier = law.build(plant.system, plant.truth, 0.01, gramian=never)
     assert isinstance(identifier, NullspaceIdentifier)
-    assert (identifier.Gamma == 0.5 * plant.system.space.scale**2).all()
+    assert (identifier.metric.Gamma == 0.5 * plant.system.space.scale**2).all()
 
 
 def test_two_identifiers_of_a_run_share_one_rehearsal(monkeypatch):

@@ -14,7 +14,7 @@ from nsaid_mj.errors import BadRobot, BadRun, InvalidInput, UnknownName
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.identifiers import State, Status
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.reporting.finish import rebuild
 from tests.support.faulty import PENDULUM, ROV, flat, shell
@@ -122,7 +122,7 @@ NEXT = Measurement(0.01, np.zeros(1), np.zeros(1), np.zeros(1))
 
 
 def law(system=SYSTEM, K=None, Gamma=None, prior=None, dt=0.01) -> NullspaceIdentifier:
-    return NullspaceIdentifier(
+    return paper_identifier(
         system,
         np.ones(system.n) if K is None else np.asarray(K),
         system.space.scale**2 if Gamma is None else np.asarray(Gamma),

@@ -1,6 +1,6 @@
 """The cone of physical parameters: its barrier, its chart, and the law in its metric."""
 
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -8,17 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.dynamics.interpolation import between_two
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Seeds, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.cone import chart
-from nsaid_mj.identifiers.cone.law import ConeIdentifier
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.cone.law import cone_identifier
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
+from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, BlueROV2Plant, Plant, REMUS100Plant
+from nsaid_mj.systems.general import midpoints_by_sample, tensor_motion
 
 FEW = settings(deadline=None, max_examples=15)
 seeds = st.integers(0, 2**32 - 1)
@@ -58,9 +59,9 @@ def identify(law: NullspaceIdentifier, measured: list) -> list:
     return states
 
 
-def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> ConeIdentifier:
+def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> NullspaceIdentifier:
     system, dt = plant(name).system, plant(name).dt
-    return ConeIdentifier(system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt,
+    return cone_identifier(system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt,
                           mu)  # fmt: skip
 
 
@@ -412,7 +413,7 @@ def test_no_start_and_no_gain_leaves_the_cone():
         states = identify(build("rov", prior, gain=100.0), measured)
         assert all(geometry.inside(cone, s.theta_hat) for s in states)
         system = plant("rov").system
-        plain = NullspaceIdentifier(system, np.full(6, 6.0), 100.0 * system.space.scale**2, prior,
+        plain = paper_identifier(system, np.full(6, 6.0), 100.0 * system.space.scale**2, prior,
                                     plant("rov").dt)  # fmt: skip
         state = plain.init(measured[0])
         for before, after in pairwise(measured):
@@ -426,36 +427,39 @@ def test_no_start_and_no_gain_leaves_the_cone():
 def test_the_compiled_body_step_is_the_general_one(monkeypatch):
     measured, law = rows("rov", 5.0)[:60], build("rov", inside("rov", 2))
     fast = identify(law, measured)[-1]
-    monkeypatch.setattr(law, "motion", lambda log: None)
+    monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
     slow = identify(law, measured)[-1]
     scale = law.system.space.scale
     np.testing.assert_allclose(fast.theta_hat / scale, slow.theta_hat / scale, rtol=0, atol=1e-11)
     np.testing.assert_allclose(fast.v_hat, slow.v_hat, rtol=0, atol=1e-11)
 
 
-def reference_step(law: ConeIdentifier, state, previous, following):
+def reference_step(law: NullspaceIdentifier, state, previous, following):
     """The same step in numpy, its metric dense."""
-    cone, n = law.cone, law.system.n
-    stiffness = np.linalg.inv(law.Gamma) if law.Gamma.ndim == 2 else np.diag(1 / law.Gamma)
+    cone, n = law.metric.cone, law.system.n
+    stiffness = (
+        np.linalg.inv(law.metric.Gamma)
+        if law.metric.Gamma.ndim == 2
+        else np.diag(1 / law.metric.Gamma)
+    )
     dt = following.t - previous.t
-    at, u = law.system.at, previous.u
-    first, last = at(*previous), at(*following._replace(u=u))
-    half = between_two(law.system, previous, following, law.hermite)
-    middle = at(previous.t + 0.5 * dt, *half, u)
+    middle = midpoints_by_sample(law.system, Log.of([previous, following]), law.hermite)
+    first, last = previous, following._replace(u=previous.u)
+    half = Measurement(previous.t + 0.5 * dt, middle.q[0], middle.v[0], previous.u)
     pairing = geometry.coordinates(cone)
 
-    def slope(instant, z):
+    def slope(sample, z):
         theta = chart.from_chart(cone, z[n:], pairing)
-        a_hat, W, _ = instant.evaluate(z[:n], theta)
-        dv = z[:n] - instant.v
-        metric = stiffness + law.mu * geometry.gradient_and_hessian(cone, theta)[1]
+        a_hat, W, _ = law.system.evaluate_at(*sample, z[:n], theta)
+        dv = z[:n] - sample.v
+        metric = stiffness + law.metric.mu * geometry.gradient_and_hessian(cone, theta)[1]
         theta_rate = np.linalg.solve(metric, W.T @ dv)
         return np.r_[a_hat - law.K * dv, chart.chart_rate(cone, z[n:], theta_rate)]
 
     start = np.r_[state.v_hat, chart.to_chart(cone, state.theta_hat)]
     k1 = slope(first, start)
-    k2 = slope(middle, start + 0.5 * dt * k1)
-    k3 = slope(middle, start + 0.5 * dt * k2)
+    k2 = slope(half, start + 0.5 * dt * k1)
+    k3 = slope(half, start + 0.5 * dt * k2)
     k4 = slope(last, start + dt * k3)
     end = start + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     return end[:n], chart.from_chart(cone, end[n:], pairing)
@@ -469,7 +473,7 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
     A = rng.standard_normal((p.system.p, p.system.p)) / p.system.p**0.5
     Gamma = (0.1 * np.eye(p.system.p) + A @ A.T) * np.outer(scale, scale) if full else scale**2
     K = np.full(p.system.n, 6.0)
-    law = ConeIdentifier(p.system, K, Gamma, inside(name, 5), p.dt, 1.0)
+    law = cone_identifier(p.system, K, Gamma, inside(name, 5), p.dt, 1.0)
     state, moved = law.init(measured[0]), 0.0
     for before, after in pairwise(measured[:40]):
         v_hat, theta_hat = reference_step(law, state, before, after)
@@ -490,7 +494,7 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
     for seed in range(8):
         law = build("rov", inside("rov", seed), gain=3e3, mu=1 / 3e3)
         if not compiled:
-            monkeypatch.setattr(law, "motion", lambda log: None)
+            monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
         state = law.init(measured[0])
         for before, after in pairwise(measured):
             state = law.step(state, before, after)
@@ -511,7 +515,7 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch,
     for seed in range(4):
         law = build("torpedo", inside("torpedo", seed, 1.0), gain=700.0, mu=1e-4)
         if not compiled:
-            monkeypatch.setattr(law, "motion", lambda log: None)
+            monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
         state, cut = law.init(measured[0]), False
         for before, after in pairwise(measured):
             following = law.step(state, before, after)

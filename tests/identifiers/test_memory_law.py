@@ -25,8 +25,8 @@ from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.memory.cost import Quotient, quotient
-from nsaid_mj.identifiers.memory.law import MemoryIdentifier
 from nsaid_mj.identifiers.memory.statistics import Memory
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.log import EXACT, Measurement, SensorLevels
 from nsaid_mj.log import Log as Measured
 from nsaid_mj.nullspace import Nullspace, structural
@@ -46,7 +46,7 @@ def inside(log: Log, seed: int, error: float = 0.3) -> Array:
 
 def build(
     name: str, prior: Array, levels: SensorLevels = EXACT, interpolation: str = "auto", **memory
-) -> MemoryIdentifier:
+) -> NullspaceIdentifier:
     """A packed scenario's identifier with a memory."""
     scenario, log = load(name), driven(name, 0.1)
     assert isinstance(scenario.identifier, NullspaceAID)
@@ -55,11 +55,11 @@ def build(
         interpolation=interpolation,
     )  # fmt: skip
     law = config.build(log.plant.system, prior, log.dt, levels)
-    assert isinstance(law, MemoryIdentifier)
+    assert isinstance(law, NullspaceIdentifier)
     return law
 
 
-def follow(law: MemoryIdentifier, rows: list[Measurement]) -> list[State]:
+def follow(law: NullspaceIdentifier, rows: list[Measurement]) -> list[State]:
     states = [law.init(rows[0])]
     for before, after in pairwise(rows):
         states.append(law.step(states[-1], before, after))
@@ -84,16 +84,19 @@ def remembered(name: str, seconds: float = 3.0) -> Memory:
     law = build(name, inside(log, 1), interval=1e6)
     memory = follow(law, log.rows)[-1].memory
     assert memory is not None
-    return law.recorder.take(memory)
+    return law.memory.recorder.take(memory)
 
 
 # -- an implicit step ----------------------------------------------------------------------------
 
 
-def decrement(law: MemoryIdentifier, cost: Quotient, start: Array, theta: Array) -> float:
+def decrement(law: NullspaceIdentifier, cost: Quotient, start: Array, theta: Array) -> float:
     """Length of Newton's step from θ, in the metric of what an implicit step makes least."""
-    reach, (slope, metric) = law.config.pace * law.config.interval, law._mirror(theta)
-    gradient = reach * cost.gradient(theta) + slope - law._mirror(start)[0]
+    reach, (slope, metric) = (
+        law.memory.config.pace * law.memory.config.interval,
+        law.metric.mirror(theta),
+    )
+    gradient = reach * cost.gradient(theta) + slope - law.metric.mirror(start)[0]
     hessian = reach * cost.curvature(theta) + metric
     return float(np.sqrt(gradient @ np.linalg.solve(hessian, gradient)))
 
@@ -113,19 +116,19 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
     for seed in range(3):
         law = build(name, inside(log, seed), pace=pace)
         theta, whole = law.prior, float(law.divergence(truth, law.prior))
-        reach = law.config.pace * law.config.interval
+        reach = law.memory.config.pace * law.memory.config.interval
         for k in range(4):
             found = quotient(memory.means, log.plant.system.space)
             assert found is not None
             cost, _ = found.weighted(theta, memory)
-            ahead, seen = law.settle(theta, memory)
-            assert seen.scores.view is not None and geometry.inside(law.cone, ahead)
-            old, new = (reach * cost.value(x) + float(law.divergence(x, theta)) / law.mu
+            ahead, seen = law.memory.settle(theta, memory)
+            assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
+            old, new = (reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
                         for x in (theta, ahead))  # fmt: skip
             assert new <= old * (1 + 1e-9) + reach * rounding(cost, theta)
             before, after = (decrement(law, cost, theta, x) for x in (theta, ahead))
             assert after < max(1e-3 * before, 0.03)
-            slack = law.mu * reach * cost.value(truth)
+            slack = law.metric.mu * reach * cost.value(truth)
             fell = float(law.divergence(truth, theta) - law.divergence(truth, ahead))
             assert fell > -slack - 1e-9 * whole
             if k == 0:
@@ -144,10 +147,10 @@ def test_what_is_spent_is_what_the_steps_cost_and_the_rest_stands(name):
     whole = law.conserved(theta) + spent
     assert np.abs(whole / whole[0] - 1).max() < 1e-6
     steps, cost = np.flatnonzero(np.diff(spent)), 0.0
-    assert len(steps) == round(5.0 / law.config.interval)
+    assert len(steps) == round(5.0 / law.memory.config.interval)
     for k in steps:
         # without the memory's step the sample's own step would have ended here
-        plain, _ = super(MemoryIdentifier, law).follow(states[k], Measured.of(log.rows[k : k + 2]))
+        plain, _ = law.along(states[k], Measured.of(log.rows[k : k + 2]))
         once = 2 * float(law.divergence(states[k + 1].theta_hat, plain.theta_hat))
         took = states[k + 1].spent - states[k].spent
         assert took == pytest.approx(once, rel=1e-3, abs=1e-8 * whole[0])
@@ -187,7 +190,7 @@ def test_a_wild_start_stays_in_the_cone_and_converges(name, seed):
         state = law.step(state, before, after)
         assert state.status is Status.completed
         if state.spent:
-            assert geometry.inside(law.cone, state.theta_hat)
+            assert geometry.inside(law.metric.cone, state.theta_hat)
     assert distance(name, law.prior) > 0.1
     assert distance(name, state.theta_hat) < 1e-3
 
@@ -205,14 +208,14 @@ def test_what_no_row_observes_stays_where_it_was(levels):
     rows = log.rows if levels.exact else noisy(log, NOISE, 1).rows
     memory = follow(build("double_pendulum", law.prior, levels, interval=1e6), rows)[-1].memory
     assert memory is not None
-    memory, theta, moved = law.recorder.take(memory), law.prior, 0.0
+    memory, theta, moved = law.memory.recorder.take(memory), law.prior, 0.0
     for _ in range(5):
-        ahead, _ = law.settle(theta, memory)
+        ahead, _ = law.memory.settle(theta, memory)
         moved = max(moved, float(np.abs((ahead - theta) / space.scale).max()))
         theta = ahead
-    turn = (law._mirror(theta)[0] - law._mirror(law.prior)[0]) @ free
+    turn = (law.metric.mirror(theta)[0] - law.metric.mirror(law.prior)[0]) @ free
     assert moved > 0.05
-    assert np.abs(turn).max() < 1e-4 * np.abs(law._mirror(law.prior)[0][:, None] * free).max()
+    assert np.abs(turn).max() < 1e-4 * np.abs(law.metric.mirror(law.prior)[0][:, None] * free).max()
 
 
 def test_a_long_run_does_not_blow_up_what_is_not_observed():
@@ -272,7 +275,7 @@ def test_noise_does_not_blow_up_what_nothing_moves(anchor):
         law = build("bluerov2", inside(log, seed), NOISE.levels, anchor=anchor)
         states = follow(law, noisy(log, NOISE, seed).rows)
         for state in states[:: len(states) // 20]:
-            assert geometry.inside(law.cone, state.theta_hat)
+            assert geometry.inside(law.metric.cone, state.theta_hat)
             assert np.abs((state.theta_hat - law.prior) / scale).max() < 2.0
         assert law.confidence(states[-1]) is not None
 
@@ -340,7 +343,7 @@ def test_subtracting_the_noise_removes_its_bias():
     assert np.median(errors[True]) < 0.5 * np.median(errors[False])
 
 
-def knowledge(law: MemoryIdentifier, state: State) -> Known:
+def knowledge(law: NullspaceIdentifier, state: State) -> Known:
     stated = law.confidence(state)
     assert stated is not None
     system, theta = law.system, state.theta_hat

@@ -18,6 +18,7 @@ from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
 from nsaid_mj.plants.world.plant import Plant
 from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.systems.general import GeneralSystem
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,7 @@ def swing() -> tuple[Bench, Motion]:
     )
 
 
-class TwoVehicles(SecondOrderSystem):
+class TwoVehicles(GeneralSystem):
     """Two vehicles (16) that do not touch: θ = [m₁, d₁, g₁, a₁, m₂, d₂, g₂, a₂], r = 2."""
 
     n = m = n_u = 2

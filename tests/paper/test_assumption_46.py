@@ -81,7 +81,7 @@ def test_46_is_not_enough_where_M_amplifies_errors():
     assert np.linalg.norm(dtheta) < 0.98 * least  # (46) is met, with ε = 0.02 λ_min
     for sample, command in zip(x, u, strict=True):
         q, v = system.split(sample)
-        _, _, pivot = system.at(0.0, q, v, command).evaluate(v, truth + dtheta)
+        _, _, pivot = system.evaluate_at(0.0, q, v, command, v, truth + dtheta)
         assert not pivot > 0
         assert np.linalg.eigvalsh(system.mass_matrix(sample, truth + dtheta))[0] < 0
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.nullspace import structural
 from tests.paper.bench import Bench, TwoVehicles, bench, estimates, identify, random_states
 from tests.support.vehicles import coordinate_map
@@ -52,7 +52,7 @@ def test_14_scaled_estimates_stay_scaled(name: str):
     K, Gamma = np.full(system.n, 5.0), 0.1 * system.space.scale**2
 
     def run(alpha: float) -> tuple[np.ndarray, np.ndarray]:
-        law = NullspaceIdentifier(system, K, alpha * Gamma, alpha * prior, table.dt)
+        law = paper_identifier(system, K, alpha * Gamma, alpha * prior, table.dt)
         return estimates(identify(law, samples))
 
     (v_hat, theta_hat), (v_scaled, theta_scaled) = run(1.0), run(alpha)

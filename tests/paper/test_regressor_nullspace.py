@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from nsaid_mj.parameters import Array
-from nsaid_mj.system import Instant
-from nsaid_mj.systems.multibody import Multibody
+from nsaid_mj.systems.multibody import MotorTree
 from tests.paper.bench import Bench, bench
+from tests.support.dense import Dense
 
 
 def estimate(table: Bench, rng: np.random.Generator, x: Array, error: float = 1.0) -> Array:
@@ -25,7 +25,7 @@ def test_30_the_estimate_is_in_its_own_nullspace(table: Bench):
     system, rng = table.system, np.random.default_rng(13)
     for t, x, v, u in zip(*table.states(10), strict=True):
         theta, w = estimate(table, rng, x), v + rng.standard_normal(system.n)
-        a_hat, W, pivot = system.at(t, *system.split(x), u).evaluate(w, theta)
+        a_hat, W, pivot = system.evaluate_at(t, *system.split(x), u, w, theta)
         assert pivot > 0
         assert np.isfinite(a_hat).all()
         assert np.abs(W @ theta).max() <= 1e-12 * np.abs(W * theta).max()
@@ -35,9 +35,9 @@ def test_30_the_estimate_is_in_its_own_nullspace(table: Bench):
 def check_evaluate(table: Bench, theta: Array, sample, tolerance: float) -> float:
     """`evaluate` against the definitions (29), (10); returns M̂'s smallest pivot."""
     system, (t, x, w, u) = table.system, sample
-    instant = system.at(t, *system.split(x), u)
-    a_hat, W, pivot = instant.evaluate(w, theta)
-    base_a, base_W, base_pivot = Instant.evaluate(instant, w, theta)
+    state = t, *system.split(x), u
+    a_hat, W, pivot = system.evaluate_at(*state, w, theta)
+    base_a, base_W, base_pivot = Dense(system).evaluate_at(*state, w, theta)
     least = np.linalg.eigvalsh(system.mass_matrix(x, theta))[0]
     assert (pivot > 0) == (base_pivot > 0) == (least > 0)
     if not least > 0:
@@ -78,7 +78,7 @@ def test_29_evaluate_takes_links_of_any_mass(arm: Bench, mass: float):
     Pinocchio stores h/m, and loses h²/(m I) digits: 1e6 eps at the smallest mass it is given.
     """
     system, rng = arm.system, np.random.default_rng(15)
-    assert isinstance(system, Multibody)
+    assert isinstance(system, MotorTree)
     found = 0
     for t, x, v, u in zip(*arm.states(10), strict=True):
         theta = estimate(arm, rng, x, error=0.3)

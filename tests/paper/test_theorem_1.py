@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
 from tests.paper.bench import bench, columns, estimates, identify, lyapunov, order, swing
 
@@ -32,7 +32,7 @@ def test_69_V_never_rises(name: str, seconds: float):
     samples = table.drive(seconds, prior=prior)
     law = table.law.build(system, prior, table.dt)
     states = identify(law, samples)
-    V = lyapunov(system, table.truth, law.Gamma, samples, states)
+    V = lyapunov(system, table.truth, law.metric.Gamma, samples, states)
     conserved = law.conserved(estimates(states)[1])
     bound = np.abs(np.diff(conserved)).max() + 8 * np.finfo(float).eps * conserved[0]
     assert np.diff(V).max() <= bound
@@ -49,7 +49,7 @@ def test_69_rate_of_V():
         dt, samples = motion.seconds / count, motion.samples(count)
         law = table.law.build(system, prior, dt)
         states = identify(law, samples)
-        V = lyapunov(system, table.truth, law.Gamma, samples, states)
+        V = lyapunov(system, table.truth, law.metric.Gamma, samples, states)
         t, x, v, _ = columns(samples)
         dv = estimates(states)[0] - v
         loss = np.einsum("ki,kij,kj->k", dv, system.mass_matrix(x, table.truth) * 20.0, dv)
@@ -64,9 +64,9 @@ def rise(K: np.ndarray, dv: np.ndarray, dt: float) -> tuple[float, float]:
     table, motion = swing()
     system = table.system
     samples = [Measurement(t, *system.split(motion.x(t)), motion.u) for t in (0.0, dt)]
-    law = NullspaceIdentifier(system, K, 1e-6 * system.space.scale**2, table.truth, dt)
+    law = paper_identifier(system, K, 1e-6 * system.space.scale**2, table.truth, dt)
     states = identify(law, samples, lambda s: s._replace(v_hat=s.v_hat + dv))
-    V = lyapunov(system, table.truth, law.Gamma, samples, states)
+    V = lyapunov(system, table.truth, law.metric.Gamma, samples, states)
     M = system.mass_matrix(motion.x(0), table.truth)
     return (V[1] - V[0]) / dt, float(-dv @ M @ K @ dv)
 

@@ -7,7 +7,7 @@ import pytest
 
 from nsaid_mj.control import Driver
 from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
@@ -71,7 +71,7 @@ def two_vehicles(command, seconds: float) -> tuple[list[Measurement], Array, Arr
     system, dt = TwoVehicles(), 0.02
     signs = np.array([1, -1, -1, 1, -1, 1, -1, -1])
     samples = simulate(system, TWO, command, dt, round(seconds / dt))
-    law = NullspaceIdentifier(system, np.full(2, 2.0), np.full(8, 1.0), TWO * (1 + 0.4 * signs), dt)
+    law = paper_identifier(system, np.full(2, 2.0), np.full(8, 1.0), TWO * (1 + 0.4 * signs), dt)
     return samples, *estimates(identify(law, samples))
 
 

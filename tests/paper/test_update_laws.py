@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.parameters import Array
 from tests.paper.bench import bench, estimates, identify, order, swing
 
@@ -44,7 +44,7 @@ def test_44_45_converge_with_order_4():
                       rtol=1e-12, atol=1e-14).y[:, -1]  # fmt: skip
     counts, errors = np.array([100, 200, 400, 800]), []
     for count in counts:
-        identifier = NullspaceIdentifier(system, K, Gamma, prior, motion.seconds / count)
+        identifier = paper_identifier(system, K, Gamma, prior, motion.seconds / count)
         last = identify(identifier, motion.samples(count))[-1]
         end = np.concatenate([last.v_hat, last.theta_hat])
         errors.append(
@@ -62,7 +62,7 @@ def test_44_45_a_diagonal_gain_is_a_matrix(name: str):
     system, samples = table.system, table.drive(1.0)
     K, Gamma = np.full(system.n, 5.0), 0.1 * system.space.scale**2
     ends = [
-        identify(NullspaceIdentifier(system, k, g, table.prior(0.3), table.dt), samples)[-1]
+        identify(paper_identifier(system, k, g, table.prior(0.3), table.dt), samples)[-1]
         for k, g in ((K, Gamma), (np.diag(K), Gamma), (K, np.diag(Gamma)))
     ]
     for other in ends[1:]:
@@ -89,9 +89,7 @@ def test_45_conserved_quantity_drifts_with_order_4_or_5():
     counts, drifts = np.array([50, 100, 200, 400]), []
     Gamma = positive_definite(10.0 * table.system.space.scale**2, np.random.default_rng(20))
     for count in counts:
-        law = NullspaceIdentifier(
-            table.system, np.full(2, 20.0), Gamma, prior, motion.seconds / count
-        )
+        law = paper_identifier(table.system, np.full(2, 20.0), Gamma, prior, motion.seconds / count)
         _, theta_hat = estimates(identify(law, motion.samples(count)))
         length = law.conserved(theta_hat)
         drifts.append(np.abs(length / length[0] - 1).max())

@@ -179,7 +179,7 @@ def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
         system, prior = course.plant.system, setup.draw_for(scenario, course.plant)
         law = setup.laws_for(scenario, system, prior)[""]
         assert isinstance(law, NullspaceIdentifier)
-        law.K, law.Gamma = law.K * (1 + 0.01 * k), law.Gamma * (1 + 0.1 * k)
+        law.K, law.metric.Gamma = law.K * (1 + 0.01 * k), law.metric.Gamma * (1 + 0.1 * k)
         laws.append(law)
     return laws
 

@@ -11,15 +11,23 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import InvalidInput
-from ...parameters import Array
+from ...parameters import Array, ParameterSpace
 from ...system import SecondOrderSystem
-from ..metric import Curved
+from ..metric import ConstantMetric, Curved, Metric
 from ..nullspace_aid import NullspaceIdentifier
 from .barrier import barrier, cone_of, coordinates, gradient_and_hessian, inside
 
 
-class ConeIdentifier(NullspaceIdentifier):
-    """(44) and (45) in the cone's metric, integrated by RK4 in its chart.
+def cone_identifier(
+    system: SecondOrderSystem,
+    K: Array,
+    Gamma: Array,
+    prior: Array,
+    dt: float,
+    mu: float,
+    hermite: bool = True,
+) -> NullspaceIdentifier:
+    """The identifier of (44, 45) in the cone's metric, integrated by RK4 in its chart.
 
     Args:
         system: the structure.
@@ -28,51 +36,68 @@ class ConeIdentifier(NullspaceIdentifier):
         prior: (p,) θ̂(0), inside the cone.
         dt: time between measurements [s].
         mu: weight μ of the barrier [J]; > 0.
-        hermite: how the state between samples is had.
+        hermite: cubic Hermite interpolation between samples; else linear.
 
     Raises:
-        InvalidInput: as for the base class; μ is not > 0; the prior is outside the cone.
+        InvalidInput: a shape or value is wrong, μ is not > 0, or the prior is outside the cone.
+    """
+    metric = ConeMetric(system.space, Gamma, prior, mu)
+    return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
+
+
+class ConeMetric(Metric):
+    """∇²ψ(θ̂) = Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹.
+
+    Args:
+        space: of the parameters.
+        Gamma: (p,) or (p, p) positive definite adaptation gain.
+        prior: (p,) θ̂(0), inside the cone; the conserved quantity is measured from it.
+        mu: weight μ of the barrier [J]; > 0.
+
+    Attributes:
+        mu: weight of the barrier.
+        cone: the cone.
+
+    Raises:
+        InvalidInput: Γ is not positive definite, μ is not > 0, or the prior is outside the cone.
     """
 
-    def __init__(
-        self,
-        system: SecondOrderSystem,
-        K: Array,
-        Gamma: Array,
-        prior: Array,
-        dt: float,
-        mu: float,
-        hermite: bool = True,
-    ):
-        super().__init__(system, K, Gamma, prior, dt, hermite)
+    conserves = True
+
+    def __init__(self, space: ParameterSpace, Gamma: Array, prior: Array, mu: float):
+        self._flat = ConstantMetric(Gamma)
+        self.Gamma = self._flat.Gamma
         if not (np.isfinite(mu) and mu > 0):
             raise InvalidInput("mu", "a weight > 0", mu, "0 is the paper's law: --law paper.")
-        self.mu, self.cone = float(mu), cone_of(system.space)
+        self.mu, self.cone = float(mu), cone_of(space)
         whole = self.Gamma.ndim == 2
         stiffness = np.asarray(np.linalg.inv(self.Gamma) if whole else 1 / self.Gamma, np.float64)
         self._pairing, self._inverse_gain = coordinates(self.cone), stiffness
-        if not inside(self.cone, self.prior):
+        prior = space.check(prior, "prior")
+        if not inside(self.cone, prior):
             raise InvalidInput(
-                "prior", "parameters a real body could have", "an estimate outside the cone",
+                "prior",
+                "parameters a real body could have",
+                "an estimate outside the cone",
                 "Draw it with cone.drawn_inside, or take law='paper', which takes any.",
-            )  # fmt: skip
-        self._offset = barrier(self.cone, self.prior)
+            )
+        self._offset = barrier(self.cone, prior)
         self.cancelling = self.mu * (2 * abs(self._offset) + self.cone.degree)
+        self.stiffness = (stiffness if whole else np.diag(stiffness)) / self.mu
 
-    @property
-    def law(self) -> Curved:
-        """Its gains and metric, for compiled loops."""
-        return Curved(self.K, self.cone, self._pairing, self._inverse_gain, self.mu)
+    def law(self, K: Array) -> Curved:
+        """K and the metric for compiled loops."""
+        return Curved(K, self.cone, self._pairing, self._inverse_gain, self.mu)
 
     def conserved(self, theta_hat: Array) -> Array:
-        """½ θ̂ᵀ Γ⁻¹ θ̂ − μ (b(θ̂) − b(θ̂₀)), twice: as the base class's for μ = 0."""
-        quadratic = super().conserved(theta_hat)
+        """(...,) θ̂ᵀ Γ⁻¹ θ̂ − 2 μ (b(θ̂) − b(θ̂₀)): the constant metric's for μ = 0."""
+        quadratic = self._flat.conserved(theta_hat)
         b = np.apply_along_axis(lambda theta: barrier(self.cone, theta), -1, theta_hat)
         return quadratic - 2 * self.mu * (b - self._offset)
 
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
         """(...,) D_ψ(θ‖θ̂) = ψ(θ) − ψ(θ̂) − ∇ψ(θ̂)·(θ − θ̂)."""
-        quadratic = 0.5 * super().conserved(theta - theta_hat)
+        quadratic = 0.5 * self._flat.conserved(theta - theta_hat)
         own = barrier(self.cone, theta)
 
         def gap(estimate: Array) -> float:
@@ -80,3 +105,12 @@ class ConeIdentifier(NullspaceIdentifier):
             return float(own - barrier(self.cone, estimate) - slope @ (theta - estimate))
 
         return quadratic + self.mu * np.apply_along_axis(gap, -1, theta_hat)
+
+    def potential(self, theta: Array) -> float:
+        """ψ(θ)/μ."""
+        return float(0.5 * theta @ self.stiffness @ theta + barrier(self.cone, theta))
+
+    def mirror(self, theta: Array) -> tuple[Array, Array]:
+        """(p,) ∇ψ(θ)/μ and (p, p) ∇²ψ(θ)/μ."""
+        slope, metric = gradient_and_hessian(self.cone, theta)
+        return self.stiffness @ theta + slope, self.stiffness + metric

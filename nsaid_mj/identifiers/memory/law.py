@@ -17,9 +17,9 @@ from ...errors import InvalidInput
 from ...log import EXACT, Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
-from ..base import Confidence, Estimates, State, Status
-from ..cone.barrier import barrier, gradient_and_hessian
-from ..cone.law import ConeIdentifier
+from ..base import Confidence, DataMemory, State
+from ..cone.law import ConeMetric
+from ..nullspace_aid import NullspaceIdentifier
 from .cost import Quotient, inverse, quotient
 from .statistics import Memory, MemoryConfig, Recorder, Trusted
 
@@ -30,8 +30,18 @@ _DONE = 1e-7  # … and this short ends it
 _HINT = 1e-6  # weight of the prior, at least, in what is said of the unobservable
 
 
-class MemoryIdentifier(ConeIdentifier):
-    """(44), (45) in the cone's metric, and implicit steps down the memory's cost.
+def memory_identifier(
+    system: SecondOrderSystem,
+    K: Array,
+    Gamma: Array,
+    prior: Array,
+    dt: float,
+    mu: float,
+    hermite: bool = True,
+    config: MemoryConfig | None = None,
+    levels: SensorLevels = EXACT,
+) -> NullspaceIdentifier:
+    """The identifier of (44, 45) in the cone's metric, with implicit steps down a memory's cost.
 
     Args:
         system: the structure.
@@ -40,72 +50,77 @@ class MemoryIdentifier(ConeIdentifier):
         prior: (p,) θ̂(0), inside the cone.
         dt: time between measurements [s].
         mu: weight μ of the barrier [J]; > 0.
-        hermite: how the state between samples is had.
+        hermite: cubic Hermite interpolation between samples; else linear.
         config: of the memory.
         levels: of the sensors' noise.
 
     Raises:
-        InvalidInput: as for the base class; or a system has no actuator.
+        InvalidInput: a shape or value is wrong, the prior is outside the cone, or the system has no
+            actuator.
+    """
+    metric = ConeMetric(system.space, Gamma, prior, mu)
+    memory = ImplicitMemory(system, metric, prior, dt, hermite, config or MemoryConfig(), levels)
+    return NullspaceIdentifier(system, K, metric, prior, dt, hermite, memory)
+
+
+class ImplicitMemory(DataMemory):
+    """A memory of past data, and implicit steps of θ̂ down its cost in the cone's metric.
+
+    Args:
+        system: the structure.
+        metric: of the cone.
+        prior: (p,) θ̂(0), inside the cone.
+        dt: time between measurements [s].
+        hermite: cubic Hermite interpolation between samples; else linear.
+        config: how past data are kept and used.
+        levels: of the sensors' noise.
+
+    Attributes:
+        anchor: weight of the divergence from the prior beside the data.
+        recorder: which keeps the data.
+
+    Raises:
+        InvalidInput: the system has no actuator.
     """
 
     def __init__(
         self,
         system: SecondOrderSystem,
-        K: Array,
-        Gamma: Array,
+        metric: ConeMetric,
         prior: Array,
         dt: float,
-        mu: float,
-        hermite: bool = True,
-        config: MemoryConfig | None = None,
-        levels: SensorLevels = EXACT,
+        hermite: bool,
+        config: MemoryConfig,
+        levels: SensorLevels,
     ):
-        super().__init__(system, K, Gamma, prior, dt, mu, hermite)
         if not len(system.space.actuators):
             raise InvalidInput(
                 "law", "a system with actuators", "none", "The memory measures in shares of them."
             )
-        self.config = config or MemoryConfig()
-        self.anchor = self.config.weight(levels)
-        self.recorder = Recorder(system, self.config, dt, levels, hermite)
-        self._dt, self._every = dt, self.recorder.every
-        self._pace = self.config.pace * self._every * dt
-        whole = self._inverse_gain if self.Gamma.ndim == 2 else np.diag(self._inverse_gain)
-        self._stiffness = whole / self.mu
-        self._mirror_prior, self._metric_prior = self._mirror(self.prior)
+        self.system, self.metric, self.config = system, metric, config
+        self.anchor = config.weight(levels)
+        self.recorder = Recorder(system, config, dt, levels, hermite)
+        self.every, self._dt = self.recorder.every, dt
+        self._pace = config.pace * self.every * dt
+        self._mirror_prior, self._metric_prior = metric.mirror(prior)
 
-    def init(self, first: Measurement) -> State:
-        """As in the base class, with a memory of nothing."""
-        state = super().init(first)
-        return state._replace(memory=self.recorder.begin(first))
+    def begin(self, first: Measurement) -> Memory:
+        """The memory at a first measurement: of nothing."""
+        return self.recorder.begin(first)
 
-    def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """RK4 steps of (44, 45) along a log and, whenever it is time, an implicit step."""
-        made, at = [Estimates.of(state)], 0
-        while at < len(log.t) - 1 and state.status is Status.completed:
-            assert state.memory is not None
-            steps = self._every - state.memory.step % self._every
-            piece = log.part(at, at + steps + 1)
-            state, estimates = super().follow(state, piece)
-            if state.status is Status.completed:
-                state = self._remember(state, piece)
-                estimates.theta_hat[-1], estimates.spent[-1] = state.theta_hat, state.spent
-            made.append(estimates.after(1))
-            at += len(estimates.pivot) - 1
-        return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
-
-    def _remember(self, state: State, log: Log) -> State:
-        """Takes a log into the memory; then, if it is time, an implicit step."""
+    def absorb(self, state: State, log: Log) -> State:
+        """The state with a log in its memory and, if it is time, after an implicit step."""
         assert state.memory is not None
         memory = self.recorder.follow(state.memory, log)
-        if memory.step % self._every:
+        if memory.step % self.every:
             return state._replace(memory=memory)
         memory, changed = self.recorder.doubt(memory, log.at(-1))
         theta, spent = state.theta_hat, state.spent
         if changed:  # an actuator has
             assert memory.trusted is not None
             theta = memory.trusted.theta
-            spent += float(self.conserved(state.theta_hat) - self.conserved(theta))
+            conserved = self.metric.conserved
+            spent += float(conserved(state.theta_hat) - conserved(theta))
         elif not memory.alarmed:
             theta, memory = self.settle(theta, memory)
             spent += self._cost(state.theta_hat, theta)
@@ -121,13 +136,13 @@ class MemoryIdentifier(ConeIdentifier):
             return theta, memory
         pace, anchor = self._pace, self._pace * self.anchor
         cost, _ = remembered.weighted(theta, memory)
-        dual = self._mirror(theta)[0] + anchor * self._mirror_prior
+        dual = self.metric.mirror(theta)[0] + anchor * self._mirror_prior
 
         def uphill(theta: Array, slope: Array) -> Array:
             return pace * cost.gradient(theta) + (1 + anchor) * slope - dual
 
         for _ in range(_NEWTON):
-            slope, metric = self._mirror(theta)
+            slope, metric = self.metric.mirror(theta)
             gradient = uphill(theta, slope)
             way = -_solve(pace * cost.curvature(theta) + (1 + anchor) * metric, gradient)
             length = float(np.sqrt(way @ metric @ way))
@@ -136,7 +151,7 @@ class MemoryIdentifier(ConeIdentifier):
             if length > _CLOSE:
                 way = self._shortened(cost, dual, theta, min(1.0, _REACH / length) * way)
             else:  # the objective cannot tell any more, its slope can
-                ahead = uphill(theta + way, self._mirror(theta + way)[0]) @ way
+                ahead = uphill(theta + way, self.metric.mirror(theta + way)[0]) @ way
                 way = way / (1 + max(0.0, float(ahead / -(gradient @ way))))
             theta = theta + way
             if not way.any():
@@ -148,8 +163,8 @@ class MemoryIdentifier(ConeIdentifier):
     def _cost(self, before: Array, after: Array) -> float:
         """What an implicit step takes from the conserved quantity: 2 D_ψ(θ⁺‖θ̂), if unanchored."""
         if self.anchor:
-            return float(self.conserved(before) - self.conserved(after))
-        return 2 * float(self.divergence(after, before))
+            return float(self.metric.conserved(before) - self.metric.conserved(after))
+        return 2 * float(self.metric.divergence(after, before))
 
     def slack(self, state: State, theta: Array) -> float:
         """½ κ h R(θ) max_j θ_j/θ̂_j over the actuators, the most that a step can raise V by."""
@@ -160,12 +175,12 @@ class MemoryIdentifier(ConeIdentifier):
         cost, _ = remembered.weighted(state.theta_hat, memory)
         k = self.system.space.actuators
         largest = float(np.max(theta[k] / state.theta_hat[k]))
-        pace = self.mu * self._pace
+        pace = self.metric.mu * self._pace
         return max(0.0, 0.5 * pace * cost.value(theta) * largest)
 
-    def implicit(self, t: Array) -> np.ndarray:
+    def updates(self, t: Array) -> np.ndarray:
         """Whether an implicit step lies in (t_k, t_k+1] of times (N,) on the run's grid."""
-        number = np.floor(np.round(t / self._dt) / self._every)
+        number = np.floor(np.round(t / self._dt) / self.every)
         return np.diff(number) > 0
 
     def confidence(self, state: State) -> Confidence | None:
@@ -182,7 +197,7 @@ class MemoryIdentifier(ConeIdentifier):
             return None
         cost = quotient(memory.means, self.system.space)
         assert cost is not None  # there was a view
-        _, metric = self._mirror(theta)
+        _, metric = self.metric.mirror(theta)
         prior = max(self.anchor, _HINT) * metric
         cost, view = cost.weighted(theta, memory)
         bread = inverse(cost.curvature(theta) + prior)
@@ -210,14 +225,9 @@ class MemoryIdentifier(ConeIdentifier):
 
         `dual` is ∇ψ(θ̂)/μ + κ h w ∇ψ(θ̂₀)/μ.
         """
-        psi = 0.5 * theta @ self._stiffness @ theta + barrier(self.cone, theta)
+        psi = self.metric.potential(theta)
         total = self._pace * cost.value(theta) + (1 + self._pace * self.anchor) * psi
         return float(total - dual @ theta)
-
-    def _mirror(self, theta: Array) -> tuple[Array, Array]:
-        """(p,) ∇ψ(θ)/μ and (p, p) ∇²ψ(θ)/μ."""
-        slope, metric = gradient_and_hessian(self.cone, theta)
-        return self._stiffness @ theta + slope, self._stiffness + metric
 
 
 def _solve(matrix: Array, right: Array) -> Array:

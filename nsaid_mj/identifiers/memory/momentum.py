@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...dynamics.interpolation import Middle
-from ...log import Log, SensorLevels
+from ...log import Log, Middle, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 

@@ -15,9 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...dynamics.interpolation import Middle, midpoints
 from ...errors import InvalidInput
-from ...log import EXACT, Log, Measurement, SensorLevels
+from ...log import EXACT, Log, Measurement, Middle, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from .momentum import Balance, Rows
@@ -343,7 +342,7 @@ class Recorder:
         return memory
 
     def _go(self, memory: Memory, log: Log) -> Memory:
-        middle = midpoints(self.system, log, self.hermite)
+        middle = self.system.midpoints(log, self.hermite)
         balance, rows = self.rows.follow(memory.balance, log, middle)
         shaken, stirs = memory.shaken, np.zeros_like(rows)
         if shaken is not None:
@@ -412,7 +411,7 @@ class Recorder:
         ))  # fmt: skip
         half = [system.integrate(there, system.difference(here, mid))
                 for there, here, mid in zip(q, log.q, middle.q, strict=False)]  # fmt: skip
-        return log._replace(q=q, v=v), Middle(np.array(half), 0.5 * (v[:-1] + v[1:]))
+        return Log.unchecked(log.t, q, v, log.u), Middle(np.array(half), 0.5 * (v[:-1] + v[1:]))
 
     def _shake(self, step: int, q: Array, v: Array) -> tuple[Array, Array]:
         """A measured state with as much noise again."""

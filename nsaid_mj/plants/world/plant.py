@@ -229,7 +229,7 @@ class Plant(ABC):
         law = driver.compiled(t) if steady else None
         if law is None or self.reading is None:
             return self._ask(driver, last, t, sensors)
-        log = Log(t, *(np.empty((len(t), len(part))) for part in last[1:]))
+        log = Log.unchecked(t, *(np.empty((len(t), len(part))) for part in last[1:]))
         for column, first in zip(log, last, strict=True):
             column[0] = first
         errors = sensors.errors(steps, self.system.n)
@@ -243,7 +243,7 @@ class Plant(ABC):
             rows.append(self._measure(float(now), driver, sensors))
             if not sound(warnings, *rows[-1][1:]):
                 break
-        return Log.of(rows)
+        return Log.unchecked_of(rows)
 
     def _measure(self, t: float, driver: Driver, sensors: Sensors) -> Measurement:
         """What is measured now, and the driver's answer."""

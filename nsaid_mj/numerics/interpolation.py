@@ -1,0 +1,51 @@
+"""The state half-way between two samples, which RK4's middle stages and Simpson's rule ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .spatial import bracket, planar_difference, planar_integrate, pose_difference, pose_integrate
+
+
+@njit(cache=True)
+def body_half_way(group, q0, v0, q1, v1, dt, hermite):
+    """The pose and the velocity half-way between two samples of a body; see `half_way`.
+
+    Where no velocity belongs to a twist (group 0) positions add.
+    """
+    if group == 0:
+        half, v = half_way(q1 - q0, v0, v1, dt, hermite, group)
+        return q0 + half, v
+    dq = pose_difference(q0, q1) if group == 6 else planar_difference(q0, q1)
+    half, v = half_way(dq, v0, v1, dt, hermite, group)
+    return pose_integrate(q0, half) if group == 6 else planar_integrate(q0, half), v
+
+
+@njit(cache=True)
+def half_way(dq, v0, v1, dt, hermite, group):
+    """The tangent step to, and the velocity at, the middle of two samples dq (n,) apart.
+
+    The slope of the cubic through both positions and velocities is Simpson's rule solved for the
+    middle: exact to dt⁴, where the cubic itself is exact to dt³ only. Where the velocities are a
+    body twist, the cubic is that of the tangent step ξ, with v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] …
+    """
+    once = bracket(group, dq, v1)
+    slope1 = v1 + 0.5 * once + bracket(group, dq, once) / 12
+    half = 0.5 * dq + 0.125 * dt * (v0 - slope1)
+    if not hermite:
+        return half, 0.5 * (v0 + v1)
+    slope = 1.5 / dt * dq - 0.25 * (v0 + slope1)
+    once = bracket(group, half, slope)
+    return half, slope - 0.5 * once + bracket(group, half, once) / 6
+
+
+@njit(cache=True)
+def body_midpoints(group, t, q, v, hermite):
+    """(N−1, m) poses and (N−1, n) velocities half-way between a log's N samples of a body."""
+    steps = t.shape[0] - 1
+    qm, vm = np.empty((steps, q.shape[1])), np.empty((steps, v.shape[1]))
+    for k in range(steps):
+        dt = t[k + 1] - t[k]
+        qm[k], vm[k] = body_half_way(group, q[k], v[k], q[k + 1], v[k + 1], dt, hermite)
+    return qm, vm

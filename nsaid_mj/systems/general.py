@@ -1,0 +1,131 @@
+"""Systems that know no more than W_M, W_C, F and their kinematics, for one sample."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..dynamics.motions import TensorMotion, force_regressors
+from ..log import Log, Middle
+from ..numerics.interpolation import half_way
+from ..numerics.linalg import evaluate
+from ..parameters import Array
+from ..system import SecondOrderSystem, Stage
+
+DIFFERENCE = 1e-5
+"""Step of central differences along v [s·(1 + |v|)]."""
+
+TENSOR_NUMBERS = 1_000_000
+"""Numbers in the tensors of M and C that are held at once: they stay in the processor's cache."""
+
+
+class GeneralSystem(SecondOrderSystem):
+    """A system whose every quantity follows from `_W_M`, `_W_C`, `_F` and its kinematics.
+
+    A subclass supplies these three regressors, `integrate`, `difference`, `J`, `random_state`, and
+    the attributes of `SecondOrderSystem`. Position numbers are the position itself.
+    """
+
+    @cached_property
+    def motion_steps(self) -> int:
+        """Steps whose motion is held in memory at once."""
+        return tensor_steps(self)
+
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
+
+    def _mass_tensor(self, q: Array) -> Array:
+        return np.stack([self._W_M(q, e) for e in np.eye(self.n)])
+
+    def _transport(self, q: Array, v: Array) -> Array:
+        step = difference_step(v)
+        ahead, behind = self.integrate(q, step * v), self.integrate(q, -step * v)
+        return (self._W_M(ahead, v) - self._W_M(behind, v)) / (2 * step) - self._W_C(q, v, v)
+
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """â of (29), W of (10, 31) and M̂'s smallest pivot, from the tensor of M."""
+        W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
+        return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """(N, n, p) F for N samples."""
+        return forces_by_sample(self, t, q, v, u)
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples."""
+        return midpoints_by_sample(self, log, hermite)
+
+    def motion(self, log: Log, hermite: bool) -> TensorMotion:
+        """The tensors of M, C and F along a log."""
+        return tensor_motion(self, log, hermite)
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """The terms of the momentum balance behind a leak, sample by sample."""
+        return balance_by_sample(self, leak, log, q, v)
+
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) a copy of the position numbers (..., n), which are the position."""
+        return np.array(coordinates, dtype=np.float64)
+
+
+# -- what any system can do with its regressors for one sample -------------------------------------
+
+
+def tensor_steps(system: SecondOrderSystem) -> int:
+    """Steps whose `TensorMotion` is held at once: two tensors at two instants for each."""
+    return max(1, TENSOR_NUMBERS // (4 * system.n**2 * system.p))
+
+
+def difference_step(v: Array) -> float:
+    """By what time central differences step along v (n,), good to about 1e-10 of Ṁ v [s]."""
+    return DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))
+
+
+def forces_by_sample(system: SecondOrderSystem, t: Array, q: Array, v: Array, u: Array) -> Array:
+    """(N, n, p) F for N samples t (N,), q (N, m), v (N, n), u (N, n_u)."""
+    rows = zip(t.tolist(), q, v, u, strict=True)
+    return np.stack([system._F(*row) for row in rows])
+
+
+def midpoints_by_sample(system: SecondOrderSystem, log: Log, hermite: bool) -> Middle:
+    """The states half-way between a log's samples; see `numerics.interpolation.half_way`."""
+    qm, vm = np.empty((len(log.t) - 1, system.m)), np.empty((len(log.t) - 1, system.n))
+    for k, dt in enumerate(np.diff(log.t)):
+        dq = system.difference(log.q[k], log.q[k + 1])
+        half, vm[k] = half_way(dq, log.v[k], log.v[k + 1], dt, hermite, system.group)
+        qm[k] = system.integrate(log.q[k], half)
+    return Middle(qm, vm)
+
+
+def tensor_motion(system: SecondOrderSystem, log: Log, hermite: bool) -> TensorMotion:
+    """The tensors of M, C and F of any system along a log."""
+    middle = system.midpoints(log, hermite)
+    n, p, steps = system.n, system.p, len(log.t) - 1
+    M, C = np.empty((2 * steps + 1, n, n, p)), np.empty((2 * steps + 1, n, n, p))
+    unit = np.eye(n)
+    for first, q, v in ((0, log.q, log.v), (1, *middle)):
+        for k in range(len(q)):
+            M[first + 2 * k] = system._mass_tensor(q[k])
+            for j in range(n):
+                C[first + 2 * k, j] = system._W_C(q[k], v[k], unit[j])
+    return TensorMotion(log.t, log.v, middle.v, M, C, force_regressors(system, log, middle))
+
+
+def balance_by_sample(
+    system: SecondOrderSystem, leak: float, log: Log, q: Array, v: Array
+) -> tuple[Array, Array, Array, Array]:
+    """What `SecondOrderSystem.momentum_balance` returns, sample by sample."""
+    t, held = log.t, log.u[:-1]
+    momenta = np.stack([system._W_M(*row) for row in zip(log.q, log.v, strict=True)])
+    drive = leak * momenta
+    drive += np.stack([system._transport(*row) for row in zip(log.q, log.v, strict=True)])
+    half = system.forces(0.5 * (t[:-1] + t[1:]), q, v, held)
+    half += np.stack(
+        [leak * system._W_M(*row) + system._transport(*row) for row in zip(q, v, strict=True)]
+    )
+    start = drive[:-1] + system.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+    end = drive[1:] + system.forces(t[1:], log.q[1:], log.v[1:], held)
+    return momenta, start, half, end
