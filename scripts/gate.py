@@ -6,10 +6,10 @@ sensors, arms on both backends, and prints one hash for each run over the column
     python scripts/gate.py --save runs/gate          # before: hashes and columns
     python scripts/gate.py --against runs/gate       # after: the same hashes, or by how much not
 
-Metadata of the record do not count. Runs on Pinocchio's regressors, whose sums may be reordered, pass
-when no column differs by more than 1e-9 of its largest value, or by 1e-7 where the memory is free of
-its anchor (exact sensors): its implicit steps amplify rounding along what the data hardly show. All
-others must be equal to the bit. Bits depend on the processor and on the versions of
+Metadata of the record do not count. Runs on Pinocchio's regressors, whose sums may be reordered,
+pass when no column differs by more than 1e-9 of its largest value, or by 1e-7 where the memory has
+no anchor (exact sensors): its implicit steps amplify rounding along directions that the data hardly
+show. All others must be equal to the bit. Bits depend on the processor and on the versions of
 numpy and numba: save and compare on one machine.
 """
 

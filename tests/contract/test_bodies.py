@@ -156,7 +156,7 @@ def test_linear_half_way_is_of_second_order_in_the_velocity(n):
 
 def test_without_the_bracket_half_way_is_of_second_order(monkeypatch):
     """The test above can fail: steps added as if they commuted lose two orders."""
-    from nsaid_mj.dynamics.interpolation import half_way
+    from nsaid_mj.numerics.interpolation import half_way
 
     steps, errors = np.array([0.2, 0.1, 0.05, 0.025]), []
     for dt in steps:
