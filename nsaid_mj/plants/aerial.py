@@ -16,7 +16,7 @@ from ..parameters import Array
 from ..resources import numbers
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
 from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.plant import Plant, PlantConfig
 
 Model = Literal["hummingbird", "crazyflie"]
@@ -192,14 +192,14 @@ def rotorcraft() -> Any:
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
     size = _ROTORS + 4 * _PER_ROTOR
 
-    @cfunc("void(voidptr, voidptr)", cache=True)
+    @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (WORDS,), np.uintp)
-        d = carray(as_pointer(words[at_user]), (size,), np.float64)
-        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
-        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
-        force = carray(as_pointer(words[at_force]), (6,), np.float64)
-        speeds = carray(as_pointer(words[at_act if d[0] > 0 else at_ctrl]), (4,), np.float64)
+        arrays = carray(data, (WORDS,))
+        d = carray(arrays[at_user], (size,))
+        qpos = carray(arrays[at_qpos], (7,))
+        qvel = carray(arrays[at_qvel], (6,))
+        force = carray(arrays[at_force], (6,))
+        speeds = carray(arrays[at_act if d[0] > 0 else at_ctrl], (4,))
         attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
         omega = qvel[3:].copy()
         air = unrotate(attitude, qvel[:3] - d[7:10])  # velocity through the air

@@ -14,7 +14,7 @@ from ..parameters import Array
 from ..resources import numbers
 from ..systems.ground import CREEP, GroundScales, GroundVehicle
 from .world.body import Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
 
@@ -166,14 +166,14 @@ def single_track() -> Any:
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
 
-    @cfunc("void(voidptr, voidptr)", cache=True)
+    @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (WORDS,), np.uintp)
-        d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)
-        qpos = carray(as_pointer(words[at_qpos]), (3,), np.float64)
-        qvel = carray(as_pointer(words[at_qvel]), (3,), np.float64)
-        force = carray(as_pointer(words[at_force]), (3,), np.float64)
-        command = carray(as_pointer(words[at_act if d[0] > 0 else at_ctrl]), (2,), np.float64)
+        arrays = carray(data, (WORDS,))
+        d = carray(arrays[at_user], (SIZE,))
+        qpos = carray(arrays[at_qpos], (3,))
+        qvel = carray(arrays[at_qvel], (3,))
+        force = carray(arrays[at_force], (3,))
+        command = carray(arrays[at_act if d[0] > 0 else at_ctrl], (2,))
         c, s = np.cos(qpos[2]), np.sin(qpos[2])
         ahead = c * qvel[0] + s * qvel[1]
         for axle in range(2):
