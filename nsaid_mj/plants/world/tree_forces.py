@@ -275,13 +275,13 @@ def tree_forces() -> Any:
     """The callback for a model made by `tree_spec`; it reads `TreeForces.numbers`."""
     fields = ("qvel", "qfrc_passive", "userdata", "ctrl", "act", "xpos", "xmat")
     offsets, pointer, number = field_offsets(), types.uintp, types.intc
-    at = _Places(
-        *(offsets[name] for name in fields),
+    functions = (
         CFunction("mj_fullM", pointer, pointer, pointer),
         CFunction("mj_rne", pointer, pointer, number, pointer),
         CFunction("mj_jac", *[pointer] * 5, number),
         CFunction("mj_jacDot", *[pointer] * 5, number),
     )
+    at = _Places(*(offsets[name] for name in fields), *functions)
     points, lengths = _POINTS, _LENGTHS
 
     @cfunc(types.void(pointer, ARRAYS))
