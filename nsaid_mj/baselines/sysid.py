@@ -276,8 +276,8 @@ def _friction() -> Any:
 
     @cfunc(types.void(ARRAYS, ARRAYS))
     def passive(model, data):
-        own = carray(model, (_MODEL_WORDS,))
-        arrays = carray(data, (WORDS,))
+        own: Any = carray(model, (_MODEL_WORDS,))
+        arrays: Any = carray(data, (WORDS,))
         nv = int(carray(own[at_numbers], (1,))[0])
         numbers = carray(own[at_numbers], (1 + 2 * nv,))
         velocity = carray(arrays[at_qvel], (nv,))

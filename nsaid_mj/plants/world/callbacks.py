@@ -100,7 +100,7 @@ def coulomb_friction() -> Any:
 
     @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        arrays = carray(data, (WORDS,))
+        arrays: Any = carray(data, (WORDS,))
         nv = int(carray(arrays[at_user], (1,))[0])
         numbers = carray(arrays[at_user], (1 + 2 * nv,))
         velocity = carray(arrays[at_qvel], (nv,))

@@ -25,6 +25,9 @@ from .callbacks import CALLBACK, WORDS, field_offsets
 LIMIT = 16
 """Most thrusters a body may have."""
 
+POWERS = 5
+"""How many odd powers of the command its thrusters' curve has: u, u³, u⁵, u⁷, u⁹."""
+
 
 @dataclass(frozen=True)
 class Hydrodynamics:
@@ -143,7 +146,7 @@ def fossen() -> Any:
 
     @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        arrays = carray(data, (WORDS,))
+        arrays: Any = carray(data, (WORDS,))
         d = carray(arrays[at_user], (SIZE,))
         qpos = carray(arrays[at_qpos], (7,))
         qvel = carray(arrays[at_qvel], (6,))

@@ -228,7 +228,7 @@ def _act(model, data, at, points, lengths):
         points: (s,) of the quadrature along a cylinder, on [−1, 1].
         lengths: (s,) weights.
     """
-    arrays = carray(data, (WORDS,))
+    arrays: Any = carray(data, (WORDS,))
     own_data = arrays.ctypes.data
     head = carray(arrays[at.user], (_HEADER,))
     nv, thrusters, links, joints = int(head[0]), int(head[1]), int(head[2]), int(head[3])
@@ -275,13 +275,14 @@ def tree_forces() -> Any:
     """The callback for a model made by `tree_spec`; it reads `TreeForces.numbers`."""
     fields = ("qvel", "qfrc_passive", "userdata", "ctrl", "act", "xpos", "xmat")
     offsets, pointer, number = field_offsets(), types.uintp, types.intc
-    functions = (
+    functions = [
         CFunction("mj_fullM", pointer, pointer, pointer),
         CFunction("mj_rne", pointer, pointer, number, pointer),
         CFunction("mj_jac", *[pointer] * 5, number),
         CFunction("mj_jacDot", *[pointer] * 5, number),
-    )
-    at = _Places(*(offsets[name] for name in fields), *functions)
+    ]
+    places: list[Any] = [*(offsets[name] for name in fields), *functions]
+    at = _Places(*places)
     points, lengths = _POINTS, _LENGTHS
 
     @cfunc(types.void(pointer, ARRAYS))
