@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.control import QuadrotorFlight
-from nsaid_mj.errors import InvalidInput
+from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import draw_prior, prepare, trajectory
 from nsaid_mj.nullspace import directions, structural
@@ -508,5 +508,5 @@ def test_it_flies_quadrotors_only():
 @pytest.mark.parametrize("vehicle", ["phantom", "Hummingbird", "no/such/folder", "no.toml"])
 def test_an_unknown_vehicle_is_named_with_near_ones(vehicle):
     with pytest.raises(UnknownName) as caught:
-        QuadrotorPlant(vehicle=vehicle).build(DT, 0)
+        QuadrotorPlant(vehicle=vehicle).build(2.5e-3, 0)
     assert caught.value.name == vehicle and "hummingbird" in caught.value.choices
