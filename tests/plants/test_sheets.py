@@ -94,7 +94,7 @@ WRONG = st.one_of(
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_any_data_sheet_makes_a_plant_or_a_typed_error(family, data):
     content = numbers(family)

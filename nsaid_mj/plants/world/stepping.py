@@ -1,6 +1,6 @@
-"""A stretch of a run in one call: MuJoCo steps, sensors measure, a compiled law answers.
+"""A stretch of a run in one compiled call: MuJoCo steps, sensors measure, the driver commands.
 
-The arithmetic, and its order, is that of `Plant`'s own loop.
+The arithmetic and its order are those of the step-by-step loop in `Plant`.
 """
 
 from __future__ import annotations
@@ -66,13 +66,14 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
 
     Args:
         law: the commands (N, n_u) at all times, or the numbers of `computed_torque`.
-        world: where MuJoCo is, at the log's first row.
-        reading: where the system's coordinates are in it.
+        world: MuJoCo's model and data, in the state of the log's first row.
+        reading: where the system's coordinates are in MuJoCo's.
         errors: of the sensors.
-        log: what is measured and commanded.
+        log: receives measurements and commands.
 
     Returns:
-        How many rows are written: all, or as far as they and MuJoCo are sound, and one more.
+        How many rows are written: all, or up to the first that is not finite or at which MuJoCo
+        diverged, that row included.
     """
     if isinstance(law, Tracking):
         return track(law, world, reading, errors, log)
@@ -82,7 +83,7 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
 
 @njit(cache=True, nogil=True)
 def play(world, reading, errors, log):
-    """Commands are those in the log."""
+    """Drives with the commands that are in the log."""
     numbers = np.empty(log.v.shape[1])
     for k in range(1, log.t.shape[0]):
         q, v, u = log.q[k], log.v[k], log.u[k]
@@ -94,7 +95,7 @@ def play(world, reading, errors, log):
 
 @njit(cache=True, nogil=True)
 def track(tracking, world, reading, errors, log):
-    """Commands are those of `computed_torque`."""
+    """Drives with the commands of `computed_torque`."""
     numbers, room = np.empty(log.v.shape[1]), tracking_room(tracking)
     for k in range(1, log.t.shape[0]):
         q, v, u = log.q[k], log.v[k], log.u[k]
@@ -107,7 +108,7 @@ def track(tracking, world, reading, errors, log):
 
 @njit(cache=True)
 def _advance(world, reading, errors, k, command, numbers, q, v):
-    """Makes one step under a command, and measures with the k-th errors."""
+    """Makes one step under a command and measures, with the sensors' k-th errors."""
     for i in range(command.shape[0]):
         world.ctrl[i] = command[i]
     world.step(world.model, world.data)
