@@ -1,97 +1,61 @@
 """What are a robot's true parameters, plant and actuators together, seen only by how it moves?
 
 Nullspace adaptive identification (NS-AID) on MuJoCo. Names are imported when first used, so that
-`import nsaid_mj` costs nothing.
+`import nsaid_mj` costs nothing. Vehicles, systems, drivers and identifiers are found by the files
+they are in: a new file in one of these folders is enough to make its classes public.
 """
 
+import re
+from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 __version__ = "0.1.0"
 
-if TYPE_CHECKING:
-    from .cli.commands import main as main
-    from .control import DepthHeadingAutopilot as DepthHeadingAutopilot
-    from .control import DriverConfig as DriverConfig
-    from .control import Driving as Driving
-    from .control import FourierTracking as FourierTracking
-    from .control import HoverAndReach as HoverAndReach
-    from .control import MultisineCommand as MultisineCommand
-    from .control import PoseHold as PoseHold
-    from .control import QuadrotorFlight as QuadrotorFlight
-    from .control import SwimAndReach as SwimAndReach
-    from .errors import NsaidError as NsaidError
-    from .experiment.loop import run as run
-    from .experiment.record import Record as Record
-    from .experiment.scenario import Scenario as Scenario
-    from .identifiers import ConventionalAID as ConventionalAID
-    from .identifiers import MemoryConfig as MemoryConfig
-    from .identifiers import NullspaceAID as NullspaceAID
-    from .identifiers import Status as Status
-    from .log import Measurement as Measurement
-    from .parameters import Block as Block
-    from .parameters import ParameterSpace as ParameterSpace
-    from .plants import ArmPlant as ArmPlant
-    from .plants import AstrobeePlant as AstrobeePlant
-    from .plants import BlueROV2Plant as BlueROV2Plant
-    from .plants import BMW320iPlant as BMW320iPlant
-    from .plants import F1TenthPlant as F1TenthPlant
-    from .plants import Fault as Fault
-    from .plants import FloatingBasePlant as FloatingBasePlant
-    from .plants import FlyingArmPlant as FlyingArmPlant
-    from .plants import Mismatch as Mismatch
-    from .plants import QuadrotorPlant as QuadrotorPlant
-    from .plants import REMUS100Plant as REMUS100Plant
-    from .plants import RoverPlant as RoverPlant
-    from .plants import ScalarRovPlant as ScalarRovPlant
-    from .plants import SensorNoise as SensorNoise
-    from .plants import UvmsPlant as UvmsPlant
-    from .system import SecondOrderSystem as SecondOrderSystem
-
-_HOMES = {
-    "main": "cli",
-    "DepthHeadingAutopilot": "control",
-    "DriverConfig": "control",
-    "Driving": "control",
-    "FourierTracking": "control",
-    "HoverAndReach": "control",
-    "SwimAndReach": "control",
-    "MultisineCommand": "control",
-    "QuadrotorFlight": "control",
-    "NsaidError": "errors",
-    "run": "experiment.loop",
-    "ConventionalAID": "identifiers",
-    "MemoryConfig": "identifiers",
-    "NullspaceAID": "identifiers",
-    "Status": "identifiers",
-    "Block": "parameters",
-    "ParameterSpace": "parameters",
-    "ArmPlant": "plants",
-    "AstrobeePlant": "plants",
-    "PoseHold": "control",
-    "BlueROV2Plant": "plants",
-    "BMW320iPlant": "plants",
-    "F1TenthPlant": "plants",
-    "FloatingBasePlant": "plants",
-    "Fault": "plants",
-    "FlyingArmPlant": "plants",
-    "Mismatch": "plants",
-    "QuadrotorPlant": "plants",
-    "REMUS100Plant": "plants",
-    "RoverPlant": "plants",
-    "ScalarRovPlant": "plants",
-    "SensorNoise": "plants",
-    "UvmsPlant": "plants",
-    "Record": "experiment.record",
-    "Scenario": "experiment.scenario",
-    "Measurement": "log",
-    "SecondOrderSystem": "system",
+_NAMED = {
+    "cli": ("main",),
+    "control": ("DriverConfig",),
+    "errors": ("NsaidError",),
+    "experiment.loop": ("run",),
+    "experiment.record": ("Record",),
+    "experiment.scenario": ("Scenario",),
+    "identifiers": ("ConventionalAID", "MemoryConfig", "NullspaceAID", "Status"),
+    "log": ("Log", "Measurement"),
+    "parameters": ("Block", "ParameterSpace"),
+    "plants": ("Fault", "Mismatch", "Plant", "PlantConfig", "SensorNoise", "Sensors"),
+    "system": ("SecondOrderSystem",),
 }
 
-__all__ = sorted(_HOMES)  # noqa: PLE0605 (computed, and equal to the names above)
+_FOUND = {
+    "control/*.py": r"^class (\w+)\(DriverConfig\)",
+    "identifiers/**/*.py": r"^class (\w+)\(\w*Identifier\)",
+    "plants/*.py": r"^class (\w+Plant)\(",
+    "systems/*.py": r"^class ([A-Z]\w*)\b(?!\(NamedTuple\))",
+}
+"""Files, and the pattern of the lines in them that define public classes."""
+
+
+@cache
+def _homes() -> dict[str, str]:
+    """The module of every public name; read from the files' text, nothing is imported."""
+    homes = {name: module for module, names in _NAMED.items() for name in names}
+    package = Path(__file__).parent
+    for files, pattern in _FOUND.items():
+        for path in sorted(package.glob(files)):
+            module = ".".join(path.relative_to(package).with_suffix("").parts)
+            for name in re.findall(pattern, path.read_text(encoding="utf-8"), re.MULTILINE):
+                homes.setdefault(name, module.removesuffix(".__init__"))
+    return homes
+
+
+def __dir__() -> list[str]:
+    return sorted({*_homes(), *(name for name in globals() if name.startswith("__"))})
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name == "__all__":
+        return sorted(_homes())
+    if name.startswith("__") or name not in _homes():
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+    return getattr(import_module(f".{_homes()[name]}", __name__), name)

@@ -6,7 +6,9 @@ import json
 import os
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from .errors import InvalidInput, UnknownName
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -20,6 +22,44 @@ def folder(name: str) -> Path:
 def asset(vehicle: str, file: str) -> Path:
     """The path of a vehicle's asset."""
     return folder("assets") / vehicle / file
+
+
+class VehicleFiles(NamedTuple):
+    """Where a vehicle is described.
+
+    Attributes:
+        sheet: its numbers; the file exists.
+        model: what it looks like; the file may be missing.
+    """
+
+    sheet: Path
+    model: Path
+
+
+def vehicle_files(vehicle: str) -> VehicleFiles:
+    """Finds a vehicle's files.
+
+    Args:
+        vehicle: the name of a folder in assets, or the path of a TOML file or of its folder. A
+            model.xml lies beside it.
+
+    Raises:
+        UnknownName: there is no such vehicle, with near matches.
+        InvalidInput: the folder has no vehicle.toml.
+    """
+    names = {path.parent.name for path in folder("assets").glob("*/vehicle.toml")}
+    path = asset(vehicle, "") if vehicle in names else Path(vehicle).expanduser()
+    if path.is_dir():
+        path = path / "vehicle.toml"
+        if not path.is_file():
+            raise InvalidInput(
+                str(path), "a file with the vehicle's numbers", "no such file",
+                "docs/your_vehicle.md shows how to write one.",
+            )  # fmt: skip
+    if path.suffix != ".toml" or not path.is_file():
+        remedy = "Give a vehicle of your own by the path of its TOML file or of its folder."
+        raise UnknownName("vehicle", vehicle, names, remedy)
+    return VehicleFiles(path, path.with_name("model.xml"))
 
 
 def scenarios() -> dict[str, Path]:

@@ -3,7 +3,7 @@
 from nsaid_mj import NullspaceAID, QuadrotorFlight, QuadrotorPlant, Scenario, main
 
 scenario = Scenario(
-    plant=QuadrotorPlant(model="crazyflie"),
+    plant=QuadrotorPlant(vehicle="crazyflie"),
     excitation=QuadrotorFlight(
         radius=6.0, speed=5.0, climb=2.5, yaw_rate=8.0, tilt=0.6, attitude_bandwidth=3.0,
         dither=0.2, low=3.0, high=9.0,

@@ -3,7 +3,7 @@
 from nsaid_mj import NullspaceAID, QuadrotorFlight, QuadrotorPlant, Scenario, main
 
 scenario = Scenario(
-    plant=QuadrotorPlant(model="hummingbird"),
+    plant=QuadrotorPlant(vehicle="hummingbird"),
     excitation=QuadrotorFlight(
         radius=6.0, speed=8.0, climb=5.0, yaw_rate=5.0, dither=0.5, low=3.0, high=9.0
     ),

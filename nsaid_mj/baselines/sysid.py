@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 import pinocchio as pin
-from numba import carray, cfunc
+from numba import carray, cfunc, types
 from scipy import signal
 
 from ..errors import NoEstimate
 from ..parameters import Array
-from ..plants.world.callbacks import WORDS, as_pointer, field_offsets, installed
+from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from ..plants.world.coordinates import JointMap
 from ..plants.world.tree import tree_spec
 from ..systems.multibody import MotorTree
@@ -274,14 +274,14 @@ def _friction() -> Any:
     at_numbers, offsets = _numeric_offset(), field_offsets()
     at_qvel, at_force = offsets["qvel"], offsets["qfrc_passive"]
 
-    @cfunc("void(voidptr, voidptr)")
+    @cfunc(types.void(ARRAYS, ARRAYS))
     def passive(model, data):
-        own = carray(model, (_MODEL_WORDS,), np.uintp)
-        words = carray(data, (WORDS,), np.uintp)
-        nv = int(carray(as_pointer(own[at_numbers]), (1,), np.float64)[0])
-        numbers = carray(as_pointer(own[at_numbers]), (1 + 2 * nv,), np.float64)
-        velocity = carray(as_pointer(words[at_qvel]), (nv,), np.float64)
-        force = carray(as_pointer(words[at_force]), (nv,), np.float64)
+        own: Any = carray(model, (_MODEL_WORDS,))
+        arrays: Any = carray(data, (WORDS,))
+        nv = int(carray(own[at_numbers], (1,))[0])
+        numbers = carray(own[at_numbers], (1 + 2 * nv,))
+        velocity = carray(arrays[at_qvel], (nv,))
+        force = carray(arrays[at_force], (nv,))
         for i in range(nv):
             force[i] -= numbers[1 + i] * np.tanh(velocity[i] * numbers[1 + nv + i])
 

@@ -1,17 +1,12 @@
-"""MuJoCo as the world: the only importer of mujoco, and the only holder of the truth."""
+"""MuJoCo as the world: the only importer of mujoco, and the only holder of the truth.
 
-from .aerial import QuadrotorPlant as QuadrotorPlant
-from .arm import ArmPlant as ArmPlant
-from .arm import FloatingBasePlant as FloatingBasePlant
-from .ground import BMW320iPlant as BMW320iPlant
-from .ground import F1TenthPlant as F1TenthPlant
-from .rover import RoverPlant as RoverPlant
-from .scalar_rov import ScalarRovPlant as ScalarRovPlant
-from .space import AstrobeePlant as AstrobeePlant
-from .torpedo import REMUS100Plant as REMUS100Plant
-from .underwater import BlueROV2Plant as BlueROV2Plant
-from .vehicle_manipulator import FlyingArmPlant as FlyingArmPlant
-from .vehicle_manipulator import UvmsPlant as UvmsPlant
+Every file in this folder is imported, and every plant in it is a name of this package.
+"""
+
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any
+
 from .world.faults import Fault as Fault
 from .world.mismatch import Mismatch as Mismatch
 from .world.plant import Plant as Plant
@@ -19,3 +14,26 @@ from .world.plant import PlantConfig as PlantConfig
 from .world.sensors import SensorNoise as SensorNoise
 from .world.sensors import Sensors as Sensors
 from .world.shapes import VisualMesh as VisualMesh
+
+
+def _plants() -> dict[str, type[PlantConfig]]:
+    """The classes of plants in this folder's files, by name."""
+    found = {}
+    for file in iter_modules(__path__, f"{__name__}."):
+        if not file.ispkg:
+            classes = vars(import_module(file.name)).values()
+            found |= {
+                value.__name__: value
+                for value in classes
+                if isinstance(value, type)
+                and issubclass(value, PlantConfig)
+                and value.__module__ == file.name
+            }
+    return found
+
+
+globals().update(_plants())
+
+
+def __getattr__(name: str) -> Any:  # read by type checkers, which do not see the names above
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,54 +1,105 @@
-"""Hummingbird and Crazyflie: four rotors of unknown gain carry a body through the air."""
+"""Quadrotors, four rotors of unknown gain; Hummingbird and Crazyflie are packed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Self
 
 import numpy as np
 import pinocchio as pin
 from numba import carray, cfunc
+from pydantic import Field, model_validator
 
 from ..errors import InvalidInput
 from ..numerics.spatial import cross, rotate, unrotate
 from ..parameters import Array
-from ..resources import numbers
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
 from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.plant import Plant, PlantConfig
-
-Model = Literal["hummingbird", "crazyflie"]
+from .world.sheet import (
+    NotNegative,
+    Number,
+    Positive,
+    Sheet,
+    Table,
+    check_inertia,
+    one,
+    several,
+)
 
 AIR_DENSITY, AIR_VISCOSITY = 1.225, 1.81e-5
 """Of the standard atmosphere at sea level [kg/m³, Pa·s], for MuJoCo's own fluid model."""
 
 
+Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
+
+
+class Rotors(Table):
+    """Four equal rotors that push along z."""
+
+    arm: Positive = one("distance of a rotor from the origin, a number > 0 [m]")
+    places: list[Place] = several(4, "two numbers for each of four rotors, times arm/√2")
+    spin: list[Number] = several(4, "1 or −1 for each of four rotors, the sign of its torque")
+    top_speed: Positive = one("a number > 0 [rad/s]")
+    thrust: Positive = one("a number > 0 [N·s²/rad²]")
+    torque: Positive = one("a number > 0 [N·m·s²/rad²]")
+    drag: list[Positive] = several(2, "two numbers > 0 [N·s²/(m·rad)], in and across its plane")
+    lift: NotNegative = one("a number ≥ 0 [N·s²/m²]")
+
+
+class Guess(Table):
+    """What an engineer expects before any measurement."""
+
+    offset: Positive = one("a distance of the centre of mass from the origin > 0 [m]")
+    lift: Positive = one("a number > 0 [N·s²/m²]")
+    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
+
+
+class QuadrotorSheet(Sheet):
+    """A quadrotor's numbers; axes x forward, y left, z up, origin amid the rotors."""
+
+    mass: Positive = one("a number > 0 [kg]")
+    inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
+    centre_of_mass: list[NotNegative] = several(
+        3, "three numbers ≥ 0, how far off the origin it may be [m]"
+    )
+    body_drag: list[Positive] = several(3, "three numbers > 0 [N·s²/m²]")
+    rotors: Rotors
+    guess: Guess
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        check_inertia(self.inertia)
+        if strange := [s for s in self.rotors.spin if abs(s) != 1]:
+            raise InvalidInput(
+                "rotors.spin", "1 or −1", strange[0], "1 turns the body to the left."
+            )
+        return self
+
+
 @dataclass(frozen=True)
 class QuadrotorPlant(PlantConfig):
-    """A quadrotor in the air; numbers and sources in assets/<model>.
+    """A quadrotor in the air.
 
     Attributes:
-        model: which one.
+        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true mass, second moments of mass, drag, lift and
             thrust from the published numbers; that of the rotors' torque is half of it, since
             the little there is must hold the heading.
     """
 
-    model: Model = "hummingbird"
+    vehicle: str = "hummingbird"
     spread: float = 0.1
 
     def __post_init__(self) -> None:
         check_spread(self.spread)
-        if self.model not in get_args(Model):
-            raise InvalidInput(
-                "plant.model", " or ".join(get_args(Model)), self.model, "Take one of these."
-            )
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
-        nominal, guess = published(self.model), numbers(self.model)["guess"]
+        sheet = QuadrotorSheet.of(self.vehicle)
+        nominal, guess = nominal_airframe(sheet), sheet.guess
         rng = np.random.default_rng(seed)
         true = replace(
             nominal,
@@ -65,19 +116,19 @@ class QuadrotorPlant(PlantConfig):
         system = Quadrotor(
             AerialScales(
                 mass=float(guessed(nominal.mass)),
-                offset=guess["offset"],
+                offset=guess.offset,
                 inertia=guessed(np.diag(nominal.inertia)),
-                lift=guess["lift"],
+                lift=guess.lift,
                 rotor_drag=guessed(nominal.rotor_drag),
                 body_drag=guessed(nominal.body_drag),
                 thrust=guessed(nominal.thrust),
                 torque=guessed(nominal.torque),
-                speed=np.array(guess["speed"]),
+                speed=np.array(guess.speed),
             ),
             nominal.positions,
             nominal.spin,
         )
-        spec = vehicle_spec(self.model, dt, true.mass, true.centre, true.inertia)
+        spec = vehicle_spec(self.vehicle, dt, true.mass, true.centre, true.inertia, sheet.size)
         spec.option.gravity = [0, 0, -GRAVITY]
         command_inputs(spec, system.n_u)
         acting = true
@@ -161,22 +212,20 @@ class Airframe:
 _ROTORS, _PER_ROTOR = 10, 5  # where the rotors' numbers begin, and how many each has
 
 
-def published(model: Model) -> Airframe:
-    """A published quadrotor; its `centre` is how far off the centre of mass may be."""
-    d = numbers(model)
-    rotors, moments = d["rotors"], np.array(d["inertia"])
-    top = rotors["top_speed"]
+def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
+    """The nominal numbers of a data sheet; `centre` is how far off the centre of mass may be."""
+    rotors, moments, top = sheet.rotors, np.array(sheet.inertia), sheet.rotors.top_speed
     return Airframe(
-        mass=d["mass"],
-        centre=np.array(d["centre_of_mass"]),
+        mass=sheet.mass,
+        centre=np.array(sheet.centre_of_mass),
         second_moments=moments.sum() / 2 - moments,
-        lift=rotors["lift"],
-        rotor_drag=top * np.array(rotors["drag"]),
-        body_drag=np.array(d["body_drag"]),
-        positions=np.c_[rotors["arm"] / np.sqrt(2) * np.array(rotors["places"]), np.zeros(4)],
-        spin=np.array(rotors["spin"], dtype=float),
-        thrust=np.full(4, rotors["thrust"] * top**2),
-        torque=np.full(4, rotors["torque"] * top**2),
+        lift=rotors.lift,
+        rotor_drag=top * np.array(rotors.drag),
+        body_drag=np.array(sheet.body_drag),
+        positions=np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)],
+        spin=np.array(rotors.spin, dtype=float),
+        thrust=np.full(4, rotors.thrust * top**2),
+        torque=np.full(4, rotors.torque * top**2),
         wind=np.zeros(3),
     )
 
@@ -192,14 +241,14 @@ def rotorcraft() -> Any:
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
     size = _ROTORS + 4 * _PER_ROTOR
 
-    @cfunc("void(voidptr, voidptr)", cache=True)
+    @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (WORDS,), np.uintp)
-        d = carray(as_pointer(words[at_user]), (size,), np.float64)
-        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
-        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
-        force = carray(as_pointer(words[at_force]), (6,), np.float64)
-        speeds = carray(as_pointer(words[at_act if d[0] > 0 else at_ctrl]), (4,), np.float64)
+        arrays: Any = carray(data, (WORDS,))
+        d = carray(arrays[at_user], (size,))
+        qpos = carray(arrays[at_qpos], (7,))
+        qvel = carray(arrays[at_qvel], (6,))
+        force = carray(arrays[at_force], (6,))
+        speeds = carray(arrays[at_act if d[0] > 0 else at_ctrl], (4,))
         attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
         omega = qvel[3:].copy()
         air = unrotate(attitude, qvel[:3] - d[7:10])  # velocity through the air

@@ -194,10 +194,6 @@ class Arm(Plant):
         """(n,) position numbers, joint angles [rad] or travels [m], and (n,) velocities."""
         return self.joints.read(self.data)
 
-    def position(self, coordinates: Array) -> Array:
-        """(..., m) Pinocchio's q for position numbers (..., n)."""
-        return self.system.position(coordinates)
-
     def visuals(self) -> list[VisualMesh]:
         """The robot's own meshes, where its description has any."""
         return self._looks.visuals()

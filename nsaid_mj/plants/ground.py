@@ -11,12 +11,39 @@ from numba import carray, cfunc
 
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..resources import numbers
 from ..systems.ground import CREEP, GroundScales, GroundVehicle
 from .world.body import Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
+from .world.sheet import Positive, Sheet, Table, one, several
+
+
+class Guess(Table):
+    """What an engineer expects before any measurement."""
+
+    off_centre: Positive = one("distance of the centre of mass from the middle, of the wheelbase")
+    top_speed: Positive = one("speed at which the drive has nothing left > 0 [m/s]")
+    speed: Positive = one("a cruising speed > 0 [m/s]")
+    grip: Positive = one("a lateral acceleration of operation > 0 [m/s²]")
+
+
+class CarSheet(Sheet):
+    """A car's numbers; axes x forward, y left, z up."""
+
+    mass: Positive = one("a number > 0 [kg]")
+    inertia: Positive = one("a number > 0, about the vertical through the centre of mass [kg·m²]")
+    front: Positive = one("distance from the centre of mass to the front axle > 0 [m]")
+    rear: Positive = one("distance from the centre of mass to the rear axle > 0 [m]")
+    friction: Positive = one("a coefficient > 0 of tyre on ground")
+    stiffness: list[Positive] = several(2, "two numbers > 0, front and rear [1/rad]")
+    gravity: Positive = one("a number > 0 [m/s²]")
+    steering: Positive = one("a largest steering angle > 0 [rad]")
+    drive: Positive = one("a force > 0 at full command and standstill [N]")
+    loss: Positive = one("a number > 0 [N·s/m]")
+    rolling: Positive = one("a force > 0 [N]")
+    drag: Positive = one("a number > 0 [N·s²/m²]")
+    guess: Guess
 
 
 @dataclass(frozen=True)
@@ -24,33 +51,51 @@ class CarPlant(PlantConfig):
     """A car that rolls forwards on level ground.
 
     Attributes:
+        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true load, tyres, drive and resistances from the
-            published numbers.
+            nominal numbers.
     """
 
+    vehicle: str = "f1tenth"
     spread: float = 0.2
 
     def __post_init__(self) -> None:
         check_spread(self.spread)
         check_wind(self.mismatch, "a car in the plane")
 
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden numbers and makes the plant."""
+        sheet, flow = CarSheet.of(self.vehicle), self.mismatch.flow
+        nominal, wheelbase = nominal_car(sheet), sheet.front + sheet.rear
+        true = Car(*hidden(np.array(nominal), self.spread, np.random.default_rng(seed)).tolist())
+        system = GroundVehicle(scales(nominal, wheelbase, sheet.guess), wheelbase, sheet.steering)
+        centre, inertia = np.array([true.centre, 0.0, 0.0]), true.inertia * np.eye(3)
+        spec = vehicle_spec(self.vehicle, dt, true.mass, centre, inertia, sheet.size, planar=True)
+        command_inputs(spec, system.n_u)
+        lagged = float(self.mismatch.lag > 0)
+        numbers = np.array([lagged, wheelbase / 2, *true[3:], flow[0], flow[1]])
+        vehicle = Vehicle(
+            system, true.theta, spec, numbers, single_track(), self.mismatch, GAIN_PLACES
+        )
+        return vehicle.failing(self.fault)
+
 
 @dataclass(frozen=True)
 class F1TenthPlant(CarPlant):
-    """An F1TENTH, a race car of a tenth of the size; numbers and sources in assets/f1tenth."""
+    """An F1TENTH, a race car of a tenth of the size; numbers and sources in assets/f1tenth.
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
-        return car("f1tenth", self, dt, seed)
+    Attributes are those of `CarPlant`.
+    """
 
 
 @dataclass(frozen=True)
 class BMW320iPlant(CarPlant):
-    """A BMW 320i; numbers and sources in assets/bmw320i."""
+    """A BMW 320i; numbers and sources in assets/bmw320i.
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
-        return car("bmw320i", self, dt, seed)
+    Attributes are those of `CarPlant`.
+    """
+
+    vehicle: str = "bmw320i"
 
 
 class Car(NamedTuple):
@@ -85,54 +130,36 @@ class Car(NamedTuple):
         return np.array([self.mass, moment, self.inertia + moment * self.centre, *self[3:]])
 
 
-def car(name: str, config: CarPlant, dt: float, seed: int) -> Vehicle:
-    """A car with hidden numbers about the published ones of assets/<name>."""
-    d, nominal = numbers(name), published(name)
-    wheelbase = d["front"] + d["rear"]
-    true = Car(*hidden(np.array(nominal), config.spread, np.random.default_rng(seed)).tolist())
-    guess, flow = d["guess"], config.mismatch.flow
-    system = GroundVehicle(scales(nominal, wheelbase, guess), wheelbase, d["steering"])
-    spec = vehicle_spec(
-        name, dt, true.mass, np.array([true.centre, 0.0, 0.0]), true.inertia * np.eye(3)
-    )
-    command_inputs(spec, system.n_u)
-    lagged = float(config.mismatch.lag > 0)
-    told = np.array([lagged, wheelbase / 2, *true[3:], flow[0], flow[1]])
-    vehicle = Vehicle(system, true.theta, spec, told, single_track(), config.mismatch, GAIN_PLACES)
-    return vehicle.failing(config.fault)
-
-
-def published(name: str) -> Car:
-    """The published car of assets/<name>; its load stands on both axles by the lever rule."""
-    d = numbers(name)
-    front, rear, wheelbase = d["front"], d["rear"], d["front"] + d["rear"]
-    grip = d["friction"] * d["mass"] * d["gravity"] / wheelbase
+def nominal_car(sheet: CarSheet) -> Car:
+    """The nominal numbers of a data sheet; the load is on both axles by the lever rule."""
+    wheelbase = sheet.front + sheet.rear
+    grip = sheet.friction * sheet.mass * sheet.gravity / wheelbase
     return Car(
-        mass=d["mass"],
-        centre=wheelbase / 2 - front,
-        inertia=d["inertia"],
-        front=d["stiffness"][0] * grip * rear,
-        rear=d["stiffness"][1] * grip * front,
-        drive=d["drive"],
-        loss=d["loss"],
-        rolling=d["rolling"],
-        drag=d["drag"],
+        mass=sheet.mass,
+        centre=wheelbase / 2 - sheet.front,
+        inertia=sheet.inertia,
+        front=sheet.stiffness[0] * grip * sheet.rear,
+        rear=sheet.stiffness[1] * grip * sheet.front,
+        drive=sheet.drive,
+        loss=sheet.loss,
+        rolling=sheet.rolling,
+        drag=sheet.drag,
     )
 
 
-def scales(nominal: Car, wheelbase: float, guess: dict[str, float]) -> GroundScales:
-    """What one guesses of a car from its data sheet: powers of two of the published numbers."""
+def scales(nominal: Car, wheelbase: float, guess: Guess) -> GroundScales:
+    """What one guesses of a car from its data sheet: powers of two of the nominal numbers."""
     return GroundScales(
         mass=float(guessed(nominal.mass)),
-        moment=guess["off_centre"] * nominal.mass * wheelbase,
+        moment=guess.off_centre * nominal.mass * wheelbase,
         inertia=float(guessed(nominal.inertia)),
         stiffness=guessed(np.array([nominal.front, nominal.rear])),
         drive=float(guessed(nominal.drive)),
-        loss=float(guessed(nominal.drive)) / guess["top_speed"],
+        loss=float(guessed(nominal.drive)) / guess.top_speed,
         rolling=float(guessed(nominal.rolling)),
         drag=float(guessed(nominal.drag)),
-        speed=guess["speed"],
-        grip=guess["grip"],
+        speed=guess.speed,
+        grip=guess.grip,
     )
 
 
@@ -166,14 +193,14 @@ def single_track() -> Any:
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
 
-    @cfunc("void(voidptr, voidptr)", cache=True)
+    @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (WORDS,), np.uintp)
-        d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)
-        qpos = carray(as_pointer(words[at_qpos]), (3,), np.float64)
-        qvel = carray(as_pointer(words[at_qvel]), (3,), np.float64)
-        force = carray(as_pointer(words[at_force]), (3,), np.float64)
-        command = carray(as_pointer(words[at_act if d[0] > 0 else at_ctrl]), (2,), np.float64)
+        arrays: Any = carray(data, (WORDS,))
+        d = carray(arrays[at_user], (SIZE,))
+        qpos = carray(arrays[at_qpos], (3,))
+        qvel = carray(arrays[at_qvel], (3,))
+        force = carray(arrays[at_force], (3,))
+        command = carray(arrays[at_act if d[0] > 0 else at_ctrl], (2,))
         c, s = np.cos(qpos[2]), np.sin(qpos[2])
         ahead = c * qvel[0] + s * qvel[1]
         for axle in range(2):

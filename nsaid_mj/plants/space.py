@@ -3,27 +3,87 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Self
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from pydantic import Field, model_validator
 
+from ..errors import InvalidInput
 from ..parameters import Array
-from ..resources import numbers
 from ..systems.space import FreeFlyer, FreeFlyerScales
 from .world.body import BODY, NED, Vehicle, check_spread, guessed, hidden, vehicle_spec
 from .world.plant import Plant, PlantConfig
+from .world.sheet import (
+    Number,
+    Positive,
+    Sheet,
+    Table,
+    check_inertia,
+    check_unit_vectors,
+    one,
+    several,
+)
+
+Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class Guess(Table):
+    """What an engineer expects before any measurement."""
+
+    mass: Positive = one("a number > 0 [kg]")
+    offset: Positive = one("a distance of the centre of mass from the origin > 0 [m]")
+    inertia: list[Positive] = several(3, "three numbers > 0 [kg·m²]")
+    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
+
+
+class Nozzles(Table):
+    """The nozzles of one propulsion module; the other has x and y negated."""
+
+    positions: list[Place] = Field(min_length=1, description="three numbers for each [inch]")
+    directions: list[Place] = Field(
+        min_length=1, description="a unit vector, three numbers, for each jet"
+    )
+    force: list[Positive] = several(3, "forces of two nozzles along x, y, z > 0 [N]")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if len(self.positions) != len(self.directions):
+            raise InvalidInput(
+                "nozzles.directions", f"one for each of {len(self.positions)} positions",
+                len(self.directions), "Give every nozzle its position and its direction.",
+            )  # fmt: skip
+        check_unit_vectors("nozzles.directions", np.array(self.directions))
+        return self
+
+
+class FreeFlyerSheet(Sheet):
+    """A free-flyer's numbers; axes x forward, y right, z down."""
+
+    mass: Positive = one("a number > 0 [kg]")
+    centre: list[Number] = several(3, "three numbers [m]")
+    inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
+    inch: Positive = one("length of the unit of the nozzles' positions, 0.0254 [m]")
+    guess: Guess
+    nozzles: Nozzles
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        check_inertia(self.inertia)
+        return self
 
 
 @dataclass(frozen=True)
 class AstrobeePlant(PlantConfig):
-    """NASA's Astrobee; numbers and sources in assets/astrobee.
+    """NASA's Astrobee, or another free-flyer with two propulsion modules.
 
     Attributes:
+        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the nozzles' true thrust from the published one.
     """
 
+    vehicle: str = "astrobee"
     spread: float = 0.2
 
     def __post_init__(self) -> None:
@@ -32,19 +92,19 @@ class AstrobeePlant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
-        d = numbers("astrobee")
-        positions, jets, thrust = nozzles(d)
-        guess = d["guess"]
+        sheet = FreeFlyerSheet.of(self.vehicle)
+        positions, jets, thrust = nozzles(sheet)
+        guess = sheet.guess
         scales = FreeFlyerScales(
-            mass=guess["mass"],
-            offset=guess["offset"],
-            inertia=np.array(guess["inertia"]),
+            mass=guess.mass,
+            offset=guess.offset,
+            inertia=np.array(guess.inertia),
             thrust=guessed(thrust),
-            speed=np.array(guess["speed"]),
+            speed=np.array(guess.speed),
         )
         true_thrust = hidden(thrust, self.spread, np.random.default_rng(seed))
-        mass, centre, inertia = d["mass"], NED * d["centre"], np.diag(d["inertia"])
-        spec = vehicle_spec("astrobee", dt, mass, centre, inertia)
+        mass, centre, inertia = sheet.mass, NED * sheet.centre, np.diag(sheet.inertia)
+        spec = vehicle_spec(self.vehicle, dt, mass, centre, inertia, sheet.size)
         for i, (position, jet, gain) in enumerate(zip(positions, jets, true_thrust, strict=True)):
             _add_nozzle(spec, f"nozzle {i + 1}", position, -jet, gain)
         body = pin.Inertia(mass, centre, inertia).toDynamicParameters()
@@ -54,13 +114,13 @@ class AstrobeePlant(PlantConfig):
         return vehicle.failing(self.fault)
 
 
-def nozzles(d: dict[str, Any]) -> tuple[Array, Array, Array]:
-    """(12, 3) positions [m], (12, 3) directions of the jets, (12,) nominal thrust [N]; z up."""
-    one, jets = np.array(d["nozzles"]["positions"]), np.array(d["nozzles"]["directions"])
+def nozzles(sheet: FreeFlyerSheet) -> tuple[Array, Array, Array]:
+    """(k, 3) positions [m], (k, 3) directions of the jets, (k,) nominal thrust [N]; z up."""
+    one_module, jets = np.array(sheet.nozzles.positions), np.array(sheet.nozzles.directions)
     other = np.array([-1.0, -1.0, 1.0])
-    positions = NED * d["inch"] * np.concatenate([one, other * one])
+    positions = NED * sheet.inch * np.concatenate([one_module, other * one_module])
     directions = NED * np.concatenate([jets, other * jets])
-    return positions, directions, np.abs(directions) @ np.array(d["nozzles"]["force"]) / 2
+    return positions, directions, np.abs(directions) @ np.array(sheet.nozzles.force) / 2
 
 
 def _add_nozzle(spec: Any, name: str, position: Array, push: Array, thrust: float) -> None:

@@ -1,38 +1,147 @@
-"""REMUS 100: a torpedo-shaped vehicle under way, with four independent fins and a propeller."""
+"""Torpedo-shaped vehicles under way, with four fins and a propeller; a REMUS 100 is packed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numba import carray, cfunc
+from pydantic import Field, model_validator
 
+from ..errors import InvalidInput
 from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
-from ..resources import numbers
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle
 from .underwater import into_mujocos_water
 from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import WORDS, as_pointer, field_offsets
+from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.hydrodynamics import motion_in_water, passive_wrench
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
+from .world.sheet import (
+    Negative,
+    Number,
+    Positive,
+    Share,
+    Sheet,
+    Table,
+    check_inertia,
+    one,
+    several,
+)
 
 LIMIT = 8
 """Most fins a vehicle may have."""
 
 
+class AddedMass(Table):
+    """Added mass by its derivatives' names, with their signs."""
+
+    X_udot: Negative = one("a number < 0 [kg]")
+    Y_vdot: Negative = one("a number < 0 [kg]")
+    K_pdot: Negative = one("a number < 0 [kg·m²]")
+    M_qdot: Negative = one("a number < 0 [kg·m²]")
+    Y_rdot: Number = one("a number that is not 0 [kg·m]")
+
+
+class Drag(Table):
+    """Quadratic drag by its derivatives' names, with their signs."""
+
+    coefficient: Positive = one("a coefficient > 0 on the frontal area")
+    diameter: Positive = one("a number > 0 [m]")
+    Y_vv: Negative = one("a number < 0 [N·s²/m²]")
+    K_pp: Negative = one("a number < 0 [N·m·s²]")
+    M_qq: Negative = one("a number < 0 [N·m·s²]")
+
+
+class Lift(Table):
+    """Lift of body and fins together, by its derivatives' names."""
+
+    Y_uv: Number = one("a number [N·s²/m²]")
+    M_uw: Number = one("a number [N·s²/m]")
+
+
+class Fins(Table):
+    """Four fins, in pairs as published."""
+
+    Y_uudr: Positive = one("a number > 0 [N·s²/m² for each rad]")
+    N_uudr: Negative = one("a number < 0 [N·s²/m for each rad]")
+    drag_by_lift: Positive = one("a share > 0")
+    radius: Positive = one("a number > 0 [m]")
+    limit: float = Field(gt=0, lt=1.5, description="a deflection in (0, 1.5) [rad]")
+
+
+class Propeller(Table):
+    """The propeller, by its thrust coefficients."""
+
+    diameter: Positive = one("a number > 0 [m]")
+    shaft_speed: Positive = one("a number > 0 at full command [1/s]")
+    K_T: list[Positive] = several(2, "two numbers > 0, at advance ratios 0 and `advance`")
+    advance: Positive = one("an advance ratio > 0")
+    wake: Positive = one("a share > 0")
+    deduction: Share = one("a share in [0, 1)")
+    torque: Positive = one("a number > 0 [N·m·s²/rad²]")
+    position: Number = one("x of the propeller [m]")
+
+
+class Guess(Table):
+    """What an engineer expects before any measurement."""
+
+    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
+
+
+class TorpedoSheet(Sheet):
+    """A torpedo's numbers; axes x forward, y right, z down, from the centre of buoyancy."""
+
+    mass: Positive = one("a number > 0 [kg]")
+    inertia: list[Positive] = several(3, "three moments about the origin > 0 [kg·m²]")
+    gravity_centre: list[Number] = several(3, "three numbers [m], z positive where it rights")
+    gravity: Positive = one("a number > 0 [m/s²]")
+    water_density: Positive = one("a number > 0 [kg/m³], 1026 in the sea")
+    net_weight: Number = one("weight less buoyancy, not 0 [N]")
+    added_mass: AddedMass
+    drag: Drag
+    lift: Lift
+    fins: Fins
+    propeller: Propeller
+    guess: Guess
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        height = self.gravity_centre[2]
+        for key, value in (
+            ("net_weight", self.net_weight),
+            ("gravity_centre", height),
+            ("added_mass.Y_rdot", self.added_mass.Y_rdot),
+        ):
+            if abs(value) < 1e-9:
+                raise InvalidInput(
+                    key, "a number that is not 0 (of the centre of gravity, its z)", value,
+                    "It is a parameter to be identified, and needs a scale.",
+                )  # fmt: skip
+        shift = self.mass * height**2
+        check_inertia([self.inertia[0] - shift, self.inertia[1] - shift, self.inertia[2]])
+        if not self.propeller.K_T[0] > self.propeller.K_T[1]:
+            raise InvalidInput(
+                "propeller.K_T", "a coefficient that falls with the advance ratio",
+                self.propeller.K_T, "Give first the one at standstill.",
+            )  # fmt: skip
+        return self
+
+
 @dataclass(frozen=True)
 class REMUS100Plant(PlantConfig):
-    """A REMUS 100; numbers and sources in assets/remus100.
+    """A REMUS 100, or another torpedo-shaped vehicle.
 
     Attributes:
+        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true drag, lift, weight, righting moment,
             propeller and fins from the published numbers.
     """
 
+    vehicle: str = "remus100"
     spread: float = 0.2
 
     def __post_init__(self) -> None:
@@ -40,7 +149,8 @@ class REMUS100Plant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
-        nominal = published()
+        sheet = TorpedoSheet.of(self.vehicle)
+        nominal = nominal_numbers(sheet)
         rng = np.random.default_rng(seed)
         true = replace(
             nominal,
@@ -53,7 +163,6 @@ class REMUS100Plant(PlantConfig):
             fin_drag=hidden(nominal.fin_drag, self.spread, rng),
             flow=np.array(self.mismatch.flow),
         )
-        d = numbers("remus100")
         system = TorpedoVehicle(
             TorpedoScales(
                 inertia=guessed(theta_of(nominal)[:4]),
@@ -65,15 +174,16 @@ class REMUS100Plant(PlantConfig):
                 propeller=guessed(nominal.propeller),
                 fin_lift=guessed(nominal.fin_lift),
                 fin_drag=guessed(nominal.fin_drag),
-                speed=np.array(d["guess"]["speed"]),
-                limit=d["fins"]["limit"],
+                speed=np.array(sheet.guess.speed),
+                limit=sheet.fins.limit,
             ),
             nominal.positions,
             nominal.lifts,
-            np.array([d["propeller"]["position"], 0.0, 0.0]),
+            np.array([sheet.propeller.position, 0.0, 0.0]),
             nominal.slip,
         )
-        return _in_water(system, true, dt, self.mismatch).failing(self.fault)
+        vehicle = _in_water(self.vehicle, system, true, dt, self.mismatch, sheet.size)
+        return vehicle.failing(self.fault)
 
 
 @dataclass(frozen=True)
@@ -143,15 +253,15 @@ def forces() -> Any:
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
 
-    @cfunc("void(voidptr, voidptr)", cache=True)
+    @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (WORDS,), np.uintp)
-        d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)
-        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
-        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
-        force = carray(as_pointer(words[at_force]), (6,), np.float64)
+        arrays: Any = carray(data, (WORDS,))
+        d = carray(arrays[at_user], (SIZE,))
+        qpos = carray(arrays[at_qpos], (7,))
+        qvel = carray(arrays[at_qvel], (6,))
+        force = carray(arrays[at_force], (6,))
         k = int(d[0])
-        command = carray(as_pointer(words[at_act if d[1] > 0 else at_ctrl]), (k + 1,), np.float64)
+        command = carray(arrays[at_act if d[1] > 0 else at_ctrl], (k + 1,))
         rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
         inverse = d[74:110].reshape(6, 6)
         attitude = (qpos[4], qpos[5], qpos[6], qpos[3])
@@ -206,55 +316,59 @@ def theta_of(true: Torpedo) -> Array:
     )  # fmt: skip
 
 
-def published() -> Torpedo:
-    """The published REMUS 100, x forward, y left, z up, each fin with half of its pair's lift.
+def nominal_numbers(sheet: TorpedoSheet) -> Torpedo:
+    """The nominal numbers of a data sheet, x forward, y left, z up; a fin has half its pair's lift.
 
     Turned from z down, y and z of a vector change sign. Products of two such, as Y_uv u v in y or
     N_vdot v̇ in n, do not; m z_g, the righting moment and Y_uuδr u² δ_r do.
     """
-    d = numbers("remus100")
-    a, drag, lift, fins, p = (d[key] for key in ("added_mass", "drag", "lift", "fins", "propeller"))
-    mass, height = d["mass"], -d["gravity_centre"][2]
-    rigid = np.diag([mass] * 3 + d["inertia"])
+    a, drag, lift, fins, p = sheet.added_mass, sheet.drag, sheet.lift, sheet.fins, sheet.propeller
+    mass, height = sheet.mass, -sheet.gravity_centre[2]
+    rigid = np.diag([mass] * 3 + sheet.inertia)
     rigid[0, 4] = rigid[4, 0] = mass * height
     rigid[1, 3] = rigid[3, 1] = -mass * height
-    added = -np.diag([a["X_udot"], *[a["Y_vdot"]] * 2, a["K_pdot"], *[a["M_qdot"]] * 2])
-    added[1, 5] = added[5, 1] = -a["Y_rdot"]
-    added[2, 4] = added[4, 2] = a["Y_rdot"]
-    munk = a["X_udot"] - a["Y_vdot"]
-    x, r = fins["N_uudr"] / fins["Y_uudr"], fins["radius"]
-    rho, n, wide = d["water_density"], p["shaft_speed"], p["diameter"]
-    slope = (p["K_T"][0] - p["K_T"][1]) / p["advance"]
-    thrust = (1 - p["deduction"]) * rho * n**2 * wide**4 * p["K_T"][0]
-    fin_lift = np.full(4, fins["Y_uudr"] / 2)
-    front = np.pi / 4 * drag["diameter"] ** 2
+    added = -np.diag([a.X_udot, *[a.Y_vdot] * 2, a.K_pdot, *[a.M_qdot] * 2])
+    added[1, 5] = added[5, 1] = -a.Y_rdot
+    added[2, 4] = added[4, 2] = a.Y_rdot
+    munk = a.X_udot - a.Y_vdot
+    x, r = fins.N_uudr / fins.Y_uudr, fins.radius
+    rho, n, wide = sheet.water_density, p.shaft_speed, p.diameter
+    slope = (p.K_T[0] - p.K_T[1]) / p.advance
+    thrust = (1 - p.deduction) * rho * n**2 * wide**4 * p.K_T[0]
+    fin_lift = np.full(4, fins.Y_uudr / 2)
+    front = np.pi / 4 * drag.diameter**2
     return Torpedo(
         rigid=rigid,
         added=added,
-        drag=np.array(
-            [rho / 2 * drag["coefficient"] * front, -drag["Y_vv"], -drag["K_pp"], -drag["M_qq"]]
-        ),
-        lift=np.array([-lift["Y_uv"] - fins["Y_uudr"], munk + fins["N_uudr"] - lift["M_uw"]]),
-        net_weight=d["net_weight"],
-        righting=-height * mass * d["gravity"],
-        propeller=np.array([thrust, p["torque"] * (2 * np.pi * n) ** 2]),
-        slip=slope * p["wake"] / (n * wide) / p["K_T"][0],
+        drag=np.array([rho / 2 * drag.coefficient * front, -drag.Y_vv, -drag.K_pp, -drag.M_qq]),
+        lift=np.array([-lift.Y_uv - fins.Y_uudr, munk + fins.N_uudr - lift.M_uw]),
+        net_weight=sheet.net_weight,
+        righting=-height * mass * sheet.gravity,
+        propeller=np.array([thrust, p.torque * (2 * np.pi * n) ** 2]),
+        slip=slope * p.wake / (n * wide) / p.K_T[0],
         positions=np.array([[x, 0, r], [x, 0, -r], [x, r, 0], [x, -r, 0]]),
         lifts=np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]),
         fin_lift=fin_lift,
-        fin_drag=fins["drag_by_lift"] * fin_lift,
+        fin_drag=fins.drag_by_lift * fin_lift,
         flow=np.zeros(3),
     )
 
 
-def _in_water(system: TorpedoVehicle, true: Torpedo, dt: float, mismatch: Mismatch) -> Vehicle:
+def _in_water(
+    vehicle: str,
+    system: TorpedoVehicle,
+    true: Torpedo,
+    dt: float,
+    mismatch: Mismatch,
+    size: list[float] | None,
+) -> Vehicle:
     """The vehicle with the given true numbers, in Prestero's water or in MuJoCo's."""
     mass = true.rigid[0, 0]
     centre = np.array([0.0, 0.0, true.rigid[0, 4] / mass])
     about_centre = true.rigid[3:, 3:] - mass * (
         centre @ centre * np.eye(3) - np.outer(centre, centre)
     )
-    spec = vehicle_spec("remus100", dt, mass, centre, about_centre)
+    spec = vehicle_spec(vehicle, dt, mass, centre, about_centre, size)
     command_inputs(spec, system.n_u)
     spec.nuserdata = SIZE
     acting = true

@@ -1,14 +1,15 @@
-"""BlueROV2 Heavy: eight thrusters of unknown gain move a body in water."""
+"""Underwater vehicles with thrusters of unknown gain; a BlueROV2 Heavy is the one packed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
+from ..errors import InvalidInput
 from ..parameters import Array
-from ..resources import numbers
 from ..systems.underwater import UnderwaterScales, UnderwaterVehicle
 from .world.body import (
     BODY,
@@ -20,20 +21,145 @@ from .world.body import (
     hidden,
     vehicle_spec,
 )
-from .world.hydrodynamics import SIZE, Hydrodynamics, fossen
+from .world.hydrodynamics import LIMIT, POWERS, SIZE, Hydrodynamics, fossen
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
+from .world.sheet import (
+    NotNegative,
+    Number,
+    Positive,
+    Sheet,
+    Table,
+    check_inertia,
+    check_unit_vectors,
+    one,
+    several,
+)
+
+Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+class Guess(Table):
+    """What an engineer expects before any measurement."""
+
+    linear_drag: list[Positive] = several(6, "six numbers > 0 [N·s/m, N·m·s/rad]")
+    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
+
+
+class Ring(Table):
+    """Copies of one thruster, each turned about z: Rz(angle)·position, Rz(turn)·direction."""
+
+    position: list[Number] = several(3, "three numbers [m]")
+    direction: list[Number] = several(3, "a unit vector, three numbers")
+    angles: list[Number] = Field(min_length=1, description="one angle for each thruster [rad]")
+    turns: list[Number] = Field(min_length=1, description="one angle for each thruster [rad]")
+
+
+class Thrusters(Table):
+    """Thrusters one by one, in rings, or both; all have one command curve."""
+
+    curve: list[Number] = Field(
+        min_length=1,
+        max_length=POWERS,
+        description=f"1 to {POWERS} coefficients of u, u³, u⁵, u⁷, u⁹, of command u in [−1, 1] [N]",
+    )
+    positions: list[Place] = Field(default=[], description="three numbers for each thruster [m]")
+    directions: list[Place] = Field(
+        default=[], description="a unit vector, three numbers, for each thruster"
+    )
+    rings: list[Ring] = Field(default=[], description="tables [[thrusters.rings]]")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if len(self.positions) != len(self.directions):
+            raise InvalidInput(
+                "thrusters.directions", f"one for each of {len(self.positions)} positions",
+                len(self.directions), "Give every thruster its position and its direction.",
+            )  # fmt: skip
+        for ring in self.rings:
+            if len(ring.angles) != len(ring.turns):
+                raise InvalidInput(
+                    "thrusters.rings.turns", f"one for each of {len(ring.angles)} angles",
+                    len(ring.turns), "Give every thruster of the ring both.",
+                )  # fmt: skip
+        count = len(self.positions) + sum(len(ring.angles) for ring in self.rings)
+        if not 1 <= count <= LIMIT:
+            raise InvalidInput(
+                "thrusters", f"1 to {LIMIT} thrusters", count, "Give `positions`, or `rings`."
+            )
+        check_unit_vectors("thrusters.directions", self.placed("direction"))
+        if not sum(self.curve) > 1e-9:
+            raise InvalidInput(
+                "thrusters.curve", "a thrust > 0 N at full command, the sum of all coefficients",
+                sum(self.curve), "Turn the directions round where thrusters push backwards.",
+            )  # fmt: skip
+        return self
+
+    def placed(self, what: str) -> Array:
+        """(k, 3) position or direction of every thruster, first those one by one, then the rings'.
+
+        Args:
+            what: `position` or `direction`.
+        """
+        alone = np.array(getattr(self, f"{what}s"), dtype=np.float64).reshape(-1, 3)
+        angles = {"position": "angles", "direction": "turns"}[what]
+        rings = [_turned(getattr(ring, what), getattr(ring, angles)) for ring in self.rings]
+        return np.concatenate([alone, *rings])
+
+
+class UnderwaterSheet(Sheet):
+    """An underwater vehicle's numbers; axes x forward, y right, z down, from the centre of mass."""
+
+    mass: Positive = one("a number > 0 [kg]")
+    volume: Positive = one("a number > 0 [m³]")
+    inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
+    buoyancy_centre: list[Number] = several(3, "three numbers [m], z negative where it rights")
+    water_density: Positive = one("a number > 0 [kg/m³], 1000 in fresh water")
+    gravity: Positive = one("a number > 0 [m/s²]")
+    ballast: Number = Field(default=0.0, description="a weight [N]")
+    added_mass: list[NotNegative] = several(6, "six numbers ≥ 0 [kg, kg·m²]")
+    linear_drag: list[NotNegative] = several(6, "six numbers ≥ 0 [N·s/m, N·m·s/rad]")
+    quadratic_drag: list[Positive] = several(6, "six numbers > 0 [N·s²/m², N·m·s²/rad²]")
+    guess: Guess
+    thrusters: Thrusters
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        check_inertia(self.inertia)
+        if abs(self.net_weight) < 1e-9:
+            raise InvalidInput(
+                "ballast", "a net weight that is not 0 N", self.net_weight,
+                "A neutral vehicle has none to identify: add some ballast, 1 will do.",
+            )  # fmt: skip
+        if abs(self.buoyancy_centre[2]) < 1e-9:
+            raise InvalidInput(
+                "buoyancy_centre", "a z that is not 0 m", self.buoyancy_centre,
+                "Without it there is no righting moment: −0.01 is 1 cm above the centre of mass.",
+            )  # fmt: skip
+        return self
+
+    @property
+    def buoyancy(self) -> float:
+        """[N]."""
+        return self.volume * self.water_density * self.gravity
+
+    @property
+    def net_weight(self) -> float:
+        """Weight and ballast less buoyancy [N]."""
+        return self.mass * self.gravity - self.buoyancy + self.ballast
 
 
 @dataclass(frozen=True)
 class BlueROV2Plant(PlantConfig):
-    """A BlueROV2 Heavy; numbers and sources in assets/bluerov2.
+    """A BlueROV2 Heavy, or another underwater vehicle with fixed thrusters.
 
     Attributes:
+        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true drag, weight, righting moment and thrust
             from the published numbers.
     """
 
+    vehicle: str = "bluerov2"
     spread: float = 0.2
 
     def __post_init__(self) -> None:
@@ -41,13 +167,15 @@ class BlueROV2Plant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
-        nominal = published()
+        sheet = UnderwaterSheet.of(self.vehicle)
+        nominal = nominal_numbers(sheet)
         true = drawn(nominal, self.spread, np.random.default_rng(seed))
         true = replace(true, flow=np.array(self.mismatch.flow))
         system = UnderwaterVehicle(
-            scales_of(nominal), nominal.positions, nominal.directions, nominal.curve
+            scales_of(nominal, sheet.guess), nominal.positions, nominal.directions, nominal.curve
         )
-        return body_in_water("bluerov2", system, true, dt, self.mismatch).failing(self.fault)
+        vehicle = body_in_water(self.vehicle, system, true, dt, self.mismatch, sheet.size)
+        return vehicle.failing(self.fault)
 
 
 def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hydrodynamics:
@@ -62,26 +190,39 @@ def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hy
     )
 
 
-def scales_of(nominal: Hydrodynamics) -> UnderwaterScales:
-    """What an engineer would guess of a BlueROV2 Heavy."""
-    guess = numbers("bluerov2")["guess"]
+def scales_of(nominal: Hydrodynamics, guess: Guess) -> UnderwaterScales:
+    """What an engineer would guess of a vehicle with these nominal numbers."""
     return UnderwaterScales(
         mass=guessed(np.diag(nominal.rigid + nominal.added)),
-        linear=np.array(guess["linear_drag"]),
+        linear=np.array(guess.linear_drag),
         quadratic=guessed(nominal.quadratic),
         net_weight=float(guessed(nominal.net_weight)),
         righting=float(guessed(nominal.righting[2])),
         thrust=guessed(nominal.thrust),
-        speed=np.array(guess["speed"]),
+        speed=np.array(guess.speed),
     )
 
 
 def body_in_water(
-    name: str, system: UnderwaterVehicle, true: Hydrodynamics, dt: float, mismatch: Mismatch
+    vehicle: str,
+    system: UnderwaterVehicle,
+    true: Hydrodynamics,
+    dt: float,
+    mismatch: Mismatch,
+    size: list[float] | None = None,
 ) -> Vehicle:
-    """A vehicle with the given true numbers, in Fossen's water or in MuJoCo's."""
+    """A vehicle with the given true numbers, in Fossen's water or in MuJoCo's.
+
+    Args:
+        vehicle: whose model.xml it looks like.
+        system: its structure.
+        true: its true numbers.
+        dt: step [s].
+        mismatch: what the structure does not know.
+        size: of the box that is drawn where there is no model.xml [m].
+    """
     mass, inertia = true.rigid[0, 0], true.rigid[3:, 3:]
-    spec = vehicle_spec(name, dt, mass, np.zeros(3), inertia)
+    spec = vehicle_spec(vehicle, dt, mass, np.zeros(3), inertia, size)
     command_inputs(spec, system.n_u)
     spec.nuserdata = SIZE
     acting = true
@@ -116,24 +257,19 @@ def into_mujocos_water(spec: Any, mismatch: Mismatch) -> None:
         geom.fluid_ellipsoid = 1
 
 
-def published() -> Hydrodynamics:
-    """The published BlueROV2 Heavy, x forward, y left, z up."""
-    d = numbers("bluerov2")
+def nominal_numbers(sheet: UnderwaterSheet) -> Hydrodynamics:
+    """The nominal numbers of a data sheet, turned to x forward, y left, z up."""
     turn6 = np.r_[NED, NED]
-    weight, buoyancy = d["mass"] * d["gravity"], d["volume"] * d["water_density"] * d["gravity"]
-    t = d["thrusters"]
-    positions, directions = (
-        NED * np.concatenate([_placed(t[kind], what) for kind in ("horizontal", "vertical")])
-        for what in (("position", "angles"), ("direction", "turns"))
-    )
-    curve = np.array(t["curve"])
+    curve = np.zeros(POWERS)
+    curve[: len(sheet.thrusters.curve)] = sheet.thrusters.curve
+    positions, directions = (NED * sheet.thrusters.placed(x) for x in ("position", "direction"))
     return Hydrodynamics(
-        rigid=np.diag([d["mass"]] * 3 + d["inertia"]),
-        added=turn6[:, None] * np.diag(d["added_mass"]) * turn6,
-        linear=np.array(d["linear_drag"]),
-        quadratic=np.array(d["quadratic_drag"]),
-        net_weight=weight - buoyancy + d["ballast"],
-        righting=NED * d["buoyancy_centre"] * buoyancy,
+        rigid=np.diag([sheet.mass] * 3 + sheet.inertia),
+        added=turn6[:, None] * np.diag(sheet.added_mass) * turn6,
+        linear=np.array(sheet.linear_drag),
+        quadratic=np.array(sheet.quadratic_drag),
+        net_weight=sheet.net_weight,
+        righting=NED * sheet.buoyancy_centre * sheet.buoyancy,
         positions=positions,
         directions=directions,
         thrust=np.full(len(positions), curve.sum()),
@@ -142,9 +278,8 @@ def published() -> Hydrodynamics:
     )
 
 
-def _placed(group: dict[str, Any], what: tuple[str, str]) -> Array:
+def _turned(vector: list[float], angles: list[float]) -> Array:
     """(k, 3) copies of a vector, each turned about z by its angle."""
-    vector, angles = np.array(group[what[0]]), np.array(group[what[1]])
     c, s = np.cos(angles), np.sin(angles)
     x, y, z = vector
     return np.stack([c * x - s * y, s * x + c * y, np.full(len(angles), z)], axis=1)

@@ -17,7 +17,7 @@ from ..systems.multibody import JointScales
 from ..systems.underwater_manipulator import Cylinders, LinkFluidScales, UnderwaterManipulator
 from ..systems.vehicle_manipulator import VehicleManipulator
 from .arm import ArmPlant, extent, nominal_scales
-from .underwater import drawn, published, scales_of
+from .underwater import UnderwaterSheet, drawn, nominal_numbers, scales_of
 from .world.body import check_spread, command_inputs, guessed, hidden, vehicle_spec
 from .world.coordinates import joint_map
 from .world.hydrodynamics import Hydrodynamics
@@ -99,10 +99,6 @@ class VehicleWithArm(Plant):
         """(n,) position numbers and (n,) velocities."""
         return self.joints.read(self.data)
 
-    def position(self, coordinates: Array) -> Array:
-        """(..., m) Pinocchio's q for position numbers (..., n)."""
-        return self.system.position(coordinates)
-
     def visuals(self) -> list[VisualMesh]:
         """The meshes of base and links."""
         return self._looks.visuals()
@@ -134,14 +130,15 @@ class UvmsPlant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
-        arm, base, rng = numbers("uvms"), published(), np.random.default_rng(seed)
+        arm, sheet = numbers("uvms"), UnderwaterSheet.of("bluerov2")
+        base, rng = nominal_numbers(sheet), np.random.default_rng(seed)
         model = uvms_model(base, arm)
         nominal, shapes = nominal_forces(base, arm), cylinders(arm)
         k = len(arm["links"])
         system = UnderwaterManipulator(
             model,
             _joint_guesses(model, arm),
-            scales_of(base),
+            scales_of(base, sheet.guess),
             LinkFluidScales(
                 added=guessed(nominal.cylinder_added),
                 drag=guessed(nominal.cylinder_drag),

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.control import QuadrotorFlight
-from nsaid_mj.errors import InvalidInput
+from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import draw_prior, prepare, trajectory
 from nsaid_mj.nullspace import directions, structural
@@ -41,7 +41,7 @@ START = (
 
 @cache
 def plant(model, seed=1, dt=1e-3, **options):
-    return QuadrotorPlant(model=model, **options).build(dt, seed)
+    return QuadrotorPlant(vehicle=model, **options).build(dt, seed)
 
 
 def command(model):
@@ -375,7 +375,7 @@ def test_rotors_are_no_ellipsoids(model):
 def flight(model, seed, seconds=40.0, **switches):
     """Path, poses, twists and commands of a flight under a prior 30 % off; dt 2.5 ms."""
     scenario = Scenario(
-        plant=QuadrotorPlant(model=model, mismatch=Mismatch(**switches)),
+        plant=QuadrotorPlant(vehicle=model, mismatch=Mismatch(**switches)),
         excitation=FLIGHT[model],
         dt=2.5e-3,
         seed=seed,
@@ -505,8 +505,8 @@ def test_it_flies_quadrotors_only():
     assert caught.value.name == "excitation" and "quadrotor" in caught.value.expected
 
 
-@pytest.mark.parametrize("model", ["phantom", "", "Hummingbird"])
-def test_an_unknown_model_is_named(model):
-    with pytest.raises(InvalidInput) as caught:
-        QuadrotorPlant(model=model)
-    assert caught.value.name == "plant.model" and "crazyflie" in caught.value.expected
+@pytest.mark.parametrize("vehicle", ["phantom", "Hummingbird", "no/such/folder", "no.toml"])
+def test_an_unknown_vehicle_is_named_with_near_ones(vehicle):
+    with pytest.raises(UnknownName) as caught:
+        QuadrotorPlant(vehicle=vehicle).build(2.5e-3, 0)
+    assert caught.value.name == vehicle and "hummingbird" in caught.value.choices

@@ -15,13 +15,20 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import ArmPlant, BlueROV2Plant, Mismatch, Plant
-from nsaid_mj.plants.underwater import drawn, published, scales_of, theta_of
+from nsaid_mj.plants.underwater import (
+    UnderwaterSheet,
+    drawn,
+    nominal_numbers,
+    scales_of,
+    theta_of,
+)
 from nsaid_mj.plants.world.body import Vehicle, command_inputs, vehicle_spec
 from nsaid_mj.plants.world.hydrodynamics import Hydrodynamics, fossen
 from nsaid_mj.systems.underwater import UnderwaterVehicle
 from tests.support.vehicles import acceleration
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.7, 0.4, -0.5, 0.5, 0.6, -0.4])
+SHEET = UnderwaterSheet.of("bluerov2")
 FLOW = (0.3, -0.2, 0.1)
 
 
@@ -113,7 +120,7 @@ def flown(true: Hydrodynamics, commands: list[Array], each: float, lag: float = 
 @cache
 def true_numbers(kind: str) -> Hydrodynamics:
     """A BlueROV2's hidden numbers; `full` ones have a CG offset and couplings of every kind."""
-    true = drawn(published(), 0.2, np.random.default_rng(3))
+    true = drawn(nominal_numbers(SHEET), 0.2, np.random.default_rng(3))
     if "full" in kind:
         rng = np.random.default_rng(4)
         body = pin.Inertia(13.5, np.array([0.03, -0.02, -0.04]), _spd(rng, [0.26, 0.23, 0.37], 0.1))
@@ -133,9 +140,9 @@ def _spd(rng: np.random.Generator, diagonal: Any, coupling: float) -> Array:
 
 def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> Vehicle:  # noqa: B008
     """The plant with these numbers, its centre of gravity where M_RB has it."""
-    nominal = published()
+    nominal = nominal_numbers(SHEET)
     system = UnderwaterVehicle(
-        scales_of(nominal), nominal.positions, nominal.directions, nominal.curve
+        scales_of(nominal, SHEET.guess), nominal.positions, nominal.directions, nominal.curve
     )
     m, S_c = true.rigid[0, 0], true.rigid[3:, :3] / true.rigid[0, 0]
     centre = np.array([S_c[2, 1], S_c[0, 2], S_c[1, 0]])
@@ -185,7 +192,9 @@ def test_the_config_builds_the_same_plant():
     """The public plant is the one tested here, in the current, too."""
     for flow in ((0.0, 0.0, 0.0), FLOW):
         p = BlueROV2Plant(mismatch=Mismatch(flow=flow)).build(2e-3, 8)
-        true = replace(drawn(published(), 0.2, np.random.default_rng(8)), flow=np.array(flow))
+        true = replace(
+            drawn(nominal_numbers(SHEET), 0.2, np.random.default_rng(8)), flow=np.array(flow)
+        )
         assert (p.truth == theta_of(true)).all()
         assert apart(ends(p, commands(1), 1.0), flown(true, commands(1), 1.0)) <= 1e-8
 
@@ -250,7 +259,7 @@ def test_theta_is_what_a_physicist_would_measure():
         for speed in (0.5, -2.0):
             lost = (wrench(speed * np.eye(6)[i], idle) - rest)[i]
             assert lost == pytest.approx(-d * speed - dq * abs(speed) * speed, abs=1e-10)
-    nominal = published()
+    nominal = nominal_numbers(SHEET)
     for j, gain in enumerate(theta[space["thruster gain"]]):
         push = wrench(still, np.eye(8)[j]) - rest
         place, direction = nominal.positions[j], nominal.directions[j]

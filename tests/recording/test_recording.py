@@ -33,7 +33,7 @@ from nsaid_mj import (
 from nsaid_mj.errors import BadRun
 from nsaid_mj.experiment.loop import Run, run
 from nsaid_mj.identifiers import Status
-from nsaid_mj.plants.underwater import published
+from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.recording import forces, layout, live, scene, series, viewer
 from nsaid_mj.recording.file import spread
 from nsaid_mj.recording.text import drawable
@@ -263,7 +263,10 @@ def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: Run) -> None:
     np.testing.assert_allclose(np.hstack([places, attitudes]), q, atol=1e-6)
 
     # As MuJoCo has them: the published thrusters, each with its own true gain.
-    thrusters, gains = published(), vehicle.plant.truth[space["thruster gain"]]
+    thrusters, gains = (
+        nominal_numbers(UnderwaterSheet.of("bluerov2")),
+        vehicle.plant.truth[space["thruster gain"]],
+    )
     powers = u[..., None] ** (2 * np.arange(len(thrusters.curve)) + 1)
     thrust = (powers @ thrusters.curve * gains)[..., None] * thrusters.directions
     assert (drawn_rows(vehicle, entities, forces.COMMANDED) == rows).all()

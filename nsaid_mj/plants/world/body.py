@@ -11,12 +11,12 @@ import pinocchio as pin
 
 from ...errors import InvalidInput
 from ...parameters import Array
-from ...resources import asset
+from ...resources import vehicle_files
 from ...systems.rigid_body import RigidBody
 from .coordinates import PlanarMap, PoseMap
 from .mismatch import Mismatch
 from .plant import Plant, set_options
-from .shapes import VisualMesh, of_geom
+from .shapes import DRAWN, VisualMesh, of_geom
 
 BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""
@@ -56,7 +56,15 @@ class Vehicle(Plant):
         self.gain_places = gain_places
         spec.nuserdata = max(spec.nuserdata, len(numbers))
         self._numbers = numbers
-        self._compile(spec, mismatch)
+        try:
+            self._compile(spec, mismatch)
+        except InvalidInput:
+            raise
+        except ValueError as error:
+            raise InvalidInput(
+                f"vehicle {spec.modelname}", "a body that MuJoCo can simulate", error,
+                "Check mass and inertia in its vehicle.toml.",
+            ) from error  # fmt: skip
         self.body = PoseMap(self.model, "pose") if system.n == 6 else PlanarMap(self.model)
         self.reading = self.body.reading
         self.reset(np.zeros(system.n), np.zeros(system.n))
@@ -97,23 +105,97 @@ def body_poses(q: Array) -> tuple[Array, Array]:
     return places, np.array([pin.utils.rotate("z", yaw) for yaw in q[:, 2]])
 
 
-def vehicle_spec(name: str, dt: float, mass: float, centre: Array, inertia: Array) -> Any:
-    """The specification of assets/<name>/model.xml with a given inertia, without gravity.
+_FREE = '<freejoint name="pose"/>'
+_PLANAR = """<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+<joint name="yaw" type="hinge" axis="0 0 1"/>"""
+_BOX = """<mujoco model="{name}"><worldbody><body name="vehicle">{joints}
+<geom name="hull" type="box" size="{size}" mass="0" rgba="0.35 0.45 0.55 1"/>
+</body></worldbody></mujoco>"""
+
+
+def vehicle_spec(
+    vehicle: str,
+    dt: float,
+    mass: float,
+    centre: Array,
+    inertia: Array,
+    size: Sequence[float] | None = None,
+    planar: bool = False,
+) -> Any:
+    """The specification of a vehicle's model.xml with a given inertia, without gravity.
+
+    The model.xml gives the looks; masses, damping and the medium it may have are overwritten.
 
     Args:
-        name: the vehicle.
+        vehicle: a packed vehicle's name, or the path of its TOML file or folder.
         dt: step [s].
         mass: of the body [kg].
         centre: (3,) centre of mass in the body's axes [m].
         inertia: (3, 3) about the centre of mass [kg·m²].
+        size: (3,) of the box that is drawn where there is no model.xml [m].
+        planar: whether it moves in the plane, on two slides and a hinge.
+
+    Raises:
+        InvalidInput: there is no model.xml and no size, or the model.xml is not of one body.
     """
-    spec = mujoco.MjSpec.from_file(str(asset(name, "model.xml")))
+    spec = _looks(vehicle, size, planar)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
+    spec.option.density, spec.option.viscosity = 0.0, 0.0
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     body = spec.body(BODY)
-    body.explicitinertial = True
+    for joint in body.joints:
+        joint.damping, joint.stiffness = [0, 0, 0], [0, 0, 0]
+        joint.armature, joint.frictionloss = 0.0, 0.0
+    body.explicitinertial, body.gravcomp = True, 0.0
     body.mass, body.ipos, body.iquat = mass, centre, [1, 0, 0, 0]
     body.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    return spec
+
+
+def _looks(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
+    """The specification of a vehicle's model.xml, or of a box."""
+    files = vehicle_files(vehicle)
+    path = files.model
+    if not path.is_file():
+        if size is None:
+            raise InvalidInput(
+                str(path), "a model.xml, or `size = [length, width, height]` in "
+                f"{files.sheet.name}", "neither", "Add one of the two: a box will do.",
+            )  # fmt: skip
+        half = " ".join(f"{0.5 * length:.9g}" for length in size)
+        joints = _PLANAR if planar else _FREE
+        return mujoco.MjSpec.from_string(_BOX.format(name="box", joints=joints, size=half))
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise InvalidInput(str(path), "a model that MuJoCo reads", error, "Mend it.") from error
+    bodies = [body.name for body in spec.bodies]
+    if bodies != ["world", BODY]:
+        raise InvalidInput(
+            str(path), f"one body, called {BODY}", bodies[1:], "Put all geoms into it."
+        )
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    wanted = (
+        [("x", slide), ("y", slide), ("yaw", hinge)]
+        if planar
+        else [("pose", mujoco.mjtJoint.mjJNT_FREE)]
+    )
+    if [(joint.name, joint.type) for joint in spec.joints] != wanted:
+        raise InvalidInput(
+            str(path), f"the joints {_PLANAR if planar else _FREE}",
+            [joint.name for joint in spec.joints], "Copy them from here.",
+        )  # fmt: skip
+    if len(spec.actuators):
+        raise InvalidInput(
+            str(path), "no actuators", [a.name for a in spec.actuators],
+            f"They are made from {files.sheet.name}.",
+        )  # fmt: skip
+    if strange := [geom.name for geom in spec.geoms if geom.type not in DRAWN]:
+        raise InvalidInput(
+            str(path), "boxes, cylinders, capsules, ellipsoids and spheres", strange,
+            "Meshes are not drawn: take one of these in their place.",
+        )  # fmt: skip
     return spec
 
 

@@ -3,6 +3,11 @@
 MuJoCo's callbacks are global to the process, so they are installed by a context manager only and
 removed on every way out. A compiled callback reads its numbers from `mjData.userdata`, whose
 place in the C structure is found at run time, never assumed.
+
+Two documented features of numba reach MuJoCo's C side. A callback declares mjData as a pointer to
+pointers (`ARRAYS`), so that an entry of it is an array's address with its type. A C function is
+handed to compiled code as a first-class function (`CFunction`). Neither compiles an address in, so
+that compiled code is cached on disk for later processes.
 """
 
 from __future__ import annotations
@@ -17,29 +22,22 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from llvmlite import ir
-from numba import carray, cfunc, types
-from numba.core import cgutils
-from numba.extending import intrinsic
+from numba import carray, cfunc, njit, types
 
 WORDS = 1 << 15
-"""How many words of mjData are looked at; its pointers lie near word 20,000 in MuJoCo 4.0."""
+"""Words of mjData that are searched; its pointers lie near word 20,000 in MuJoCo 4.0."""
+
+ARRAYS = types.CPointer(types.CPointer(types.float64))
+"""A C structure, seen as an array of pointers to arrays of float64."""
+
+CALLBACK = types.void(types.voidptr, ARRAYS)
+"""The signature of MuJoCo's callbacks, f(mjModel*, mjData*)."""
 
 _LIBRARY = re.compile(r"libmujoco\.so\.[\d.]+|libmujoco\.[\d.]+\.dylib|mujoco\.dll")
 
 _PROBE = """<mujoco><size nuserdata="3"/><worldbody><body><joint name="j"/>
 <geom size="1"/></body></worldbody><actuator><general joint="j" dyntype="integrator"/></actuator>
 </mujoco>"""  # one activation, so that no two arrays of mjData share an address
-
-
-@intrinsic
-def as_pointer(typing_context: Any, address: Any = None) -> Any:  # noqa: ARG001 (numba's)
-    """A word of mjData as a pointer, in compiled code."""
-
-    def generate(context, builder, signature, arguments):  # noqa: ARG001
-        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
-
-    return types.voidptr(types.uintp), generate
 
 
 @cache
@@ -58,64 +56,37 @@ def field_offsets() -> dict[str, int]:
     return offsets
 
 
-@cache
-def c_address(name: str) -> int:
-    """The address of a function of MuJoCo's own library, as mujoco.h calls it."""
-    folder = Path(mujoco.__file__).parent
-    library = next(path for path in sorted(folder.iterdir()) if _LIBRARY.fullmatch(path.name))
-    function = getattr(ctypes.CDLL(str(library)), name)
-    return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+class CFunction(types.WrapperAddressProtocol):
+    """A function of MuJoCo's C library that compiled code takes as an argument and calls.
 
-
-def _calling(kinds: str) -> Any:
-    """What an intrinsic returns that calls a C function at an address.
-
-    All addresses are words: compiled code that takes them as arguments can be cached, which code
-    with ctypes' functions in it cannot.
+    Its numba type is its signature; the address is read when it is passed. A `ctypes` function
+    would work too, but numba compiles its address in and then cannot cache the caller.
 
     Args:
-        kinds: of the arguments, p for a pointer and i for an int.
+        name: of the function, as in mujoco.h.
+        parameters: numba's types of its arguments; a pointer is a `types.uintp`, as
+            `ndarray.ctypes.data` is. It returns nothing.
     """
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
-        pointer, number = cgutils.voidptr_t, ir.IntType(32)
-        function = ir.FunctionType(
-            ir.VoidType(), [pointer if kind == "p" else number for kind in kinds]
-        )
-        address, *words = arguments
-        values = [
-            builder.inttoptr(word, pointer) if kind == "p" else word
-            for kind, word in zip(kinds, words, strict=True)
-        ]
-        builder.call(builder.inttoptr(address, function.as_pointer()), values)
-        return context.get_dummy_value()
+    def __init__(self, name: str, *parameters: Any):
+        folder = Path(mujoco.__file__).parent
+        library = next(path for path in sorted(folder.iterdir()) if _LIBRARY.fullmatch(path.name))
+        function = getattr(ctypes.CDLL(str(library)), name)
+        self._address = int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+        self._signature = types.void(*parameters)
+        _wake_numba()
 
-    own = [types.uintp if kind == "p" else types.int32 for kind in kinds]
-    return types.void(types.uintp, *own), generate
+    def __wrapper_address__(self) -> int:
+        return self._address
 
-
-@intrinsic
-def call_pp(context, f, a, b=None):  # noqa: ARG001 (numba looks at the names only)
-    """Calls f(a, b), both pointers."""
-    return _calling("pp")
+    def signature(self) -> Any:
+        """Return type and argument types."""
+        return self._signature
 
 
-@intrinsic
-def call_ppp(context, f, a, b, c):  # noqa: ARG001
-    """Calls f(a, b, c), all pointers."""
-    return _calling("ppp")
-
-
-@intrinsic
-def call_ppip(context, f, a, b, c, d):  # noqa: ARG001
-    """Calls f(a, b, c, d), all pointers but the int c."""
-    return _calling("ppip")
-
-
-@intrinsic
-def call_pppppi(context, f, a, b, c, d, e, g):  # noqa: ARG001
-    """Calls f(a, b, c, d, e, g), all pointers but the int g."""
-    return _calling("pppppi")
+@njit(cache=True)
+def _wake_numba() -> None:
+    """Does nothing: numba recognises a `CFunction` argument only after it has loaded a function."""
 
 
 @cache
@@ -127,13 +98,13 @@ def coulomb_friction() -> Any:
     offsets = field_offsets()
     at_qvel, at_force, at_user = (offsets[k] for k in ("qvel", "qfrc_passive", "userdata"))
 
-    @cfunc("void(voidptr, voidptr)", cache=True)
+    @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (WORDS,), np.uintp)
-        nv = int(carray(as_pointer(words[at_user]), (1,), np.float64)[0])
-        numbers = carray(as_pointer(words[at_user]), (1 + 2 * nv,), np.float64)
-        velocity = carray(as_pointer(words[at_qvel]), (nv,), np.float64)
-        force = carray(as_pointer(words[at_force]), (nv,), np.float64)
+        arrays: Any = carray(data, (WORDS,))
+        nv = int(carray(arrays[at_user], (1,))[0])
+        numbers = carray(arrays[at_user], (1 + 2 * nv,))
+        velocity = carray(arrays[at_qvel], (nv,))
+        force = carray(arrays[at_force], (nv,))
         for i in range(nv):
             force[i] -= numbers[1 + i] * np.tanh(velocity[i] * numbers[1 + nv + i])
 

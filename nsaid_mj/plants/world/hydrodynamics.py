@@ -20,10 +20,13 @@ from numba import carray, cfunc, njit
 
 from ...numerics.spatial import coadjoint, rotate, unrotate
 from ...parameters import Array
-from .callbacks import WORDS, as_pointer, field_offsets
+from .callbacks import CALLBACK, WORDS, field_offsets
 
 LIMIT = 16
 """Most thrusters a body may have."""
+
+POWERS = 5
+"""How many odd powers of the command its thrusters' curve has: u, u³, u⁵, u⁷, u⁹."""
 
 
 @dataclass(frozen=True)
@@ -141,15 +144,15 @@ def fossen() -> Any:
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
 
-    @cfunc("void(voidptr, voidptr)", cache=True)
+    @cfunc(CALLBACK, cache=True)
     def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        words = carray(data, (WORDS,), np.uintp)
-        d = carray(as_pointer(words[at_user]), (SIZE,), np.float64)
-        qpos = carray(as_pointer(words[at_qpos]), (7,), np.float64)
-        qvel = carray(as_pointer(words[at_qvel]), (6,), np.float64)
-        force = carray(as_pointer(words[at_force]), (6,), np.float64)
+        arrays: Any = carray(data, (WORDS,))
+        d = carray(arrays[at_user], (SIZE,))
+        qpos = carray(arrays[at_qpos], (7,))
+        qvel = carray(arrays[at_qvel], (6,))
+        force = carray(arrays[at_force], (6,))
         k = int(d[0])
-        command = carray(as_pointer(words[at_act if d[1] > 0 else at_ctrl]), (k,), np.float64)
+        command = carray(arrays[at_act if d[1] > 0 else at_ctrl], (k,))
         rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
         inverse = d[74:110].reshape(6, 6)
         attitude = (qpos[4], qpos[5], qpos[6], qpos[3])

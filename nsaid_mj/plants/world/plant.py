@@ -98,10 +98,10 @@ class Plant(ABC):
     @property
     @abstractmethod
     def truth(self) -> Array:
-        """(p,) the true θ, before any fault. For metrics and recordings, after the fact, only."""
+        """(p,) the true θ, before any fault; read by evaluation and recording only."""
 
     def truth_at(self, t: ArrayLike) -> Array:
-        """(..., p) the true θ at times t (...) of a run [s]. As `truth`: after the fact only."""
+        """(..., p) the true θ at times t (...) of a run [s]; for evaluation and recording only."""
         weak = self.truth.copy()
         if self.fault.loss:
             weak[self.fault.gains(self.system)] *= 1 - self.fault.loss
@@ -236,7 +236,7 @@ class Plant(ABC):
         return log.first(drive(law, World.of(self.model, self.data), self.reading, errors, log))
 
     def _ask(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
-        """The same, asking the driver at every time t (k,); the first is the last measurement's."""
+        """Drives step by step, asking the driver at every time t (k,); t[0] is that of `last`."""
         rows, warnings = [last], warnings_of(self.data)
         for now in t[1:]:
             self.step(rows[-1].u)

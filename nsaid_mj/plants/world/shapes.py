@@ -15,6 +15,18 @@ _FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5,
 _SIDES = 24
 
 
+DRAWN = frozenset(
+    {
+        mujoco.mjtGeom.mjGEOM_BOX,
+        mujoco.mjtGeom.mjGEOM_CYLINDER,
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        mujoco.mjtGeom.mjGEOM_SPHERE,
+    }
+)
+"""The kinds of geoms that `of_geom` draws."""
+
+
 class VisualMesh(NamedTuple):
     """A triangle mesh that moves with a body.
 

@@ -1,42 +1,48 @@
-"""A stretch of a run in one call: MuJoCo steps, sensors measure, a compiled law answers.
+"""A stretch of a run in one compiled call: MuJoCo steps, sensors measure, the driver commands.
 
-The arithmetic, and its order, is that of `Plant`'s own loop.
+The arithmetic and its order are those of the step-by-step loop in `Plant`.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
+from numba import njit, types
 
 from ...control.computed_torque import Tracking, computed_torque, tracking_room
 from ...log import Log
 from ...parameters import Array
-from .callbacks import c_address, call_pp
+from .callbacks import CFunction
 from .coordinates import Reading, read_coordinates, write_position
 from .sensors import Errors, add_errors
 
 _FIRST, _LAST = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADCTRL)
 
 
+@cache
+def _mj_step() -> CFunction:
+    return CFunction("mj_step", types.uintp, types.uintp)
+
+
 class World(NamedTuple):
-    """MuJoCo's function, model and data for compiled code, by address; arrays are views of data.
+    """MuJoCo's model and data for compiled code; the arrays are views of data.
 
     Attributes:
-        step: mj_step.
-        model: mjModel.
-        data: mjData.
+        step: mj_step, called with the addresses of model and data.
+        model: address of mjModel.
+        data: address of mjData.
         qpos: (nq,).
         qvel: (nv,).
         ctrl: (n_u,).
         warnings: (4,) how often position, velocity, acceleration and control were bad.
     """
 
-    step: np.uint64
-    model: np.uint64
-    data: np.uint64
+    step: CFunction
+    model: np.uintp
+    data: np.uintp
     qpos: Array
     qvel: Array
     ctrl: Array
@@ -45,11 +51,9 @@ class World(NamedTuple):
     @staticmethod
     def of(model: Any, data: Any) -> World:
         """The world of a model and its data, which must outlive it."""
-        step, of_model, of_data = map(
-            np.uint64, (c_address("mj_step"), model._address, data._address)
-        )
+        addresses = np.uintp(model._address), np.uintp(data._address)
         arrays = data.qpos, data.qvel, data.ctrl
-        return World(step, of_model, of_data, *arrays, warnings_of(data))
+        return World(_mj_step(), *addresses, *arrays, warnings_of(data))
 
 
 def warnings_of(data: Any) -> Any:
@@ -62,13 +66,14 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
 
     Args:
         law: the commands (N, n_u) at all times, or the numbers of `computed_torque`.
-        world: where MuJoCo is, at the log's first row.
-        reading: where the system's coordinates are in it.
+        world: MuJoCo's model and data, in the state of the log's first row.
+        reading: where the system's coordinates are in MuJoCo's.
         errors: of the sensors.
-        log: what is measured and commanded.
+        log: receives measurements and commands.
 
     Returns:
-        How many rows are written: all, or as far as they and MuJoCo are sound, and one more.
+        How many rows are written: all, or up to the first that is not finite or at which MuJoCo
+        diverged, that row included.
     """
     if isinstance(law, Tracking):
         return track(law, world, reading, errors, log)
@@ -78,7 +83,7 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
 
 @njit(cache=True, nogil=True)
 def play(world, reading, errors, log):
-    """Commands are those in the log."""
+    """Drives with the commands that are in the log."""
     numbers = np.empty(log.v.shape[1])
     for k in range(1, log.t.shape[0]):
         q, v, u = log.q[k], log.v[k], log.u[k]
@@ -90,7 +95,7 @@ def play(world, reading, errors, log):
 
 @njit(cache=True, nogil=True)
 def track(tracking, world, reading, errors, log):
-    """Commands are those of `computed_torque`."""
+    """Drives with the commands of `computed_torque`."""
     numbers, room = np.empty(log.v.shape[1]), tracking_room(tracking)
     for k in range(1, log.t.shape[0]):
         q, v, u = log.q[k], log.v[k], log.u[k]
@@ -103,10 +108,10 @@ def track(tracking, world, reading, errors, log):
 
 @njit(cache=True)
 def _advance(world, reading, errors, k, command, numbers, q, v):
-    """Makes one step under a command, and measures with the k-th errors."""
+    """Makes one step under a command and measures, with the sensors' k-th errors."""
     for i in range(command.shape[0]):
         world.ctrl[i] = command[i]
-    call_pp(world.step, world.model, world.data)
+    world.step(world.model, world.data)
     read_coordinates(reading, world.qpos, world.qvel, numbers, v)
     add_errors(errors, k, numbers, v)
     write_position(reading, numbers, q)

@@ -18,12 +18,12 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, cfunc, njit
+from numba import carray, cfunc, njit, types
 
 from ...numerics.linalg import solve_positive
 from ...numerics.spatial import cross
 from ...parameters import Array
-from .callbacks import WORDS, as_pointer, c_address, call_ppip, call_ppp, call_pppppi, field_offsets
+from .callbacks import ARRAYS, WORDS, CFunction, field_offsets
 
 _POINTS, _LENGTHS = np.polynomial.legendre.leggauss(4)  # of a cylinder's strips, on [−1, 1]
 _FLOW, _CURVE, _SPEED, _BUOYANCY, _RIGHTING = 6, 9, 18, 19, 20  # places in userdata
@@ -211,10 +211,10 @@ class _Places(NamedTuple):
     act: int
     xpos: int
     xmat: int
-    full_m: int
-    rne: int
-    jac: int
-    jac_dot: int
+    full_m: CFunction
+    rne: CFunction
+    jac: CFunction
+    jac_dot: CFunction
 
 
 @njit(cache=True)
@@ -223,34 +223,35 @@ def _act(model, data, at, points, lengths):
 
     Args:
         model: address of mjModel.
-        data: address of mjData.
+        data: mjData, as an array of pointers.
         at: `_Places`.
         points: (s,) of the quadrature along a cylinder, on [−1, 1].
         lengths: (s,) weights.
     """
-    words = carray(as_pointer(data), (WORDS,), np.uintp)
-    head = carray(as_pointer(words[at.user]), (_HEADER,), np.float64)
+    arrays: Any = carray(data, (WORDS,))
+    own_data = arrays.ctypes.data
+    head = carray(arrays[at.user], (_HEADER,))
     nv, thrusters, links, joints = int(head[0]), int(head[1]), int(head[2]), int(head[3])
     cylinders = _HEADER + _THRUSTER * thrusters
     motors = cylinders + _CYLINDER * links
-    d = carray(as_pointer(words[at.user]), (motors + _JOINT * joints,), np.float64)
-    commands = words[at.act] if head[4] > 0 else words[at.ctrl]
-    command = carray(as_pointer(commands), (joints + thrusters,), np.float64)
-    qvel = carray(as_pointer(words[at.qvel]), (nv,), np.float64)
+    d = carray(arrays[at.user], (motors + _JOINT * joints,))
+    command = carray(arrays[at.act if head[4] > 0 else at.ctrl], (joints + thrusters,))
+    qvel = carray(arrays[at.qvel], (nv,))
     M, bias = np.zeros((nv, nv)), np.zeros(nv)
-    call_ppp(at.full_m, model, data, M.ctypes.data)
-    call_ppip(at.rne, model, data, 0, bias.ctypes.data)
+    at.full_m(model, own_data, M.ctypes.data)
+    at.rne(model, own_data, np.int32(0), bias.ctypes.data)
     A, t, J, J_dot = M.copy(), -bias, np.zeros((6, nv)), np.zeros((6, nv))
-    point, below = np.empty(3), 3 * nv * J.itemsize
+    point = np.empty(3)
     for b in range(1 + links):
         own = d[cylinders + _CYLINDER * (b - 1) : cylinders + _CYLINDER * b] if b else d[5:6]
         body = int(own[0])
-        R = carray(as_pointer(words[at.xmat]), (body + 1, 3, 3), np.float64)[body]
-        point[:] = carray(as_pointer(words[at.xpos]), (body + 1, 3), np.float64)[body]
+        R = carray(arrays[at.xmat], (body + 1, 3, 3))[body]
+        point[:] = carray(arrays[at.xpos], (body + 1, 3))[body]
         if b:
             point += np.dot(R, own[1:4])
-        for function, into in ((at.jac, J.ctypes.data), (at.jac_dot, J_dot.ctypes.data)):
-            call_pppppi(function, model, data, into, into + below, point.ctypes.data, body)
+        place, number = point.ctypes.data, np.int32(body)
+        at.jac(model, own_data, J.ctypes.data, J[3:].ctypes.data, place, number)
+        at.jac_dot(model, own_data, J_dot.ctypes.data, J_dot[3:].ctypes.data, place, number)
         to_body = np.zeros((6, 6))
         to_body[:3, :3], to_body[3:, 3:] = R.T, R.T
         Q = np.dot(to_body, J)
@@ -266,19 +267,25 @@ def _act(model, data, at, points, lengths):
         _add_inertia(A, t, Q, turning, twist, inertia)
         t += np.dot(Q.T, wrench)
     _add_joints(t, d, motors, command[:joints], qvel)
-    carray(as_pointer(words[at.force]), (nv,), np.float64)[:] += _passive_force(M, bias, A, t)
+    carray(arrays[at.force], (nv,))[:] += _passive_force(M, bias, A, t)
 
 
 @cache
 def tree_forces() -> Any:
     """The callback for a model made by `tree_spec`; it reads `TreeForces.numbers`."""
     fields = ("qvel", "qfrc_passive", "userdata", "ctrl", "act", "xpos", "xmat")
-    functions = ("mj_fullM", "mj_rne", "mj_jac", "mj_jacDot")
-    offsets = field_offsets()
-    at = _Places(*(offsets[name] for name in fields), *(c_address(name) for name in functions))
+    offsets, pointer, number = field_offsets(), types.uintp, types.intc
+    functions = [
+        CFunction("mj_fullM", pointer, pointer, pointer),
+        CFunction("mj_rne", pointer, pointer, number, pointer),
+        CFunction("mj_jac", *[pointer] * 5, number),
+        CFunction("mj_jacDot", *[pointer] * 5, number),
+    ]
+    places: list[Any] = [*(offsets[name] for name in fields), *functions]
+    at = _Places(*places)
     points, lengths = _POINTS, _LENGTHS
 
-    @cfunc("void(uintp, uintp)")
+    @cfunc(types.void(pointer, ARRAYS))
     def passive(model, data):
         _act(model, data, at, points, lengths)
 

@@ -1,0 +1,161 @@
+"""Data sheets: a vehicle's numbers, read from its vehicle.toml and checked before they are used."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Self, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ...errors import InvalidInput, UnknownName
+from ...parameters import Array
+from ...resources import vehicle_files
+
+LARGEST, SMALLEST = 1e9, 1e-12
+"""Bounds of every number on a data sheet, so that products of a few of them stay finite."""
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Negative = Annotated[float, Field(ge=-LARGEST, le=-SMALLEST)]
+Share = Annotated[float, Field(ge=0, lt=1)]
+"""Types of single numbers on a data sheet."""
+
+_REMEDY = "docs/your_vehicle.md explains every key; assets/ has complete examples."
+
+
+class Table(BaseModel):
+    """A table of a data sheet: no unknown keys, no text where a number belongs, nothing infinite.
+
+    Every field's description says what is expected of it, with the unit; errors quote it.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+def one(expected: str) -> Any:
+    """A required value.
+
+    Args:
+        expected: what it must be, with its unit, for error messages.
+    """
+    return Field(description=expected)
+
+
+def several(count: int, expected: str) -> Any:
+    """A required list of `count` values.
+
+    Args:
+        count: its length.
+        expected: what it must be, with its unit, for error messages.
+    """
+    return Field(description=expected, min_length=count, max_length=count)
+
+
+class Sheet(Table):
+    """A whole data sheet.
+
+    Attributes:
+        size: length, width and height of the box that is drawn where there is no model.xml [m].
+    """
+
+    size: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = Field(
+        default=None, description="length, width and height, three numbers > 0 [m]"
+    )
+
+    @classmethod
+    def of(cls, vehicle: str) -> Self:
+        """The data sheet of a vehicle.
+
+        Args:
+            vehicle: a packed vehicle's name, or the path of a TOML file or of its folder.
+
+        Raises:
+            InvalidInput: a value is missing or cannot be used; it names file and key.
+            UnknownName: there is no such vehicle, or no such key.
+        """
+        path = vehicle_files(vehicle).sheet
+        try:
+            content = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
+        except OSError as error:
+            raise InvalidInput(
+                str(path), "a readable file", error.strerror or error, _REMEDY
+            ) from error
+        try:
+            return cls.model_validate(content)
+        except ValidationError as error:
+            raise _explained(cls, path, error) from error
+
+
+def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Exception:
+    """The first of pydantic's errors as one of ours; unknown keys, likely misspelt, go first."""
+    found = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")[0]
+    inner = found.get("ctx", {}).get("error")
+    if isinstance(inner, InvalidInput):  # of a check between several keys
+        return InvalidInput(f"{path}: {inner.name}", inner.expected, inner.got, inner.remedy)
+    *parents, last = found["loc"]
+    key = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in found["loc"])[1:]
+    if found["type"] == "extra_forbidden":
+        table, _ = _declared(sheet, parents)
+        return UnknownName(f"key of {path}", str(last), table.model_fields, _REMEDY)
+    table, expected = _declared(sheet, found["loc"])
+    got = "nothing" if found["type"] == "missing" else _short(found["input"])
+    return InvalidInput(f"{path}: {key}", expected, got, _REMEDY)
+
+
+def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Table], str]:
+    """The table that a place in a data sheet is in, and what is expected there."""
+    table, expected = sheet, "a table"
+    for place in places:
+        if isinstance(place, int):
+            continue
+        field = table.model_fields[place]
+        expected = field.description or "a table"
+        inner = field.annotation
+        while get_origin(inner) is not None:
+            inner = get_args(inner)[0]
+        if not (isinstance(inner, type) and issubclass(inner, Table)):
+            break
+        table = inner
+    return table, expected
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    text = text if len(text) <= 60 else f"{text[:57]}..."
+    return f"{len(value)} values, {text}" if isinstance(value, list) else text
+
+
+# -- checks between several numbers --------------------------------------------------------------
+
+
+def check_inertia(moments: Sequence[float]) -> None:
+    """Accepts principal moments of inertia that a body can have.
+
+    Raises:
+        InvalidInput: one of them is not less than the sum of the other two.
+    """
+    if 2 * max(moments) >= sum(moments):
+        raise InvalidInput(
+            "inertia", "moments each less than the sum of the other two", list(moments),
+            "No body has these: check units and order.",
+        )  # fmt: skip
+
+
+def check_unit_vectors(key: str, vectors: Array) -> None:
+    """Accepts rows (k, 3) of length 1.
+
+    Raises:
+        InvalidInput: the length of a row is not 1.
+    """
+    lengths = np.linalg.norm(vectors, axis=1)
+    for row, length in zip(vectors, lengths, strict=True):
+        if not abs(length - 1) < 1e-6:
+            raise InvalidInput(
+                key, "unit vectors", row.tolist(), f"Divide it by its length, {length:.6g}."
+            )

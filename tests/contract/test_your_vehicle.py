@@ -1,0 +1,141 @@
+"""docs/your_vehicle.md does what it says: its files are written, its commands are run."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nsaid_mj
+from nsaid_mj.errors import InvalidInput
+from nsaid_mj.plants import BlueROV2Plant
+
+CHECKOUT = Path(nsaid_mj.__file__).parents[1]
+PAGE = (CHECKOUT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+COMMANDS = [line for kind, _, text in BLOCKS if kind == "sh" for line in text.splitlines()]
+SHORT = "--duration 3 --held-out 1 --pe-window 1 --quiet"
+
+
+def written(folder: Path, *, without: str = "") -> Path:
+    """The page's files, in an empty folder; returns that of the vehicle."""
+    for _, name, text in BLOCKS:
+        if name and name != without:
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+    return folder / "hexa"
+
+
+def nsaid(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    words = shlex.split(command)
+    assert words[0] == "nsaid"
+    code = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *words[1:]], cwd=folder, capture_output=True, text=True,
+        timeout=600, check=False, env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+    )  # fmt: skip
+
+
+def test_the_page_has_three_files_two_commands_and_a_reading():
+    assert [name for _, name, _ in BLOCKS if name] == [
+        "hexa/vehicle.toml", "hexa/model.xml", "hexa/hexa.py",
+    ]  # fmt: skip
+    assert len(COMMANDS) == 2
+    assert [kind for kind, name, _ in BLOCKS if not name] == ["sh", "sh", "python"]
+
+
+def test_every_command_of_the_page_completes_and_its_reading_prints_what_it_says(tmp_path):
+    written(tmp_path)
+    for command in COMMANDS:
+        done = nsaid(f"{command} {SHORT}", tmp_path)
+        assert (done.returncode, done.stderr) == (0, ""), command
+    (reading,) = [text for kind, name, text in BLOCKS if kind == "python" and not name]
+    done = subprocess.run(
+        [sys.executable, "-c", reading], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    status, sizes, *_ = done.stdout.splitlines()
+    assert status == "completed" and sizes == "6 43"
+    both = [json.loads((tmp_path / "runs" / name / "summary.json").read_text()) for name in
+            ("hexa", "hexa_by_flag")]  # fmt: skip
+    assert both[0]["theta_perp_ratio"] == both[1]["theta_perp_ratio"]  # the same vehicle
+    assert both[0]["theta_perp_ratio"] < 0.5 * both[0]["theta_perp_ratio_initial"]
+
+
+def test_six_thrusters_are_six_columns_and_the_truth_is_the_sheets(tmp_path):
+    p = BlueROV2Plant(vehicle=str(written(tmp_path)), spread=0.0).build(1e-2, 0)
+    space, theta = p.system.space, p.truth
+    assert p.system.n_u == 6 and len(space) == 43
+    np.testing.assert_allclose(theta[space["thruster gain"]], 40.0)
+    np.testing.assert_allclose(theta[space["quadratic drag"]], [18, 22, 37, 1.5, 1.5, 1.5])
+    assert {mesh.name for mesh in p.visuals()} == {"float", "hull"}
+
+
+def test_a_vehicle_without_a_drawing_is_a_box_of_its_size(tmp_path):
+    folder = written(tmp_path, without="hexa/model.xml")
+    (box,) = BlueROV2Plant(vehicle=str(folder)).build(1e-2, 0).visuals()
+    np.testing.assert_allclose(np.ptp(box.vertices, axis=0), [0.46, 0.34, 0.25])
+
+
+def test_a_vehicle_without_drawing_and_size_is_told_what_is_missing(tmp_path):
+    sheet = written(tmp_path, without="hexa/model.xml") / "vehicle.toml"
+    text = sheet.read_text(encoding="utf-8")
+    sheet.write_text(re.sub(r"^size.*$", "", text, flags=re.MULTILINE), encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"model\.xml.*size = \[length, width, height\]"):
+        BlueROV2Plant(vehicle=str(sheet)).build(1e-2, 0)
+
+
+@pytest.mark.parametrize(
+    "old, new, expected",
+    [
+        ('name="vehicle"', 'name="hull"', "one body, called vehicle"),
+        ('<freejoint name="pose"/>', '<joint name="pose" type="hinge"/>', "the joints"),
+        ('type="box"', 'type="bx"', "a model that MuJoCo reads"),
+        ("</worldbody>", '<body name="tail"/></worldbody>', "one body"),
+        (
+            "</worldbody>",
+            '</worldbody><actuator><motor name="m" body="vehicle"/></actuator>',
+            "a model that MuJoCo reads|no actuators",
+        ),
+    ],
+)
+def test_a_drawing_that_does_not_fit_is_refused(tmp_path, old, new, expected):
+    folder = written(tmp_path)
+    model = folder / "model.xml"
+    text = model.read_text(encoding="utf-8")
+    assert old in text
+    model.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InvalidInput, match=expected) as caught:
+        BlueROV2Plant(vehicle=str(folder)).build(1e-2, 0)
+    assert caught.value.name == str(model)
+
+
+def test_the_drawings_own_mass_damping_and_medium_do_not_count(tmp_path):
+    """Only looks come from model.xml: the motion is that of the sheet, to the bit."""
+    folder, ends = written(tmp_path), []
+    model = folder / "model.xml"
+    text = model.read_text(encoding="utf-8")
+    other = (
+        text.replace('mass="0"', 'mass="7"')
+        .replace("<freejoint", '<joint type="free" damping="5" armature="2" frictionloss="1"')
+        .replace(
+            "<worldbody>",
+            '<option density="900" gravity="0 0 -3"/><compiler inertiafromgeom="true"/><worldbody>',
+        )
+    )
+    for xml in (text, other):
+        model.write_text(xml, encoding="utf-8")
+        p = BlueROV2Plant(vehicle=str(folder)).build(1e-2, 4)
+        with p.running():
+            p.reset(np.full(6, 0.1), np.full(6, 0.2))
+            for _ in range(50):
+                p.step(np.full(6, 0.3))
+            ends.append(np.concatenate(p.coordinates()))
+    assert (ends[0] == ends[1]).all()

@@ -1,0 +1,98 @@
+"""A vehicle becomes known by its file being there."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import nsaid_mj
+from nsaid_mj import plants
+from nsaid_mj.control import DriverConfig
+from nsaid_mj.identifiers import Identifier
+from nsaid_mj.plants import PlantConfig
+from nsaid_mj.system import SecondOrderSystem
+
+PACKAGE = Path(nsaid_mj.__file__).parent
+
+NEW_PLANT = '''"""A plant in a file of its own."""
+
+from dataclasses import dataclass
+
+from .scalar_rov import ScalarRovPlant
+
+
+@dataclass(frozen=True)
+class HoveringPlant(ScalarRovPlant):
+    """The heave axis by another name."""
+'''
+
+
+def subclasses(base: type) -> set[type]:
+    found = {base}
+    for cls in base.__subclasses__():
+        found |= subclasses(cls)
+    return {cls for cls in found if cls.__module__.startswith("nsaid_mj.")}
+
+
+def test_every_public_name_resolves_and_is_listed():
+    assert set(nsaid_mj.__all__) <= set(dir(nsaid_mj))
+    for name in nsaid_mj.__all__:
+        assert getattr(nsaid_mj, name).__name__ == name
+
+
+def test_the_log_the_multibody_systems_and_the_vehicles_are_public():
+    expected = {"Log", "Multibody", "CompiledMultibody", "UnderwaterVehicle", "Quadrotor",
+                "GroundVehicle", "NullspaceIdentifier", "BlueROV2Plant"}  # fmt: skip
+    assert expected <= set(dir(nsaid_mj))
+
+
+@pytest.mark.parametrize("base", [PlantConfig, SecondOrderSystem, DriverConfig, Identifier])
+def test_every_implementation_of_an_interface_is_public(base):
+    for name in nsaid_mj.__all__:  # imports all modules
+        getattr(nsaid_mj, name)
+    concrete = {cls for cls in subclasses(base) if not getattr(cls, "__abstractmethods__", None)}
+    assert len(concrete) > 1
+    for cls in concrete:
+        assert getattr(nsaid_mj, cls.__name__, None) is cls
+
+
+def test_no_plant_is_named_in_a_list():
+    names = {name for name in vars(plants) if name.endswith("Plant")} - {"Plant"}
+    assert "BlueROV2Plant" in names
+    for path in (PACKAGE / "__init__.py", PACKAGE / "plants" / "__init__.py"):
+        words = set(re.findall(r"\w+", path.read_text(encoding="utf-8")))
+        assert not words & names
+
+
+def test_a_new_file_in_plants_makes_a_plant_known(tmp_path):
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(PACKAGE, tmp_path / "nsaid_mj", ignore=ignored)
+    (tmp_path / "assets").symlink_to(PACKAGE.parent / "assets")
+    (tmp_path / "nsaid_mj" / "plants" / "hovering.py").write_text(NEW_PLANT, encoding="utf-8")
+    code = """
+import sys; sys.path.insert(0, ".")
+import nsaid_mj
+assert "HoveringPlant" in dir(nsaid_mj) and "numpy" not in sys.modules
+from nsaid_mj import HoveringPlant, Scenario, plants
+assert plants.HoveringPlant is HoveringPlant
+scenario = Scenario(plant=HoveringPlant())
+assert Scenario.from_json(scenario.to_json()) == scenario
+print(nsaid_mj.__file__)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, text=True, capture_output=True, timeout=120,
+        check=False, env={"PATH": "", "PYTHONPATH": ""},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path)
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    for module in (nsaid_mj, plants):
+        with pytest.raises(AttributeError, match="has no attribute 'BlueROV3Plant'"):
+            _ = module.BlueROV3Plant
