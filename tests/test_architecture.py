@@ -282,12 +282,13 @@ def test_whoever_judges_reads_a_plants_truth_in_one_place():
     """`evaluation.truth.Truth`: everybody else is handed one, or None."""
     readers = {m for m, path in FILES.items() if "truth_at" in attributes(path)}
     assert {m for m in readers if part(m) != "plants"} == {"evaluation.truth"}
-    in_hand = {m for m in FILES if part(m) in {"evaluation", "recording", "reporting"}}
-    assert {m for m in in_hand if "plant" in attributes(FILES[m])} == OF_A_PLANT
+    after = {m for m in FILES if part(m) in {"evaluation", "recording", "reporting"}}
+    assert {m for m in after if "setup" in attributes(FILES[m])} == {"evaluation.truth"}
 
 
 def test_many_runs_read_the_truth_to_judge_them_only():
-    assert readers_of_truth(FILES["studies.montecarlo"]) == {"__post_init__", "ratio", "_row", "_rows"}
+    readers = {"__post_init__", "ratio", "_row", "_rows"}
+    assert readers_of_truth(FILES["studies.montecarlo"]) == readers
 
 
 def test_a_truth_is_made_after_the_fact_only():

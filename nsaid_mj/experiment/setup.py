@@ -65,8 +65,8 @@ class Setup:
     @staticmethod
     def of(scenario: Scenario) -> Setup:
         """Builds the plant whose truth the scenario's seed draws, and draws the prior."""
-        seed = int(Seeds.of(scenario.seed).truth.generate_state(1)[0])
-        plant = scenario.plant.build(scenario.dt, seed)
+        seeds = Seeds.of(scenario.seed)
+        plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
         return Setup(scenario, plant, prior_for(scenario, plant))
 
     def with_prior_of(self, scenario: Scenario) -> Setup:
