@@ -26,7 +26,7 @@ from nsaid_mj import ArmPlant, Scenario
 from nsaid_mj.control import Driver
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.setup import Seeds, prepare, trajectory
+from nsaid_mj.experiment.setup import Setup, trajectory
 from nsaid_mj.log import Log
 from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import Backend
@@ -132,9 +132,8 @@ def plant_alone(scenario: Scenario) -> Callable[[], float]:
 
 def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
     """A scenario's plant, its driver, and what is measured."""
-    plant, prior, _ = prepare(scenario)
-    rng = np.random.default_rng(Seeds.of(scenario.seed).excitation)
-    driver = scenario.excitation.build(plant.system, prior, rng)
+    setup = Setup.of(scenario)
+    plant, driver = setup.plant, setup.driver()
     with plant.running():
         return plant, driver, trajectory(plant, driver, scenario.steps)
 
@@ -172,7 +171,7 @@ def following(scenario: Scenario, law: str, steps: int = 2000) -> Callable[[], f
         scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
     )
     log = driven(scenario)[2]
-    identifier = prepare(scenario)[2][""]
+    identifier = Setup.of(scenario).identifiers()[""]
     stretch = max(1, round(0.5 / scenario.dt))
 
     def block() -> float:
@@ -191,7 +190,7 @@ def step_by_step(scenario: Scenario, law: str, steps: int = 200) -> Callable[[],
         scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
     )
     log = driven(scenario)[2]
-    rows, identifier = log.rows, prepare(scenario)[2][""]
+    rows, identifier = log.rows, Setup.of(scenario).identifiers()[""]
 
     def block() -> float:
         state = identifier.init(rows[0])

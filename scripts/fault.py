@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import Run, run
+from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.parameters import Array
@@ -40,7 +40,7 @@ def failing(name: str, fault: Fault, seconds: float) -> Scenario:
     )
 
 
-def errors(done: Run) -> tuple[Array, Array, Array]:
+def errors(done: SimulatedRun) -> tuple[Array, Array, Array]:
     """(N,) times since the fault [s], the largest error of its gains, and of the others."""
     plant, t = done.plant, done.record["t"]
     since, k = plant.struck(t), plant.system.space.actuators

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import NullspaceAID
@@ -38,7 +38,7 @@ def worst(name: str, changes: dict[str, Any], seeds: tuple[int, ...], typical: b
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
             result = run(dataclasses.replace(scenario, seed=seed), Path(folder))
-            summaries.append(summarize(result))
+            summaries.append(summarize(result, truth_of(result)))
         print(f"  {name} seed {seed}: {result.ending.status.words}", file=sys.stderr)
     of = np.median if typical else np.max
     figures = []

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.errors import NsaidError
-from nsaid_mj.experiment.loop import Run, run
+from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.recording import FILE
 from nsaid_mj.recording.forces import Arrows, Rows, body_forces
 from nsaid_mj.recording.scene import EYE, base_poses
@@ -150,7 +150,7 @@ def maximize(client: ViewerClient) -> None:
     time.sleep(DRAWN)
 
 
-def best_moment(result: Run) -> float:
+def best_moment(result: SimulatedRun) -> float:
     """A time [s] not far from half-way at which there is much to see.
 
     That is where a vehicle is upright and shows its front and a side, and its arm and its forces

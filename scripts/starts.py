@@ -46,7 +46,7 @@ def start(scenario: Scenario, index: int, error: float) -> Scenario:
 def study(name: str, seed: int, starts: int, seconds: float, error: float) -> list[Row]:
     """All starts of one scenario and seed."""
     course = motion(name, seed, seconds)
-    draws = [(index, start(course.scenario, index, error)) for index in range(starts)]
+    draws = [(index, start(course.setup.scenario, index, error)) for index in range(starts)]
     return [{"scenario": name, "motion": seed} | found for found in identify(course, draws)]
 
 

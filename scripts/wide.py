@@ -55,7 +55,7 @@ def cost(name: str, law: Law, runs: int = 256, jobs: int = 2, steps: int = 1000)
     wall, processor = (1e6 * np.array(times) / (runs * steps)).T
     low, median, high = np.percentile(wall, [25, 50, 75])
     return {
-        "what": f"{runs} runs on {jobs} threads: {name}, {course.plant.system.p} parameters, {law}",
+        "what": f"{runs} runs on {jobs} threads: {name}, {course.setup.system.p} parameters, {law}",
         "us_per_run_and_step": float(median),
         "quartiles": [float(low), float(high)],
         "processor_us": float(np.median(processor)),

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -247,6 +248,24 @@ def readers_of_truth(path: Path) -> set[str]:
     return found
 
 
+def nodes(path: Path) -> Iterator[ast.AST]:
+    """All of a file's syntax tree."""
+    return ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def attributes(path: Path) -> set[str]:
+    """The names of all attributes that a file reads or writes."""
+    return {node.attr for node in nodes(path) if isinstance(node, ast.Attribute)}
+
+
+def calls(path: Path) -> set[str]:
+    """The last names of what a file calls."""
+    called = [node.func for node in nodes(path) if isinstance(node, ast.Call)]
+    return {f.attr for f in called if isinstance(f, ast.Attribute)} | {
+        f.id for f in called if isinstance(f, ast.Name)
+    }
+
+
 def test_the_truth_is_read_after_the_fact_only():
     after = {"evaluation", "recording", "reporting", "studies"}
     readers = {m for m, path in FILES.items() if readers_of_truth(path)}
@@ -254,8 +273,32 @@ def test_the_truth_is_read_after_the_fact_only():
 
 
 def test_the_experiment_reads_the_truth_for_the_prior_only():
-    assert readers_of_truth(FILES["experiment.setup"]) == {"draw_for"}
+    readers = {m for m, path in FILES.items() if readers_of_truth(path)}
+    assert {m for m in readers if part(m) == "experiment"} == {"experiment.setup"}
+    assert readers_of_truth(FILES["experiment.setup"]) == {"prior_for"}
+
+
+def test_whoever_judges_reads_a_plants_truth_in_one_place():
+    """`evaluation.truth.Truth`: everybody else is handed one, or None."""
+    readers = {m for m, path in FILES.items() if "truth_at" in attributes(path)}
+    assert {m for m in readers if part(m) != "plants"} == {"evaluation.truth"}
+    after = {m for m in FILES if part(m) in {"evaluation", "recording", "reporting"}}
+    assert {m for m in after if "setup" in attributes(FILES[m])} == {"evaluation.truth"}
 
 
 def test_many_runs_read_the_truth_to_judge_them_only():
-    assert readers_of_truth(FILES["studies.montecarlo"]) == {"truth", "nullspace", "_row"}
+    readers = {"__post_init__", "ratio", "_row", "_rows"}
+    assert readers_of_truth(FILES["studies.montecarlo"]) == readers
+
+
+def test_a_truth_is_made_after_the_fact_only():
+    makers = {m for m, path in FILES.items() if calls(path) & {"Truth", "truth_of"}}
+    assert makers == {
+        "cli.commands",
+        "evaluation.truth",
+        "evaluation.verify",
+        "reporting.finish",
+        "studies.compare",
+        "studies.montecarlo",
+        "studies.sweep_worker",
+    }

@@ -219,9 +219,10 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     result, summary, output = _carry_out(name, default, arguments, "verify")
+    from ..evaluation import truth_of
     from ..evaluation.verify import verify, write
 
-    verdicts = verify(result, summary)
+    verdicts = verify(result, truth_of(result), summary)
     write(result, verdicts)
     return _judged(name, result, verdicts, output.json, output.quiet) or _code(result)
 
@@ -234,12 +235,12 @@ def _verify_folder(folder: Path, as_json: bool, quiet: bool) -> int:
 
 def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quiet: bool) -> int:
     """Shows the verdicts; returns the exit code."""
-    from ..evaluation.verify import document, failed, tell
+    from ..evaluation.verify import document, failed, print_verdicts
 
     if as_json:
         print(json.dumps(document(result, verdicts), indent=2, ensure_ascii=False))
     elif not quiet:
-        tell(name, result, verdicts)
+        print_verdicts(name, result, verdicts)
     return FAILED if failed(verdicts) else 0
 
 
@@ -290,7 +291,9 @@ def _compare(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
         raise UnknownName("kind of sensors", unknown.pop(), ("ideal", "noisy"))
     scales = _numbers("--noise-scales", chosen.noise_scales or "1")
     plan = compare.Plan(
+        _script(chosen.scenario),
         scenario,
+        arguments=tuple(arguments),
         methods=tuple(chosen.methods.split(",")) if chosen.methods else compare.DEFAULT,
         seeds=_seeds(chosen.seeds),
         durations=_numbers("--durations", chosen.durations)
@@ -310,12 +313,17 @@ def _of_many(chosen: argparse.Namespace, arguments: Sequence[str]) -> tuple[str,
     """Name, script and scenario of many runs."""
     from .options import Output, parse
 
-    path = Path(chosen.scenario)
-    script = str(path.resolve()) if path.suffix == ".py" else chosen.scenario
+    path, script = Path(chosen.scenario), _script(chosen.scenario)
     scenario, output = parse(path.stem, load(script), arguments, chosen.command)
     if output != Output():
         raise InvalidInput("--live", "a flag of single runs to be left out", "it", "Leave it out.")
     return path.stem, script, scenario
+
+
+def _script(name_or_file: str) -> str:
+    """A scenario's packed name, or its script's whole path."""
+    path = Path(name_or_file)
+    return str(path.resolve()) if path.suffix == ".py" else name_or_file
 
 
 def _sweep(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
@@ -323,14 +331,14 @@ def _sweep(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
     from ..studies import sweep, sweep_engine, sweep_results
 
     vary = sweep.varied(chosen.vary, scenario)
-    plan = sweep.Plan(script, scenario, vary, chosen.seeds, tuple(arguments))
+    plan = sweep.Plan(script, scenario, vary, chosen.seeds, arguments=tuple(arguments))
     engine = sweep_engine.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
     folder = chosen.out or Path("runs") / f"{name}-sweep"
     found = sweep.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
         print(json.dumps(sweep_results.document(found), indent=2, ensure_ascii=False))
     elif not chosen.quiet:
-        sweep_results.tell(found)
+        sweep_results.print_summary(found)
     return FAILED if found.lost else 0
 
 
@@ -338,13 +346,14 @@ def _montecarlo(chosen: argparse.Namespace, arguments: Sequence[str]) -> int:
     name, script, scenario = _of_many(chosen, arguments)
     from ..studies import montecarlo
 
-    plan = montecarlo.Plan(script, scenario, chosen.runs, not chosen.own_plants, tuple(arguments))
+    shared = not chosen.own_plants
+    plan = montecarlo.Plan(script, scenario, chosen.runs, shared, arguments=tuple(arguments))
     folder = chosen.out or Path("runs") / f"{name}-montecarlo"
     found = montecarlo.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
     if chosen.json:
         print(json.dumps(montecarlo.document(found), indent=2, ensure_ascii=False))
     elif not chosen.quiet:
-        montecarlo.tell(found)
+        montecarlo.print_summary(found)
     return 0
 
 

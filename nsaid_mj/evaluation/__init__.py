@@ -1,17 +1,20 @@
 """What a run's numbers are: read the truth after the fact, judge, summarize.
 
-`truth` has the true set and the distance to it, `judging` the figures of any method's estimate,
-`lyapunov` those of the paper's V, `motion` those of what a run has excited; `summary` is all that
-summary.json holds, and `words` tells it.
+`truth` has the true parameters, the true set and the distance to it; whoever takes them takes None
+too, where nobody knows them. `figures` judges any method's estimate, `lyapunov` the paper's V,
+`excitation` the motion; `summary` is all that summary.json holds, `words` puts it into words, and
+`verify` holds the paper's statements against a run.
 """
 
+from .figures import CONVERGED as CONVERGED
 from .figures import Judge as Judge
+from .figures import converged_at as converged_at
 from .lyapunov import energy as energy
+from .summary import nullspace_of as nullspace_of
 from .summary import summarize as summarize
 from .summary import versions as versions
-from .truth import distance as distance
-from .truth import true_nullspace as true_nullspace
-from .truth import true_theta as true_theta
+from .truth import Truth as Truth
+from .truth import truth_of as truth_of
 from .words import FIGURES as FIGURES
 from .words import OWN as OWN
 from .words import confidence_lines as confidence_lines

@@ -6,56 +6,78 @@ from typing import Any
 
 import numpy as np
 
-from ..experiment.loop import Run, held_out
-from ..experiment.record import Record
+from ..experiment.loop import Run
+from ..log import Log
 from ..nullspace import regressor_stack, split
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .rows import states, stride_of
-from .truth import distance, true_nullspace, true_theta
+from .rows import midpoints, states, stride_of
+from .truth import Truth
+
+CONVERGED = 0.01
+"""The distance to the true set below which an estimate has converged, once it stays there."""
 
 
 class Judge:
     """Judges any method's estimates of one plant, after the fact, by the same figures.
 
     Args:
-        run: whose plant it is; its identifiers and its record are not looked at.
+        truth: of the plant.
     """
 
-    def __init__(self, run: Run):
-        self._system, self._truth = run.plant.system, true_theta(run)
-        self._nullspace = true_nullspace(run)
-        self._rows = held_out_rows(
-            self._system, held_out(run), None if run.plant.mismatches else self._truth
-        )
+    def __init__(self, truth: Truth):
+        self._truth = truth
+        self._rows = held_out_rows(truth.system, truth.held_out, truth.exact)
 
     def __call__(self, theta_hat: Array) -> dict[str, float | None]:
         """Distance to the true set, error of the actuators' shares, and force residual."""
-        system = self._system
+        truth, system = self._truth, self._truth.system
         return {
-            "theta_perp_ratio": float(self._nullspace.ratio(theta_hat / system.space.scale)),
-            "actuator_ratio_error": actuator_ratio_error(system, theta_hat, self._truth),
+            "theta_perp_ratio": float(truth.nullspace.ratio(theta_hat / system.space.scale)),
+            "actuator_ratio_error": actuator_ratio_error(system, theta_hat, truth.theta),
             "force_residual_ratio": residual_ratio(system, self._rows, theta_hat),
         }
 
 
-def judge(run: Run, name: str, later: Record | None) -> dict[str, Any]:
-    """How near one identifier's last estimate is to the true set, and how well it predicts."""
+def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
+    """The figures of one identifier's last estimate.
+
+    With the truth: how near it is to the true set, and how well it predicts a trajectory that it
+    has not seen. Without: how well it predicts the run's own last part.
+
+    Args:
+        run: a run with at least one row.
+        name: of the identifier; "" is the scenario's own.
+        truth: of the run's plant; None where nobody knows it.
+    """
     suffix = f"_{name}" if name else ""
-    record, system, truth = run.record, run.plant.system, true_theta(run)
+    record, system = run.record, run.system
     theta = record[f"theta_hat{suffix}"]
-    ratio = distance(run, record["t"][[0, -1]], theta[[0, -1]])
     dv = record[f"v_hat{suffix}"] - record["v"]
+    error = float(np.sqrt(np.mean(last_tenth(dv) ** 2)))
+    if truth is None:
+        residual = {}
+        if run.scenario.record_every == 1:  # else the commands between rows are not recorded
+            residual["force_residual_ratio_measured"] = measured_residual_ratio(
+                system, record.log, theta[-1]
+            )
+        return residual | {"velocity_error_rms": error}
+    ratio = truth.distance(record["t"][[0, -1]], theta[[0, -1]])
     return {
         "theta_perp_ratio": float(ratio[1]),
         "theta_perp_ratio_initial": float(ratio[0]),
-        "plant_direction_error": plant_direction_error(system, theta[-1], truth),
-        "actuator_ratio_error": actuator_ratio_error(system, theta[-1], truth),
+        "plant_direction_error": plant_direction_error(system, theta[-1], truth.theta),
+        "actuator_ratio_error": actuator_ratio_error(system, theta[-1], truth.theta),
         "force_residual_ratio": force_residual_ratio(
-            system, later, theta[-1], None if run.plant.mismatches else truth
+            system, truth.held_out, theta[-1], truth.exact
         ),
-        "velocity_error_rms": float(np.sqrt(np.mean(dv[-max(1, len(dv) // 10) :] ** 2))),
+        "velocity_error_rms": error,
     }
+
+
+def last_tenth(rows: Array) -> Array:
+    """The last tenth of rows (N, …), at least one."""
+    return rows[-max(1, len(rows) // 10) :]
 
 
 def actuator_ratio_error(system: SecondOrderSystem, theta_hat: Array, truth: Array) -> float:
@@ -80,9 +102,20 @@ def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Ar
     return float(np.sqrt(max(0.0, 1 - cosine**2)))
 
 
+def converged_at(t: Array, distance: Array) -> float | None:
+    """From which of the times t (N,) on distances (N,) to the true set stay small [s].
+
+    Returns:
+        None where the last of them is above `CONVERGED`.
+    """
+    far = np.flatnonzero(~(distance <= CONVERGED))
+    first = far[-1] + 1 if len(far) else 0
+    return float(t[first]) if first < len(t) else None
+
+
 def force_residual_ratio(
     system: SecondOrderSystem,
-    later: Record | None,
+    later: Log | None,
     theta_hat: Array,
     truth: Array | None,
 ) -> float | None:
@@ -92,27 +125,45 @@ def force_residual_ratio(
         system: the structure.
         later: a trajectory that the estimate has not seen.
         theta_hat: (p,) the estimate.
-        truth: (p,) θ of (29), for the true v̇; None where the plant does what no θ can say: v̇ is
-            then the difference of measured velocities, half-way between samples.
+        truth: (p,) θ of (29), for the true v̇; None where no θ describes the plant: v̇ is then the
+            difference of measured velocities, half-way between samples.
 
     Returns:
-        None where the plant has no later trajectory, or is not driven on it.
+        None where there is no later trajectory, or the plant is not driven on it.
     """
     return residual_ratio(system, held_out_rows(system, later, truth), theta_hat)
 
 
+def measured_residual_ratio(system: SecondOrderSystem, log: Log, theta_hat: Array) -> float | None:
+    """rms of W(t, x, v, v̇) θ̂ with the measured v̇, over rms of the actuator forces under θ̂.
+
+    Args:
+        system: the structure.
+        log: what was measured; its last tenth counts, with commands held from row to row.
+        theta_hat: (p,) the estimate.
+
+    Returns:
+        None where there are less than two rows, or no actuator force.
+    """
+    rows = len(log.t)
+    if rows < 2:
+        return None
+    last = log.part(rows - max(2, rows // 10), rows)
+    return residual_ratio(system, held_out_rows(system, last, None), theta_hat)
+
+
 def held_out_rows(
-    system: SecondOrderSystem, later: Record | None, truth: Array | None
+    system: SecondOrderSystem, later: Log | None, truth: Array | None
 ) -> Array | None:
-    """(k, n, p) W on a later trajectory; see the ratio above."""
+    """(k, n, p) W along a later trajectory, with v̇ as in `force_residual_ratio`."""
     if later is None:
         return None
-    stride = stride_of(later, system)
+    stride = stride_of(len(later.t), system)
     if truth is not None:
         t, x, v, u = states(later, stride)
         _, W = system.evaluate(t, x, v, u, truth)
     else:
-        t, x, v, u, a = _half_way(later, system, stride)
+        t, x, v, u, a = midpoints(later, system, stride)
         W = system.regressor(t, x, v, a, u)
     return W
 
@@ -126,16 +177,3 @@ def residual_ratio(system: SecondOrderSystem, W: Array | None, theta_hat: Array)
     if not force.any():
         return None
     return float(np.sqrt(np.mean((W @ theta_hat) ** 2) / np.mean(force**2)))
-
-
-def _half_way(
-    record: Record, system: SecondOrderSystem, stride: int
-) -> tuple[Array, Array, Array, Array, Array]:
-    """(t, x, v, u, v̇) half-way between neighbouring rows, of every stride-th row."""
-    k = np.arange(0, len(record) - 1, stride)
-    t, q, v, u = record["t"], record["q"], record["v"], record["u"][k]
-    steps = [0.5 * system.difference(q[i], q[i + 1]) for i in k]
-    middle = np.array([system.integrate(q[i], step) for i, step in zip(k, steps, strict=True)])
-    mean = 0.5 * (v[k] + v[k + 1])
-    rate = (v[k + 1] - v[k]) / (t[k + 1] - t[k])[:, None]
-    return 0.5 * (t[k] + t[k + 1]), np.hstack([middle, mean]), mean, u, rate

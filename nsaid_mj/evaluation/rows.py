@@ -1,10 +1,10 @@
-"""Rows of a record at which regressors are formed."""
+"""Rows of a log at which regressors are formed."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..experiment.record import Record
+from ..log import Log
 from ..parameters import Array
 from ..system import SecondOrderSystem
 
@@ -14,14 +14,31 @@ NUMBERS = 20_000_000
 _ROWS = 2000  # how many rows of a trajectory are judged, at most
 
 
-def stride_of(record: Record, system: SecondOrderSystem) -> int:
-    """Every how many rows one is taken, so that not more regressors are held than needed."""
+def stride_of(length: int, system: SecondOrderSystem) -> int:
+    """The stride through a log of this length that keeps its regressors within memory."""
     rows = min(_ROWS, max(50, NUMBERS // (system.n * system.p)))
-    return max(1, len(record) // rows)
+    return max(1, length // rows)
 
 
-def states(record: Record, stride: int) -> tuple[Array, Array, Array, Array]:
+def states(log: Log, stride: int) -> tuple[Array, Array, Array, Array]:
     """(t, x, v, u) of every stride-th row."""
     k = slice(None, None, stride)
-    v = record["v"][k]
-    return record["t"][k], np.hstack([record["q"][k], v]), v, record["u"][k]
+    v = log.v[k]
+    return log.t[k], np.hstack([log.q[k], v]), v, log.u[k]
+
+
+def midpoints(
+    log: Log, system: SecondOrderSystem, stride: int
+) -> tuple[Array, Array, Array, Array, Array]:
+    """(t, x, v, u, v̇) half-way between neighbouring rows, at every stride-th row.
+
+    v̇ is the difference of the measured velocities, so that no truth is needed for it. The command
+    must be held from row to row.
+    """
+    k = np.arange(0, len(log.t) - 1, stride)
+    t, q, v, u = log.t, log.q, log.v, log.u[k]
+    steps = [0.5 * system.difference(q[i], q[i + 1]) for i in k]
+    middle = np.array([system.integrate(q[i], step) for i, step in zip(k, steps, strict=True)])
+    mean = 0.5 * (v[k] + v[k + 1])
+    rate = (v[k + 1] - v[k]) / (t[k + 1] - t[k])[:, None]
+    return 0.5 * (t[k] + t[k + 1]), np.hstack([middle, mean]), mean, u, rate

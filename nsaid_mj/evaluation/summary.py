@@ -8,39 +8,48 @@ from typing import Any
 
 import numpy as np
 
-from ..experiment.loop import Run, held_out
+from ..experiment.loop import Run
 from ..experiment.setup import Seeds
 from ..identifiers import IdentifierConfig
-from ..nullspace import directions, structural
+from ..nullspace import Nullspace, directions, structural
 from ..parameters import Array, ParameterSpace
 from .confidence import known
+from .excitation import motion_figures, persistence_figures
 from .figures import judge
-from .lyapunov import assumption_46, lyapunov_figures
-from .motion import motion_figures, persistence_levels
-from .truth import true_nullspace, true_theta
+from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
+from .truth import Truth
 
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
 
-_UNKNOWN = (
+_OF_THE_TRUTH = (
     "r_excited", "theta_perp_ratio_initial", "theta_perp_ratio", "plant_direction_error",
-    "actuator_ratio_error", "force_residual_ratio", "velocity_error_rms", "conserved_drift",
-    "lyapunov_violations", "pe_level", "pe_level_perp", "pe_share_perp",
-    "velocity_error_rms_initial", "excited_error_rms", "excited_error_rms_initial",
-    "confidence",
+    "actuator_ratio_error", "force_residual_ratio", "lyapunov_violations", "pe_level_perp",
+    "pe_share_perp", "excited_error_rms", "excited_error_rms_initial",
 )  # fmt: skip
-"""What a run that ended before its first row does not know."""
+"""What a run that ended before its first row leaves null, though its truth is known."""
+
+_OF_THE_RECORD = (
+    "velocity_error_rms", "velocity_error_rms_initial", "conserved_drift", "pe_level", "confidence",
+)  # fmt: skip
+"""What a run that ended before its first row leaves null."""
 
 
-def summarize(run: Run) -> dict[str, Any]:
+def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
     """Every key of a run's summary.json.
 
     Args:
         run: a run that has ended, however it did.
+        truth: of its plant. Where it is None, the keys that need it are absent, and the
+            unobservable directions are those of the last estimate.
     """
-    found = _findings(run) if len(run.record) else dict.fromkeys(_UNKNOWN) | {"rivals": {}}
-    ending, cost, system = run.ending, run.cost, run.plant.system
+    if len(run.record):
+        found = _findings(run, truth)
+    else:
+        keys = _OF_THE_RECORD + (_OF_THE_TRUTH if truth else ())
+        found = dict.fromkeys(keys) | {"rivals": {}}
+    ending, cost, system, scenario = run.ending, run.cost, run.system, run.scenario
     sim, steps = float(run.record["t"][-1]) if len(run.record) else 0.0, max(cost.steps, 1)
-    nullspace = true_nullspace(run)
+    nullspace = nullspace_of(run, truth)
     return {
         "status": ending.status.words,
         "status_time": ending.time,
@@ -52,11 +61,10 @@ def summarize(run: Run) -> dict[str, Any]:
         "rank_tolerance": nullspace.tolerance,
         "rank_gap": [float(s) for s in nullspace.gap],
         **found,
-        "law": law_of(run.scenario.identifier),
-        "gamma": getattr(run.scenario.identifier, "gamma", "scale"),
-        "sensors": run.scenario.sensors,
-        "mismatch": mismatches(run),
-        "fault": run.plant.fault.told(system),
+        "law": law_of(scenario.identifier),
+        "gamma": getattr(scenario.identifier, "gamma", "scale"),
+        "sensors": scenario.sensors,
+        **({"mismatch": mismatches(run, truth), "fault": truth.fault} if truth else {}),
         "unobservable": [
             {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)}
             for d in directions(nullspace, system.space)
@@ -66,44 +74,58 @@ def summarize(run: Run) -> dict[str, Any]:
         "real_time_factor": sim / cost.wall if cost.wall else 0.0,
         "identifier_us_per_step": 1e6 * cost.identifier / steps,
         "plant_us_per_step": 1e6 * cost.plant / steps,
-        "seed": run.scenario.seed,
+        "seed": scenario.seed,
         "versions": versions(),
-        "scenario_hash": run.scenario.hash,
+        "scenario_hash": scenario.hash,
     }
 
 
-def _findings(run: Run) -> dict[str, Any]:
-    """What a record of at least one row tells, under the truth."""
-    record, space, truth = run.record, run.plant.system.space, true_theta(run)
-    later, levels = held_out(run), persistence_levels(run)
-    margin, least_mass = assumption_46(run)
-    return {
-        **judge(run, "", later),
-        **lyapunov_figures(run),
-        "pe_level": levels[0],
-        "pe_level_perp": levels[1],
-        "pe_share_perp": levels[2],
-        **motion_figures(run),
-        "assumption_46_margin": margin,
-        "least_mass_eigenvalue": least_mass,
-        "least_estimated_pivot": float(record["pivot"][1:].min()) if len(record) > 1 else None,
-        "rivals": {
-            name: judge(run, name, later) | {"status": run.statuses[name].words}
-            for name in record.rivals
-        },
-        "confidence": confidence(run),
-        "parameters": [
-            {"name": name, "unit": unit, "scale": float(s), "true": float(t), "prior": float(a),
-             "estimate": float(b)}
-            for name, unit, s, t, a, b in zip(space.names, space.units, space.scale, truth,
-                                              run.prior, record["theta_hat"][-1], strict=True)
-        ],
-    }  # fmt: skip
+def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:
+    """P_s(θ), structural: under the true θ, or where nobody knows it under the last estimate."""
+    if truth is not None:
+        return truth.nullspace
+    theta = run.record["theta_hat"][-1] if len(run.record) else run.prior
+    return structural(
+        run.system, theta, np.random.default_rng(Seeds.of(run.scenario.seed).structure)
+    )
 
 
-def mismatches(run: Run) -> list[str]:
+def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
+    """What a record of at least one row tells."""
+    record = run.record
+    found: dict[str, Any] = judge(run, "", truth)
+    found["conserved_drift"] = conserved_drift(run)
+    if truth is not None:
+        found |= lyapunov_figures(run, truth)
+    found |= persistence_figures(run, truth)
+    found |= motion_figures(run, truth)
+    if truth is not None:
+        found["assumption_46_margin"], found["least_mass_eigenvalue"] = assumption_46(run, truth)
+    found["least_estimated_pivot"] = float(record["pivot"][1:].min()) if len(record) > 1 else None
+    found["rivals"] = {
+        name: judge(run, name, truth) | {"status": run.statuses[name].words}
+        for name in record.rivals
+    }
+    found["confidence"] = confidence(run, truth)
+    found["parameters"] = parameters(run, truth)
+    return found
+
+
+def parameters(run: Run, truth: Truth | None) -> list[dict[str, Any]]:
+    """Name, unit, scale, prior and last estimate of every parameter; with the truth, that too."""
+    space, estimate = run.system.space, run.record["theta_hat"][-1]
+    rows: list[dict[str, Any]] = []
+    for i, (name, unit) in enumerate(zip(space.names, space.units, strict=True)):
+        row: dict[str, Any] = {"name": name, "unit": unit, "scale": float(space.scale[i])}
+        if truth is not None:
+            row["true"] = float(truth.theta[i])
+        rows.append(row | {"prior": float(run.prior[i]), "estimate": float(estimate[i])})
+    return rows
+
+
+def mismatches(run: Run, truth: Truth) -> list[str]:
     """What the run's plant and sensors did that the structure does not know, in words."""
-    scenario, words = run.scenario, list(run.plant.mismatches)
+    scenario, words = run.scenario, list(truth.mismatches)
     if scenario.sensors == "noisy":
         noise = scenario.noise
         words.append(f"sensor noise {noise.position:g} and {noise.velocity:g} [SI]")
@@ -118,22 +140,24 @@ def law_of(identifier: IdentifierConfig) -> str:
     return law if law != "cone" or identifier.in_cone else "paper"
 
 
-def confidence(run: Run) -> dict[str, Any] | None:
+def confidence(run: Run, truth: Truth | None) -> dict[str, Any] | None:
     """How well the run's own identifier says it knows every direction, and whether it is right.
 
-    None where the law does not say, or the run was read back and nobody has told it before.
+    None where the law does not say, or the run was read back and no earlier summary has it.
     """
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     if stated is None:
         return run.confidence
-    system, theta = run.plant.system, run.record["theta_hat"][-1]
-    space = system.space
-    rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
-    found = known(stated, theta, structural(system, theta, rng), space)
+    theta, space = run.record["theta_hat"][-1], run.system.space
+    found = known(stated, theta, nullspace_of(run, None), space)
+    covered = {}
+    if truth is not None:
+        covered["covered"] = found.covered(theta / space.scale, truth.theta / space.scale)
+    worst = slice(None, -6, -1)
     return {
         "directions": len(found.deviation),
         "below_noise": int(found.below_noise.sum()),
-        "covered": found.covered(theta / space.scale, true_theta(run) / space.scale),
+        **covered,
         "deviation_median": float(np.median(found.deviation)),
         "deviation_largest": float(found.deviation.max()),
         "independent_samples": [float(blocks) for blocks in found.blocks],
@@ -143,11 +167,13 @@ def confidence(run: Run) -> dict[str, Any] | None:
         "worst_known": [
             {"deviation": float(s), "below_noise": bool(low), "parameters": leading(d, space)}
             for s, low, d in zip(
-                found.deviation[:-6:-1], found.below_noise[:-6:-1], found.directions[:-6:-1],
+                found.deviation[worst],
+                found.below_noise[worst],
+                found.directions[worst],
                 strict=True,
             )
         ],
-    }  # fmt: skip
+    }
 
 
 def leading(direction: Array, space: ParameterSpace, count: int = 3) -> dict[str, float]:

@@ -31,11 +31,16 @@ def confidence_lines(summary: dict[str, Any]) -> list[str]:
     if stated is None:
         return []
     worst, actuators = stated["worst_known"][0], stated["actuators"]
+    covered = []
+    if "covered" in stated:
+        covered = [
+            f"95 % intervals hold the truth in {100 * stated['covered']:.0f} % of the directions"
+        ]
     lines = [
         f"known to ±{stated['deviation_median']:.2g} of ‖θ̂‖ along half of {stated['directions']} "
         f"directions, to ±{stated['deviation_largest']:.2g} along the worst "
         f"({', '.join(worst['parameters'])}); {stated['below_noise']} are below the noise",
-        f"95 % intervals hold the truth in {100 * stated['covered']:.0f} % of the directions",
+        *covered,
     ]
     if len(actuators) > 1:
         name = max(actuators, key=lambda key: actuators[key])

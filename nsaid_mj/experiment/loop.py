@@ -1,8 +1,7 @@
 """run(scenario) -> Run: the only time loop, and the only place where a plant meets an identifier.
 
 The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is drawn
-here, once, as the truth plus a seeded error, before the first step; nothing of the truth is read
-again until the run has ended.
+before the first step, by `setup`; nothing of the truth is read again until the run has ended.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,16 +25,15 @@ from ..log import Log, Measurement
 from ..nullspace import structural
 from ..parameters import Array
 from ..persistence import PersistenceMonitor
-from ..plants import Plant, Sensors
+from ..plants import Plant, VisualMesh
+from ..system import SecondOrderSystem
+from .following import Following, due_rows
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
 from .scenario import Scenario
-from .setup import Seeds, prepare, trajectory
+from .setup import Setup
 
 DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json")
-_CHECK = 0.5  # between two looks at the conserved quantities [s]
 _PE_SAMPLES = 50  # regressors in a window of the online persistence levels
-DRIFT = 1e-3
-"""Of the conserved quantity, relative; beyond it RK4 no longer follows the law."""
 
 
 @dataclass
@@ -70,28 +68,45 @@ class Cost:
     steps: int = 0
 
 
-@dataclass(eq=False)
+class Looks(Protocol):
+    """What a robot looks like, and where its parts are."""
+
+    def visuals(self) -> list[VisualMesh]:
+        """The meshes."""
+        ...
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+        ...
+
+
+@dataclass(eq=False, kw_only=True)
 class Run:
-    """A run that has ended, with what its metrics need.
+    """A run that has ended: what was measured and estimated. It holds no true value.
 
     Attributes:
         scenario: what was run.
         folder: where its files are.
         record: what was recorded.
-        plant: the plant, holding the truth.
+        system: the structure that was identified.
         prior: (p,) θ̂(0).
         identifiers: by name; "" is the scenario's own.
         statuses: how each identifier ended, by name.
         ending: how the run ended.
         cost: where the time went.
-        states: the identifiers' last states, by name; none where the run was read back.
-        confidence: as an earlier summary of the run told it, where it was read back.
+        states: the identifiers' last states, by name; empty where the run was read back.
+        confidence: as an earlier summary of the run states it, where it was read back.
+        looks: draws the robot; None where nobody knows what it looks like.
     """
 
     scenario: Scenario
     folder: Path
     record: Record
-    plant: Plant
+    system: SecondOrderSystem
     prior: Array
     identifiers: dict[str, Identifier]
     statuses: dict[str, Status]
@@ -99,6 +114,23 @@ class Run:
     cost: Cost
     states: dict[str, State] = field(default_factory=dict)
     confidence: dict[str, Any] | None = None
+    looks: Looks | None = None
+
+
+@dataclass(eq=False, kw_only=True)
+class SimulatedRun(Run):
+    """A run of a simulated plant: its truth can be read, after the fact.
+
+    Attributes:
+        setup: what was simulated.
+    """
+
+    setup: Setup
+
+    @property
+    def plant(self) -> Plant:
+        """The plant that moved, which holds the truth."""
+        return self.setup.plant
 
 
 class Observer:
@@ -120,7 +152,7 @@ class Observer:
         """Called when the run has ended, however it did."""
 
 
-def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
+def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
     """Simulates, identifies and records.
 
     A run that cannot go on ends early, with its status, time and signal, and all it has recorded.
@@ -133,11 +165,9 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
     Raises:
         NsaidError: the scenario cannot be started; nothing has been written then.
     """
-    seeds = Seeds.of(scenario.seed)
-    plant, prior, identifiers = prepare(scenario)
-    system = plant.system
-    driver = scenario.excitation.build(system, prior, np.random.default_rng(seeds.excitation))
-    r = structural(system, prior, np.random.default_rng(seeds.structure)).r
+    setup = Setup.of(scenario)
+    system, driver, identifiers = setup.system, setup.driver(), setup.identifiers()
+    r = structural(system, setup.prior, np.random.default_rng(setup.seeds.structure)).r
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for stale in folder.glob("*"):  # of a run that was here: it would pass for this one's
@@ -161,13 +191,13 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
         batch=max(1, stretch_of(scenario) // scenario.record_every),
     )
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
-    loop = _Loop(scenario, plant, driver, identifiers, monitor, writer, observers)
+    loop = _Loop(setup, driver, identifiers, monitor, writer, observers)
     begin = time.perf_counter()
     try:
         for observer in observers:
-            observer.start(scenario, plant)
+            observer.start(scenario, setup.plant)
         with _ctrl_c(loop.stop):
-            loop(seeds.sensors)
+            loop()
     except KeyboardInterrupt:
         loop.ending.status = Status.interrupted
     finally:
@@ -175,9 +205,20 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> Run:
         writer.close()
         for observer in observers:
             observer.stop()
-    statuses = {name: state.status for name, state in loop.states.items()}
-    return Run(scenario, folder, Record.read(folder), plant, prior, identifiers, statuses,
-               loop.ending, loop.cost, loop.states)  # fmt: skip
+    return SimulatedRun(
+        scenario=scenario,
+        folder=folder,
+        record=Record.read(folder),
+        system=system,
+        prior=setup.prior,
+        identifiers=identifiers,
+        statuses={name: state.status for name, state in loop.states.items()},
+        ending=loop.ending,
+        cost=loop.cost,
+        states=loop.states,
+        looks=setup.plant,
+        setup=setup,
+    )
 
 
 @contextmanager
@@ -212,17 +253,26 @@ def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
     return (Status.measurement_not_finite, bad[0]) if bad else None
 
 
-def reopen(folder: Path, record: Record) -> Run:
+def reopen(folder: Path, record: Record) -> SimulatedRun:
     """A run as its record has it; one that was cut off counts as interrupted where it stops."""
     scenario = Scenario.from_json(record.metadata["scenario"])
-    plant, prior, identifiers = prepare(scenario)
+    setup = Setup.of(scenario)
+    identifiers = setup.identifiers()
     end = float(record["t"][-1])
     whole = record.complete and end >= (scenario.steps - scenario.record_every) * scenario.dt
-    status = Status.completed if whole else Status.interrupted
-    return Run(
-        scenario, folder, record, plant, prior, identifiers,
-        dict.fromkeys(identifiers, Status.completed), Ending(status, end), Cost(),
-    )  # fmt: skip
+    return SimulatedRun(
+        scenario=scenario,
+        folder=folder,
+        record=record,
+        system=setup.system,
+        prior=setup.prior,
+        identifiers=identifiers,
+        statuses=dict.fromkeys(identifiers, Status.completed),
+        ending=Ending(Status.completed if whole else Status.interrupted, end),
+        cost=Cost(),
+        looks=setup.plant,
+        setup=setup,
+    )
 
 
 def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, int]:
@@ -242,43 +292,42 @@ def stretch_of(scenario: Scenario) -> int:
 
 @dataclass
 class _Loop:
-    scenario: Scenario
-    plant: Plant
+    setup: Setup
     driver: Driver
     identifiers: dict[str, Identifier]
     monitor: PersistenceMonitor
     writer: RecordWriter
     observers: tuple[Observer, ...]
-    states: dict[str, State] = field(default_factory=dict)
+    following: dict[str, Following] = field(default_factory=dict)
     ending: Ending = field(default_factory=Ending)
     cost: Cost = field(default_factory=Cost)
     stopped: bool = False
-    conserved: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def states(self) -> dict[str, State]:
+        """Where every identifier is, by name."""
+        return {name: following.state for name, following in self.following.items()}
 
     def stop(self) -> None:
         """Asks the loop to end after the stretch it is in."""
         self.stopped = True
 
-    def __call__(self, sensor_seed: np.random.SeedSequence) -> None:
-        """Stretch by stretch: the plant moves, then its identifiers follow."""
-        scenario, plant, dt = self.scenario, self.plant, self.scenario.dt
-        noise = scenario.noise if scenario.sensors == "noisy" else None
-        sensors = Sensors(noise, np.random.default_rng(sensor_seed))
+    def __call__(self) -> None:
+        """Stretch by stretch: the plant moves, then the identifiers follow."""
+        scenario, plant = self.setup.scenario, self.setup.plant
+        driver, sensors = self.driver, self.setup.sensors()
         period = min((observer.period for observer in self.observers), default=np.inf)
-        stretch = max(1, round(min(period / dt, stretch_of(scenario))))
+        stretch = max(1, round(min(period / scenario.dt, stretch_of(scenario))))
         with plant.running():
-            log = Log.unchecked_of([plant.begin(self.driver, sensors)])
+            log = Log.unchecked_of([plant.begin(driver, sensors)])
             if self._unsound(log):
                 return
-            self.states |= {name: law.init(log.at(0)) for name, law in self.identifiers.items()}
-            self.conserved = {name: float(law.conserved(self.states[name].theta_hat))
-                              for name, law in self.identifiers.items()}  # fmt: skip
-            first = {name: Estimates.of(state) for name, state in self.states.items()}
-            self._keep(0, 0, log, first)
+            self.following |= {name: Following(i, log) for name, i in self.identifiers.items()}
+            self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
                 begin, steps = time.perf_counter(), min(stretch, scenario.steps - k)
-                log = plant.drive(self.driver, log.at(-1), steps, sensors)
+                log = plant.drive(driver, log.at(-1), steps, sensors)
                 self.cost.plant += time.perf_counter() - begin
                 log, estimates = self._follow(k, log.first(len(log.t) - self._unsound(log)))
                 self._keep(k, 1, log, estimates)
@@ -290,7 +339,7 @@ class _Loop:
     def _unsound(self, log: Log) -> bool:
         """Ends the run where the plant has diverged or the last measurement is not finite."""
         last = log.at(-1)
-        end = ended(self.plant, last)
+        end = ended(self.setup.plant, last)
         if end:
             self._end(*end, last.t)
         return end is not None
@@ -299,73 +348,35 @@ class _Loop:
         self.ending.status, self.ending.signal, self.ending.time = status, signal, t
 
     def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
-        """What identifiers make of a stretch from step k, as far as the scenario's own comes."""
+        """Lets the identifiers follow a stretch from step k, as far as the scenario's own comes."""
         begin, estimates = time.perf_counter(), {}
-        for name, law in self.identifiers.items():  # the scenario's own is the first
-            state, made = law.follow(self.states[name], log)
-            lost = float(log.t[len(made.pivot)]) if len(made.pivot) < len(log.t) else None
-            row, signal = self._drifted(name, k, made), f"pivot {state.pivot:.3g}"
-            if row is not None:
-                state = state._replace(
-                    status=Status.adaptation_too_fast, v_hat=made.v_hat[row],
-                    theta_hat=made.theta_hat[row],
-                )  # fmt: skip
-                made = made.first(row + 1)
-                lost, signal = float(log.t[row]), "theta_hat"
-            if not name and lost is not None:
-                self._end(state.status, signal, lost)
-                log = log.first(len(made.pivot))
-            self.states[name], estimates[name] = state, made.padded(len(log.t))
+        for name, following in self.following.items():  # the scenario's own is the first
+            due = due_rows(k, len(log.t), self.setup.scenario.dt, self.setup.scenario.steps)
+            found = following.follow(log, due)
+            if not name and following.ended is not None:
+                self._end(following.state.status, following.signal, following.ended)
+                log = log.first(len(found.pivot))
+            estimates[name] = found.padded(len(log.t))
         self.cost.identifier += time.perf_counter() - begin
         return log, estimates
 
-    def _drifted(self, name: str, k: int, made: Estimates) -> int | None:
-        """At which row of a stretch, if any, RK4 is seen no longer to follow a law."""
-        law, scenario = self.identifiers[name], self.scenario
-        if not law.conserves:
-            return None
-        steps = k + np.arange(len(made.pivot))
-        due = (steps % max(1, round(_CHECK / scenario.dt)) == 0) | (steps == scenario.steps)
-        rows = np.flatnonzero(due[1:]) + 1
-        if not len(rows):
-            return None
-        now = law.conserved(made.theta_hat[rows]) + made.spent[rows]
-        drifted = rows[~(np.abs(now / self.conserved[name] - 1) <= DRIFT)]
-        return int(drifted[0]) if len(drifted) else None
-
     def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
         """Records a stretch that begins with step k, from its row `fresh` on; shows its end."""
-        scenario, own, rows = self.scenario, estimates[""], np.arange(fresh, len(log.t))
+        scenario, system = self.setup.scenario, self.setup.system
+        own, rows = estimates[""], np.arange(fresh, len(log.t))
         every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
         levels = np.empty((len(log.t), 2))
         levels[:] = self.monitor.level, self.monitor.level_perp
         for j in rows[(k + rows) % every == 0]:
-            stage = self.plant.system.evaluate_at(*log.at(j), own.v_hat[j], own.theta_hat[j])
-            self.monitor.add(stage.W * self.plant.system.space.scale, every * scenario.dt)
+            stage = system.evaluate_at(*log.at(j), own.v_hat[j], own.theta_hat[j])
+            self.monitor.add(stage.W * system.space.scale, every * scenario.dt)
             levels[j:] = self.monitor.level, self.monitor.level_perp
         first = fresh + -(k + fresh) % scenario.record_every
         pivot = np.where(np.isfinite(own.pivot), own.pivot, 0.0)
-        columns = [*log, pivot, own.spent, *levels.T]
+        columns = [log.t, log.q, log.v, log.u, pivot, own.spent, *levels.T]
         columns += [part for made in estimates.values() for part in (made.v_hat, made.theta_hat)]
         self.writer.extend(*(column[first :: scenario.record_every] for column in columns))
         if self.ending.status is Status.completed:
             self.ending.time = float(log.t[-1])
         for observer in self.observers:
             observer.see(log.at(-1), self.states, (self.monitor.level, self.monitor.level_perp))
-
-
-def held_out(run: Run) -> Record | None:
-    """Drives a run's plant, as it is at the run's end, along another trajectory; no identifying.
-
-    Returns:
-        What was measured; None where the plant diverges, as it may where the run did.
-    """
-    scenario, plant = run.scenario, run.plant
-    seed = Seeds.of(scenario.seed).held_out
-    driver = scenario.excitation.build(plant.system, run.prior, np.random.default_rng(seed))
-    steps = max(2, round(scenario.held_out / scenario.dt))
-    with plant.running():
-        log = trajectory(plant, driver, steps, as_at=run.ending.time)
-    if plant.diverged or not all(np.isfinite(part).all() for part in log):
-        return None
-    return Record(log._asdict(), {}, True)

@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from ..errors import BadRun
+from ..log import Log
 from ..parameters import Array
 
 BATCH_SECONDS = 0.9
@@ -105,6 +106,11 @@ class Record:
         return len(self.columns["t"])
 
     @property
+    def log(self) -> Log:
+        """What was measured and commanded; the record must have a row."""
+        return Log(*(self.columns[name] for name in ("t", "q", "v", "u")))
+
+    @property
     def rivals(self) -> list[str]:
         """Names of the other identifiers in the record."""
         prefix = "theta_hat_"
@@ -132,8 +138,9 @@ class Record:
                 except (pa.ArrowInvalid, OSError):
                     complete = False  # cut in the middle of a batch: what came before is good
                 table = pa.Table.from_batches(batches, schema)
-                columns = {field.name: _column(table.column(field.name), field.type)
-                           for field in schema}  # fmt: skip
+                columns = {
+                    field.name: _column(table.column(field.name), field.type) for field in schema
+                }
             metadata = json.loads((schema.metadata or {})[b"nsaid"])
         except (pa.ArrowException, OSError) as error:
             raise BadRun(

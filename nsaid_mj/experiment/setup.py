@@ -1,12 +1,17 @@
-"""What a scenario is made of before its first step: plant, prior, identifiers.
+"""From a scenario to what moves and what identifies: the one place that wires them together.
+
+A `Setup` holds the simulated plant and the prior θ̂(0), and builds driver, sensors and identifiers,
+each from its own stream of the scenario's seed. Whoever simulates goes through it: a run, its
+held-out trajectory, a comparison of methods, a Monte Carlo study.
 
 The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is drawn
-here, once, as the truth plus a seeded error; no other part of this package reads the truth before
-a run has ended.
+here as the truth plus a seeded error; nothing else in this package reads the truth before a run has
+ended.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -23,11 +28,11 @@ from ..system import SecondOrderSystem
 from .rehearsal import expected_gramian
 from .scenario import Scenario
 
-_REHEARSAL = 60.0  # how long the motion is simulated that designs a gain, at most [s]
+_REHEARSAL = 60.0  # longest motion that is simulated to design a gain [s]
 
 
 class Seeds(NamedTuple):
-    """Independent streams from one seed; adding one at the end changes none before it."""
+    """Independent streams of one seed; a stream added at the end changes none before it."""
 
     truth: np.random.SeedSequence
     prior: np.random.SeedSequence
@@ -43,6 +48,106 @@ class Seeds(NamedTuple):
         return Seeds(*np.random.SeedSequence(seed).spawn(len(Seeds._fields)))
 
 
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A scenario's simulated plant and prior, and whatever else a simulation needs.
+
+    Attributes:
+        scenario: what is simulated.
+        plant: the simulated plant, which holds the truth.
+        prior: (p,) θ̂(0), the truth plus a seeded error.
+    """
+
+    scenario: Scenario
+    plant: Plant
+    prior: Array
+
+    @staticmethod
+    def of(scenario: Scenario) -> Setup:
+        """Builds the plant whose truth the scenario's seed draws, and draws the prior."""
+        seeds = Seeds.of(scenario.seed)
+        plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
+        return Setup(scenario, plant, prior_for(scenario, plant))
+
+    def with_prior_of(self, scenario: Scenario) -> Setup:
+        """The same plant, identified from the prior and by the law of another scenario."""
+        return Setup(scenario, self.plant, prior_for(scenario, self.plant))
+
+    @property
+    def system(self) -> SecondOrderSystem:
+        """The structure that an identifier may know."""
+        return self.plant.system
+
+    @property
+    def seeds(self) -> Seeds:
+        """The streams of the scenario's seed."""
+        return Seeds.of(self.scenario.seed)
+
+    def driver(self) -> Driver:
+        """What drives the plant during the run."""
+        return self._driver(self.seeds.excitation)
+
+    def sensors(self) -> Sensors:
+        """What measures the plant during the run, exact or noisy."""
+        noise = self.scenario.noise if self.scenario.sensors == "noisy" else None
+        return Sensors(noise, np.random.default_rng(self.seeds.sensors))
+
+    def identifiers(self) -> dict[str, Identifier]:
+        """The scenario's own identifier, named "", and its rivals, all from the one prior."""
+        scenario, system, prior = self.scenario, self.system, self.prior
+        levels = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
+
+        @cache
+        def gramian() -> Array:
+            driver, duration = self._driver(self.seeds.rehearsal), scenario.duration
+            return expected_gramian(system, driver, prior, scenario.dt, min(duration, _REHEARSAL))
+
+        return {
+            name: config.build(system, prior, scenario.dt, levels, gramian)
+            for name, config in {"": scenario.identifier, **scenario.rivals}.items()
+        }
+
+    def simulate(self) -> Log:
+        """Drives the plant for the run's duration; call it inside `with plant.running():`.
+
+        Returns:
+            The measurements, fewer where the plant diverges or one is not finite, which is then
+            the last.
+        """
+        return trajectory(self.plant, self.driver(), self.scenario.steps, self.sensors())
+
+    def held_out(self, as_at: float) -> Log | None:
+        """Drives the plant along a trajectory that no identifier has seen, with exact sensors.
+
+        Args:
+            as_at: time of the run at which the plant's actuators are taken [s].
+
+        Returns:
+            None where the plant diverges, as it may where the run did.
+        """
+        driver = self._driver(self.seeds.held_out)
+        steps = max(2, round(self.scenario.held_out / self.scenario.dt))
+        with self.plant.running():
+            log = trajectory(self.plant, driver, steps, as_at=as_at)
+        return log if is_sound(self.plant, log) else None
+
+    def _driver(self, seed: np.random.SeedSequence) -> Driver:
+        rng = np.random.default_rng(seed)
+        return self.scenario.excitation.build(self.system, self.prior, rng)
+
+
+def prior_for(scenario: Scenario, plant: Plant) -> Array:
+    """(p,) the prior that a scenario's seed draws about a plant's truth."""
+    return draw_prior(
+        plant.truth,
+        plant.system.space,
+        scenario.initial_error,
+        scenario.gain_error,
+        np.random.default_rng(Seeds.of(scenario.seed).prior),
+        any(config.in_cone for config in (scenario.identifier, *scenario.rivals.values())),
+    )
+
+
 def draw_prior(
     truth: Array,
     space: ParameterSpace,
@@ -51,7 +156,7 @@ def draw_prior(
     rng: np.random.Generator,
     in_cone: bool = False,
 ) -> Array:
-    """θ̂(0): every parameter off by up to ±error of its size.
+    """θ̂(0): every parameter is off by at most ±error of its size.
 
     The size of a parameter near 0 (a product of inertia) is a tenth of its scale, so that no
     estimate starts out exact.
@@ -60,25 +165,21 @@ def draw_prior(
         truth: (p,) the true θ.
         space: its names and scales.
         error: largest relative error.
-        gain_error: if given, actuator parameters are off by just this share, up and down in turn.
+        gain_error: if given, actuator parameters are off by exactly this share, alternately too
+            large and too small.
         rng: source of the errors.
-        in_cone: whether it must be physical: see `cone.drawn_inside`.
+        in_cone: whether θ̂(0) must be physically consistent: see `cone.drawn_inside`.
     """
     if in_cone:
         prior = drawn_inside(space, truth, error, rng)
-        if gain_error is not None:
-            prior[space.actuators] = _assumed(truth[space.actuators], gain_error)
-        return prior
-    size = np.maximum(np.abs(truth), 0.1 * space.scale)
-    prior = truth + error * size * rng.uniform(-1, 1, len(truth))
+    else:
+        size = np.maximum(np.abs(truth), 0.1 * space.scale)
+        prior = truth + error * size * rng.uniform(-1, 1, len(truth))
     if gain_error is not None:
-        prior[space.actuators] = _assumed(truth[space.actuators], gain_error)
+        gains = truth[space.actuators]
+        sign = np.where(np.arange(len(gains)) % 2, -1, 1)
+        prior[space.actuators] = gains * (1 + gain_error * sign)
     return prior
-
-
-def _assumed(gains: Array, error: float) -> Array:
-    """Gains off by a share, up and down in turn."""
-    return gains * (1 + error * np.where(np.arange(len(gains)) % 2, -1, 1))
 
 
 def trajectory(
@@ -95,44 +196,6 @@ def trajectory(
     return plant.drive(driver, plant.begin(driver, sensors, as_at), steps, sensors)
 
 
-def prepare(scenario: Scenario) -> tuple[Plant, Array, dict[str, Identifier]]:
-    """The plant with its hidden truth, the prior (p,), and the identifiers by name."""
-    plant = plant_for(scenario)
-    prior = draw_for(scenario, plant)
-    return plant, prior, laws_for(scenario, plant.system, prior)
-
-
-def plant_for(scenario: Scenario) -> Plant:
-    """The plant whose truth a scenario's seed draws."""
-    seeds = Seeds.of(scenario.seed)
-    return scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
-
-
-def draw_for(scenario: Scenario, plant: Plant) -> Array:
-    """(p,) the prior that a scenario's seed draws about a plant's truth."""
-    return draw_prior(
-        plant.truth,
-        plant.system.space,
-        scenario.initial_error,
-        scenario.gain_error,
-        np.random.default_rng(Seeds.of(scenario.seed).prior),
-        any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values())),
-    )
-
-
-def laws_for(scenario: Scenario, system: SecondOrderSystem, prior: Array) -> dict[str, Identifier]:
-    """A scenario's identifiers by name, all from one prior (p,)."""
-    noise = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
-    rng = np.random.default_rng(Seeds.of(scenario.seed).rehearsal)
-
-    @cache
-    def gramian() -> Array:
-        driver = scenario.excitation.build(system, prior, rng)
-        return expected_gramian(
-            system, driver, prior, scenario.dt, min(scenario.duration, _REHEARSAL)
-        )
-
-    return {
-        name: config.build(system, prior, scenario.dt, noise, gramian)
-        for name, config in {"": scenario.identifier, **scenario.rivals}.items()
-    }
+def is_sound(plant: Plant, log: Log) -> bool:
+    """Whether a plant that has just been driven did not diverge, and all of its log is finite."""
+    return not plant.diverged and all(np.isfinite(part).all() for part in log)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
 
-from ..evaluation import true_nullspace, true_theta
+from ..evaluation import Truth, nullspace_of
 from ..experiment.loop import Run
 from ..experiment.record import Record
+from ..parameters import Array, ParameterSpace
+from ..resources import atomic_write
 from .forces import COMMANDED, ESTIMATED, Arrows, Rows
-from .layout import blueprint
+from .layout import blueprint, measured_blueprint
 from .scene import Scene
 from .series import Indices, along, curves, shared
 from .text import drawable, result
@@ -24,68 +25,97 @@ _LOOKS = 500  # at what there will be to see, to set up the scene
 _FRAMES, _RATE = 12000, 40.0  # of the robot's motion, and at most so many a second
 
 
-def write(run: Run, summary: dict[str, Any]) -> Path:
+def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
     """Writes a run's recording, whole or not at all.
 
     Args:
         run: a run that has ended, however it did.
         summary: its summary.json.
+        truth: of its plant; None leaves out whatever needs it.
 
     Returns:
         The file.
     """
-    record, plant = run.record, run.plant
-    space = plant.system.space
-    t = record["t"]
-    nullspace, truth = true_nullspace(run), true_theta(run)
+    record, system = run.record, run.system
+    space, t, theta_hat = system.space, record["t"], record["theta_hat"]
+    nullspace = nullspace_of(run, truth)
     rows = spread(len(t), _POINTS)
     frames = spread(len(t), min(_FRAMES, max(2, int((t[-1] - t[0]) * _RATE))))
-    scene = Scene(plant)
+    scene = Scene(system, run.looks)
     some = _rows(record, spread(len(t), _LOOKS))
-    told = shared(space, nullspace.r, truth)
-    kinds = [b for b, place in space if place.start in told]
-    kind = kinds[0].name if kinds else ""
-    if len(kinds) > 1:
-        kind = "actuator parameter" if all(b.actuator for b in kinds) else "parameter"
-    shown = curves(run, nullspace, rows)
-    distances = [c.values.max() for c in shown if c.path.startswith("distance/")]
+    shown = curves(run, nullspace, rows, truth)
     camera = None if scene.empty else scene.camera(some.q, some.v)
     arrows = None
     if camera and scene.vehicle:
-        arrows = Arrows.of(plant.system, camera.size, some, truth)
-    layout = blueprint(
-        space,
-        camera,
-        survey=scene.survey(some.q) if camera and scene.vehicle else None,
-        magnified=arrows.magnified if arrows else None,
-        farthest=max(*distances, 1e-12),
-        shared=kind,
-        rivals=bool(record.rivals),
-        conserves=run.identifiers[""].conserves,
-    )
+        theta = theta_hat[-1] if truth is None else truth.theta
+        arrows = Arrows.of(system, camera.size, some, theta)
+    survey = scene.survey(some.q) if camera and scene.vehicle else None
+    magnified = arrows.magnified if arrows else None
+    conserves = run.identifiers[""].conserves
+    if truth is None:
+        layout = measured_blueprint(
+            space,
+            camera,
+            survey=survey,
+            magnified=magnified,
+            forces=any(c.path.startswith("force/") for c in shown),
+            conserves=conserves,
+        )
+    else:
+        distances = [c.values.max() for c in shown if c.path.startswith("distance/")]
+        layout = blueprint(
+            space,
+            camera,
+            survey=survey,
+            magnified=magnified,
+            farthest=max(*distances, 1e-12),
+            shared=_kind(space, shared(space, nullspace.r, truth.theta)),
+            rivals=bool(record.rivals),
+            conserves=conserves,
+        )
     file = run.folder / FILE
-    partial = file.with_name(f".{FILE}.part")
-    rec = rr.RecordingStream(drawable(f"nsaid_mj {run.folder.resolve().name}"))
-    rec.save(partial, default_blueprint=layout)
-    words = rr.TextDocument(result(run, summary), media_type=rr.MediaType.MARKDOWN)
-    rec.log("result", words, static=True)
-    scene.log_shapes(rec, camera, ghost=arrows is not None)
-    scene.log_poses(rec, t[frames], record["q"][frames])
-    if arrows:
-        drawn, theta_hat = _rows(record, frames), record["theta_hat"][frames]
-        truth = plant.truth_at(t[frames])
-        factor = along(theta_hat / space.scale, truth / space.scale)  # nobody can know it
-        arrows.log_style(rec, COMMANDED, ESTIMATED)
-        arrows.log(rec, COMMANDED, drawn, truth)
-        arrows.log(rec, ESTIMATED, drawn, theta_hat / factor[:, None])
-    for curve in shown:
-        curve.log_style(rec)
-        curve.log_values(rec, t[rows])
-    rec.flush()
-    rec.disconnect()  # writes the file's end
-    with partial.open("rb") as stream:
-        os.fsync(stream.fileno())
-    return partial.replace(file)
+    with atomic_write(file) as partial:
+        rec = rr.RecordingStream(drawable(f"nsaid_mj {run.folder.resolve().name}"))
+        rec.save(partial, default_blueprint=layout)
+        words = rr.TextDocument(result(run, summary), media_type=rr.MediaType.MARKDOWN)
+        rec.log("result", words, static=True)
+        scene.log_shapes(rec, camera, ghost=arrows is not None)
+        scene.log_poses(rec, t[frames], record["q"][frames])
+        if arrows:
+            _log_forces(rec, arrows, _rows(record, frames), theta_hat[frames], truth)
+        for curve in shown:
+            curve.log_style(rec)
+            curve.log_values(rec, t[rows])
+        rec.flush()
+        rec.disconnect()  # writes the file's end
+    return file
+
+
+def _log_forces(
+    rec: rr.RecordingStream, arrows: Arrows, rows: Rows, theta_hat: Array, truth: Truth | None
+) -> None:
+    """Logs the estimated forces at rows, and beside them the commanded ones where they are known.
+
+    Beside the commanded forces the estimated ones are drawn up to the common factor, which nobody
+    can know.
+    """
+    if truth is None:
+        arrows.log_style(rec, ESTIMATED)
+        arrows.log(rec, ESTIMATED, rows, theta_hat)
+        return
+    true, scale = truth.theta_at(rows.t), truth.system.space.scale
+    factor = along(theta_hat / scale, true / scale)
+    arrows.log_style(rec, COMMANDED, ESTIMATED)
+    arrows.log(rec, COMMANDED, rows, true)
+    arrows.log(rec, ESTIMATED, rows, theta_hat / factor[:, None])
+
+
+def _kind(space: ParameterSpace, told: Indices) -> str:
+    """What parameters of these indices are called together, "" where there are none."""
+    kinds = [block for block, place in space if place.start in told]
+    if len(kinds) > 1:
+        return "actuator parameter" if all(b.actuator for b in kinds) else "parameter"
+    return kinds[0].name if kinds else ""
 
 
 def _rows(record: Record, rows: Indices) -> Rows:

@@ -53,27 +53,13 @@ def blueprint(
     else:
         story.append(_log_distance())
     story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
-    told = result()
-    if survey is not None:
-        told = rrb.Horizontal(way(survey), told, column_shares=[2, 3])
-    left: list[rrb.View | rrb.Container] = [told]
-    if camera is not None:
-        left.insert(0, robot(camera, _forces("commanded (white), estimated (orange)", magnified)))
-    overview = rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
-        rrb.Grid(*story, grid_columns=2 if len(story) > 3 else 1),
-        column_shares=[2, 3],
-        name="Overview",
-    )
+    drawn = "commanded (white), estimated (orange)"
+    overview = _overview(camera, survey, drawn, magnified, story)
     certificates = rrb.Grid(
         _log_distance(),
         plot("theta_perp", "Components  θ̄_P⊥  (40)", legend=False),
         plot("lyapunov", "Lyapunov function  V  (66)  [J]"),
-        *(
-            [plot("conserved", "Drift of the conserved  ‖θ̂‖² under Γ⁻¹  (30), relative, log₁₀")]
-            if conserves
-            else []
-        ),
+        *([_conserved()] if conserves else []),
         plot("velocity_rms", "Velocity error, rms over the velocities"),
         plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
         plot("velocity", "Measured velocity  v"),
@@ -82,6 +68,43 @@ def blueprint(
         name="Proof and excitation",
     )
     return _whole(overview, *estimates(space), certificates)
+
+
+def measured_blueprint(
+    space: ParameterSpace,
+    camera: Camera | None,
+    *,
+    survey: Camera | None = None,
+    magnified: Mapping[str, float] | None = None,
+    forces: bool = False,
+    conserves: bool = False,
+) -> rrb.Blueprint:
+    """The arrangement of a run whose truth nobody knows: predictions against measurements.
+
+    Args:
+        space: the parameters.
+        camera: where the robot is seen from; None leaves the 3D view out.
+        survey: where a vehicle's whole way is seen from; None leaves it out.
+        magnified: how many times longer than the others' some actuators' arrows are; None where
+            no forces are drawn.
+        forces: whether the two sides of the force balance are there to be compared.
+        conserves: whether the law's quantity is conserved.
+    """
+    story = [plot("velocity", "Measured velocity  v, predicted  v̂ (pale)")]
+    if forces:
+        story.append(plot("force", "Force that the motion takes, actuators give (pale), under θ̂"))
+    story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
+    story += [_estimate(block.name, False) for block, _ in space if block.actuator][:1]
+    certificates = [
+        plot("velocity_rms", "Velocity error, rms over the velocities"),
+        plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
+        plot("command", "Command  u"),
+    ]
+    if conserves:
+        certificates.insert(0, _conserved())
+    overview = _overview(camera, survey, "estimated (orange)", magnified, story)
+    proof = rrb.Grid(*certificates, grid_columns=2, name="Proof and excitation")
+    return _whole(overview, *estimates(space, judged=False), proof)
 
 
 def live_blueprint(
@@ -209,6 +232,32 @@ def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.Visib
 def result() -> rrb.TextDocumentView:
     """What came out, in words."""
     return rrb.TextDocumentView(origin="/result", name="Result")
+
+
+def _overview(
+    camera: Camera | None,
+    survey: Camera | None,
+    drawn: str,
+    magnified: Mapping[str, float] | None,
+    story: Sequence[rrb.View],
+) -> rrb.Horizontal:
+    """The first page: the robot and the result on the left, the plots that matter on the right."""
+    told: rrb.View | rrb.Container = result()
+    if survey is not None:
+        told = rrb.Horizontal(way(survey), told, column_shares=[2, 3])
+    left: list[rrb.View | rrb.Container] = [told]
+    if camera is not None:
+        left.insert(0, robot(camera, _forces(drawn, magnified)))
+    return rrb.Horizontal(
+        rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
+        rrb.Grid(*story, grid_columns=2 if len(story) > 3 else 1),
+        column_shares=[2, 3],
+        name="Overview",
+    )
+
+
+def _conserved() -> rrb.TimeSeriesView:
+    return plot("conserved", "Drift of the conserved  ‖θ̂‖² under Γ⁻¹  (30), relative, log₁₀")
 
 
 def _log_distance() -> rrb.TimeSeriesView:

@@ -79,7 +79,7 @@ class Live(Observer):
             self._end_server()
 
     def _start(self, plant: Plant) -> None:
-        self._space, self._scene = plant.system.space, Scene(plant)
+        self._space, self._scene = plant.system.space, Scene(plant.system, plant)
         rng = np.random.default_rng(0)  # where the robot may go, as its structure says
         states = [plant.system.random_state(rng) for _ in range(50)]
         q, v, u = (np.array(part) for part in zip(*states, strict=True))
@@ -202,7 +202,7 @@ def _curves(plant: Plant) -> list[Curves]:
         return np.zeros((0, width))
 
     n = plant.system.n
-    found = [Curves("velocity_error", velocity_names(plant), empty(n))]
+    found = [Curves("velocity_error", velocity_names(plant.system), empty(n))]
     found += excitation(empty(1), empty(1))
     for block, _ in plant.system.space:
         found.append(

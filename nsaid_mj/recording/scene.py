@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 import rerun as rr
 
+from ..experiment.loop import Looks
 from ..parameters import Array
-from ..plants import Plant
 from ..system import SecondOrderSystem
 from ..systems.joints import JointTree
 from ..systems.rigid_body import RigidBody
@@ -53,23 +53,25 @@ class Camera:
 
 
 class Scene:
-    """Draws a plant into a recording. It reads no true value: shapes and poses only.
+    """Draws a robot into a recording. It reads no true value: shapes and poses only.
 
     Args:
-        plant: what is drawn.
+        system: the robot's structure; the skeleton of its joints is drawn where it has no meshes.
+        looks: its meshes and where they are; None where nobody has them.
 
     Attributes:
         vehicle: whether a body moves freely, in space, in the plane or up and down.
     """
 
-    def __init__(self, plant: Plant):
-        self._plant, self._meshes = plant, plant.visuals()
-        self._rigid = isinstance(plant.system, RigidBody | ScalarVehicle)  # its meshes are one
+    def __init__(self, system: SecondOrderSystem, looks: Looks | None):
+        self._system, self._looks = system, looks
+        self._meshes = looks.visuals() if looks is not None else []
+        self._rigid = isinstance(system, RigidBody | ScalarVehicle)  # its meshes are one
         home = BODY if self._rigid else ROBOT
         self._paths = [f"{home}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
-        tree = plant.system if isinstance(plant.system, JointTree) else None
+        tree = system if isinstance(system, JointTree) else None
         self._skeleton = tree.model if tree and not self._meshes else None
-        self.vehicle = len(body_axes(plant.system)) > 0
+        self.vehicle = len(body_axes(system)) > 0
         self._place = np.zeros((0, 3))  # (1, 3) where a vehicle was when it was last drawn
 
     @property
@@ -106,7 +108,7 @@ class Scene:
         if camera is None:
             return
         if self._rigid:
-            self._log_meshes(rec, [], self._plant.position(np.zeros((1, self._plant.system.n))))
+            self._log_meshes(rec, [], self._system.position(np.zeros((1, self._system.n))))
         if self._skeleton is not None:
             width = 0.015 * camera.size
             links = rr.LineStrips3D.from_fields(colors=[_BONE], radii=[width])
@@ -120,7 +122,7 @@ class Scene:
                 rec.log(path, way, static=True)
             centre = rr.Points3D([camera.centre], colors=[_LAST_WAY], radii=[0.01 * camera.size])
             rec.log(CENTRE, centre, static=True)  # the eye can follow nothing but what is drawn
-        elif camera.ground < 0 and isinstance(self._plant.system, JointTree):
+        elif camera.ground < 0 and isinstance(self._system, JointTree):
             stand = rr.Cylinders3D(  # an arm that reaches below its foot stands on something
                 lengths=[-camera.ground],
                 radii=[0.045 * camera.size],
@@ -151,7 +153,7 @@ class Scene:
 
     def _log_meshes(self, rec: rr.RecordingStream, time: list[rr.TimeColumn], q: Array) -> None:
         """Logs the meshes' poses at positions q (k, m); without a time once and for all."""
-        translations, quaternions = self._plant.poses(q)
+        translations, quaternions = self._poses(q)
         for i, path in enumerate(self._paths):
             pose = rr.Transform3D.columns(
                 translation=translations[:, i], quaternion=quaternions[:, i]
@@ -160,7 +162,7 @@ class Scene:
 
     def _log_body(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
         """Logs where a vehicle is, and the step from where it was: a view shows many of them."""
-        places, quaternions = base_poses(self._plant.system, q)
+        places, quaternions = base_poses(self._system, q)
         pose = rr.Transform3D.columns(translation=places, quaternion=quaternions)
         rec.send_columns(BODY, [rr.TimeColumn("sim_time", duration=t)], pose)
         stops = np.vstack([self._place, places])
@@ -188,10 +190,10 @@ class Scene:
         if not self.vehicle:
             away, ground = 1.6 * size, min(0.0, lowest) if lowest < 0.2 * size else 0.0
             return Camera(target + away * EYE, target, size, ground, rounded(size / 5))
-        places, attitudes = base_poses(self._plant.system, q[:1])
+        places, attitudes = base_poses(self._system, q[:1])
         back = attitudes * [-1, -1, -1, 1]
         centre = tuple(_rotate(back, target - places)[0, 0].tolist())
-        linear = v[:, : len(body_axes(self._plant.system))]
+        linear = v[:, : len(body_axes(self._system))]
         speed = float(np.sqrt(np.mean(np.sum(linear**2, axis=1))))
         trail = float(np.clip(_TRAIL * size / max(speed, 1e-9), _SHORTEST, _LONGEST))
         grid = rounded(max(2 * size, (target[2] - lowest) / 5))
@@ -199,7 +201,7 @@ class Scene:
 
     def survey(self, q: Array) -> Camera:
         """A view of a vehicle's whole way over positions q (k, m)."""
-        places = base_poses(self._plant.system, q)[0]
+        places = base_poses(self._system, q)[0]
         low, high = places.min(axis=0), places.max(axis=0)
         target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
         ground = float(self._reach(q)[:, 2].min())
@@ -209,7 +211,7 @@ class Scene:
         """(…, 3) corners of the meshes' boxes, or the joints, at positions q (k, m)."""
         if self._skeleton is not None:
             return self._bones(q).reshape(-1, 3)
-        translations, quaternions = self._plant.poses(q)
+        translations, quaternions = self._poses(q)
         points = []
         for i, mesh in enumerate(self._meshes):
             low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -217,6 +219,12 @@ class Scene:
             turned = _rotate(quaternions[:, i], corners)
             points.append((turned + translations[:, i, None]).reshape(-1, 3))
         return np.concatenate(points) if points else np.zeros((1, 3))
+
+    def _poses(self, q: Array) -> tuple[Array, Array]:
+        """Translations and quaternions of the meshes at positions q (k, m)."""
+        if self._looks is None:
+            return np.zeros((len(q), 0, 3)), np.zeros((len(q), 0, 4))
+        return self._looks.poses(q)
 
     def _bones(self, q: Array) -> Array:
         """(k, bones, 2, 3) segments from every joint to the frames that hang on it [m]."""

@@ -20,7 +20,7 @@ def result(run: Run, summary: dict[str, Any]) -> str:
     """The text of a run that has ended.
 
     Args:
-        run: the run.
+        run: a run that has ended.
         summary: its summary.json.
     """
     r, p = summary["r"], summary["p"]
@@ -31,18 +31,14 @@ def result(run: Run, summary: dict[str, Any]) -> str:
         f"{summary['sim_s']:.4g} s, {summary['sensors']} sensors. "
         f"**{p - r} of {p}** directions of θ can be known from motion, **{r}** cannot.",
         "",
-        *(
-            [f"Not in the structure: {'; '.join(summary['mismatch'])}.", ""]
-            if summary["mismatch"]
-            else []
-        ),
-        *([f"Fault: {summary['fault']}.", ""] if summary["fault"] else []),
+        *_conditions(summary),
         f"| | {' | '.join(identifiers)} |",
         "|---|" + "---|" * len(identifiers),
     ]
     for label, key, unit in FIGURES:
-        cells = " | ".join(figure(s[key], unit) for s in identifiers.values())
-        lines.append(f"| {label} | {cells} |")
+        if any(key in s for s in identifiers.values()):
+            cells = " | ".join(figure(s.get(key), unit) for s in identifiers.values())
+            lines.append(f"| {label} | {cells} |")
     if summary["status"] != "completed":
         lines[2:2] = [
             f"**Ended at t = {summary['status_time']:.4g} s** {summary['status_signal']}. "
@@ -52,6 +48,18 @@ def result(run: Run, summary: dict[str, Any]) -> str:
     lines += ["", "### What motion cannot tell, and what would", ""]
     lines += [f"- **{what}**: {fix}" for what, fix in unobservable_lines(summary)]
     return drawable("\n".join(lines) + "\n")
+
+
+def _conditions(summary: dict[str, Any]) -> list[str]:
+    """What the plant did that the structure does not know, as far as anybody knows."""
+    if "mismatch" not in summary:
+        return ["The true θ is not known: the estimate is judged by what it predicts.", ""]
+    lines = []
+    if summary["mismatch"]:
+        lines += [f"Not in the structure: {'; '.join(summary['mismatch'])}.", ""]
+    if summary["fault"]:
+        lines += [f"Fault: {summary['fault']}.", ""]
+    return lines
 
 
 def drawable(text: str) -> str:

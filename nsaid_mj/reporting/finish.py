@@ -28,14 +28,15 @@ def finish(run: Run, progress: bool = False) -> dict[str, Any]:
         progress: say on the terminal what is being done.
     """
     with Console(stderr=True, quiet=not progress).status("judging the estimate"):
-        summary = evaluation.summarize(run)
+        truth = evaluation.truth_of(run)
+        summary = evaluation.summarize(run, truth)
         write_json(run.folder / SUMMARY, summary)
         write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
     if not len(run.record):
         return summary  # nothing to show
     with Console(stderr=True, quiet=not progress).status("writing recording and report"):
-        recording.write(run, summary)
-        report.write(run, summary)
+        recording.write(run, summary, truth)
+        report.write(run, summary, truth)
     return summary
 
 
@@ -92,10 +93,10 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
         at = f"at t = {summary['status_time']:.4g} s"
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
         console.print(f"  [red]ended early[/red] {at}{signal}. {summary['status_remedy']}")
-    if summary["mismatch"]:
+    if summary.get("mismatch"):
         words = "; ".join(summary["mismatch"])
         console.print(f"  not in the structure: {words}", soft_wrap=True)
-    if summary["fault"]:
+    if summary.get("fault"):
         console.print(f"  fault: {summary['fault']}", soft_wrap=True)
     identifiers = {evaluation.OWN: summary, **summary["rivals"]}
     table = Table(box=None, pad_edge=False, padding=(0, 2))
@@ -103,8 +104,9 @@ def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
     for identifier in identifiers:
         table.add_column(identifier, justify="right")
     for label, key, unit in evaluation.FIGURES:
-        cells = (evaluation.figure(s[key], unit) for s in identifiers.values())
-        table.add_row("  " + label, *cells)
+        if any(key in s for s in identifiers.values()):
+            cells = (evaluation.figure(s.get(key), unit) for s in identifiers.values())
+            table.add_row("  " + label, *cells)
     console.print(table)
     for line in evaluation.confidence_lines(summary):
         console.print(f"  {line}", soft_wrap=True)

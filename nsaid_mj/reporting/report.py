@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import evaluation
+from ..evaluation import Truth
 from ..experiment.loop import Run
 from ..resources import write_text
 from .charts import Chart, svg
@@ -16,6 +17,9 @@ from .charts import Chart, svg
 FILE = "report.html"
 _POINTS = 1500  # of a curve
 _COLOURS = ("#0b6e99", "#d9480f", "#5f3dc4", "#2b8a3e", "#c2255c")
+
+_SCALED = """ For comparison it is scaled by the one factor that brings it nearest to the truth in
+θ/scale."""
 
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1c2733;max-width:68rem;
@@ -30,18 +34,24 @@ code{background:#f0f4f7;padding:.1rem .3rem;border-radius:3px}
 """
 
 
-def write(run: Run, summary: dict[str, Any]) -> Path:
-    """Writes a run's report.html, whole or not at all, and returns its path."""
+def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
+    """Writes a run's report.html, whole or not at all, and returns its path.
+
+    Args:
+        run: a run that has ended, however it did.
+        summary: its summary.json.
+        truth: of its plant; None leaves out whatever needs it.
+    """
     name = html.escape(run.folder.name)
     ended = "" if summary["status"] == "completed" else (
         f'<p class="bad">Ended early: {html.escape(summary["status"])} at t = '
         f'{summary["status_time"]:.4g} s {html.escape(summary["status_signal"])}. '
         f'{html.escape(summary["status_remedy"])}</p>'
     )  # fmt: skip
-    mismatch = "".join(f"<li>{html.escape(words)}</li>" for words in summary["mismatch"])
+    mismatch = "".join(f"<li>{html.escape(words)}</li>" for words in summary.get("mismatch", []))
     if mismatch:
         ended += f"<h2>What the structure does not know</h2><ul>{mismatch}</ul>"
-    if summary["fault"]:
+    if summary.get("fault"):
         ended += f"<h2>Fault</h2><p>{html.escape(summary['fault'])}</p>"
     versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())
     page = f"""<!doctype html><html lang="en"><meta charset="utf-8">
@@ -51,10 +61,9 @@ def write(run: Run, summary: dict[str, Any]) -> Path:
 {summary["p"]} parameters, {summary["sim_s"]:.4g} s simulated in {summary["wall_s"]:.1f} s,
 {html.escape(summary["sensors"])} sensors, seed {summary["seed"]}</p>{ended}
 <h2>What was found</h2>{_figures(summary)}
-<h2>How it went</h2>{_curves(run)}
+<h2>How it went</h2>{_curves(run, truth)}
 {_confidence(summary)}<h2>What cannot be known</h2>{_unobservable(summary)}
-<h2>Parameters</h2><p>An estimate is right up to the directions above; for comparison it is
-scaled by the one factor that brings it nearest to the truth in θ/scale.</p>
+<h2>Parameters</h2><p>An estimate is right up to the directions above.{_SCALED if truth else ""}</p>
 <div class="scroll">{_parameters(summary)}</div>
 <h2>To run it again</h2><p>{html.escape(versions)};
 scenario {summary["scenario_hash"]} in <code>scenario.json</code>; all figures in
@@ -71,40 +80,50 @@ def _figures(summary: dict[str, Any]) -> str:
     head = "".join(f"<th>{html.escape(name)}</th>" for name in identifiers)
     body = "".join(
         f"<tr><td>{label}</td>"
-        + "".join(f"<td>{evaluation.figure(s[key], unit)}</td>" for s in identifiers.values())
+        + "".join(f"<td>{evaluation.figure(s.get(key), unit)}</td>" for s in identifiers.values())
         + "</tr>"
         for label, key, unit in evaluation.FIGURES
+        if any(key in s for s in identifiers.values())
     )
     drift = summary["conserved_drift"]
+    drifted = "–" if drift is None else f"{drift:.1e}"
     checks = (
-        f"<p>The Lyapunov function rose beyond the integrator's bound in "
-        f"{summary['lyapunov_violations']} steps; the conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by "
-        f"{'–' if drift is None else f'{drift:.1e}'}. Excitation: ε₀ of (75) at least "
-        f"{summary['pe_level_perp']:.2g} N·m·s, of (2) {summary['pe_level']:.2g} N·m·s.</p>"
+        f"<p>The conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by {drifted}. Excitation: ε₀ of (2) at least "
+        f"{summary['pe_level']:.2g} N·m·s.</p>"
     )
+    if "lyapunov_violations" in summary:
+        checks = (
+            f"<p>The Lyapunov function rose beyond the integrator's bound in "
+            f"{summary['lyapunov_violations']} steps; the conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by "
+            f"{drifted}. Excitation: ε₀ of (75) at least "
+            f"{summary['pe_level_perp']:.2g} N·m·s, of (2) {summary['pe_level']:.2g} N·m·s.</p>"
+        )
     return f"<table><tr><th></th>{head}</tr>{body}</table>{checks}"
 
 
-def _curves(run: Run) -> str:
+def _curves(run: Run, truth: Truth | None) -> str:
     """The run's curves, as SVG."""
     record = run.record
     k = slice(None, None, max(1, len(record) // _POINTS))
-    t, truth = record["t"][k], run.plant.truth_at(record["t"][k])
+    t = record["t"][k]
     distance = Chart("‖θ̄_P⊥‖ / ‖θ̂‖", "distance to the true set", logarithmic=True)
-    gains = Chart("k̂/k over its mean", "actuator gains, up to the common scale: 1 is right")
     error = Chart("rms Δv [rad/s or m/s]", logarithmic=True)
-    energy = Chart("Lyapunov function V [J]", logarithmic=True)
     for name, colour in zip(["", *record.rivals], _COLOURS, strict=False):
         suffix, label = (f"_{name}", name) if name else ("", evaluation.OWN)
-        ratio = evaluation.distance(run, t, record[f"theta_hat{suffix}"][k])
-        distance.add(t, ratio, colour, label if record.rivals else "")
+        if truth is not None:
+            ratio = truth.distance(t, record[f"theta_hat{suffix}"][k])
+            distance.add(t, ratio, colour, label if record.rivals else "")
         dv = record[f"v_hat{suffix}"][k] - record["v"][k]
         error.add(t[1:], np.sqrt(np.mean(dv[1:] ** 2, axis=1)), colour)
-    actuators = run.plant.system.space.actuators
-    ratio = record["theta_hat"][k][:, actuators] / truth[:, actuators]
+    if truth is None:
+        return svg([error])
+    gains = Chart("k̂/k over its mean", "actuator gains, up to the common scale: 1 is right")
+    actuators = run.system.space.actuators
+    ratio = record["theta_hat"][k][:, actuators] / truth.theta_at(t)[:, actuators]
     for share in (ratio / ratio.mean(axis=1, keepdims=True)).T:
         gains.add(t, share)
-    energy.add(t, evaluation.energy(run)[k], _COLOURS[0])
+    energy = Chart("Lyapunov function V [J]", logarithmic=True)
+    energy.add(t, evaluation.energy(run, truth)[k], _COLOURS[0])
     return svg([distance, gains, error, energy])
 
 
@@ -145,15 +164,19 @@ def _unobservable(summary: dict[str, Any]) -> str:
 
 def _parameters(summary: dict[str, Any]) -> str:
     rows = summary["parameters"]
-    true, estimate, scale = (np.array([row[key] for row in rows])
-                             for key in ("true", "estimate", "scale"))  # fmt: skip
-    s, h = true / scale, estimate / scale
-    factor = (s @ h) / (h @ h)
+    judged, factor = "true" in rows[0], 1.0
+    if judged:
+        true, estimate, scale = (
+            np.array([row[key] for row in rows]) for key in ("true", "estimate", "scale")
+        )
+        s, h = true / scale, estimate / scale
+        factor = (s @ h) / (h @ h)
     body = "".join(
         f"<tr><td>{html.escape(row['name'])}</td><td>{html.escape(row['unit'])}</td>"
         f"<td>{row['prior'] * factor:.4g}</td><td>{row['estimate'] * factor:.4g}</td>"
-        f"<td>{row['true']:.4g}</td></tr>"
+        + (f"<td>{row['true']:.4g}</td></tr>" if judged else "</tr>")
         for row in rows
     )
-    head = "<tr><th>parameter</th><th>unit</th><th>at first</th><th>estimate</th><th>true</th></tr>"
+    head = "<tr><th>parameter</th><th>unit</th><th>at first</th><th>estimate</th>"
+    head += "<th>true</th></tr>" if judged else "</tr>"
     return f"<table>{head}{body}</table>"

@@ -12,11 +12,9 @@ from ..baselines import BATCH
 from ..identifiers import NullspaceAID
 
 PRIOR = "prior"
-"""The estimate that has seen nothing, judged beside the methods."""
-
+"""The prior itself, judged beside the methods."""
 
 LAWS: tuple[str, ...] = get_args(get_type_hints(NullspaceAID)["law"])
-
 
 METHODS = ("conventional", *LAWS, *BATCH, "sysid")
 DEFAULT = METHODS[:-1]  # all that take seconds
@@ -40,8 +38,9 @@ class Cell:
         noise: multiple of the scenario's sensor noise.
         duration: of the log [s].
         theta_perp_ratio: as in summary.json; None, as those below, where the method failed.
-        actuator_ratio_error: the same.
-        force_residual_ratio: the same; None too where the plant has no later trajectory.
+        actuator_ratio_error: as in summary.json.
+        force_residual_ratio: as in summary.json; None too where the plant diverges on the
+            held-out trajectory.
         wall_s: what the method took, forming its regressors included [s].
         note: what it chose by itself.
         failure: why it failed, "" where it did not.
@@ -72,9 +71,9 @@ class Row:
         method: its name.
         noise: multiple of the scenario's sensor noise.
         duration: of the log [s].
-        median: by key of `FIGURES`.
-        worst: the same.
-        best: the same.
+        median: median over the seeds, by key of `FIGURES`.
+        worst: largest over the seeds, by key of `FIGURES`.
+        best: smallest over the seeds, by key of `FIGURES`.
         failures: why it failed, one for each seed that did.
         notes: what it chose by itself, each once.
     """
@@ -98,16 +97,21 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
     order = (PRIOR, *METHODS)
     for noise, duration, method in sorted(groups, key=lambda k: (*k[:2], order.index(k[2]))):
         group = groups[noise, duration, method]
-        values = {key: np.array([_number(getattr(cell, key)) for cell in group])
-                  for _, key in FIGURES}  # fmt: skip
-        found.append(Row(
-            method, noise, duration,
-            {key: float(np.median(v)) for key, v in values.items()},
-            {key: float(np.max(v)) for key, v in values.items()},
-            {key: float(np.min(v)) for key, v in values.items()},
-            tuple(cell.failure for cell in group if cell.failure),
-            tuple(dict.fromkeys(cell.note for cell in group if cell.note)),
-        ))  # fmt: skip
+        values = {
+            key: np.array([_number(getattr(cell, key)) for cell in group]) for _, key in FIGURES
+        }
+        found.append(
+            Row(
+                method,
+                noise,
+                duration,
+                median={key: float(np.median(v)) for key, v in values.items()},
+                worst={key: float(np.max(v)) for key, v in values.items()},
+                best={key: float(np.min(v)) for key, v in values.items()},
+                failures=tuple(cell.failure for cell in group if cell.failure),
+                notes=tuple(dict.fromkeys(cell.note for cell in group if cell.note)),
+            )
+        )
     return found
 
 

@@ -26,15 +26,13 @@ from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
 from ..baselines.sysid import BUDGET, sysid
 from ..errors import BadRun, InvalidInput, NoEstimate, NsaidError, UnknownName
-from ..experiment.loop import Cost, Ending, Run
-from ..experiment.record import Record
 from ..experiment.scenario import Scenario
-from ..experiment.setup import Seeds, prepare, trajectory
+from ..experiment.setup import Setup, is_sound
 from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT
-from ..plants import Sensors
 from ..resources import write_json, write_text
 from .cells import DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
+from .study import Study
 
 _HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gains' shares", "force residual", "time [s]")
 
@@ -42,19 +40,24 @@ FILES = ("compare.json", "compare.csv")
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Study):
     """What is compared on what.
 
     Attributes:
+        script: the scenario's packed name, or its script's path.
         scenario: the plant, its excitation, and the gains of our identifiers.
+        arguments: flags of `nsaid run` that made the scenario.
         methods: names; see `METHODS`.
         seeds: of truth, prior, excitation and sensors.
         durations: how much of the log a method gets [s].
         noises: multiples of the scenario's sensor noise; 0 is exact sensors.
-        budget: at most so many seconds for the search of `sysid`.
+        budget: search time of `sysid`, at most [s].
+
+    Raises:
+        UnknownName: a method is not known.
+        InvalidInput: there is nothing to compare, or a value cannot be used.
     """
 
-    scenario: Scenario
     methods: tuple[str, ...] = DEFAULT
     seeds: tuple[int, ...] = (0, 1, 2)
     durations: tuple[float, ...] = (10.0, 20.0)
@@ -82,18 +85,29 @@ class Plan:
         if not all(np.isfinite(d) and d >= shortest for d in self.durations):
             raise InvalidInput("durations", f"times ≥ {shortest:g} s", self.durations, "Longer.")
 
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What the results depend on; JSON, the scenario as text."""
+        return self.manifest_of(
+            methods=list(self.methods),
+            seeds=list(self.seeds),
+            durations=list(self.durations),
+            noises=list(self.noises),
+            budget=self.budget,
+        ) | {"scenario": self.scenario.to_json()}
 
-def compare(plan: Plan, told: Callable[[str], None] = lambda _: None) -> Iterator[Cell]:
+
+def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Cell]:
     """Yields the cells of a comparison as they are known.
 
     Args:
         plan: what is compared.
-        told: gets what is being done, in words.
+        report: is called with what is being done, in words.
     """
     warm = False
     for seed in plan.seeds:
         for noise in plan.noises:
-            told(f"seed {seed}, {sensors(noise)}: driving the plant")
+            report(f"seed {seed}, {sensors(noise)}: driving the plant")
             names = (PRIOR, *plan.methods)
             try:
                 world = World(plan, seed, noise)
@@ -106,12 +120,12 @@ def compare(plan: Plan, told: Callable[[str], None] = lambda _: None) -> Iterato
                 warm = True
             for duration in plan.durations:
                 for name in names:
-                    told(f"seed {seed}, {sensors(noise)}, {duration:g} s: {name}")
+                    report(f"seed {seed}, {sensors(noise)}, {duration:g} s: {name}")
                     yield world.cell(name, duration)
 
 
 class World:
-    """One driven plant: its log, the prior, the methods, and who judges.
+    """One driven plant: its log, the methods that get it, and the truth that judges them.
 
     Raises:
         NsaidError: it cannot be built, or diverges.
@@ -120,22 +134,17 @@ class World:
     def __init__(self, plan: Plan, seed: int, noise: float):
         self._key = seed, noise
         scenario = _scenario(plan, seed, noise)
-        plant, prior, identifiers = prepare(scenario)
-        seeds = Seeds.of(seed)
-        driver = scenario.excitation.build(
-            plant.system, prior, np.random.default_rng(seeds.excitation)
-        )
-        sensors = Sensors(scenario.noise if noise else None, np.random.default_rng(seeds.sensors))
+        self._setup = setup = Setup.of(scenario)
+        plant, identifiers = setup.plant, setup.identifiers()
         with plant.running():
-            log = trajectory(plant, driver, scenario.steps, sensors)
-        if plant.diverged or not all(np.isfinite(part).all() for part in log):
+            log = setup.simulate()
+        if not is_sound(plant, log):
             raise NoEstimate(f"the plant diverged ({plant.diverged})", "Take a smaller dt.")
-        self._problem = Problem(plant.system, log, prior, scenario.noise.levels if noise else EXACT)
-        self._run = Run(scenario, Path(), Record({"t": log.t}, {}, True), plant, prior, {}, {},
-                        Ending(), Cost())  # fmt: skip
+        levels = scenario.noise.levels if noise else EXACT
+        self._problem = Problem(setup.system, log, setup.prior, levels)
         self._judges: dict[bool, evaluation.Judge] = {}
         self._methods: dict[str, Method] = {
-            **{name: partial(follow, law) for name, law in identifiers.items() if name},
+            **{name: partial(follow, i) for name, i in identifiers.items() if name},
             **{name: method for name, method in BATCH.items() if name in plan.methods},
             PRIOR: lambda problem: Estimate(problem.prior),
             "sysid": lambda problem: Estimate(*sysid(problem, plan.budget)),
@@ -164,10 +173,10 @@ class World:
 
     def _judge(self, duration: float) -> evaluation.Judge:
         """The judge of estimates at a time of the run: a fault may change the truth."""
-        run = replace(self._run, ending=Ending(time=duration))
-        struck = bool(run.plant.struck(duration))
+        truth = evaluation.Truth(self._setup, duration)
+        struck = bool(truth.struck(duration))
         if struck not in self._judges:
-            self._judges[struck] = evaluation.Judge(run)
+            self._judges[struck] = evaluation.Judge(truth)
         return self._judges[struck]
 
 
@@ -202,7 +211,7 @@ def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
 def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
     """A method's estimate, or None and why there is none."""
     try:
-        with np.errstate(all="ignore"):  # an estimate that is not finite is told as a failure
+        with np.errstate(all="ignore"):  # an estimate that is not finite counts as a failure
             estimate = method(problem)
     except NsaidError as error:
         return None, str(error)
@@ -224,13 +233,8 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / FILES[0], {
-            "scenario": plan.scenario.to_json(),
-            "methods": list(plan.methods), "seeds": list(plan.seeds),
-            "durations": list(plan.durations), "noises": list(plan.noises),
-            "budget": plan.budget, "versions": evaluation.versions(),
-            "cells": [asdict(cell) for cell in cells],
-        })  # fmt: skip
+        document = plan.manifest | {"cells": [asdict(cell) for cell in cells]}
+        write_json(folder / FILES[0], document)
         stream = io.StringIO()
         writer = csv.DictWriter(stream, [f.name for f in fields(Cell)], lineterminator="\n")
         writer.writeheader()
@@ -242,7 +246,7 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
         ) from error
 
 
-def tell(cells: Sequence[Cell], console: Console) -> None:
+def print_table(cells: Sequence[Cell], console: Console) -> None:
     """Prints one table: the median over the seeds, and the worst in brackets; then what failed."""
     several = len({cell.seed for cell in cells}) > 1
     roomy = console.width >= 110
@@ -259,14 +263,16 @@ def tell(cells: Sequence[Cell], console: Console) -> None:
             section = row.noise, row.duration
             table.add_row(f"[bold]{sensors(row.noise)}, {row.duration:g} s[/bold]")
         shown = [
-            _told(row.median[key])
-            + (f" ({_told(row.worst[key])})" if several and key != "wall_s" else "")
+            _digits(row.median[key])
+            + (f" ({_digits(row.worst[key])})" if several and key != "wall_s" else "")
             for _, key in FIGURES
         ]
         table.add_row(f"  {row.method}", *shown, *(["; ".join(row.notes)] if roomy else []))
         if row.failures:
-            failures.append(f"  {row.method}, {sensors(row.noise)}, {row.duration:g} s, failed on "
-                            f"{len(row.failures)} seed(s): {row.failures[0]}")  # fmt: skip
+            failures.append(
+                f"  {row.method}, {sensors(row.noise)}, {row.duration:g} s, failed on "
+                f"{len(row.failures)} seed(s): {row.failures[0]}"
+            )
     console.print(table)
     if several:
         console.print("Medians over the seeds, the worst in brackets; a failed seed counts as –.")
@@ -274,7 +280,7 @@ def tell(cells: Sequence[Cell], console: Console) -> None:
         console.print(line, soft_wrap=True, markup=False)
 
 
-def _told(value: float) -> str:
+def _digits(value: float) -> str:
     """Two digits, without the zeros of an exponent."""
     if not np.isfinite(value):
         return "–"
@@ -295,10 +301,15 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
     cells: list[Cell] = []
     total = (1 + len(plan.methods)) * len(plan.seeds) * len(plan.durations) * len(plan.noises)
     bar = Progress(
-        TextColumn("{task.description:48}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        console=Console(stderr=True), transient=True, disable=quiet,
-    )  # fmt: skip
-    write(folder, plan, cells)  # before minutes of work, say that it cannot be written
+        TextColumn("{task.description:48}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=quiet,
+    )
+    write(folder, plan, cells)  # a folder that cannot be written is reported before the work
     try:
         with bar:
             task = bar.add_task("", total=total)
@@ -312,7 +323,7 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
         plots = draw(folder, cells)
     if not quiet:
         console = Console(highlight=False)
-        tell(cells, console)
+        print_table(cells, console)
         files: list[Any] = [folder / name for name in FILES] + plots
         console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
     return cells

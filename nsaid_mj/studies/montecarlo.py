@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,24 +26,22 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from .. import evaluation
 from ..errors import BadRun, InvalidInput
+from ..evaluation import Truth, converged_at
 from ..evaluation.figures import actuator_ratio_error
-from ..experiment.library import digest_of
-from ..experiment.loop import DRIFT, ended
+from ..experiment.following import CHECK, Following, due_rows
+from ..experiment.loop import ended
 from ..experiment.scenario import Scenario
-from ..experiment.setup import Seeds, draw_for, laws_for, plant_for, trajectory
+from ..experiment.setup import Setup
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier, side_by_side
 from ..log import Log
-from ..nullspace import Nullspace, structural
 from ..parameters import Array
-from ..plants import Plant, Sensors
 from ..system import Motion
+from .study import Study
 from .sweep import opened, seed_of
-from .sweep_results import MANIFEST, ROWS, TABLE, Group, Row, Sweep, read, told, write_table
-from .sweep_worker import CONVERGED
+from .sweep_results import MANIFEST, ROWS, TABLE, Group, Row, Sweep, digits, read, write_table
 
 FIGURES = {
     "theta_perp_ratio": "distance at end",
@@ -51,40 +49,36 @@ FIGURES = {
     "conserved_drift": "conserved drift",
     "time_to_converge": "converged after [s]",
 }
-"""Columns that are told, and in which words."""
+"""Columns that are printed, and in which words."""
 QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 
-MARK = 0.5  # how often a run is looked at [s]
 _PIECE = 500  # steps, about, that a group of identifiers makes before it looks up
 _GROUP = 16  # identifiers that share a motion, at most
 _PLANTS = 32  # plants whose logs are held at once
 _LINES = 40  # of lost runs on the terminal
 
 Seen = Callable[[float], object]
-"""Called with how many runs, or parts of runs, are done since it was called last."""
+"""Called with the number of runs, or parts of runs, done since the last call."""
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Study):
     """Which runs there are. Draw i is `sweep.seed_of(scenario.seed, i)`, however many there are.
 
     Attributes:
         script: the scenario's packed name, or its script's path.
         scenario: what is run; its seed is the master seed.
+        arguments: flags of `nsaid run` that made the scenario.
         runs: how many.
         shared: one plant and one motion, those of the scenario, and a prior for every draw; else
             draw i is what `nsaid run` makes of its seed, its own truth and motion included.
-        arguments: flags of `nsaid run` that made the scenario.
 
     Raises:
         InvalidInput: there is nothing to run.
     """
 
-    script: str
-    scenario: Scenario
     runs: int
     shared: bool = True
-    arguments: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _at_least_one("runs", self.runs, "256 give distributions.")
@@ -92,17 +86,12 @@ class Plan:
     @property
     def manifest(self) -> dict[str, Any]:
         """What the results depend on: as a sweep's that varies nothing."""
-        return {
-            "script": self.script,
-            "script_sha256": digest_of(self.script),
-            "scenario": json.loads(self.scenario.to_json()),
-            "montecarlo": {"shared": self.shared},
-            "vary": {},
-            "master_seed": self.scenario.seed,
-            "runs": self.runs,
-            "versions": evaluation.versions(),
-            "arguments": list(self.arguments),
-        }
+        return self.manifest_of(
+            montecarlo={"shared": self.shared},
+            vary={},
+            master_seed=self.scenario.seed,
+            runs=self.runs,
+        )
 
 
 @dataclass(eq=False)
@@ -110,36 +99,24 @@ class Course:
     """What a plant did, and its truth, which is read after the fact only.
 
     Attributes:
-        scenario: what was run.
-        plant: that moved.
+        setup: what was simulated.
         log: what was measured, as far as it is sound.
         status: how it ended.
         time: when [s].
     """
 
-    scenario: Scenario
-    plant: Plant
+    setup: Setup
     log: Log
     status: Status
     time: float
 
     def __post_init__(self) -> None:
-        self.system = threading.Lock()  # some work in room of their own: one thread at a time
-
-    @cached_property
-    def truth(self) -> Array:
-        """(p,) the true θ at its end."""
-        return self.plant.truth_at(self.time)
-
-    @cached_property
-    def nullspace(self) -> Nullspace:
-        """P_s(θ) of it."""
-        rng = np.random.default_rng(Seeds.of(self.scenario.seed).structure)
-        return structural(self.plant.system, self.truth, rng)
+        self.workspace = threading.Lock()  # some systems have one workspace: one thread at a time
+        self.truth = Truth(self.setup, self.time)
 
     def ratio(self, theta_hat: Array) -> Array:
-        """(...,) ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (..., p)."""
-        return self.nullspace.ratio(theta_hat / self.plant.system.space.scale)
+        """(...,) ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (..., p) from the true set at the end."""
+        return self.truth.nullspace.ratio(theta_hat / self.setup.system.space.scale)
 
 
 # -- data ------------------------------------------------------------------------------------------
@@ -152,70 +129,49 @@ def simulate(scenarios: Sequence[Scenario], pool: Executor) -> list[Course]:
     `mujoco.rollout` cannot: its initial states leave out userdata, where our callbacks have their
     numbers. `mujoco.batch` gives the same bits as fast, but knows no driver that looks.
     """
-    plants = [plant_for(scenario) for scenario in scenarios]
-    if len({id(plant.passive) for plant in plants}) == 1:  # MuJoCo has one callback for all
-        with plants[0].running():
-            return list(pool.map(_drive, scenarios, plants))
+    setups = [Setup.of(scenario) for scenario in scenarios]
+    if len({id(setup.plant.passive) for setup in setups}) == 1:  # MuJoCo has one callback for all
+        with setups[0].plant.running():
+            return list(pool.map(_drive, setups))
     courses = []
-    for scenario, plant in zip(scenarios, plants, strict=True):
-        with plant.running():
-            courses.append(_drive(scenario, plant))
+    for setup in setups:
+        with setup.plant.running():
+            courses.append(_drive(setup))
     return courses
 
 
-def _drive(scenario: Scenario, plant: Plant) -> Course:
+def _drive(setup: Setup) -> Course:
     """Drives a plant that is running."""
-    seeds, prior = Seeds.of(scenario.seed), draw_for(scenario, plant)
-    driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(seeds.excitation))
-    noise = scenario.noise if scenario.sensors == "noisy" else None
-    sensors = Sensors(noise, np.random.default_rng(seeds.sensors))
-    log = trajectory(plant, driver, scenario.steps, sensors)
-    end = ended(plant, log.at(-1))
+    log = setup.simulate()
+    end = ended(setup.plant, log.at(-1))
     status = end[0] if end else Status.completed
     time = float(log.t[-1])
-    return Course(scenario, plant, log.first(len(log.t) - bool(end)), status, time)
+    return Course(setup, log.first(len(log.t) - bool(end)), status, time)
 
 
 # -- identification --------------------------------------------------------------------------------
 
 
-class Following:
-    """An identifier on its way along a log.
+class Draw:
+    """An identifier on its way along a log, and its estimates at every check.
 
     Attributes:
-        law: the identifier.
-        state: where it is.
-        ended: when it could not go on [s]; None as long as it can.
-        drift: of the conserved quantity, relative, the largest at any mark.
-        marks: times [s] and estimates (p,), every `MARK` seconds.
+        following: the identifier's state along the log.
+        t: times of the checks [s].
+        theta_hat: (p,) estimates at the checks.
     """
 
-    def __init__(self, law: Identifier, log: Log):
-        self.law, self.state = law, law.init(log.at(0))
-        self.ended: float | None = None
-        self.drift = 0.0
-        self.marks = [(self.state.t, self.state.theta_hat)]
-        self._conserved = float(law.conserved(self.state.theta_hat))
+    def __init__(self, identifier: Identifier, log: Log):
+        self.following = Following(identifier, log)
+        self.t = [self.following.state.t]
+        self.theta_hat = [self.following.state.theta_hat]
 
-    def look(self, log: Log, state: State, made: Estimates, marks: np.ndarray) -> None:
-        """Takes what following a stretch has led to; in rows `marks`, as `experiment.run` does."""
-        if state.status is not Status.completed:
-            self.ended = float(log.t[len(made.pivot)])
-        marks = marks[marks < len(made.pivot)]
-        now = self.law.conserved(made.theta_hat[marks]) + made.spent[marks]
-        drift = np.abs(now / self._conserved - 1)
-        wrong = ~(drift <= DRIFT) & self.law.conserves
-        if wrong.any():
-            first = int(np.argmax(wrong))
-            k = int(marks[first])
-            self.ended, marks, drift = float(log.t[k]), marks[: first + 1], drift[: first + 1]
-            state = state._replace(
-                t=self.ended, v_hat=made.v_hat[k].copy(), theta_hat=made.theta_hat[k].copy(),
-                status=Status.adaptation_too_fast,
-            )  # fmt: skip
-        self.state = state
-        self.drift = max(self.drift, float(drift.max(initial=0.0)))
-        self.marks += [(float(log.t[k]), made.theta_hat[k].copy()) for k in marks]
+    def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> None:
+        """Takes over what following a stretch has given; rows `due` are checked and kept."""
+        estimates = self.following.absorb(log, state, estimates, due)
+        due = due[due < len(estimates.pivot)]
+        self.t += [float(t) for t in log.t[due]]
+        self.theta_hat += list(estimates.theta_hat[due].copy())
 
 
 def identify(
@@ -226,7 +182,7 @@ def identify(
     Args:
         course: what the plant did.
         draws: number and scenario of each; the scenario's seed draws the prior.
-        seen: is told of progress.
+        seen: is called as the work proceeds.
     """
     begin, steps = time.perf_counter(), max(1, len(course.log.t) - 1)
     runs = follow(course, [scenario for _, scenario in draws], seen)
@@ -234,79 +190,74 @@ def identify(
     return [_row(*draw, course, run, cost) for draw, run in zip(draws, runs, strict=True)]
 
 
-def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) -> list[Following]:
+def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) -> list[Draw]:
     """The identifiers of scenarios on a course's log, side by side, to its end or their own."""
-    log = course.log
-    with course.system:
-        runs = [Following(_law(scenario, course.plant), log) for scenario in scenarios]
-    every = max(1, round(MARK / course.scenario.dt))
+    log, dt = course.log, course.setup.scenario.dt
+    with course.workspace:
+        runs = [Draw(_identifier(course, scenario), log) for scenario in scenarios]
+    every = max(1, round(CHECK / dt))
     piece, last = every * max(1, round(_PIECE / every)), len(log.t) - 1
     for at in range(0, last, piece):
         part = log.part(at, at + piece + 1)
-        rows = np.arange(1, len(part.t))
-        marks = rows[((at + rows) % every == 0) | (at + rows == last)]
-        going = [run for run in runs if run.ended is None]
+        due = due_rows(at, len(part.t), dt, last)
+        going = [run for run in runs if run.following.ended is None]
         if not going:
             break
-        with course.system:
-            motion = _shared(going[0].law, part)
-        with course.system if motion is None else nullcontext():
-            for run, made in zip(going, _made(going, part, motion), strict=True):
-                run.look(part, *made, marks)
+        with course.workspace:
+            motion = _shared(going[0].following.identifier, part)
+        with course.workspace if motion is None else nullcontext():
+            for run, found in zip(going, _followed(going, part, motion), strict=True):
+                run.absorb(part, *found, due)
         seen(len(runs) * (len(part.t) - 1) / last)
     return runs
 
 
-def _law(scenario: Scenario, plant: Plant) -> Identifier:
-    """A scenario's identifier, about a plant's truth."""
-    prior = draw_for(scenario, plant)
-    return laws_for(replace(scenario, rivals={}), plant.system, prior)[""]
+def _identifier(course: Course, scenario: Scenario) -> Identifier:
+    """A scenario's own identifier, with its prior about the truth of a course's plant."""
+    setup = course.setup.with_prior_of(scenario)
+    return replace(setup, scenario=replace(scenario, rivals={})).identifiers()[""]
 
 
-def _made(
-    runs: Sequence[Following], log: Log, motion: Motion | None
+def _followed(
+    runs: Sequence[Draw], log: Log, motion: Motion | None
 ) -> Iterator[tuple[State, Estimates]]:
-    """What every run's identifier does on a stretch, from where it is."""
+    """What every run's identifier makes of a stretch, from where it is."""
+    following = [run.following for run in runs]
     if motion is None:
-        yield from (run.law.follow(run.state, log) for run in runs)
+        yield from (each.identifier.follow(each.state, log) for each in following)
     else:
-        laws = [run.law for run in runs if isinstance(run.law, NullspaceIdentifier)]
-        yield from side_by_side(laws, [run.state for run in runs], log, motion)
+        laws = [each.identifier for each in following]
+        own = [law for law in laws if isinstance(law, NullspaceIdentifier)]
+        yield from side_by_side(own, [each.state for each in following], log, motion)
 
 
-def _shared(law: Identifier, log: Log) -> Motion | None:
-    """What all identifiers of one kind can share on a log; None for a law that goes its own way."""
-    if isinstance(law, NullspaceIdentifier) and law.memory is None:
-        return law.motion(log)
+def _shared(identifier: Identifier, log: Log) -> Motion | None:
+    """What identifiers of one kind share on a log; None where each goes its own way."""
+    if isinstance(identifier, NullspaceIdentifier) and identifier.memory is None:
+        return identifier.motion(log)
     return None
 
 
-def _row(draw: int, scenario: Scenario, course: Course, run: Following, cost: float) -> Row:
+def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) -> Row:
     """What has become of a run."""
-    status, t = course.status, course.time
-    if run.ended is not None:
-        status, t = run.state.status, run.ended
-    theta = run.state.theta_hat
+    status, t, following = course.status, course.time, run.following
+    if following.ended is not None:
+        status, t = following.state.status, following.ended
+    theta, system, truth = following.state.theta_hat, course.setup.system, course.truth.theta
+    converged = None
+    if status is Status.completed:
+        converged = converged_at(np.array(run.t), course.ratio(np.array(run.theta_hat)))
     return _what(draw, scenario) | {
         "failure": None,
         "status": status.words,
         "status_time": t,
-        "theta_perp_ratio_initial": float(course.ratio(run.marks[0][1])),
+        "theta_perp_ratio_initial": float(course.ratio(run.theta_hat[0])),
         "theta_perp_ratio": float(course.ratio(theta)),
-        "actuator_ratio_error": actuator_ratio_error(course.plant.system, theta, course.truth),
-        "conserved_drift": run.drift if run.law.conserves else None,
-        "time_to_converge": _converged(course, run) if status is Status.completed else None,
+        "actuator_ratio_error": actuator_ratio_error(system, theta, truth),
+        "conserved_drift": following.drift if following.identifier.conserves else None,
+        "time_to_converge": converged,
         "identifier_us_per_step": cost,
     }
-
-
-def _converged(course: Course, run: Following) -> float | None:
-    """From which mark on the distance to the true set stays small [s]; None where it does not."""
-    t, theta = (np.array(part) for part in zip(*run.marks, strict=True))
-    far = np.flatnonzero(course.ratio(theta) > CONVERGED)
-    if not len(far):
-        return float(t[0])
-    return float(t[far[-1] + 1]) if far[-1] + 1 < len(t) else None
 
 
 def _what(draw: int, scenario: Scenario) -> Row:
@@ -324,7 +275,7 @@ def monte_carlo(
     Args:
         scenario: what is run; its seed is the master seed, and its rivals are left out.
         runs: how many.
-        jobs: how many at once; as many as processors where nobody says.
+        jobs: how many at once; None is as many as there are processors.
         shared: see `Plan`.
 
     Returns:
@@ -350,7 +301,7 @@ def _rows(
     try:
         if shared:
             (course,) = simulate([scenario], pool)
-            _ = course.nullspace  # before threads ask for it
+            _ = course.truth.nullspace  # before threads ask for it
             groups = [(course, group) for group in grouped(draws, jobs)]
             yield from _identified(groups, pool, seen)
             return
@@ -403,10 +354,14 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
     known = opened(folder, plan.manifest)
     todo = [number for number in range(plan.runs) if number not in known]
     bar = Progress(
-        TextColumn("{task.description}"), BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} runs"), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True, disable=quiet,
-    )  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} runs"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=quiet,
+    )
     try:
         with bar, (folder / ROWS).open("a", encoding="utf-8") as stream:
             task = bar.add_task(folder.name, total=plan.runs, completed=len(known))
@@ -429,11 +384,15 @@ def quantiles(sweep: Sweep) -> dict[str, dict[str, float]]:
 
     A lost run is worse than any other.
     """
-    last = [row | dict.fromkeys(FIGURES) if row["status"] != Status.completed.words else row
-            for row in sweep.rows]  # fmt: skip
+    last = [
+        row | dict.fromkeys(FIGURES) if row["status"] != Status.completed.words else row
+        for row in sweep.rows
+    ]
     group = Group({}, last)
-    return {key: {name: group.quantile(key, share) for name, share in QUANTILES.items()}
-            for key in FIGURES}  # fmt: skip
+    return {
+        key: {name: group.quantile(key, share) for name, share in QUANTILES.items()}
+        for key in FIGURES
+    }
 
 
 def lost(sweep: Sweep) -> list[Row]:
@@ -448,8 +407,10 @@ def cost(sweep: Sweep) -> float:
 
 def document(sweep: Sweep) -> dict[str, Any]:
     """What `nsaid montecarlo --json` prints."""
-    found = {key: {name: value if np.isfinite(value) else None for name, value in each.items()}
-             for key, each in quantiles(sweep).items()}  # fmt: skip
+    found = {
+        key: {name: value if np.isfinite(value) else None for name, value in each.items()}
+        for key, each in quantiles(sweep).items()
+    }
     columns = ("run", "seed", "status", "status_time")
     return {
         "folder": str(sweep.folder),
@@ -460,24 +421,30 @@ def document(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def tell(sweep: Sweep) -> None:
+def print_summary(sweep: Sweep) -> None:
     """Prints the figures' quantiles, the lost runs, and where the files are."""
     console, gone = Console(highlight=False), lost(sweep)
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for head in ("", *QUANTILES):
         table.add_column(head, justify="right" if head else "left", no_wrap=True)
     for key, each in quantiles(sweep).items():
-        table.add_row(FIGURES[key], *(told(value) for value in each.values()))
+        table.add_row(FIGURES[key], *(digits(value) for value in each.values()))
     shared = sweep.manifest["montecarlo"]["shared"]
     kind = "priors on one motion" if shared else "plants, each with its motion"
     console.print(f"[bold]{sweep.folder.name}[/bold]: {len(sweep.rows)} {kind}, {len(gone)} lost")
     console.print(table)
     for row in gone[:_LINES]:
         again = "" if shared else f"\n    {sweep.command(row)}"
-        console.print(f"  [red]run {row['run']}[/red] (seed {row['seed']}): {row['status']} at "
-                      f"{row['status_time']:.3g} s{again}", soft_wrap=True)  # fmt: skip
+        console.print(
+            f"  [red]run {row['run']}[/red] (seed {row['seed']}): {row['status']} at "
+            f"{row['status_time']:.3g} s{again}",
+            soft_wrap=True,
+        )
     if len(gone) > _LINES:
         console.print(f"  … and {len(gone) - _LINES} more")
-    console.print(f"  identifier {cost(sweep):.2g} µs of a thread per run and step\n"
-                  f"  table      {sweep.folder / TABLE}\n"
-                  f"  plots      nsaid report {sweep.folder}", soft_wrap=True)  # fmt: skip
+    console.print(
+        f"  identifier {cost(sweep):.2g} µs of a thread per run and step\n"
+        f"  table      {sweep.folder / TABLE}\n"
+        f"  plots      nsaid report {sweep.folder}",
+        soft_wrap=True,
+    )

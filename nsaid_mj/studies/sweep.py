@@ -20,12 +20,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from .. import evaluation
 from ..errors import BadRun, InvalidInput
 from ..experiment.fields import field_path, field_value, with_field
-from ..experiment.library import digest_of
 from ..experiment.scenario import Scenario
 from ..resources import write_json
+from .study import Study
 from .sweep_engine import Engine
 from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, read_manifest, read_rows, write_table
 from .sweep_worker import Job
@@ -38,7 +37,7 @@ def seed_of(master: int, draw: int) -> int:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Study):
     """Which runs a sweep is made of: every combination of the varied fields, with every seed.
 
     Run k is draw k // C of combination k % C, of C. A draw has one and the same seed in all
@@ -47,19 +46,16 @@ class Plan:
     Attributes:
         script: the scenario's packed name, or its script's path.
         scenario: what is varied; its seed is the master seed.
+        arguments: flags of `nsaid run` that made the scenario, to repeat a run.
         vary: dotted field to the values it takes.
         seeds: number of draws.
-        arguments: flags of `nsaid run` that made the scenario, to repeat a run.
 
     Raises:
         InvalidInput: there is nothing to run, a value comes twice, or a scenario refuses one.
     """
 
-    script: str
-    scenario: Scenario
     vary: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     seeds: int = 10
-    arguments: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.seeds < 1:
@@ -68,15 +64,17 @@ class Plan:
             if not values or len(set(values)) < len(values):
                 raise InvalidInput(path, "values, none twice", values, "Give each once.")
             if path == "seed":
-                raise InvalidInput("seed", "a field other than the seed", "seed", "--seeds draws; "
-                                   "--seed is the master that they are drawn from.")  # fmt: skip
+                remedy = "--seeds draws; --seed is the master that they are drawn from."
+                raise InvalidInput("seed", "a field other than the seed", "seed", remedy)
         _ = self.scenarios
 
     @cached_property
     def combinations(self) -> list[dict[str, Any]]:
         """The varied fields' values, combination by combination, the last field fastest."""
-        return [dict(zip(self.vary, values, strict=True))
-                for values in itertools.product(*self.vary.values())]  # fmt: skip
+        return [
+            dict(zip(self.vary, values, strict=True))
+            for values in itertools.product(*self.vary.values())
+        ]
 
     @cached_property
     def scenarios(self) -> list[Scenario]:
@@ -103,25 +101,15 @@ class Plan:
         draw, combination = divmod(number, len(self.combinations))
         return replace(self.scenarios[combination], seed=seed_of(self.scenario.seed, draw))
 
-    @cached_property
-    def digest(self) -> str:
-        """Of the script's text."""
-        return digest_of(self.script)
-
     @property
     def manifest(self) -> dict[str, Any]:
         """What the results depend on, and what a reader needs to know of them."""
-        return {
-            "script": self.script,
-            "script_sha256": self.digest,
-            "scenario": json.loads(self.scenario.to_json()),
-            "vary": {path: list(values) for path, values in self.vary.items()},
-            "seeds": self.seeds,
-            "master_seed": self.scenario.seed,
-            "runs": len(self),
-            "versions": evaluation.versions(),
-            "arguments": list(self.arguments),
-        }
+        return self.manifest_of(
+            vary={path: list(values) for path, values in self.vary.items()},
+            seeds=self.seeds,
+            master_seed=self.scenario.seed,
+            runs=len(self),
+        )
 
 
 def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
@@ -154,9 +142,9 @@ def run(
     Args:
         plan: which runs.
         folder: where to write; it is made.
-        engine: who makes them; processes of this machine where nobody is named.
+        engine: makes the runs; None is local processes.
         quiet: show no progress.
-        retry: make runs that have come to no result once more.
+        retry: repeat runs that have no result.
 
     Raises:
         BadRun: the folder cannot be written, or holds another sweep.
@@ -167,10 +155,15 @@ def run(
         known = {number: row for number, row in known.items() if row["failure"] is None}
     longest = max(engine.time(scenario) for scenario in plan.scenarios)
     bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
-        TextColumn("{task.fields[lost]} without result"), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True, disable=quiet,
-    )  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[lost]} without result"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=quiet,
+    )
 
     def job(number: int) -> Job:
         scenario = plan.run(number)
@@ -201,8 +194,11 @@ def opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
             there, wanted = read_manifest(folder), json.loads(json.dumps(manifest))
             differ = [key for key in wanted if key != "arguments" and wanted[key] != there.get(key)]
             if differ:
-                raise BadRun(folder, f"it holds another sweep; {', '.join(differ)} differ",
-                             "Give another folder with --out, or take this one away")  # fmt: skip
+                raise BadRun(
+                    folder,
+                    f"it holds another sweep; {', '.join(differ)} differ",
+                    "Give another folder with --out, or take this one away",
+                )
         else:
             write_json(folder / MANIFEST, manifest)
             (folder / ROWS).write_bytes(b"")

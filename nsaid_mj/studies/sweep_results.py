@@ -18,10 +18,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import BadRun
+from ..resources import atomic_write
 
 MANIFEST, ROWS, TABLE = "manifest.json", "rows.jsonl", "results.parquet"
 FIGURES = ("theta_perp_ratio", "time_to_converge")
-"""Columns whose distributions are told and plotted."""
+"""Columns whose distributions are printed and plotted."""
 QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
 HEADS = ("distance at end", "converged after [s]", "converged", "early", "lost")
 COSTS = ("wall_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step")
@@ -57,11 +58,16 @@ class Sweep:
         """Its runs by the values of some of the varied fields, in the order these were given."""
         values = [self.manifest["vary"][path] for path in fields]
         return [
-            Group(dict(zip(fields, combination, strict=True)),
-                  [row for row in self.rows
-                   if all(row[p] == v for p, v in zip(fields, combination, strict=True))])
+            Group(
+                dict(zip(fields, combination, strict=True)),
+                [
+                    row
+                    for row in self.rows
+                    if all(row[p] == v for p, v in zip(fields, combination, strict=True))
+                ],
+            )
             for combination in itertools.product(*values)
-        ]  # fmt: skip
+        ]
 
     @property
     def lost(self) -> list[Row]:
@@ -131,8 +137,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         if {"vary", "script", "arguments", "runs"} <= found.keys():
             return found
     except FileNotFoundError as error:
-        raise BadRun(folder, f"there is no sweep, for lack of a {MANIFEST}",
-                     "Give the folder that `nsaid sweep` has written") from error  # fmt: skip
+        raise BadRun(
+            folder,
+            f"there is no sweep, for lack of a {MANIFEST}",
+            "Give the folder that `nsaid sweep` has written",
+        ) from error
     except (ValueError, AttributeError):
         pass
     raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Take the folder away")
@@ -157,13 +166,11 @@ def write_table(folder: Path) -> Path:
     """Writes all rows there are as one Parquet table, with the manifest as its metadata."""
     sweep = read(folder)
     names = dict.fromkeys(key for row in sweep.rows for key in row)
-    table = pa.table({name: _column(name, [row.get(name) for row in sweep.rows])
-                      for name in names})  # fmt: skip
+    table = pa.table({name: _column(name, [row.get(name) for row in sweep.rows]) for name in names})
     table = table.replace_schema_metadata({"nsaid": json.dumps(sweep.manifest)})
     path = folder / TABLE
-    unfinished = path.with_name(f".{TABLE}.part")
-    pq.write_table(table, unfinished)
-    unfinished.replace(path)
+    with atomic_write(path) as partial:
+        pq.write_table(table, partial)
     return path
 
 
@@ -190,24 +197,31 @@ def document(sweep: Sweep) -> dict[str, Any]:
                 "values": group.values,
                 "results": len(group.results),
                 "ended_early": len(group.early),
-                **{f"{key}_{name}": _finite(group.quantile(key, share))
-                   for key in FIGURES for name, share in QUANTILES.items()},
+                **{
+                    f"{key}_{name}": _finite(group.quantile(key, share))
+                    for key in FIGURES
+                    for name, share in QUANTILES.items()
+                },
             }
             for group in sweep.groups
         ],
         "failures": [
-            {"run": row["run"], "seed": row["seed"], "failure": row["failure"],
-             "repeat": sweep.command(row)}
+            {
+                "run": row["run"],
+                "seed": row["seed"],
+                "failure": row["failure"],
+                "repeat": sweep.command(row),
+            }
             for row in sweep.lost
         ],
-    }  # fmt: skip
+    }
 
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def tell(sweep: Sweep) -> None:
+def print_summary(sweep: Sweep) -> None:
     """Prints what the combinations have come to, what failed, and where the files are."""
     console = Console(highlight=False)
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
@@ -219,35 +233,41 @@ def tell(sweep: Sweep) -> None:
         table.add_column(head, justify="right", no_wrap=True)
     for group in sweep.groups[:_LINES]:
         table.add_row(*map(str, group.values.values()), *cells(group))
-    console.print(f"[bold]{sweep.folder.name}[/bold]: {len(sweep.rows) - len(sweep.lost)} of "
-                  f"{sweep.manifest['runs']} runs have a result")  # fmt: skip
+    results, runs = len(sweep.rows) - len(sweep.lost), sweep.manifest["runs"]
+    console.print(f"[bold]{sweep.folder.name}[/bold]: {results} of {runs} runs have a result")
     console.print(table)
     console.print(
         "Medians, 5 % and 95 % in brackets, – is never; early: ended before their time; lost: "
-        "without a result.", soft_wrap=True,
-    )  # fmt: skip
+        "without a result.",
+        soft_wrap=True,
+    )
     if len(sweep.groups) > _LINES:
         console.print(f"… and {len(sweep.groups) - _LINES} combinations more")
     for row in sweep.lost[:_LINES]:
-        console.print(f"  [red]run {row['run']}[/red]: {escape(row['failure'])}\n"
-                      f"    {escape(sweep.command(row))}", soft_wrap=True)  # fmt: skip
+        console.print(
+            f"  [red]run {row['run']}[/red]: {escape(row['failure'])}\n"
+            f"    {escape(sweep.command(row))}",
+            soft_wrap=True,
+        )
     if len(sweep.lost) > _LINES:
         console.print(f"  … and {len(sweep.lost) - _LINES} failures more")
-    console.print(f"  table      {sweep.folder / TABLE}\n"
-                  f"  plots      nsaid report {sweep.folder}", soft_wrap=True)  # fmt: skip
+    console.print(
+        f"  table      {sweep.folder / TABLE}\n  plots      nsaid report {sweep.folder}",
+        soft_wrap=True,
+    )
 
 
 def cells(group: Group) -> list[str]:
     """A group's line in a table, under `HEADS`."""
     spreads = []
     for key in FIGURES:
-        low, median, high = (told(group.quantile(key, share)) for share in QUANTILES.values())
+        low, median, high = (digits(group.quantile(key, share)) for share in QUANTILES.values())
         spreads.append(f"{median} ({low}…{high})")
     converged = int(np.isfinite(group.column("time_to_converge")).sum())
     lost = len(group.rows) - len(group.results)
     return [*spreads, f"{converged}/{len(group.results)}", str(len(group.early)), str(lost)]
 
 
-def told(value: float) -> str:
+def digits(value: float) -> str:
     """Two digits, without the zeros of an exponent; – where it is infinite."""
     return f"{value:.2g}".replace("e-0", "e-") if math.isfinite(value) else "–"

@@ -25,10 +25,8 @@ from ..errors import NsaidError
 from ..experiment.library import digest_of
 
 if TYPE_CHECKING:
-    from ..experiment.loop import Run
-
-CONVERGED = 0.01
-"""The distance to the true set below which a run has converged, once it stays there."""
+    from ..evaluation import Truth
+    from ..experiment.loop import SimulatedRun
 
 _START = 300.0  # time that a child has for its imports [s]
 _GRACE = 10.0  # beyond its time a child that nobody watches any more ends itself [s]
@@ -81,9 +79,12 @@ class _Child:
         self._key = job.script, job.digest
         self._process = subprocess.Popen(
             [sys.executable, "-m", "nsaid_mj.studies.sweep_worker"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            env={**os.environ, **_ONE_THREAD}, encoding="utf-8",
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **_ONE_THREAD},
+            encoding="utf-8",
+        )
         atexit.register(self.stop)
         self.fault = self._wait(_START)[1]  # imports are no part of a run's time
 
@@ -194,12 +195,13 @@ def _types_of(script: str) -> None:
     load(script)
 
 
-def figures(run: Run) -> dict[str, Any]:
+def figures(run: SimulatedRun) -> dict[str, Any]:
     """The plain figures of a run's summary by key, dotted where nested, and `time_to_converge`."""
     from .. import evaluation
 
-    summary = evaluation.summarize(run)
-    return {"failure": None, "time_to_converge": time_to_converge(run)} | _plain(summary)
+    truth = evaluation.truth_of(run)
+    converged = {"time_to_converge": time_to_converge(run, truth)}
+    return {"failure": None} | converged | _plain(evaluation.summarize(run, truth))
 
 
 def _plain(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -212,21 +214,18 @@ def _plain(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return found
 
 
-def time_to_converge(run: Run) -> float | None:
-    """From when on the distance to the true set stays at most 0.01 [s].
+def time_to_converge(run: SimulatedRun, truth: Truth) -> float | None:
+    """From when on the distance to the true set stays small; see `evaluation.converged_at` [s].
 
     None where it does not, or where the run ended before its time.
     """
-    from ..evaluation import distance
+    from ..evaluation import converged_at
     from ..identifiers import Status
 
     if run.ending.status is not Status.completed:
         return None
     t = run.record["t"]
-    above = distance(run, t, run.record["theta_hat"]) > CONVERGED
-    if above[-1]:
-        return None
-    return float(t[len(t) - above[::-1].argmax()]) if above.any() else float(t[0])
+    return converged_at(t, truth.distance(t, run.record["theta_hat"]))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from nsaid_mj.systems.multibody import MotorTree
 
 def world(name, duration, noise=0.0, **changes):
     scenario = replace(load(name), duration=duration, **changes)
-    return World(Plan(scenario, durations=(duration,), noises=(noise,)), 0, noise)
+    return World(Plan(name, scenario, durations=(duration,), noises=(noise,)), 0, noise)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def figures(world, estimate) -> dict[str, Any]:
 
 def residual(world, log=None):
     """rms of W θ under the truth, over the rms of its largest term."""
-    problem, truth = world._problem, world._run.plant.truth
+    problem, truth = world._problem, world._setup.plant.truth
     W = central_rows(problem.system, log or problem.log)
     theta_s = truth / problem.system.space.scale
     return np.sqrt(np.mean((W @ theta_s) ** 2)) / np.abs(W * theta_s).max()
@@ -228,9 +228,9 @@ def test_recursive_least_squares_holds_its_known_gain(pendulum):
 
 def test_an_identifier_sees_in_a_log_what_it_sees_in_a_run(tmp_path):
     scenario = replace(load("scalar_rov"), duration=2.0)
-    plan = Plan(scenario, methods=("paper",), durations=(2.0,))
+    plan = Plan("scalar_rov", scenario, methods=("paper",), durations=(2.0,))
     here = World(plan, 0, 0.0)
-    done = run(here._run.scenario, tmp_path)
+    done = run(here._setup.scenario, tmp_path)
     followed = here._methods["paper"](here._problem)
     assert np.array_equal(followed.theta, done.record["theta_hat_paper"][-1])
 

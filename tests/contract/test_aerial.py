@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.control import QuadrotorFlight
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.experiment.setup import draw_prior, prepare, trajectory
+from nsaid_mj.experiment.setup import Setup, draw_prior, trajectory
 from nsaid_mj.nullspace import directions, structural
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, QuadrotorPlant
 from nsaid_mj.resources import numbers
@@ -380,8 +380,9 @@ def flight(model, seed, seconds=40.0, **switches):
         dt=2.5e-3,
         seed=seed,
     )
-    p, prior, _ = prepare(scenario)
-    driver = scenario.excitation.build(p.system, prior, np.random.default_rng(seed))
+    setup = Setup.of(scenario)
+    p = setup.plant
+    driver = scenario.excitation.build(p.system, setup.prior, np.random.default_rng(seed))
     with p.running():
         rows = trajectory(p, driver, round(seconds / p.dt)).rows
     t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))

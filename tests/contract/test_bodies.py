@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.dynamics.interpolation import body_half_way
-from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.setup import Setup, trajectory
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.numerics import spatial
+from nsaid_mj.numerics.interpolation import body_half_way
 from nsaid_mj.parameters import Array
 from nsaid_mj.system import SecondOrderSystem
 from tests.paper.bench import Motion, estimates, identify, lyapunov, order
@@ -28,10 +28,11 @@ bodies = pytest.mark.parametrize("name", BODIES)
 def driven(name: str):
     """(system, prior, law's config, dt, 201 measurements) of a packed scenario."""
     scenario = load(name)
-    plant, prior, _ = experiment.prepare(scenario)
+    setup = Setup.of(scenario)
+    plant, prior = setup.plant, setup.prior
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
     with plant.running():
-        seen = experiment.trajectory(plant, driver, 200).rows
+        seen = trajectory(plant, driver, 200).rows
     return plant.system, prior, scenario.identifier, scenario.dt, seen
 
 
@@ -222,7 +223,7 @@ def test_the_law_is_of_fourth_order_and_ends_where_44_and_45_do(name):
 def test_the_sphere_is_kept_and_V_falls(name):
     """(30, 45): θ̂ᵀ Γ⁻¹ θ̂ stays, full Γ or diagonal; (69): V falls by more than that error."""
     system, prior, law, dt, seen = driven(name)
-    truth = experiment.prepare(load(name))[0].truth
+    truth = Setup.of(load(name)).plant.truth
     Gamma = law.gain * system.space.scale**2
     for gain in (Gamma, full(Gamma, np.random.default_rng(3))):
         identifier = paper_identifier(system, np.full(system.n, law.K), gain, prior, dt)

@@ -13,10 +13,10 @@ import pytest
 from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import distance, energy, summarize, true_theta
+from nsaid_mj.evaluation import energy, summarize, truth_of
 from nsaid_mj.evaluation.figures import force_residual_ratio
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import Run, held_out, run
+from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.plants import (
@@ -157,16 +157,16 @@ FAULT = Fault(loss=0.4, actuator=3, time=12.0)
 
 
 @pytest.fixture(scope="module")
-def failed(tmp_path_factory) -> Run:
+def failed(tmp_path_factory) -> SimulatedRun:
     return run(replace(BASE, plant=BlueROV2Plant(fault=FAULT)), tmp_path_factory.mktemp("failed"))
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory) -> Run:
+def sound(tmp_path_factory) -> SimulatedRun:
     return run(BASE, tmp_path_factory.mktemp("sound"))
 
 
-def test_the_record_is_the_sound_runs_until_then(failed, sound):
+def test_the_record_is_the_sound_runs_until_then(failed: SimulatedRun, sound: SimulatedRun):
     assert (failed.prior == sound.prior).all()
     strike = 1 + round(FAULT.time / BASE.dt)
     for column in ("q", "v", "u", "v_hat", "theta_hat"):
@@ -175,11 +175,13 @@ def test_the_record_is_the_sound_runs_until_then(failed, sound):
     assert (failed.record["v"][strike:] != sound.record["v"][strike:]).any(axis=1).all()
 
 
-def test_the_estimate_is_judged_against_the_truth_at_the_end(failed, sound):
-    summary, plain = summarize(failed), summarize(sound)
+def test_the_estimate_is_judged_against_the_truth_at_the_end(
+    failed: SimulatedRun, sound: SimulatedRun
+):
+    summary, plain = summarize(failed, truth_of(failed)), summarize(sound, truth_of(sound))
     assert summary["fault"] == "thrust_3 loses 40 % at 12 s" and summary["mismatch"] == []
     assert plain["fault"] == ""
-    after = true_theta(failed)
+    after = truth_of(failed).theta
     assert (after == failed.plant.truth_at(24.0)).all() and (after != failed.plant.truth).any()
     assert [row["true"] for row in summary["parameters"]] == after.tolist()
     assert summary["theta_perp_ratio_initial"] == plain["theta_perp_ratio_initial"]
@@ -193,20 +195,20 @@ def test_the_estimate_is_judged_against_the_truth_at_the_end(failed, sound):
     assert summary["pe_level_perp"] > 0.1 * plain["pe_level_perp"] > 0
 
 
-def test_the_held_out_trajectory_has_the_loss_from_its_start(failed):
-    later, system = held_out(failed), failed.plant.system
+def test_the_held_out_trajectory_has_the_loss_from_its_start(failed: SimulatedRun):
+    later, system = truth_of(failed).held_out, failed.plant.system
     weak, sound = (force_residual_ratio(system, later, theta, None)
-                   for theta in (true_theta(failed), failed.plant.truth))  # fmt: skip
+                   for theta in (truth_of(failed).theta, failed.plant.truth))  # fmt: skip
     assert weak is not None and sound is not None
     assert weak < 1e-3  # v̇ is a difference here
     assert sound > 0.05
 
 
-def test_v_jumps_with_the_truth_and_that_is_no_violation(failed):
-    V, t = energy(failed), failed.record["t"]
+def test_v_jumps_with_the_truth_and_that_is_no_violation(failed: SimulatedRun):
+    V, t = energy(failed, truth_of(failed)), failed.record["t"]
     assert (np.flatnonzero(np.diff(V) > 0) == [np.searchsorted(t, 12.0 - 1e-9) - 1]).all()
-    assert summarize(failed)["lyapunov_violations"] == 0
-    far = distance(failed, t, failed.record["theta_hat"])
+    assert summarize(failed, truth_of(failed))["lyapunov_violations"] == 0
+    far = truth_of(failed).distance(t, failed.record["theta_hat"])
     strike = np.searchsorted(t, 12.0 - 1e-9)
     assert far[strike] > 1.2 * far[strike - 1] and far[-1] < far[strike]
 
@@ -222,7 +224,7 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
     identifier = replace(base.identifier, law=law)
     done = run(replace(base, plant=lost, identifier=identifier, duration=90.0, seed=seed), tmp_path)
     k, since = done.plant.system.space.actuators, done.plant.struck(done.record["t"])
-    ratio = done.record["theta_hat"][since][:, k] / true_theta(done)[k]
+    ratio = done.record["theta_hat"][since][:, k] / truth_of(done).theta[k]
     own, others = ratio[:, 2], np.delete(ratio, 2, axis=1)
     own, others = (part / others.mean(axis=1, keepdims=True) for part in (own[:, None], others))
     assert own[0] > 1.6  # the estimate has not seen it yet
@@ -231,7 +233,7 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
     assert np.abs(others - 1).max() <= 0.25
 
 
-def test_recording_report_and_a_rebuild_know_it(failed):
+def test_recording_report_and_a_rebuild_know_it(failed: SimulatedRun):
     summary = finish.finish(failed)
     assert "thrust_3 loses 40 % at 12 s" in (failed.folder / "report.html").read_text("utf-8")
     again = finish.rebuild(failed.folder)
@@ -244,8 +246,8 @@ def test_recording_report_and_a_rebuild_know_it(failed):
 def test_a_run_that_ends_before_is_judged_as_sound(tmp_path):
     early = replace(BASE, duration=4.0, plant=BlueROV2Plant(fault=FAULT))
     done = run(early, tmp_path)
-    assert (true_theta(done) == done.plant.truth).all()
-    later = held_out(done)
+    assert (truth_of(done).theta == done.plant.truth).all()
+    later = truth_of(done).held_out
     residual = force_residual_ratio(done.plant.system, later, done.plant.truth, None)
     assert residual is not None and residual < 1e-3
 

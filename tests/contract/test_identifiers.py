@@ -22,6 +22,7 @@ from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
+from nsaid_mj.experiment.setup import Setup, trajectory
 from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
@@ -65,10 +66,11 @@ runs = pytest.mark.parametrize("name", ["scalar", "double_pendulum", "continuous
 def motion(name: str):
     """(system, prior in the cone, 41 measurements) of a driven plant, dt = 1 ms."""
     scenario = replace(SCENARIOS[name], dt=1e-3, rivals={"cone": NullspaceAID(law="cone")})
-    plant, prior, _ = experiment.prepare(scenario)
+    setup = Setup.of(scenario)
+    plant, prior = setup.plant, setup.prior
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
     with plant.running():
-        seen = experiment.trajectory(plant, driver, 40).rows
+        seen = trajectory(plant, driver, 40).rows
     return plant.system, prior, seen
 
 
@@ -352,7 +354,8 @@ def test_a_zero_velocity_error_is_an_equilibrium_of_theta(seed):
     """Under the true θ, v̂ = v solves (44), so θ̂ moves only by what RK4 misses in a step."""
     system, _, seen = motion("double_pendulum")
     scenario = replace(SCENARIOS["double_pendulum"], initial_error=0.0)
-    _, truth, identifiers = experiment.prepare(scenario)
+    setup = Setup.of(scenario)
+    truth, identifiers = setup.prior, setup.identifiers()
     wrong = truth * (1 + 0.3 * np.random.default_rng(seed).uniform(-1, 1, system.p))
     other = NullspaceAID().build(system, wrong, 1e-3)
 
@@ -439,15 +442,15 @@ def test_with_a_poisoned_truth_the_record_is_the_same_to_the_bit(
     clean = record(name, tmp_path / "clean", **changes)
     spent = experiment.Record.read(tmp_path / "clean")["spent"]
     assert spent.any() == (law == "memory")
-    honest, poisoned = experiment.prepare, []
+    honest, poisoned = Setup.of, []
 
-    def prepare(scenario):
-        plant, prior, identifiers = honest(scenario)
-        poison(plant, monkeypatch)
-        poisoned.append(plant)
-        return plant, prior, identifiers
+    def poisoned_setup(scenario):
+        setup = honest(scenario)
+        poison(setup.plant, monkeypatch)  # before driver and identifiers are built
+        poisoned.append(setup.plant)
+        return setup
 
-    monkeypatch.setattr(experiment, "prepare", prepare)
+    monkeypatch.setattr(Setup, "of", poisoned_setup)
     assert record(name, tmp_path / "poisoned", **changes) == clean
     with pytest.raises(ReachedError):
         _ = poisoned[0].truth
@@ -457,8 +460,8 @@ def test_with_a_poisoned_truth_the_record_is_the_same_to_the_bit(
 def test_no_identifier_or_driver_can_reach_the_plant(name):
     """Nothing that an identifier or driver refers to, however far, is the plant or MuJoCo's."""
     scenario = replace(SCENARIOS[name], **RUN)
-    plant, prior, identifiers = experiment.prepare(scenario)
-    driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
+    setup = Setup.of(scenario)
+    plant, driver, identifiers = setup.plant, setup.driver(), setup.identifiers()
     left, seen = [driver, *identifiers.values()], {}
     while left:
         thing = left.pop()

@@ -14,7 +14,7 @@ import pytest
 from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
@@ -307,12 +307,12 @@ def test_the_summary_tells_every_mismatch(tmp_path):
         ("noisy", ["sensor noise 0.001 and 0.002 [SI]", "positions quantised to 0.01"]),
     ):
         done = run(replace(scenario, sensors=sensors, noise=noise), tmp_path / sensors)
-        assert summarize(done)["mismatch"] == [
+        assert summarize(done, truth_of(done))["mismatch"] == [
             "actuators lag by 0.1 s", "commands arrive 0.05 s late", "flow of 0.1, 0, -0.2 m/s",
             "MuJoCo's ellipsoid fluid instead of the structure's", *more,
         ]  # fmt: skip
     exact = run(replace(load("bluerov2"), **SHORT), tmp_path / "exact")
-    assert summarize(exact)["mismatch"] == []
+    assert summarize(exact, truth_of(exact))["mismatch"] == []
 
 
 def test_a_mismatch_changes_the_record_and_not_the_prior(tmp_path):

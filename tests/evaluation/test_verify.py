@@ -12,8 +12,9 @@ import pytest
 
 from nsaid_mj import ConventionalAID, Scenario
 from nsaid_mj.errors import BadRun
+from nsaid_mj.evaluation import truth_of
 from nsaid_mj.evaluation.verify import Verdict, verify
-from nsaid_mj.experiment.loop import Run, columns, run
+from nsaid_mj.experiment.loop import SimulatedRun, columns, run
 from nsaid_mj.experiment.record import FILE, Record, RecordWriter
 from nsaid_mj.parameters import Array
 from tests.support.faulty import FILES, ROV, flat, shell, strict
@@ -23,24 +24,30 @@ NAMES = ["Theorem 1 (69)", "Theorem 1 (70)", "(30) in (45)", "Lemma 1 (74)", "(7
 FLAGS = ("--duration", "60", "--held-out", "0.5", "--pe-window", "10")
 
 
+def judged(run: SimulatedRun) -> list[Verdict]:
+    return verify(run, truth_of(run))
+
+
 def words(verdicts: list[Verdict]) -> dict[str, str]:
     assert [v.statement for v in verdicts] == NAMES
     return {v.statement: v.verdict for v in verdicts}
 
 
 @pytest.fixture(scope="module")
-def honest(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def honest(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
     return run(LONG, tmp_path_factory.mktemp("honest"))
 
 
-def altered(honest: Run, change: Callable[[dict[str, Array], Run], None]) -> Run:
+def altered(
+    honest: SimulatedRun, change: Callable[[dict[str, Array], SimulatedRun], None]
+) -> SimulatedRun:
     """The run with another record."""
     table = {name: column.copy() for name, column in honest.record.columns.items()}
     change(table, honest)
     return dataclasses.replace(honest, record=Record(table, honest.record.metadata, True))
 
 
-def turned(table: dict[str, Array], honest: Run) -> None:
+def turned(table: dict[str, Array], honest: SimulatedRun) -> None:
     """From half-time on θ̂ is back where it began, at its length: Γ ∝ scale², so on its sphere."""
     scale, half = honest.plant.system.space.scale, len(table["t"]) // 2
     theta = table["theta_hat"]
@@ -48,18 +55,18 @@ def turned(table: dict[str, Array], honest: Run) -> None:
     theta[half:] = start * np.linalg.norm(theta[half:] / scale, axis=1)[:, None]
 
 
-def stretched(table: dict[str, Array], honest: Run) -> None:
+def stretched(table: dict[str, Array], honest: SimulatedRun) -> None:
     """From half-time on θ̂ is 1 % longer: as good as before to (14), but not conserved."""
     table["theta_hat"][len(table["t"]) // 2 :] *= 1.01
 
 
-def unsettled(table: dict[str, Array], honest: Run) -> None:
+def unsettled(table: dict[str, Array], honest: SimulatedRun) -> None:
     """At the end v̂ is off as it never was before."""
     table["v_hat"][-len(table["t"]) // 10 :] += 1.0
 
 
 def test_every_statement_holds_on_a_good_run(honest):
-    verdicts = verify(honest)
+    verdicts = judged(honest)
     assert words(verdicts) == dict.fromkeys(NAMES, "holds")
     for v in verdicts:
         assert v.number is not None and v.bound is not None and v.words
@@ -75,21 +82,21 @@ def test_every_statement_holds_on_a_good_run(honest):
     ],
 )
 def test_a_sabotaged_record_is_caught(honest, change, fails):
-    said = words(verify(altered(honest, change)))
+    said = words(judged(altered(honest, change)))
     found = {name for name, verdict in said.items() if verdict == "fails"}
     assert found == fails
     assert said["(75)"] == "holds"
 
 
 def test_v_is_not_judged_where_the_integrator_would_hide_a_rise(honest):
-    said = {v.statement: v for v in verify(altered(honest, stretched))}
+    said = {v.statement: v for v in judged(altered(honest, stretched))}
     assert said["Theorem 1 (69)"].verdict == "not applicable"
     assert "integrator" in said["Theorem 1 (69)"].words
 
 
 def test_a_limit_that_is_not_reached_is_not_yet(tmp_path):
     slow = replace(LONG, identifier=replace(LONG.identifier, gain=0.01), duration=12.0)
-    said = {v.statement: v for v in verify(run(slow, tmp_path))}
+    said = {v.statement: v for v in judged(run(slow, tmp_path))}
     assert said["Theorem 2"].verdict == "not yet"
     assert 0.1 < (said["Theorem 2"].number or 0) < 1
     assert said["Theorem 1 (69)"].verdict == said["(30) in (45)"].verdict == "holds"
@@ -97,7 +104,7 @@ def test_a_limit_that_is_not_reached_is_not_yet(tmp_path):
 
 def test_without_excitation_75_fails_and_theorem_2_does_not_apply(tmp_path):
     excitation = replace(LONG.excitation, amplitude=1e-12)
-    said = words(verify(run(replace(LONG, excitation=excitation), tmp_path)))
+    said = words(judged(run(replace(LONG, excitation=excitation), tmp_path)))
     assert said["(75)"] == "fails" and said["Theorem 2"] == "not applicable"
 
 
@@ -111,7 +118,7 @@ def test_without_excitation_75_fails_and_theorem_2_does_not_apply(tmp_path):
     ],
 )  # fmt: skip
 def test_where_no_true_parameter_exists_the_theorems_do_not_apply(tmp_path, scenario, why):
-    verdicts = verify(run(replace(scenario, duration=15.0), tmp_path))
+    verdicts = judged(run(replace(scenario, duration=15.0), tmp_path))
     said = words(verdicts)
     of_itself = said.pop("(30) in (45)")
     assert set(said.values()) == {"not applicable"}
@@ -121,19 +128,19 @@ def test_where_no_true_parameter_exists_the_theorems_do_not_apply(tmp_path, scen
 
 
 def test_a_start_in_the_true_set_has_no_way_to_go(tmp_path):
-    said = words(verify(run(replace(LONG, duration=15.0, initial_error=0.0), tmp_path)))
+    said = words(judged(run(replace(LONG, duration=15.0, initial_error=0.0), tmp_path)))
     assert said["Theorem 2"] == said["Theorem 1 (70)"] == "not applicable"
     assert said["(75)"] == said["(30) in (45)"] == "holds"
 
 
 def test_windows_that_do_not_fit_judge_nothing(tmp_path):
-    said = words(verify(run(replace(LONG, duration=2.0), tmp_path)))
+    said = words(judged(run(replace(LONG, duration=2.0), tmp_path)))
     assert said["(75)"] == "not applicable" and said["Theorem 2"] == "not applicable"
 
 
 def test_a_record_of_few_rows_is_refused(tmp_path):
     with pytest.raises(BadRun, match="20 are needed"):
-        verify(run(replace(LONG, duration=0.1), tmp_path))
+        judged(run(replace(LONG, duration=0.1), tmp_path))
 
 
 # -- the command ---------------------------------------------------------------------------------

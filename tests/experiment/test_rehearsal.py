@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.control import DriverConfig, MultisineCommand
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment import rehearsal, setup
 from nsaid_mj.experiment.library import load
@@ -263,7 +263,7 @@ def test_two_identifiers_of_a_run_share_one_rehearsal(monkeypatch):
     monkeypatch.setattr(setup, "expected_gramian", lambda *a: calls.append(a[-1]) or honest(*a))
     law = NullspaceAID(K=6.0, gamma="simulated")
     scenario = replace(load("bluerov2"), identifier=law, rivals={"twin": law}, duration=2.0)
-    _, _, identifiers = setup.prepare(scenario)
+    identifiers = setup.Setup.of(scenario).identifiers()
     assert calls == [2.0]  # and no longer than the run
     assert (identifiers[""].Gamma == identifiers["twin"].Gamma).all()  # pyright: ignore
 
@@ -314,7 +314,7 @@ def test_with_the_truth_gone_after_the_prior_the_record_is_the_same_to_the_bit(
 
 def test_another_prior_or_excitation_is_another_gain_another_run_is_not():
     def gain(scenario: Scenario) -> Array:
-        return setup.prepare(scenario)[2][""].Gamma  # pyright: ignore
+        return setup.Setup.of(scenario).identifiers()[""].Gamma  # pyright: ignore
 
     base = simulated("bluerov2", duration=3.0)
     assert (gain(base) == gain(replace(base, sensors="noisy", held_out=7.0))).all()
@@ -332,7 +332,8 @@ def test_simulated_beats_scale_in_a_minute_and_the_summary_says_which(tmp_path):
     base = replace(base, identifier=replace(base.identifier, rate=0.3, floor=1e-3))
     for gamma in ("scale", "simulated"):
         scenario = replace(base, identifier=replace(base.identifier, gamma=gamma))
-        summary = summarize(experiment.run(scenario, tmp_path / gamma))
+        done = experiment.run(scenario, tmp_path / gamma)
+        summary = summarize(done, truth_of(done))
         assert summary["gamma"] == gamma and summary["status"] == "completed"
         assert summary["lyapunov_violations"] == 0 and summary["conserved_drift"] < 1e-5
         assert json.loads(scenario.to_json())["identifier"]["gamma"] == gamma

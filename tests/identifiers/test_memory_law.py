@@ -474,7 +474,7 @@ def finished(request, tmp_path_factory):
 
 
 def test_the_record_knows_what_was_spent_and_the_summary_what_is_known(finished):
-    record, summary = finished.record, metrics.summarize(finished)
+    record, summary = finished.record, metrics.summarize(finished, metrics.truth_of(finished))
     steps = np.flatnonzero(np.diff(record["spent"])) + 1
     number = record["t"][steps] / 0.5
     np.testing.assert_allclose(number, np.round(number), atol=1e-9)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID, Status
@@ -34,7 +34,7 @@ def test_46_margin_is_what_it_says(tmp_path: Path, error: float, holds: bool):
         dt=table.dt, held_out=5.0,
     )  # fmt: skip
     result = run(scenario, tmp_path)
-    summary = summarize(result)
+    summary = summarize(result, truth_of(result))
     Gamma = 0.1 * table.system.space.scale**2
     dtheta, truth = result.prior - result.plant.truth, result.plant.truth
     reach = np.sqrt(Gamma.max() * np.sum(dtheta**2 / Gamma))

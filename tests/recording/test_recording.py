@@ -31,7 +31,7 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.errors import BadRun
-from nsaid_mj.experiment.loop import Run, run
+from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.recording import forces, layout, live, scene, series, viewer
@@ -68,24 +68,25 @@ VEHICLE = Scenario(
 )
 
 
-def recorded(scenario: Scenario, folder: Path) -> Run:
+def recorded(scenario: Scenario, folder: Path) -> SimulatedRun:
     result = run(scenario, folder)
-    recording.write(result, metrics.summarize(result))
+    truth = metrics.truth_of(result)
+    recording.write(result, metrics.summarize(result, truth), truth)
     return result
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def arm(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
     return recorded(ARM, tmp_path_factory.mktemp("arm"))
 
 
 @pytest.fixture(scope="module")
-def rov(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def rov(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
     return recorded(ROV, tmp_path_factory.mktemp("rov"))
 
 
 @pytest.fixture(scope="module")
-def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def vehicle(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
     return recorded(VEHICLE, tmp_path_factory.mktemp("vehicle"))
 
 
@@ -105,7 +106,7 @@ def entities_of(file: Path) -> dict[str, dict[str, list]]:
     return entities
 
 
-def read(result: Run) -> dict[str, dict[str, list]]:
+def read(result: SimulatedRun) -> dict[str, dict[str, list]]:
     """Column name to values, by entity, over all of a recording's chunks."""
     return entities_of(result.folder / recording.FILE)
 
@@ -114,7 +115,7 @@ def seconds(time: object) -> float:
     return time.total_seconds() if hasattr(time, "total_seconds") else float(time) * 1e-9  # type: ignore
 
 
-def test_an_arm_is_all_there(arm: Run) -> None:
+def test_an_arm_is_all_there(arm: SimulatedRun) -> None:
     entities = read(arm)
     for name in ("velocity_error", "distance/NS-AID", "theta_perp", "share", "lyapunov",
                  "conserved", "excitation/all", "excitation/perpendicular", "result",
@@ -132,7 +133,7 @@ def test_an_arm_is_all_there(arm: Run) -> None:
 def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
     which: str, request: pytest.FixtureRequest
 ) -> None:
-    result: Run = request.getfixturevalue(which)
+    result: SimulatedRun = request.getfixturevalue(which)
     entities, space = read(result), result.plant.system.space
     for block, place in space:
         name = "".join(c if c.isalnum() else "_" for c in block.name)
@@ -145,8 +146,8 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
         assert times[-1] == pytest.approx(result.scenario.duration, abs=1e-9)
 
 
-def test_the_distance_is_the_summarys_and_rivals_have_theirs(rov: Run) -> None:
-    entities, summary = read(rov), metrics.summarize(rov)
+def test_the_distance_is_the_summarys_and_rivals_have_theirs(rov: SimulatedRun) -> None:
+    entities, summary = read(rov), metrics.summarize(rov, metrics.truth_of(rov))
     for name, numbers in (("NS-AID", summary), ("conventional", summary["rivals"]["conventional"])):
         values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
         assert values[0][0] == numbers["theta_perp_ratio_initial"]
@@ -154,7 +155,7 @@ def test_the_distance_is_the_summarys_and_rivals_have_theirs(rov: Run) -> None:
         assert f"/velocity_rms/{name}" in entities
 
 
-def test_the_true_direction_is_the_projection_of_the_estimate(rov: Run) -> None:
+def test_the_true_direction_is_the_projection_of_the_estimate(rov: SimulatedRun) -> None:
     entities, space = read(rov), rov.plant.system.space
     estimate, truth = rov.record["theta_hat"][-1] / space.scale, rov.plant.truth / space.scale
     paths = [f"/estimate/{b.name.replace(' ', '_')}/true_direction" for b, _ in space]
@@ -167,20 +168,20 @@ def test_the_true_direction_is_the_projection_of_the_estimate(rov: Run) -> None:
 def test_rerun_verifies_the_file_and_nothing_else_is_left(
     which: str, request: pytest.FixtureRequest
 ) -> None:
-    result: Run = request.getfixturevalue(which)
+    result: SimulatedRun = request.getfixturevalue(which)
     file = result.folder / recording.FILE
     assert subprocess.call([*viewer.program(), "rrd", "verify", str(file)]) == 0
     assert not list(result.folder.glob(".*"))
 
 
-def test_series_have_names_with_units_that_the_viewer_can_draw(arm: Run) -> None:
+def test_series_have_names_with_units_that_the_viewer_can_draw(arm: SimulatedRun) -> None:
     for entity, columns in read(arm).items():
         for names in columns.get("SeriesLines:names", []):
             assert all(name == drawable(name) for name in names)
             assert all(name.endswith("]") for name in names if name != "true direction"), entity
 
 
-def test_the_text_says_what_came_out(arm: Run) -> None:
+def test_the_text_says_what_came_out(arm: SimulatedRun) -> None:
     text = read(arm)["/result"]["TextDocument:text"][0][0]
     assert "completed" in text and "57 of 84" in text and "gain_6" in text
     assert text == drawable(text)
@@ -189,11 +190,12 @@ def test_the_text_says_what_came_out(arm: Run) -> None:
 def test_a_robot_without_meshes_is_drawn_by_its_joints(tmp_path: Path) -> None:
     scenario = Scenario(plant=ArmPlant(robot="double_pendulum_simple"), duration=0.1, held_out=0.1)
     result = run(scenario, tmp_path)
-    drawn = scene.Scene(result.plant)
+    drawn = scene.Scene(result.system, result.plant)
     if result.plant.visuals():
         pytest.skip("it has meshes now")
     assert not drawn.empty
-    recording.write(result, metrics.summarize(result))
+    truth = metrics.truth_of(result)
+    recording.write(result, metrics.summarize(result, truth), truth)
     assert "LineStrips3D:strips" in read(result)["/robot/links"]
 
 
@@ -223,8 +225,8 @@ def test_reruns_warnings_are_errors() -> None:
 
 @pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
 def test_no_view_is_on_two_pages(which: str, request: pytest.FixtureRequest) -> None:
-    result: Run = request.getfixturevalue(which)
-    space, drawn = result.plant.system.space, scene.Scene(result.plant)
+    result: SimulatedRun = request.getfixturevalue(which)
+    space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
     for kind in ("motor gain", ""):
         whole = layout.blueprint(space, camera, farthest=1.0, shared=kind, conserves=True)
@@ -244,7 +246,9 @@ def column(entities: dict[str, dict[str, list]], entity: str, name: str) -> np.n
     return np.array([value for value in entities[f"/{entity}"][name] if value is not None])
 
 
-def drawn_rows(result: Run, entities: dict[str, dict[str, list]], entity: str) -> np.ndarray:
+def drawn_rows(
+    result: SimulatedRun, entities: dict[str, dict[str, list]], entity: str
+) -> np.ndarray:
     """The record's rows that an entity's values are of, by their times."""
     times = [seconds(t) for t in entities[f"/{entity}"]["sim_time"] if t is not None]
     rows = np.round(np.array(times) / result.scenario.dt).astype(int)
@@ -252,7 +256,7 @@ def drawn_rows(result: Run, entities: dict[str, dict[str, list]], entity: str) -
     return rows
 
 
-def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: Run) -> None:
+def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: SimulatedRun) -> None:
     entities, record, space = read(vehicle), vehicle.record, vehicle.plant.system.space
     body = scene.BODY
     rows = drawn_rows(vehicle, entities, body)
@@ -294,11 +298,11 @@ def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: Run) -> None:
     np.testing.assert_allclose(estimated, share[..., None] * vectors, atol=1e-5)
 
 
-def test_an_arm_has_neither_forces_nor_a_path(arm: Run) -> None:
+def test_an_arm_has_neither_forces_nor_a_path(arm: SimulatedRun) -> None:
     assert not {f"/{forces.COMMANDED}", f"/{scene.PATH}"} & set(read(arm))
 
 
-def test_a_heaving_vehicles_force_is_upright(rov: Run) -> None:
+def test_a_heaving_vehicles_force_is_upright(rov: SimulatedRun) -> None:
     entities = read(rov)
     rows = drawn_rows(rov, entities, forces.COMMANDED)
     vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")[:, 0]
@@ -308,7 +312,7 @@ def test_a_heaving_vehicles_force_is_upright(rov: Run) -> None:
     np.testing.assert_allclose(heights, np.outer(rov.record["q"][rows], [0, 0, 1]), atol=1e-6)
 
 
-def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: Run) -> None:
+def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: SimulatedRun) -> None:
     entities = read(vehicle)
     rows = drawn_rows(vehicle, entities, scene.BODY)
     places = vehicle.record["q"][rows, :3]
@@ -318,7 +322,7 @@ def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: Run) -> N
         np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
 
 
-def test_the_meshes_of_a_vehicle_move_as_one_and_as_mujoco_has_them(vehicle: Run) -> None:
+def test_the_meshes_of_a_vehicle_move_as_one_and_as_mujoco_has_them(vehicle: SimulatedRun) -> None:
     entities, plant = read(vehicle), vehicle.plant
     q = vehicle.record["q"][-1:]
     translations, quaternions = plant.poses(q)
@@ -388,14 +392,14 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
     np.testing.assert_allclose(across, 0, atol=1e-12)
 
 
-def test_a_bodys_velocities_have_their_names(vehicle: Run, arm: Run) -> None:
-    assert series.velocity_names(vehicle.plant)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
-    assert series.velocity_names(vehicle.plant, "")[5] == "yaw rate [rad/s]"
-    assert series.velocity_names(arm.plant)[0] == "Δv_1 [rad/s]"
+def test_a_bodys_velocities_have_their_names(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
+    assert series.velocity_names(vehicle.system)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
+    assert series.velocity_names(vehicle.system, "")[5] == "yaw rate [rad/s]"
+    assert series.velocity_names(arm.system)[0] == "Δv_1 [rad/s]"
 
 
-def test_a_large_block_has_a_page_of_its_own(vehicle: Run, arm: Run) -> None:
-    def names(result: Run) -> list[object]:
+def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
+    def names(result: SimulatedRun) -> list[object]:
         return [page.name for page in layout.estimates(result.plant.system.space)]
 
     assert names(vehicle) == ["Estimate", "Mass matrix"]

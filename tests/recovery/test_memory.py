@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Fault
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import Record
@@ -19,7 +19,8 @@ def memorised(name: str, folder, **changes) -> dict[str, Any]:
     scenario = load(name)
     assert isinstance(scenario.identifier, NullspaceAID)
     law = replace(scenario.identifier, law="memory")
-    summary = summarize(run(replace(scenario, identifier=law, **changes), folder))
+    done = run(replace(scenario, identifier=law, **changes), folder)
+    summary = summarize(done, truth_of(done))
     assert summary["status"] == "completed" and summary["law"] == "memory"
     assert summary["theta_perp_ratio_initial"] > 0.05
     return summary

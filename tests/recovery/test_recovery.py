@@ -6,7 +6,7 @@ promised there is the force on another trajectory, not the distance to the true 
 
 import pytest
 
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.resources import scenarios
 from tests.recovery import direction
 
@@ -45,7 +45,7 @@ LONG = {"uvms", "borinot", "panda", "crazyflie", "hummingbird", "kinova", "z1"}
 def recovered(request, tmp_path_factory):
     name = request.param
     result, found = direction.converge(name, tmp_path_factory.mktemp(name))
-    return name, found, summarize(result)
+    return name, found, summarize(result, truth_of(result))
 
 
 def test_every_scenario_has_a_bar():

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from nsaid_mj.experiment.setup import draw_for
+from nsaid_mj.experiment.setup import prior_for
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.cone.barrier import cone_of, inside
 from nsaid_mj.studies.montecarlo import Course, identify
@@ -28,7 +28,7 @@ def check(found: Row) -> None:
 @pytest.mark.parametrize("name", ["remus100", "f1tenth"])
 def test_a_start_far_off_stays_inside_and_comes_nearer(name, index):
     known = course(name, 5.0)
-    (found,) = identify(known, [(index, starts.start(known.scenario, index, 1.0))])
+    (found,) = identify(known, [(index, starts.start(known.setup.scenario, index, 1.0))])
     check(found)
     assert found["status_time"] == pytest.approx(5.0)
     assert found["theta_perp_ratio"] < 0.1 * found["theta_perp_ratio_initial"]
@@ -36,25 +36,26 @@ def test_a_start_far_off_stays_inside_and_comes_nearer(name, index):
 
 def test_starts_are_inside_and_differ_and_can_be_drawn_again():
     known = course("remus100", 5.0)
-    cone = cone_of(known.plant.system.space)
+    cone = cone_of(known.setup.plant.system.space)
 
     def draw(index: int) -> np.ndarray:
-        return draw_for(starts.start(known.scenario, index, 1.0), known.plant)
+        return prior_for(starts.start(known.setup.scenario, index, 1.0), known.setup.plant)
 
     drawn = [draw(index) for index in range(50)]
     assert all(inside(cone, theta) for theta in drawn)
     assert len({tuple(theta) for theta in drawn}) == 50
     np.testing.assert_array_equal(drawn[7], draw(7))
-    off = np.abs(np.log(np.array(drawn)[:, cone.positive] / known.plant.truth[cone.positive]))
+    off = np.abs(np.log(np.array(drawn)[:, cone.positive] / known.setup.plant.truth[cone.positive]))
     assert 0.9 < off.max() <= 1.0 + 1e-12
 
 
 def test_a_law_that_loses_definiteness_is_seen(monkeypatch):
     """The paper's law with a gain far too large."""
     known = course("remus100", 5.0)
-    broken = replace(known.scenario, identifier=replace(known.scenario.identifier, law="paper",
-                                                        gain=1e4))  # fmt: skip
-    monkeypatch.setattr(starts, "motion", lambda *_: replace(known, scenario=broken))
+    base = known.setup.scenario
+    broken = replace(base, identifier=replace(base.identifier, law="paper", gain=1e4))
+    setup = replace(known.setup, scenario=broken)
+    monkeypatch.setattr(starts, "motion", lambda *_: replace(known, setup=setup))
     found = starts.study("remus100", 7, 3, 5.0, 1.0)
     words = Status.estimate_not_positive_definite.words
     lost = [one for one in found if one["status"] == words]

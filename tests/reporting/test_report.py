@@ -17,7 +17,7 @@ from nsaid_mj import (
 from nsaid_mj import (
     evaluation as metrics,
 )
-from nsaid_mj.experiment.loop import Run, run
+from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.reporting import report
 from tests.reporting.test_charts import SVG, curve
 
@@ -34,12 +34,14 @@ ROV = Scenario(
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, str]:
+def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[SimulatedRun, str]:
     done = run(ROV, tmp_path_factory.mktemp("rov"))
-    return done, report.write(done, metrics.summarize(done)).read_text(encoding="utf-8")
+    truth = metrics.truth_of(done)
+    page = report.write(done, metrics.summarize(done, truth), truth)
+    return done, page.read_text(encoding="utf-8")
 
 
-def test_every_identifiers_distance_is_drawn_as_recorded(told: tuple[Run, str]) -> None:
+def test_every_identifiers_distance_is_drawn_as_recorded(told: tuple[SimulatedRun, str]) -> None:
     done, page = told
     (picture,) = re.findall(r"<svg.*?</svg>", page)
     first = ElementTree.fromstring(picture).findall(f"{SVG}g")[0]
@@ -48,7 +50,7 @@ def test_every_identifiers_distance_is_drawn_as_recorded(told: tuple[Run, str]) 
     heights = []
     for suffix, colour in (("", report._COLOURS[0]), ("_conventional", report._COLOURS[1])):
         (points,) = curve(first, colour)
-        ratio = metrics.distance(done, done.record["t"], done.record[f"theta_hat{suffix}"])
+        ratio = metrics.truth_of(done).distance(done.record["t"], done.record[f"theta_hat{suffix}"])
         assert len(points) == len(ratio)
         heights.append((points[:, 1], np.log10(ratio)))
     drawn, wanted = (np.concatenate(part) for part in zip(*heights, strict=True))
@@ -57,12 +59,12 @@ def test_every_identifiers_distance_is_drawn_as_recorded(told: tuple[Run, str]) 
     np.testing.assert_allclose(slope * wanted + start, drawn, atol=0.1)
 
 
-def test_it_needs_no_other_file(told: tuple[Run, str]) -> None:
+def test_it_needs_no_other_file(told: tuple[SimulatedRun, str]) -> None:
     assert not re.findall(r"(?:src|href)=", told[1])
 
 
 def test_a_run_of_one_row_has_a_report(tmp_path: Path) -> None:
     done = run(ROV, tmp_path)
     done.record.columns.update({name: rows[:1] for name, rows in done.record.columns.items()})
-    page = report._curves(done)
+    page = report._curves(done, metrics.truth_of(done))
     assert "nan" not in page and ElementTree.fromstring(page) is not None

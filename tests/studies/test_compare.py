@@ -15,7 +15,7 @@ from nsaid_mj.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import ConventionalAID
 from nsaid_mj.studies import compare
-from nsaid_mj.studies.compare import PRIOR, Cell, Plan, World, rows, tell
+from nsaid_mj.studies.compare import PRIOR, Cell, Plan, World, print_table, rows
 from nsaid_mj.studies.compare_plots import draw
 
 SCALAR = load("scalar_rov")
@@ -23,7 +23,7 @@ SCALAR = load("scalar_rov")
 
 def plan(**changes):
     given = {"methods": ("paper", "ols"), "seeds": (0,), "durations": (2.0, 4.0)}
-    return Plan(SCALAR, **(given | changes))
+    return Plan("scalar_rov", SCALAR, **(given | changes))
 
 
 def cells(**changes):
@@ -61,7 +61,7 @@ def test_a_plan_that_cannot_be_run_is_refused(changes):
 
 def test_a_scenario_of_another_identifier_is_refused():
     with pytest.raises(InvalidInput, match="NullspaceAID"):
-        Plan(replace(SCALAR, identifier=ConventionalAID()))
+        Plan("scalar_rov", replace(SCALAR, identifier=ConventionalAID()))
 
 
 def test_every_law_can_be_compared():
@@ -155,7 +155,9 @@ def test_a_fault_changes_the_truth_that_judges():
 
     rover = load("bluerov2")
     struck = replace(rover.plant, fault=Fault(actuator=1, loss=0.4, time=2.0))
-    here = Plan(replace(rover, plant=struck), methods=("ols",), seeds=(0,), durations=(1.5, 3.0))
+    here = Plan(
+        "bluerov2", replace(rover, plant=struck), methods=("ols",), seeds=(0,), durations=(1.5, 3.0)
+    )
     before, after = (c for c in compare.compare(here) if c.method == PRIOR)
     assert before.actuator_ratio_error != after.actuator_ratio_error
 
@@ -183,7 +185,7 @@ def test_the_table_fits_a_terminal_and_tells_failures():
     ]
     made.append(Cell("ekf", 2, 0.0, 20.0, failure="M̂ not positive definite [at] t = 1 s"))
     stream = io.StringIO()
-    tell(made, Console(file=stream, width=80, highlight=False))
+    print_table(made, Console(file=stream, width=80, highlight=False))
     table, failures = stream.getvalue().split("Medians over the seeds")
     assert "1.2e-3 (–)" in table and "…" not in table
     assert "[at] t = 1 s" in failures

@@ -23,8 +23,9 @@ from nsaid_mj import (
 )
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput
+from nsaid_mj.experiment import following
 from nsaid_mj.experiment import loop as experiment
-from nsaid_mj.experiment import setup
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid, rk4
 from nsaid_mj.identifiers.base import Estimates
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
@@ -67,8 +68,7 @@ def course_of(scenario: Scenario) -> Course:
 
 def stepped(course: Course, scenario: Scenario) -> State:
     """The last state of a draw, one `step` after the other."""
-    prior = setup.draw_for(scenario, course.plant)
-    law = setup.laws_for(scenario, course.plant.system, prior)[""]
+    law = course.setup.with_prior_of(scenario).identifiers()[""]
     state = law.init(course.log.at(0))
     for previous, now in pairwise(course.log.rows):
         state = law.step(state, previous, now)
@@ -100,12 +100,12 @@ def test_plants_of_their_own_are_runs_of_their_seeds(name, tmp_path):
     assert len({row["theta_perp_ratio_initial"] for row in rows}) == 3
     alone = experiment.run(replace(scenario, seed=rows[2]["seed"]), tmp_path)
     course = course_of(alone.scenario)
-    assert np.array_equal(course.truth, alone.plant.truth)
+    assert np.array_equal(course.truth.theta, alone.plant.truth)
     for key, part in zip("tqvu", course.log, strict=True):
         assert np.array_equal(part, alone.record[key])
     last = alone.record["theta_hat"][-1]
     assert rows[2]["theta_perp_ratio"] == float(course.ratio(last))
-    summary = metrics.summarize(alone)
+    summary = metrics.summarize(alone, metrics.truth_of(alone))
     for key in ("status", "status_time", "actuator_ratio_error"):
         assert rows[2][key] == summary[key], key
     for key in ("theta_perp_ratio", "theta_perp_ratio_initial"):
@@ -115,20 +115,21 @@ def test_plants_of_their_own_are_runs_of_their_seeds(name, tmp_path):
 def test_other_plants_have_other_truths():
     with montecarlo.ThreadPoolExecutor(2) as pool:
         one, other = montecarlo.simulate([replace(BOAT, seed=k) for k in (1, 2)], pool)
-    assert not np.array_equal(one.truth, other.truth)
+    assert not np.array_equal(one.truth.theta, other.truth.theta)
     assert not np.array_equal(one.log.v, other.log.v)
 
 
 def test_a_diverging_identifier_loses_only_itself(monkeypatch):
     """One of the group adapts far too fast."""
-    want, laws_for = figures(monte_carlo(ARM, FEW, jobs=1)), montecarlo.laws_for
+    want, honest = figures(monte_carlo(ARM, FEW, jobs=1)), Setup.identifiers
     seed = want[2]["seed"]
 
-    def mixed(scenario, system, prior):
-        hot = replace(scenario.identifier, gain=1e6 if scenario.seed == seed else 0.3)
-        return laws_for(replace(scenario, identifier=hot), system, prior)
+    def mixed(setup):
+        gain = 1e6 if setup.scenario.seed == seed else 0.3
+        hot = replace(setup.scenario.identifier, gain=gain)
+        return honest(replace(setup, scenario=replace(setup.scenario, identifier=hot)))
 
-    monkeypatch.setattr(montecarlo, "laws_for", mixed)
+    monkeypatch.setattr(Setup, "identifiers", mixed)
     monkeypatch.setattr(montecarlo, "_GROUP", FEW)
     found = figures(monte_carlo(ARM, FEW, jobs=1))
     assert found[2]["status"] != Status.completed.words and found[2]["status_time"] < ARM.duration
@@ -140,8 +141,7 @@ def test_a_diverging_identifier_loses_only_itself(monkeypatch):
     (1e6, 1e-3, Status.estimate_not_positive_definite), (1e3, 0.0, Status.adaptation_too_fast),
 ])  # fmt: skip
 def test_a_lost_run_ends_as_it_does_alone(gain, drift, status, monkeypatch, tmp_path):
-    for module in (montecarlo, experiment):
-        monkeypatch.setattr(module, "DRIFT", drift)
+    monkeypatch.setattr(following, "DRIFT", drift)
     scenario = replace(ARM, identifier=NullspaceAID(gain=gain))
     rows = monte_carlo(scenario, 2, shared=False)
     for k, row in enumerate(rows):
@@ -175,9 +175,8 @@ def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
     """Identifiers whose priors and gains all differ."""
     laws = []
     for k in range(count):
-        scenario = replace(course.scenario, seed=100 + k)
-        system, prior = course.plant.system, setup.draw_for(scenario, course.plant)
-        law = setup.laws_for(scenario, system, prior)[""]
+        scenario = replace(course.setup.scenario, seed=100 + k)
+        law = course.setup.with_prior_of(scenario).identifiers()[""]
         assert isinstance(law, NullspaceIdentifier)
         law.K, law.metric.Gamma = law.K * (1 + 0.01 * k), law.metric.Gamma * (1 + 0.1 * k)
         laws.append(law)
@@ -303,7 +302,7 @@ def test_a_command_writes_a_table_and_goes_on_where_it_was(tmp_path, capsys):
 def test_lost_runs_are_told_with_their_seeds(tmp_path, capsys):
     plan = Plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
     found = montecarlo.run(plan, tmp_path / "mc", 2, quiet=True)
-    montecarlo.tell(found)
+    montecarlo.print_summary(found)
     said = capsys.readouterr().out
     assert "3 lost" in said
     for row in found.rows:

@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -109,7 +108,8 @@ def test_seeds_come_from_the_master_by_spawn_key(sweep: Sweep) -> None:
 
 
 def test_a_run_of_a_sweep_is_that_very_run_alone(sweep: Sweep, tmp_path: Path) -> None:
-    summary = metrics.summarize(run_alone(PLAN.run(3), tmp_path))
+    done = run_alone(PLAN.run(3), tmp_path)
+    summary = metrics.summarize(done, metrics.truth_of(done))
     row = sweep.rows[3]
     same = {key for key in row if key in summary} - set(COSTS)
     assert {"theta_perp_ratio", "conserved_drift", "status", "scenario_hash"} <= same
@@ -118,7 +118,7 @@ def test_a_run_of_a_sweep_is_that_very_run_alone(sweep: Sweep, tmp_path: Path) -
 
 def test_the_command_told_repeats_a_run(sweep: Sweep, tmp_path: Path) -> None:
     arguments = [*SHORT, "--identifier.K=12"]
-    plan = Plan("scalar_rov", load("scalar_rov"), FIELDS, 2, tuple(arguments))
+    plan = Plan("scalar_rov", load("scalar_rov"), FIELDS, 2, arguments=tuple(arguments))
     told = Sweep(Path(), plan.manifest, []).command(sweep.rows[2])
     words = shlex.split(told)
     assert words[:2] == ["nsaid", "run"]
@@ -268,25 +268,13 @@ def test_the_table_holds_every_row_and_the_manifest(sweep: Sweep) -> None:
     assert {"scenario", "vary", "master_seed", "versions"} <= manifest.keys()
 
 
-@pytest.mark.parametrize(
-    "ratios,status,expected",
-    [
-        ([0.5, 0.01, 0.001], Status.completed, 1.0),
-        ([0.5, 0.001, 0.02, 0.005], Status.completed, 3.0),  # it did not stay
-        ([0.001, 0.001], Status.completed, 0.0),
-        ([0.5, 0.001, 0.011], Status.completed, None),
-        ([0.5, 0.001, 0.001], Status.plant_diverged, None),
-    ],
-)
-def test_time_to_converge(
-    ratios: list[float], status: Status, expected: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    record = {"t": np.arange(len(ratios), dtype=float), "theta_hat": None}
-    monkeypatch.setattr(metrics, "distance", lambda run, t, theta_hat: np.array(ratios))
-    found = time_to_converge(
-        SimpleNamespace(record=record, ending=SimpleNamespace(status=status))  # pyright: ignore
-    )
-    assert found == expected
+def test_a_run_that_ended_early_has_not_converged(tmp_path: Path) -> None:
+    near = replace(ROV, initial_error=1e-6, duration=1.0)
+    done = run_alone(near, tmp_path)
+    truth = metrics.truth_of(done)
+    assert time_to_converge(done, truth) == 0.0
+    done.ending.status = Status.plant_diverged
+    assert time_to_converge(done, truth) is None
 
 
 def test_groups_count_what_never_came_as_infinite(sweep: Sweep) -> None:
