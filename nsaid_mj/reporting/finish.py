@@ -35,7 +35,7 @@ def finish(run: Run, progress: bool = False) -> dict[str, Any]:
         return summary  # nothing to show
     with Console(stderr=True, quiet=not progress).status("writing recording and report"):
         recording.write(run, summary)
-        report.write(run, summary)
+        report.write(run, summary, report.PlantTruth(run.plant))
     return summary
 
 
