@@ -1,4 +1,4 @@
-"""HTML pages from the templates beside this file: one self-contained file each, every value escaped."""
+"""HTML pages from templates: one self-contained file each, every value escaped."""
 
 from __future__ import annotations
 

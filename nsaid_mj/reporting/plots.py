@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +18,9 @@ from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
@@ -27,23 +30,50 @@ from .palette import COLOURS, GRID, INK, VARIABLES
 POINTS = 1500
 """How many points of a curve are drawn, at most."""
 
+COLUMNS = 8
+"""How many columns of categories a panel of ordinary width holds, at most."""
+
 _WIDTH, _HEIGHT = 4.3, 2.6  # of one panel on a page [inch]
 _HUGE = 1e200  # beyond it matplotlib's margins overflow; such values are not drawn
 _DPI = 110  # of a PNG
 _LEGEND_DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}  # of each line style
+_LONG = 28  # letters of a category's label
 _DASHES = tuple(_LEGEND_DASHES)
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
-    "font.size": 8, "axes.titlesize": 9, "axes.labelsize": 8, "legend.fontsize": 8,
-    "xtick.labelsize": 8, "ytick.labelsize": 8,
-    "text.color": INK, "axes.labelcolor": INK, "xtick.color": INK, "ytick.color": INK,
-    "axes.edgecolor": INK, "axes.linewidth": 0.6, "axes.spines.top": False,
-    "axes.spines.right": False, "axes.grid": True, "axes.axisbelow": True, "grid.color": GRID,
-    "grid.linewidth": 0.6, "lines.linewidth": 1.2, "lines.solid_joinstyle": "round",
-    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "legend.frameon": False,
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8,
+    "legend.fontsize": 8,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.edgecolor": INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.2,
+    "lines.solid_joinstyle": "round",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.frameon": False,
+    **{
+        f"boxplot.{part}props.{key}": value
+        for part in ("box", "whisker", "cap")
+        for key, value in (("color", INK), ("linewidth", 0.8))
+    },
     "text.parse_math": False,  # a `$` in a name is a dollar
-    "axes.formatter.useoffset": False, "svg.fonttype": "none", "svg.hashsalt": "nsaid",
-}  # fmt: skip
+    "axes.formatter.useoffset": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "nsaid",
+}
 
 
 @dataclass(frozen=True)
@@ -103,8 +133,9 @@ def thin(rows: int, points: int = POINTS) -> Indices:
 @contextmanager
 def style() -> Iterator[None]:
     """Our settings and otherwise matplotlib's own, whatever the user's matplotlibrc says."""
-    default = {k: v for k, v in matplotlib.rcParamsDefault.items() if not k.startswith("backend")}
-    with matplotlib.rc_context({**default, **_STYLE}):
+    default = matplotlib.rcParamsDefault.items()
+    settings: Any = {key: value for key, value in default if not key.startswith("backend")}
+    with matplotlib.rc_context(settings | _STYLE):
         yield
 
 
@@ -128,25 +159,51 @@ def over_time(panel: Panel) -> str:
 
 def figures(panels: Sequence[Panel]) -> list[dict[str, Any]]:
     """What the template `parts.html` needs of panels: drawing, title and legend of each."""
-    from markupsafe import Markup
-
     return [
-        {
-            "title": panel.title,
-            "svg": Markup(over_time(panel)),
-            "wide": False,
-            "legend": [
-                {
-                    "name": curve.name,
-                    "paint": f"var({VARIABLES[curve.colour]})",
-                    "dashes": _LEGEND_DASHES[curve.dash],
-                }
-                for curve in panel.legend
-            ],
-        }
+        _figure(panel.title, over_time(panel), [(c.name, c.colour, c.dash) for c in panel.legend])
         for panel in panels
         if panel.curves
     ]
+
+
+def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> dict[str, Any]:
+    """What the template `parts.html` needs of a panel that is drawn by a function of its axes.
+
+    Args:
+        title: above the panel.
+        draw: draws it; labels of bars make the legend, which the page shows below the panel.
+        wide: whether it takes the whole width of the page.
+    """
+    with style():
+        size = (2 * _WIDTH if wide else _WIDTH, _HEIGHT)
+        figure = Figure(figsize=size, layout="constrained")
+        axis = figure.add_subplot()
+        draw(axis)
+        legend = [
+            (label, to_hex(bars.patches[0].get_facecolor()), "-")
+            for bars, label in zip(*axis.get_legend_handles_labels(), strict=True)
+        ]
+        return _figure(title, svg(figure, title), legend, wide)
+
+
+def _figure(
+    title: str, drawing: str, legend: Sequence[tuple[str, str, str]], wide: bool = False
+) -> dict[str, Any]:
+    """One figure of the template; its legend has (name, colour, dash) of each entry."""
+    entries = [
+        {"name": name, "paint": f"var({VARIABLES[colour]})", "dashes": _LEGEND_DASHES[dash]}
+        for name, colour, dash in legend
+    ]
+    return {"title": title, "svg": Markup(drawing), "wide": wide, "legend": entries}
+
+
+def categories(axis: Axes, labels: Sequence[str], name: str) -> None:
+    """Puts words under columns 0, 1, 2 …, upright where there are many or long ones."""
+    short = [label if len(label) <= _LONG else label[: _LONG - 1] + "…" for label in labels]
+    longest = max((len(part) for label in short for part in label.split("\n")), default=0)
+    axis.set_xticks(range(len(short)), short, rotation=90 if longest * len(short) > 60 else 0)
+    axis.set_xlim(-0.6, len(short) - 0.4)
+    axis.set_xlabel(name)
 
 
 def logarithmic(axis: Any, which: str = "y") -> None:
@@ -248,7 +305,7 @@ def _page_style(text: str) -> str:
 
 
 def png(figure: Figure, path: Path) -> Path:
-    """Writes a figure as PNG under another name and renames it; returns the path."""
+    """Writes a figure as PNG, whole or not at all; returns the path."""
     partial = path.with_name(f".{path.name}.part")
     with style():
         figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": None})
@@ -256,7 +313,30 @@ def png(figure: Figure, path: Path) -> Path:
     return path
 
 
-def row_of(panels: Sequence[Any], lines: int, width: float, height: float) -> tuple[Figure, Any]:
-    """A figure of several lines of panels and its axes (lines, panels)."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(lines, len(panels), squeeze=False)
+def png_of(
+    lines: Sequence[Mapping[str, Callable[[Axes], None]]], size: tuple[float, float], path: Path
+) -> Path:
+    """Writes lines of panels, each drawn by a function of its axes and called by its title, as PNG.
+
+    Args:
+        lines: of the picture, from above; all have the same titles.
+        size: of the whole picture [inch].
+        path: of the file; it is returned.
+    """
+    with style():
+        figure, axes = grid(len(lines), len(lines[0]), size)
+        for row, line in zip(axes, lines, strict=True):
+            for axis, draw in zip(row, line.values(), strict=True):
+                draw(axis)
+                if axis.get_legend_handles_labels()[0]:
+                    axis.set_ylim(top=1.4 * axis.get_ylim()[1])  # room for the legend
+                    axis.legend(loc="upper left")
+        for axis, title in zip(axes[0], lines[0], strict=True):
+            axis.set_title(title)
+        return png(figure, path)
+
+
+def grid(lines: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+    """A figure of lines × columns panels, and its axes as an array; call it within `style`."""
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(lines, columns, squeeze=False)

@@ -158,7 +158,9 @@ def _panels(run: Run, truth: Truth | None) -> list[Panel]:
             distance.add(t, ratio, label)
         dv = record[f"v_hat{suffix}"][later] - record["v"][later]
         error.add(record["t"][later], np.sqrt(np.mean(dv**2, axis=1)), label)
-    gains = _gains(space, t, record["theta_hat"][rows], None if truth is None else truth.theta_at(t))
+    gains = _gains(
+        space, t, record["theta_hat"][rows], None if truth is None else truth.theta_at(t)
+    )
     if truth is None:
         return [gains, error]
     energy = Panel("Lyapunov function", "V [J]", True)
@@ -243,8 +245,9 @@ def _true(rows: Sequence[dict[str, Any]]) -> bool:
 
 def _common_factor(rows: Sequence[dict[str, Any]]) -> float:
     """By which the estimate comes nearest to the truth in θ/scale."""
-    true, estimate = (np.array([row[key] / row["scale"] for row in rows])
-                      for key in ("true", "estimate"))  # fmt: skip
+    true, estimate = (
+        np.array([row[key] / row["scale"] for row in rows]) for key in ("true", "estimate")
+    )
     return float(true @ estimate / (estimate @ estimate))
 
 

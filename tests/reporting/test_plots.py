@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -21,7 +22,7 @@ from nsaid_mj.reporting.plots import POINTS, Panel, number, over_time, thin
 from tests.reporting.drawing import points_of, words_of
 
 
-def panel(*curves: list[float] | np.ndarray, logarithmic: bool = False) -> Panel:
+def panel(*curves: Sequence[float] | np.ndarray, logarithmic: bool = False) -> Panel:
     """Values of curves over the times 0, 1, 2 …"""
     made = Panel("what", "y [m]", logarithmic)
     for k, values in enumerate(curves):
@@ -105,8 +106,14 @@ def test_the_same_data_give_the_same_bytes_in_every_process_whatever_the_users_s
         "p = Panel('what', 'y [m]')\np.add(np.arange(3.0), np.arange(3.0), 'curve 0')\n"
         "print(over_time(p))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
-                          env={**os.environ, "MATPLOTLIBRC": str(tmp_path)}, timeout=120)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "MATPLOTLIBRC": str(tmp_path)},
+        timeout=120,
+    )
     assert done.stdout.strip() == over_time(panel([0, 1, 2])).strip()
 
 
@@ -134,7 +141,9 @@ def test_ids_of_several_drawings_do_not_collide_and_all_references_are_met():
 def test_words_remain_words_and_cannot_become_markup():
     figure = Figure()
     with plots.style():
-        figure.add_subplot().set_title('$x$ <script>alert(1)</script> & --> id="a" url(#b) d="1.2345"')
+        figure.add_subplot().set_title(
+            '$x$ <script>alert(1)</script> & --> id="a" url(#b) d="1.2345"'
+        )
         text = plots.svg(figure, '<b>"title"')
     assert "<script" not in text
     assert "<b>" not in text
@@ -157,9 +166,16 @@ def test_lines_after_the_last_colour_are_told_apart_by_dashes_and_named_in_the_l
 
 @pytest.mark.parametrize(
     "value,told,power",
-    [(0.02, "0.02", "2·10⁻²"), (300, "300", "3·10²"), (1e-5, "10⁻⁵", "10⁻⁵"), (0, "0", "0"),
-     (2e4, "2·10⁴", "2·10⁴"), (1, "1", "10⁰"), (1.5e-7, "1.5·10⁻⁷", "1.5·10⁻⁷")],
-)  # fmt: skip
+    [
+        (0.02, "0.02", "2·10⁻²"),
+        (300, "300", "3·10²"),
+        (1e-5, "10⁻⁵", "10⁻⁵"),
+        (0, "0", "0"),
+        (2e4, "2·10⁴", "2·10⁴"),
+        (1, "1", "10⁰"),
+        (1.5e-7, "1.5·10⁻⁷", "1.5·10⁻⁷"),
+    ],
+)
 def test_numbers_of_ticks(value, told, power):
     assert number(value) == told
     assert number(value, plain=False) == power

@@ -60,8 +60,10 @@ def text(done: Run, summary: dict[str, Any]) -> str:
 
 def drawings(text: str) -> list[ElementTree.Element]:
     """Its plots, without the small ones of legends."""
-    return [ElementTree.fromstring(svg) for svg in re.findall(r'<svg[^>]*role="img".*?</svg>', text,
-                                                              flags=re.DOTALL)]  # fmt: skip
+    return [
+        ElementTree.fromstring(svg)
+        for svg in re.findall(r'<svg[^>]*role="img".*?</svg>', text, flags=re.DOTALL)
+    ]
 
 
 def test_every_identifiers_distance_is_drawn_as_recorded(done: Run, text: str) -> None:
@@ -138,17 +140,29 @@ def test_everything_from_outside_is_escaped(
 ) -> None:
     told = copy.deepcopy(summary)
     told |= {
-        "verdict": EVIL, "status": EVIL, "status_signal": EVIL, "status_remedy": EVIL,
-        "mismatch": [EVIL], "fault": EVIL, "law": EVIL, "sensors": EVIL, "seed": EVIL,
-        "scenario_hash": EVIL, "versions": {EVIL: EVIL},
+        "verdict": EVIL,
+        "status": EVIL,
+        "status_signal": EVIL,
+        "status_remedy": EVIL,
+        "mismatch": [EVIL],
+        "fault": EVIL,
+        "law": EVIL,
+        "sensors": EVIL,
+        "seed": EVIL,
+        "scenario_hash": EVIL,
+        "versions": {EVIL: EVIL},
         "unobservable": [{"direction": EVIL, "fix": EVIL, "parameters": [EVIL, EVIL]}],
         "rivals": {EVIL: told["rivals"]["conventional"]},
         "confidence": {
-            "directions": 2, "below_noise": 0, "covered": 1.0, "deviation_median": 0.1,
-            "deviation_largest": 0.2, "actuators": {EVIL: 0.1, "other": 0.2},
+            "directions": 2,
+            "below_noise": 0,
+            "covered": 1.0,
+            "deviation_median": 0.1,
+            "deviation_largest": 0.2,
+            "actuators": {EVIL: 0.1, "other": 0.2},
             "worst_known": [{"deviation": 0.2, "below_noise": True, "parameters": {EVIL: 1.0}}],
         },
-    }  # fmt: skip
+    }
     for row in told["parameters"]:
         row |= {"name": EVIL, "unit": EVIL}
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
@@ -171,8 +185,10 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
     for found in (told, *told["rivals"].values()):
         for key in list(found):
             if key.startswith(("theta_perp", "lyapunov")) or key in {
-                "plant_direction_error", "actuator_ratio_error", "conserved_drift",
-            }:  # fmt: skip
+                "plant_direction_error",
+                "actuator_ratio_error",
+                "conserved_drift",
+            }:
                 del found[key]
     for row in told["parameters"]:
         del row["true"]
@@ -197,9 +213,7 @@ def test_a_verdict_is_shown_where_there_is_one(done: Run, summary: dict[str, Any
     assert 'class="banner' not in report.page(done, silent, truth)
 
 
-def test_a_run_of_one_row_has_a_report(
-    done: Run, summary: dict[str, Any], tmp_path: Path
-) -> None:
+def test_a_run_of_one_row_has_a_report(done: Run, summary: dict[str, Any], tmp_path: Path) -> None:
     columns = {name: rows[:1] for name, rows in done.record.columns.items()}
     short = replace(done, folder=tmp_path, record=replace(done.record, columns=columns))
     text = report.page(short, summary, report.PlantTruth(done.plant))
