@@ -11,24 +11,19 @@ import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import matplotlib
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ..parameters import Array, Indices
-from .palette import COLOURS, GRID, INK, VARIABLES
-
-POINTS = 1500
-"""How many points of a curve are drawn, at most."""
+from .palette import GRID, INK, VARIABLES
+from .panels import Panel, template_figure
 
 COLUMNS = 8
 """How many columns of categories a panel of ordinary width holds, at most."""
@@ -36,9 +31,7 @@ COLUMNS = 8
 _WIDTH, _HEIGHT = 4.3, 2.6  # of one panel on a page [inch]
 _HUGE = 1e200  # beyond it matplotlib's margins overflow; such values are not drawn
 _DPI = 110  # of a PNG
-_LEGEND_DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}  # of each line style
 _LONG = 28  # letters of a category's label
-_DASHES = tuple(_LEGEND_DASHES)
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
     "font.size": 8,
@@ -76,60 +69,6 @@ _STYLE: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True)
-class Curve:
-    """One line of a panel.
-
-    Attributes:
-        t: (N,) times [s].
-        values: (N,); NaN interrupts the line.
-        name: for the legend.
-        colour: of the line.
-        dash: matplotlib's line style.
-    """
-
-    t: Array
-    values: Array
-    name: str
-    colour: str
-    dash: str = "-"
-
-
-@dataclass
-class Panel:
-    """Curves over time in one pair of axes.
-
-    Attributes:
-        title: what is shown, in words.
-        label: of the vertical axis, with its unit.
-        logarithmic: whether the vertical axis is; values ≤ 0 are left out then.
-        level: where a horizontal reference line is drawn, if anywhere.
-        curves: see `add`.
-    """
-
-    title: str
-    label: str
-    logarithmic: bool = False
-    level: float | None = None
-    curves: list[Curve] = field(default_factory=list)
-
-    def add(self, t: Array, values: Array, name: str = "") -> None:
-        """Adds a curve with the next colour, and with the next dashes once all are used."""
-        round_, colour = divmod(len(self.curves), len(COLOURS))
-        dash = _DASHES[round_ % len(_DASHES)]
-        self.curves.append(Curve(t, values, name, COLOURS[colour], dash))
-
-    @property
-    def legend(self) -> list[Curve]:
-        """The curves to be named beside the plot; none where there is only one."""
-        return [curve for curve in self.curves if curve.name] if len(self.curves) > 1 else []
-
-
-def thin(rows: int, points: int = POINTS) -> Indices:
-    """Indices of at most `points` of all rows, evenly spread, with the first and the last."""
-    return np.unique(np.linspace(0, rows - 1, min(rows, points)).round().astype(np.intp))
-
-
 @contextmanager
 def style() -> Iterator[None]:
     """Our settings and otherwise matplotlib's own, whatever the user's matplotlibrc says."""
@@ -157,15 +96,6 @@ def over_time(panel: Panel) -> str:
         return svg(figure, panel.title)
 
 
-def figures(panels: Sequence[Panel]) -> list[dict[str, Any]]:
-    """What the template `parts.html` needs of panels: drawing, title and legend of each."""
-    return [
-        _figure(panel.title, over_time(panel), [(c.name, c.colour, c.dash) for c in panel.legend])
-        for panel in panels
-        if panel.curves
-    ]
-
-
 def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> dict[str, Any]:
     """What the template `parts.html` needs of a panel that is drawn by a function of its axes.
 
@@ -183,18 +113,7 @@ def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) ->
             (label, to_hex(bars.patches[0].get_facecolor()), "-")
             for bars, label in zip(*axis.get_legend_handles_labels(), strict=True)
         ]
-        return _figure(title, svg(figure, title), legend, wide)
-
-
-def _figure(
-    title: str, drawing: str, legend: Sequence[tuple[str, str, str]], wide: bool = False
-) -> dict[str, Any]:
-    """One figure of the template; its legend has (name, colour, dash) of each entry."""
-    entries = [
-        {"name": name, "paint": f"var({VARIABLES[colour]})", "dashes": _LEGEND_DASHES[dash]}
-        for name, colour, dash in legend
-    ]
-    return {"title": title, "svg": Markup(drawing), "wide": wide, "legend": entries}
+        return template_figure(title, svg(figure, title), legend, wide)
 
 
 def categories(axis: Axes, labels: Sequence[str], name: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from ..experiment.loop import Run
 from ..parameters import Array, ParameterSpace
 from ..plants import Plant
 from ..resources import write_text
+from .drawer import Drawer
 from .pages import render
-
-if TYPE_CHECKING:
-    from .plots import Panel
+from .panels import Panel, template_figure, thin
 
 FILE = "report.html"
 _OPEN = 12  # parameters of a block or of all, up to which nothing is collapsed
@@ -43,7 +42,9 @@ class PlantTruth:
         self.theta_at = plant.truth_at
 
 
-def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
+def write(
+    run: Run, summary: dict[str, Any], truth: Truth | None, drawer: Drawer | None = None
+) -> Path:
     """Writes a run's report.html, whole or not at all, and returns its path.
 
     Args:
@@ -51,16 +52,19 @@ def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
         summary: its summary.json.
         truth: the true parameters; None where nobody knows them, as on a robot's log. What
             compares with the truth is left out then.
+        drawer: draws the curves; this process does where there is none.
     """
     path = run.folder / FILE
-    write_text(path, page(run, summary, truth))
+    write_text(path, page(run, summary, truth, drawer))
     return path
 
 
-def page(run: Run, summary: dict[str, Any], truth: Truth | None) -> str:
+def page(
+    run: Run, summary: dict[str, Any], truth: Truth | None, drawer: Drawer | None = None
+) -> str:
     """A run's report as HTML; see `write`."""
-    from .plots import figures  # matplotlib loads only now that the run has ended
-
+    panels = [panel for panel in _panels(run, truth) if panel.curves]
+    drawings = (drawer or Drawer()).draw(panels)
     return render(
         "report.html",
         name=run.folder.name,
@@ -73,7 +77,10 @@ def page(run: Run, summary: dict[str, Any], truth: Truth | None) -> str:
         fault=summary["fault"],
         figures=_figures(summary),
         checks=_checks(summary),
-        curves=figures(_panels(run, truth)),
+        curves=[
+            template_figure(panel.title, drawing, panel.legend)
+            for panel, drawing in zip(panels, drawings, strict=True)
+        ],
         confidence=_confidence(summary),
         p=summary["p"],
         r=summary["r"],
@@ -143,8 +150,6 @@ def _checks(summary: dict[str, Any]) -> str:
 
 def _panels(run: Run, truth: Truth | None) -> list[Panel]:
     """The run's curves over time."""
-    from .plots import Panel, thin
-
     record, space = run.record, run.plant.system.space
     rows = thin(len(record))
     t, later = record["t"][rows], rows[1:]
@@ -170,8 +175,6 @@ def _panels(run: Run, truth: Truth | None) -> list[Panel]:
 
 def _gains(space: ParameterSpace, t: Array, theta_hat: Array, true: Array | None) -> Panel:
     """Actuator parameters over the true ones, or over the prior where nobody knows the truth."""
-    from .plots import Panel
-
     k = space.actuators
     ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
     over = "k̂/k̂(0)" if true is None else "k̂/k"

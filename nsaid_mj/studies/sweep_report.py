@@ -13,6 +13,7 @@ import numpy as np
 from ..reporting import plots
 from ..reporting.pages import render
 from ..reporting.palette import BAD, COLOURS
+from ..reporting.panels import thin
 from ..reporting.report import FILE
 from ..resources import write_text
 from .sweep_results import HEADS, Group, Sweep, cells
@@ -130,7 +131,7 @@ def _distribution(axis: Any, groups: list[Group], key: str) -> None:
             showfliers=False,
             medianprops={"color": COLOURS[0], "lw": 2},
         )
-        shown = values[plots.thin(len(values), _DOTS)]
+        shown = values[thin(len(values), _DOTS)]
         aside = place + rng.uniform(-0.2, 0.2, len(shown))
         axis.plot(aside, shown, ".", color=COLOURS[0], ms=4, alpha=max(0.05, len(shown) ** -0.4))
 

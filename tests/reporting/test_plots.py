@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 
 from nsaid_mj.reporting import plots
 from nsaid_mj.reporting.palette import COLOURS, VARIABLES
-from nsaid_mj.reporting.plots import POINTS, Panel, number, over_time, thin
+from nsaid_mj.reporting.panels import POINTS, Panel, thin
+from nsaid_mj.reporting.plots import number, over_time
 from tests.reporting.drawing import points_of, words_of
 
 
@@ -159,9 +160,8 @@ def test_a_drawing_refers_to_nothing_outside():
 def test_lines_after_the_last_colour_are_told_apart_by_dashes_and_named_in_the_legend():
     many = panel(*([k, k + 1] for k in range(len(COLOURS) + 2)))
     assert len({(c.colour, c.dash) for c in many.curves}) == len(many.curves)
-    (figure,) = plots.figures([many])
-    assert [entry["name"] for entry in figure["legend"]] == [c.name for c in many.curves]
-    assert not plots.figures([panel([1, 2])])[0]["legend"]  # its title says what it is
+    assert many.legend == [(c.name, c.colour, c.dash) for c in many.curves]
+    assert not panel([1, 2]).legend  # its title says what it is
 
 
 @pytest.mark.parametrize(
