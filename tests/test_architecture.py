@@ -170,7 +170,7 @@ def test_a_run_loads_what_shows_it_only_when_it_is_shown(module):
         ("rerun", {"recording"}),
         ("tyro", {"cli", "experiment"}),
         ("pinocchio", {"plants", "systems", "recording", "baselines"}),
-        ("matplotlib", {"studies"}),
+        ("matplotlib", {"reporting"}),
         ("pyarrow", {"experiment", "recording", "studies"}),
         ("joblib", {"studies"}),
     ],

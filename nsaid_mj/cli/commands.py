@@ -158,7 +158,7 @@ def _add_sweep(commands: Any) -> None:
         "sweep",
         help="run a scenario many times, with fields varied and seeds drawn",
         usage="nsaid sweep NAME_OR_FILE [--vary FIELD=A,B,C … --seeds N --jobs N --timeout S\n"
-        "                                 --engine loky|dask|ray --address ADDRESS --out FOLDER\n"
+        "                                 --engine loky|dask --address ADDRESS --out FOLDER\n"
         "                                 --retry --json --quiet … any field]",
         description="Runs every combination of the varied fields with every seed, in parallel. The "
         "same command goes on where an earlier one was stopped. Fields of the scenario are flags, "
@@ -174,7 +174,7 @@ def _add_sweep(commands: Any) -> None:
     sweep.add_argument("--seeds", metavar="N", type=int, default=10, help="how many; 10")
     sweep.add_argument("--jobs", metavar="N", type=int, help="at once; as many as processors")
     sweep.add_argument("--timeout", metavar="S", type=float, help="for a run, which is then lost")
-    sweep.add_argument("--engine", default="loky", help="loky (this machine), dask or ray")
+    sweep.add_argument("--engine", default="loky", help="loky (this machine) or dask")
     sweep.add_argument("--address", help="of the cluster's scheduler")
     sweep.add_argument("--retry", action="store_true", help="make the lost runs once more")
     sweep.add_argument("--out", type=Path, metavar="FOLDER", help="runs/NAME-sweep")

@@ -27,16 +27,17 @@ def finish(run: Run, progress: bool = False) -> dict[str, Any]:
         run: a run that has ended, however it did.
         progress: say on the terminal what is being done.
     """
-    with Console(stderr=True, quiet=not progress).status("judging the estimate"):
-        truth = evaluation.truth_of(run)
-        summary = evaluation.summarize(run, truth)
-        write_json(run.folder / SUMMARY, summary)
-        write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
-    if not len(run.record):
-        return summary  # nothing to show
-    with Console(stderr=True, quiet=not progress).status("writing recording and report"):
-        recording.write(run, summary, truth)
-        report.write(run, summary, truth)
+    with report.Drawer() as drawer:
+        with Console(stderr=True, quiet=not progress).status("judging the estimate"):
+            truth = evaluation.truth_of(run)
+            summary = evaluation.summarize(run, truth)
+            write_json(run.folder / SUMMARY, summary)
+            write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+        if not len(run.record):
+            return summary  # nothing to show
+        with Console(stderr=True, quiet=not progress).status("writing recording and report"):
+            recording.write(run, summary, truth)
+            report.write(run, summary, truth, drawer)
     return summary
 
 

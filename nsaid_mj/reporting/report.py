@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import html
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,173 +10,235 @@ import numpy as np
 
 from .. import evaluation
 from ..evaluation import Truth
+from ..evaluation.confidence import INTERVAL
 from ..experiment.loop import Run
+from ..parameters import Array, ParameterSpace
 from ..resources import write_text
-from .charts import Chart, svg
+from .drawer import Drawer
+from .pages import render
+from .panels import Panel, template_figure, thin
 
 FILE = "report.html"
-_POINTS = 1500  # of a curve
-_COLOURS = ("#0b6e99", "#d9480f", "#5f3dc4", "#2b8a3e", "#c2255c")
-
-_SCALED = """ For comparison it is scaled by the one factor that brings it nearest to the truth in
-θ/scale."""
-
-STYLE = """
-body{font:15px/1.5 system-ui,sans-serif;color:#1c2733;max-width:68rem;
-margin:2rem auto;padding:0 1rem}
-h1{margin-bottom:0}h2{margin-top:2.2rem;border-bottom:1px solid #d5dde5;padding-bottom:.2rem}
-.lead{color:#51606f;margin-top:.2rem}table{border-collapse:collapse;font-variant-numeric:tabular-nums}
-td,th{padding:.2rem .8rem;text-align:right;border-bottom:1px solid #e6ecf1}
-td:first-child,th:first-child{text-align:left}img,svg{width:100%}.bad{color:#c92a2a;font-weight:600}
-code{background:#f0f4f7;padding:.1rem .3rem;border-radius:3px}
-.scroll{max-height:32rem;overflow:auto}
-.scroll th{position:sticky;top:0;background:#fff}
-"""
+_OPEN = 12  # parameters of a block or of all, up to which nothing is collapsed
+_ABSENT = "–"
 
 
-def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
+def write(
+    run: Run, summary: dict[str, Any], truth: Truth | None, drawer: Drawer | None = None
+) -> Path:
     """Writes a run's report.html, whole or not at all, and returns its path.
 
     Args:
-        run: a run that has ended, however it did.
+        run: a run that has ended, with at least one row in its record.
         summary: its summary.json.
-        truth: of its plant; None leaves out whatever needs it.
+        truth: the true parameters; None where nobody knows them, as on a robot's log. What
+            compares with the truth is left out then.
+        drawer: draws the curves; this process does where there is none.
     """
-    name = html.escape(run.folder.name)
-    ended = "" if summary["status"] == "completed" else (
-        f'<p class="bad">Ended early: {html.escape(summary["status"])} at t = '
-        f'{summary["status_time"]:.4g} s {html.escape(summary["status_signal"])}. '
-        f'{html.escape(summary["status_remedy"])}</p>'
-    )  # fmt: skip
-    mismatch = "".join(f"<li>{html.escape(words)}</li>" for words in summary.get("mismatch", []))
-    if mismatch:
-        ended += f"<h2>What the structure does not know</h2><ul>{mismatch}</ul>"
-    if summary.get("fault"):
-        ended += f"<h2>Fault</h2><p>{html.escape(summary['fault'])}</p>"
-    versions = ", ".join(f"{name} {number}" for name, number in summary["versions"].items())
-    page = f"""<!doctype html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width"><title>{name}</title><style>{STYLE}</style>
-<h1>{name}</h1>
-<p class="lead">{html.escape(type(run.scenario.plant).__name__)}, {summary["n"]} velocities,
-{summary["p"]} parameters, {summary["sim_s"]:.4g} s simulated in {summary["wall_s"]:.1f} s,
-{html.escape(summary["sensors"])} sensors, seed {summary["seed"]}</p>{ended}
-<h2>What was found</h2>{_figures(summary)}
-<h2>How it went</h2>{_curves(run, truth)}
-{_confidence(summary)}<h2>What cannot be known</h2>{_unobservable(summary)}
-<h2>Parameters</h2><p>An estimate is right up to the directions above.{_SCALED if truth else ""}</p>
-<div class="scroll">{_parameters(summary)}</div>
-<h2>To run it again</h2><p>{html.escape(versions)};
-scenario {summary["scenario_hash"]} in <code>scenario.json</code>; all figures in
-<code>summary.json</code>, all samples in <code>record.arrow</code>, the motion in
-<code>run.rrd</code> (<code>nsaid view {html.escape(str(run.folder))}</code>).</p></html>
-"""
     path = run.folder / FILE
-    write_text(path, page)
+    write_text(path, page(run, summary, truth, drawer))
     return path
 
 
-def _figures(summary: dict[str, Any]) -> str:
+def page(
+    run: Run, summary: dict[str, Any], truth: Truth | None, drawer: Drawer | None = None
+) -> str:
+    """A run's report as HTML; see `write`."""
+    panels = [panel for panel in _panels(run, truth) if panel.curves]
+    drawings = (drawer or Drawer()).draw(panels)
+    return render(
+        "report.html",
+        name=run.folder.name,
+        folder=run.folder,
+        robot=_robot(run),
+        lead=_lead(summary),
+        verdict=summary.get("verdict"),
+        ended=_ended(summary),
+        mismatch=summary.get("mismatch", []),
+        fault=summary.get("fault"),
+        figures=_figures(summary),
+        checks=_checks(summary),
+        curves=[
+            template_figure(panel.title, drawing, panel.legend)
+            for panel, drawing in zip(panels, drawings, strict=True)
+        ],
+        confidence=_confidence(summary),
+        p=summary["p"],
+        r=summary["r"],
+        unobservable=evaluation.unobservable_lines(summary),
+        parameters_note=_parameters_note(summary),
+        parameters=_parameters(run.system.space, summary),
+        seed=summary["seed"],
+        scenario_hash=summary["scenario_hash"],
+        versions=", ".join(f"{name} {number}" for name, number in summary["versions"].items()),
+    )
+
+
+def _robot(run: Run) -> str:
+    """What the run's robot is called: the field that chooses it, or its plant's class."""
+    plant = run.scenario.plant
+    chosen = getattr(plant, "robot", "") or getattr(plant, "vehicle", "")
+    return Path(chosen).stem if chosen else type(plant).__name__.removesuffix("Plant")
+
+
+def _lead(summary: dict[str, Any]) -> str:
+    return (
+        f"Law {summary['law']}, {summary['sensors']} sensors, seed {summary['seed']}: "
+        f"{summary['n']} velocities, {summary['p']} parameters, {summary['sim_s']:.4g} s of motion "
+        f"in {summary['wall_s']:.1f} s of wall time."
+    )
+
+
+def _ended(summary: dict[str, Any]) -> str:
+    """How a run ended early; empty where it completed."""
+    if summary["status"] == "completed":
+        return ""
+    at = f"Ended early: {summary['status']} at t = {summary['status_time']:.4g} s"
+    signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
+    return f"{at}{signal}. {summary['status_remedy']}"
+
+
+def _figures(summary: dict[str, Any]) -> dict[str, Any]:
+    """The table of every identifier's figures, without those that are absent."""
     identifiers = {evaluation.OWN: summary, **summary["rivals"]}
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in identifiers)
-    body = "".join(
-        f"<tr><td>{label}</td>"
-        + "".join(f"<td>{evaluation.figure(s.get(key), unit)}</td>" for s in identifiers.values())
-        + "</tr>"
+    lines = [
+        [label, *(evaluation.figure(found.get(key), unit) for found in identifiers.values())]
         for label, key, unit in evaluation.FIGURES
-        if any(key in s for s in identifiers.values())
-    )
-    drift = summary["conserved_drift"]
-    drifted = "–" if drift is None else f"{drift:.1e}"
-    checks = (
-        f"<p>The conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by {drifted}. Excitation: ε₀ of (2) at least "
-        f"{summary['pe_level']:.2g} N·m·s.</p>"
-    )
+        if any(key in found for found in identifiers.values())
+    ]
+    return {"heads": ["", *identifiers], "lines": lines}
+
+
+def _checks(summary: dict[str, Any]) -> str:
+    """What the theory promises, and whether the run kept it."""
+    said = []
     if "lyapunov_violations" in summary:
-        checks = (
-            f"<p>The Lyapunov function rose beyond the integrator's bound in "
-            f"{summary['lyapunov_violations']} steps; the conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by "
-            f"{drifted}. Excitation: ε₀ of (75) at least "
-            f"{summary['pe_level_perp']:.2g} N·m·s, of (2) {summary['pe_level']:.2g} N·m·s.</p>"
+        said.append(
+            f"The Lyapunov function rose by more than the integration error allows in "
+            f"{summary['lyapunov_violations']} steps."
         )
-    return f"<table><tr><th></th>{head}</tr>{body}</table>{checks}"
+    if (drift := summary.get("conserved_drift")) is not None:
+        said.append(f"The conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by {drift:.1e} of itself.")
+    levels = [
+        f"{summary[key]:.2g} N·m·s in ({equation})"
+        for key, equation in (("pe_level_perp", "75"), ("pe_level", "2"))
+        if summary.get(key) is not None
+    ]
+    if levels:
+        said.append(f"Level of excitation ε₀ over all windows: at least {', '.join(levels)}.")
+    return " ".join(said)
 
 
-def _curves(run: Run, truth: Truth | None) -> str:
-    """The run's curves, as SVG."""
-    record = run.record
-    k = slice(None, None, max(1, len(record) // _POINTS))
-    t = record["t"][k]
-    distance = Chart("‖θ̄_P⊥‖ / ‖θ̂‖", "distance to the true set", logarithmic=True)
-    error = Chart("rms Δv [rad/s or m/s]", logarithmic=True)
-    for name, colour in zip(["", *record.rivals], _COLOURS, strict=False):
-        suffix, label = (f"_{name}", name) if name else ("", evaluation.OWN)
+def _panels(run: Run, truth: Truth | None) -> list[Panel]:
+    """The run's curves over time."""
+    record, space = run.record, run.system.space
+    rows = thin(len(record))
+    t, later = record["t"][rows], rows[1:]
+    names = {"": evaluation.OWN} | {name: name for name in record.rivals}
+    distance = Panel("Distance to the true set", "‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]", True)
+    error = Panel("Velocity error", "rms Δv [rad/s, m/s]", True)
+    for name, label in names.items():
+        suffix = f"_{name}" if name else ""
         if truth is not None:
-            ratio = truth.distance(t, record[f"theta_hat{suffix}"][k])
-            distance.add(t, ratio, colour, label if record.rivals else "")
-        dv = record[f"v_hat{suffix}"][k] - record["v"][k]
-        error.add(t[1:], np.sqrt(np.mean(dv[1:] ** 2, axis=1)), colour)
+            ratio = truth.distance(t, record[f"theta_hat{suffix}"][rows])
+            distance.add(t, ratio, label)
+        dv = record[f"v_hat{suffix}"][later] - record["v"][later]
+        error.add(record["t"][later], np.sqrt(np.mean(dv**2, axis=1)), label)
+    gains = _gains(
+        space, t, record["theta_hat"][rows], None if truth is None else truth.theta_at(t)
+    )
     if truth is None:
-        return svg([error])
-    gains = Chart("k̂/k over its mean", "actuator gains, up to the common scale: 1 is right")
-    actuators = run.system.space.actuators
-    ratio = record["theta_hat"][k][:, actuators] / truth.theta_at(t)[:, actuators]
-    for share in (ratio / ratio.mean(axis=1, keepdims=True)).T:
-        gains.add(t, share)
-    energy = Chart("Lyapunov function V [J]", logarithmic=True)
-    energy.add(t, evaluation.energy(run, truth)[k], _COLOURS[0])
-    return svg([distance, gains, error, energy])
+        return [gains, error]
+    energy = Panel("Lyapunov function", "V [J]", True)
+    energy.add(t, evaluation.energy(run, truth)[rows])
+    return [distance, gains, error, energy]
 
 
-def _confidence(summary: dict[str, Any]) -> str:
+def _gains(space: ParameterSpace, t: Array, theta_hat: Array, true: Array | None) -> Panel:
+    """Actuator parameters over the true ones, or over the prior where nobody knows the truth."""
+    k = space.actuators
+    ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
+    over = "k̂/k̂(0)" if true is None else "k̂/k"
+    title = "Actuators relative to the prior" if true is None else "Actuators: 1 is right"
+    panel = Panel(title, f"{over}, over the mean of all [–]", level=1.0)
+    for name, share in zip(k, (ratio / ratio.mean(axis=1, keepdims=True)).T, strict=True):
+        panel.add(t, share, space.names[name])
+    return panel
+
+
+def _confidence(summary: dict[str, Any]) -> dict[str, Any] | None:
+    """What the confidence says, and the directions that are known least; None without one."""
     stated = summary["confidence"]
     if stated is None:
-        return ""
-    told = "".join(f"<li>{html.escape(line)}</li>" for line in evaluation.confidence_lines(summary))
-    body = ""
-    for row in stated["worst_known"]:
-        parts = ", ".join(f"{weight:+.2f} {name}" for name, weight in row["parameters"].items())
-        low = "below the noise" if row["below_noise"] else ""
-        body += (
-            f"<tr><td>{html.escape(parts)}</td><td>±{row['deviation']:.2g}</td><td>{low}</td></tr>"
+        return None
+    worst = [
+        [
+            ", ".join(f"{weight:+.2f} {name}" for name, weight in row["parameters"].items()),
+            f"±{row['deviation']:.2g}",
+            "below the noise" if row["below_noise"] else "",
+        ]
+        for row in stated["worst_known"]
+    ]
+    return {"lines": evaluation.confidence_lines(summary), "worst": worst}
+
+
+def _parameters_note(summary: dict[str, Any]) -> str:
+    words = "An estimate is right up to the directions above."
+    if _true(summary["parameters"]):
+        words += (
+            " For comparison, prior and estimate are scaled by the one factor that brings the "
+            "estimate nearest to the truth in θ/scale."
         )
-    gains = "".join(
-        f"<tr><td>{html.escape(name)}</td><td>±{100 * s:.2g} %</td></tr>"
-        for name, s in stated["actuators"].items()
-    )
-    return (
-        f"<h2>How well it is known</h2><ul>{told}</ul>"
-        f'<div class="scroll"><table><tr><th>least known directions of θ/scale (largest parts)</th>'
-        f"<th>of ‖θ̂/scale‖</th><th></th></tr>{body}</table></div>"
-        f"<table><tr><th>actuator</th><th>its share</th></tr>{gains}</table>"
-    )
-
-
-def _unobservable(summary: dict[str, Any]) -> str:
-    items = "".join(
-        f"<li>{html.escape(what)}: {html.escape(fix)}.</li>"
-        for what, fix in evaluation.unobservable_lines(summary)
-    )
-    return (
-        f"<p>{summary['p'] - summary['r']} of {summary['p']} directions of θ show in the motion, "
-        f"{summary['r']} do not:</p><ul>{items}</ul>"
-    )
-
-
-def _parameters(summary: dict[str, Any]) -> str:
-    rows = summary["parameters"]
-    judged, factor = "true" in rows[0], 1.0
-    if judged:
-        true, estimate, scale = (
-            np.array([row[key] for row in rows]) for key in ("true", "estimate", "scale")
+    if summary["confidence"] is not None:
+        words += (
+            " The 95 % interval of an actuator is that of its share of all actuators, without the "
+            "common scale, which no motion shows."
         )
-        s, h = true / scale, estimate / scale
-        factor = (s @ h) / (h @ h)
-    body = "".join(
-        f"<tr><td>{html.escape(row['name'])}</td><td>{html.escape(row['unit'])}</td>"
-        f"<td>{row['prior'] * factor:.4g}</td><td>{row['estimate'] * factor:.4g}</td>"
-        + (f"<td>{row['true']:.4g}</td></tr>" if judged else "</tr>")
-        for row in rows
+    return words
+
+
+def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str, Any]]:
+    """A table for every block of θ; those of actuators are open."""
+    rows, stated = summary["parameters"], summary["confidence"]
+    shares = {} if stated is None else stated["actuators"]
+    factor = _common_factor(rows) if _true(rows) else 1.0
+    tables = []
+    for block, place in space:
+        some = rows[place]
+        intervals = any(row["name"] in shares for row in some)
+        heads = ["parameter", "unit", "prior", "estimate"]
+        heads += ["95 % interval"] * intervals + ["true"] * _true(rows)
+        lines = []
+        for row in some:
+            estimate = factor * row["estimate"]
+            line = [row["name"], row["unit"], f"{factor * row['prior']:.4g}", f"{estimate:.4g}"]
+            if intervals:
+                line.append(_interval(estimate, shares.get(row["name"])))
+            if _true(rows):
+                line.append(f"{row['true']:.4g}")
+            lines.append(line)
+        shown = block.actuator or len(rows) <= _OPEN
+        tables.append({"name": block.name, "open": shown, "heads": heads, "lines": lines})
+    return tables
+
+
+def _true(rows: Sequence[dict[str, Any]]) -> bool:
+    """Whether the summary's parameters come with their true values."""
+    return all("true" in row for row in rows)
+
+
+def _common_factor(rows: Sequence[dict[str, Any]]) -> float:
+    """By which the estimate comes nearest to the truth in θ/scale."""
+    true, estimate = (
+        np.array([row[key] / row["scale"] for row in rows]) for key in ("true", "estimate")
     )
-    head = "<tr><th>parameter</th><th>unit</th><th>at first</th><th>estimate</th>"
-    head += "<th>true</th></tr>" if judged else "</tr>"
-    return f"<table>{head}{body}</table>"
+    return float(true @ estimate / (estimate @ estimate))
+
+
+def _interval(estimate: float, deviation: float | None) -> str:
+    """The 95 % interval of a value whose relative standard deviation is given."""
+    if deviation is None:
+        return _ABSENT
+    half = INTERVAL * deviation
+    ends = sorted((estimate * (1 - half), estimate * (1 + half)))
+    return f"{ends[0]:.4g} … {ends[1]:.4g} (±{100 * half:.2g} %)"

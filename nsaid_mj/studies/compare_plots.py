@@ -6,24 +6,26 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 
+from ..reporting import plots
 from .cells import FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
-from matplotlib.ticker import LogLocator, NullFormatter
 
 FILES = ("data_length.png", "noise.png", "wall_time.png")
 _SHOWN = FIGURES[:3]
 _STYLES = {
-    "paper": ("#5f3dc4", "o"), "cone": ("#9775fa", "s"), "memory": ("#0b6e99", "D"),
-    "conventional": ("#868e96", "o"), "ols": ("#e8590c", "^"), "wls": ("#2b8a3e", "v"),
-    "tls": ("#e0a800", "<"), "rls": ("#c2255c", ">"), "ekf": ("#1c2733", "P"),
-    "sysid": ("#a0522d", "*"), PRIOR: ("#adb5bd", "x"),
-}  # fmt: skip
+    "paper": ("#5f3dc4", "o"),
+    "cone": ("#9775fa", "s"),
+    "memory": ("#0b6e99", "D"),
+    "conventional": ("#868e96", "o"),
+    "ols": ("#e8590c", "^"),
+    "wls": ("#2b8a3e", "v"),
+    "tls": ("#e0a800", "<"),
+    "rls": ("#c2255c", ">"),
+    "ekf": ("#1c2733", "P"),
+    "sysid": ("#a0522d", "*"),
+    PRIOR: ("#adb5bd", "x"),
+}
 
 
 def draw(folder: Path, cells: Sequence[Cell]) -> list[Path]:
@@ -35,12 +37,14 @@ def draw(folder: Path, cells: Sequence[Cell]) -> list[Path]:
     found = rows(cells)
     noises, durations = sorted({r.noise for r in found}), sorted({r.duration for r in found})
     drawn = []
-    if len(durations) > 1:
-        drawn.append(_save(folder / FILES[0], _against_length(found, noises)))
-    if len(noises) > 1:
-        drawn.append(_save(folder / FILES[1], _against_noise(found, noises, durations[-1])))
-    if found:
-        drawn.append(_save(folder / FILES[2], _against_time(found, noises, durations[-1])))
+    with plots.style():
+        if len(durations) > 1:
+            drawn.append(plots.png(_against_length(found, noises), folder / FILES[0]))
+        if len(noises) > 1:
+            figure = _against_noise(found, noises, durations[-1])
+            drawn.append(plots.png(figure, folder / FILES[1]))
+        if found:
+            drawn.append(plots.png(_against_time(found, noises, durations[-1]), folder / FILES[2]))
     return drawn
 
 
@@ -51,8 +55,9 @@ def _against_length(found: list[Row], noises: list[float]) -> Any:
         chosen = [row for row in found if row.noise == noise]
         for axis, (_, key) in zip(line, _SHOWN, strict=True):
             for method in dict.fromkeys(row.method for row in chosen):
-                _curve(axis, [r for r in chosen if r.method == method], key,
-                       lambda row: row.duration)  # fmt: skip
+                _curve(
+                    axis, [r for r in chosen if r.method == method], key, lambda row: row.duration
+                )
             axis.set_xscale("log")
             axis.set_xticks(durations, [f"{d:g}" for d in durations])
             axis.minorticks_off()
@@ -65,8 +70,12 @@ def _against_noise(found: list[Row], noises: list[float], duration: float) -> An
     chosen = [row for row in found if row.duration == duration]
     for axis, (_, key) in zip(axes[0], _SHOWN, strict=True):
         for method in dict.fromkeys(row.method for row in chosen):
-            _curve(axis, [r for r in chosen if r.method == method], key,
-                   lambda row: noises.index(row.noise))  # fmt: skip
+            _curve(
+                axis,
+                [r for r in chosen if r.method == method],
+                key,
+                lambda row: noises.index(row.noise),
+            )
         axis.set_xticks(range(len(noises)), ["exact" if not x else f"{x:g} ×" for x in noises])
     axes[0][0].set_ylabel(f"{duration:g} s of data")
     return _finish(figure, axes, "sensor noise, multiple of the scenario's")
@@ -84,10 +93,7 @@ def _against_time(found: list[Row], noises: list[float], duration: float) -> Any
                     _curve(axis, [row], key, lambda row: row.median["wall_s"])
         line[0].set_ylabel(f"{sensors(noise)}, {duration:g} s of data")
     for axis in axes.ravel():
-        axis.set_xscale("log")
-        axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.xaxis.set_major_formatter("{x:g}")
-        axis.xaxis.set_minor_formatter(NullFormatter())
+        plots.logarithmic(axis, "x")
     return _finish(figure, axes, "wall time [s]")
 
 
@@ -105,39 +111,34 @@ def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
     reach = np.vstack([median - best, np.where(np.isfinite(worst), worst, median) - median])
     ours = method in LAWS
     axis.errorbar(
-        [abscissa(row) for row in chosen], median, yerr=reach, color=colour, marker=mark,
-        ms=7 if ours else 5, lw=2.2 if ours else 1.1, ls="--" if method == PRIOR else "-",
-        elinewidth=0.8, capsize=2, label=method,
-    )  # fmt: skip
+        [abscissa(row) for row in chosen],
+        median,
+        yerr=reach,
+        color=colour,
+        marker=mark,
+        ms=7 if ours else 5,
+        lw=2.2 if ours else 1.1,
+        ls="--" if method == PRIOR else "-",
+        elinewidth=0.8,
+        capsize=2,
+        label=method,
+    )
 
 
 def _panels(lines: int) -> tuple[Any, Any]:
-    figure, axes = plt.subplots(
-        lines, len(_SHOWN), figsize=(12.5, 1.0 + 3.3 * lines), squeeze=False, layout="constrained"
-    )
-    return figure, axes
+    return plots.grid(lines, len(_SHOWN), (12.5, 1.0 + 3.3 * lines))
 
 
 def _finish(figure: Any, axes: Any, xlabel: str) -> Any:
     for axis, (label, _) in zip(axes[0], _SHOWN, strict=True):
         axis.set_title(label)
     for axis in axes.ravel():
-        axis.set_yscale("log")
-        axis.grid(alpha=0.3)
+        plots.logarithmic(axis)
     for axis in axes[-1]:
         axis.set_xlabel(xlabel)
     handles: dict[str, Any] = {}
     for axis in axes.ravel():
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="outside right center", frameon=False)
+    figure.legend(handles.values(), handles.keys(), loc="outside right center")
     return figure
-
-
-def _save(path: Path, figure: Any) -> Path:
-    """Writes under another name and renames: a file is whole or not there."""
-    partial = path.with_name(f".{path.name}")
-    figure.savefig(partial, format="png", dpi=110)
-    plt.close(figure)
-    partial.replace(path)
-    return path

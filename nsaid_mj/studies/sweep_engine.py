@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import itertools
 import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
@@ -19,8 +18,7 @@ from ..errors import InvalidInput, UnknownName
 from ..experiment.scenario import Scenario
 from .sweep_worker import Job, supervised
 
-ENGINES = ("loky", "dask", "ray")
-_RAY_BATCH = 256
+ENGINES = ("loky", "dask")
 _UNFIT = "`python -m nsaid_mj.studies.sweep_worker` on a worker's machine says why."
 
 
@@ -29,7 +27,7 @@ class Engine:
     """Who makes the runs.
 
     Attributes:
-        name: `loky` is processes of this machine; `dask` and `ray` are clusters.
+        name: `loky` is processes of this machine; `dask` is a cluster.
         address: of the cluster's scheduler.
         jobs: how many runs at once; None is as many as there are processors.
         timeout: wall time of a run after which it counts as hung [s]; None is two minutes, and
@@ -85,8 +83,9 @@ class Engine:
                 try:
                     for row in parallel(list(waiting), begun):
                         if "unfit" in row:
-                            raise InvalidInput("engine", "workers that can import nsaid_mj",
-                                               row["unfit"], _UNFIT)  # fmt: skip
+                            raise InvalidInput(
+                                "engine", "workers that can import nsaid_mj", row["unfit"], _UNFIT
+                            )
                         del waiting[row["run"]]
                         yield row
                 except broken:
@@ -116,12 +115,7 @@ class Engine:
         in_turn = at_once == 1  # joblib then starts no worker, and cannot lose patience
         settings: dict[str, Any] = {"n_jobs": at_once, "pre_dispatch": "n_jobs", "batch_size": 1}
         parallel: Any = partial(joblib.Parallel, timeout=None if in_turn else patience, **settings)
-        if self.name == "ray":  # its backend hands back lists only
-            waiting = tasks()
-            while some := list(itertools.islice(waiting, _RAY_BATCH)):
-                yield from parallel()(some)
-        else:
-            yield from parallel(return_as="generator_unordered")(tasks())
+        yield from parallel(return_as="generator_unordered")(tasks())
 
     @contextmanager
     def _open(self) -> Iterator[tuple[type[Exception], ...]]:
@@ -130,7 +124,7 @@ class Engine:
         if self.name == "loky":
             with joblib.parallel_config("loky"):
                 yield broken
-        elif self.name == "dask":
+        else:
             distributed = _package("distributed", "dask")
             with (
                 self._reached(
@@ -139,11 +133,6 @@ class Engine:
                 joblib.parallel_config("dask", client=client),
             ):
                 yield (*broken, distributed.KilledWorker)
-        else:
-            ray = _package("ray", "ray")
-            _package("ray.util.joblib", "ray").register_ray()
-            with self._reached(lambda: ray.init(self.address)), joblib.parallel_config("ray"):
-                yield (*broken, ray.exceptions.RayError)
 
     def _reached(self, connect: Callable[[], Any]) -> Any:
         try:
@@ -158,5 +147,6 @@ def _package(name: str, extra: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise InvalidInput("engine", "one whose package is installed", extra,
-                           f"pip install 'nsaid-mj[{extra}]'") from error  # fmt: skip
+        raise InvalidInput(
+            "engine", "one whose package is installed", extra, f"pip install 'nsaid-mj[{extra}]'"
+        ) from error

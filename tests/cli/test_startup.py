@@ -34,7 +34,7 @@ def test_help_imports_nothing_heavy(arguments):
 def test_a_run_and_its_report_import_no_more_than_they_use():
     modules = modules_after("import nsaid_mj.reporting.finish, nsaid_mj.experiment.loop")
     assert {"rerun", "nsaid_mj.reporting.report"} <= modules
-    assert not modules & {"matplotlib", "pyarrow.compute", "joblib", "dask", "ray"}
+    assert not modules & {"matplotlib", "jinja2", "pyarrow.compute", "joblib", "dask"}
 
 
 def test_meshes_are_read_when_they_are_looked_at():

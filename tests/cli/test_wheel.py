@@ -67,6 +67,9 @@ def test_the_wheel_has_scenarios_and_assets_and_nothing_made_by_running(wheel: P
     }
     assert {n.removeprefix("nsaid_mj/_assets/") for n in names if "/_assets/" in n} == here
     assert here
+    pages = {path.name for path in (CHECKOUT / "nsaid_mj/reporting/templates").glob("*.html")}
+    assert {Path(name).name for name in names if "/templates/" in name} == pages
+    assert "report.html" in pages
     assert all(name.startswith(("nsaid_mj/", "nsaid_mj-")) for name in names)
     assert not [name for name in names if "__pycache__" in name or name.endswith((".nbi", ".nbc"))]
     assert [name for name in names if name.endswith("licenses/LICENSE")]

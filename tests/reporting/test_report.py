@@ -1,7 +1,13 @@
-"""report.html: it shows what was recorded, by itself."""
+"""report.html: it shows what was recorded, whole, escaped and by itself."""
 
+from __future__ import annotations
+
+import copy
 import re
+from dataclasses import replace
+from html import unescape
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,7 +25,9 @@ from nsaid_mj import (
 )
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.reporting import report
-from tests.reporting.test_charts import SVG, curve
+from nsaid_mj.reporting.palette import COLOURS
+from tests.reporting.drawing import points_of, words_of
+from tests.reporting.markup import Page
 
 ROV = Scenario(
     plant=ScalarRovPlant(),
@@ -31,40 +39,193 @@ ROV = Scenario(
     pe_window=0.5,
     held_out=1.0,
 )
+EVIL = "<script>alert('x')</script>\"&"
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[SimulatedRun, str]:
-    done = run(ROV, tmp_path_factory.mktemp("rov"))
+def done(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
+    return run(ROV, tmp_path_factory.mktemp("rov"))
+
+
+@pytest.fixture(scope="module")
+def summary(done: SimulatedRun) -> dict[str, Any]:
+    return metrics.summarize(done, metrics.truth_of(done))
+
+
+@pytest.fixture(scope="module")
+def text(done: SimulatedRun, summary: dict[str, Any]) -> str:
     truth = metrics.truth_of(done)
-    page = report.write(done, metrics.summarize(done, truth), truth)
-    return done, page.read_text(encoding="utf-8")
+    return report.write(done, summary, truth).read_text(encoding="utf-8")
 
 
-def test_every_identifiers_distance_is_drawn_as_recorded(told: tuple[SimulatedRun, str]) -> None:
-    done, page = told
-    (picture,) = re.findall(r"<svg.*?</svg>", page)
-    first = ElementTree.fromstring(picture).findall(f"{SVG}g")[0]
-    words = [text.text for text in first.iter(f"{SVG}text")]
-    assert "distance to the true set" in words and {metrics.OWN, "conventional"} <= set(words)
-    heights = []
-    for suffix, colour in (("", report._COLOURS[0]), ("_conventional", report._COLOURS[1])):
-        (points,) = curve(first, colour)
+def drawings(text: str) -> list[ElementTree.Element]:
+    """Its plots, without the small ones of legends."""
+    return [
+        ElementTree.fromstring(svg)
+        for svg in re.findall(r'<svg[^>]*role="img".*?</svg>', text, flags=re.DOTALL)
+    ]
+
+
+def test_every_identifiers_distance_is_drawn_as_recorded(done: SimulatedRun, text: str) -> None:
+    first = drawings(text)[0]
+    assert first.get("aria-label") == "Distance to the true set"
+    assert {metrics.OWN, "conventional"} <= set(Page.of(text).legends[0])
+    drawn, wanted = [], []
+    for suffix, colour in (("", COLOURS[0]), ("_conventional", COLOURS[1])):
         ratio = metrics.truth_of(done).distance(done.record["t"], done.record[f"theta_hat{suffix}"])
-        assert len(points) == len(ratio)
-        heights.append((points[:, 1], np.log10(ratio)))
-    drawn, wanted = (np.concatenate(part) for part in zip(*heights, strict=True))
+        drawn += [*points_of(first, colour)[[0, -1], 1]]
+        wanted += [*np.log10(ratio[[0, -1]])]
     slope, start = np.polyfit(wanted, drawn, 1)  # one axis for both curves, upwards
     assert slope < 0
-    np.testing.assert_allclose(slope * wanted + start, drawn, atol=0.1)
+    np.testing.assert_allclose(slope * np.array(wanted) + start, drawn, atol=0.1)
 
 
-def test_it_needs_no_other_file(told: tuple[SimulatedRun, str]) -> None:
-    assert not re.findall(r"(?:src|href)=", told[1])
+def test_the_page_is_well_formed_and_has_its_title(text: str) -> None:
+    page = Page.of(text)  # raises where a tag is not closed
+    assert page.heading == "ScalarRov"
+    assert len(page.ids) == len(set(page.ids))
 
 
-def test_a_run_of_one_row_has_a_report(tmp_path: Path) -> None:
-    done = run(ROV, tmp_path)
-    done.record.columns.update({name: rows[:1] for name, rows in done.record.columns.items()})
-    page = report._curves(done, metrics.truth_of(done))
-    assert "nan" not in page and ElementTree.fromstring(page) is not None
+def test_it_needs_no_other_file_and_runs_no_script(text: str) -> None:
+    assert not re.findall(r"<(?:script|link|img|iframe|object)\b|\bsrc=|@import|javascript:", text)
+    assert not re.findall(r"https?:", text)
+    assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', text))
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", text))
+
+
+def test_every_parameter_and_every_unobservable_direction_is_told(
+    summary: dict[str, Any], text: str
+) -> None:
+    page = Page.of(text)
+    assert [row["name"] for row in summary["parameters"]] == [
+        row[0] for table in page.tables for row in table.rows if "estimate" in table.heads
+    ]
+    words = unescape(text)
+    assert summary["unobservable"]
+    for entry in summary["unobservable"]:
+        assert entry["direction"] in words or all(n in words for n in entry["parameters"])
+
+
+def test_true_values_prior_and_estimate_stand_in_their_columns(
+    summary: dict[str, Any], text: str
+) -> None:
+    tables = [table for table in Page.of(text).tables if "estimate" in table.heads]
+    rows = summary["parameters"]
+    told = [dict(zip(table.heads, row, strict=True)) for table in tables for row in table.rows]
+    assert [line["true"] for line in told] == [f"{row['true']:.4g}" for row in rows]
+    assert [line["unit"] for line in told] == [row["unit"] for row in rows]
+    factors = {
+        float(line[key]) / row[key]
+        for line, row in zip(told, rows, strict=True)
+        for key in ("prior", "estimate")
+        if row[key]
+    }
+    assert max(factors) / min(factors) == pytest.approx(1.0, abs=1e-3)  # one common scale
+
+
+def test_no_table_can_be_clipped(text: str) -> None:
+    """Each scrolls on a screen by itself, and is whole and open on paper."""
+    page = Page.of(text)
+    assert page.tables
+    assert all("scroll" in table.around for table in page.tables)
+    style, print_style = re.split(r"@media print", text.partition("</style>")[0])
+    assert re.search(r"\.scroll \{[^}]*overflow-x: auto", style)
+    assert re.search(r"\.scroll \{ overflow: visible", print_style)
+    assert re.search(r"details::details-content \{ content-visibility: visible", print_style)
+    assert not re.findall(r"max-height|text-overflow|overflow: hidden", style + print_style)
+
+
+def test_everything_from_outside_is_escaped(
+    done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
+) -> None:
+    told = copy.deepcopy(summary)
+    told |= {
+        "verdict": EVIL,
+        "status": EVIL,
+        "status_signal": EVIL,
+        "status_remedy": EVIL,
+        "mismatch": [EVIL],
+        "fault": EVIL,
+        "law": EVIL,
+        "sensors": EVIL,
+        "seed": EVIL,
+        "scenario_hash": EVIL,
+        "versions": {EVIL: EVIL},
+        "unobservable": [{"direction": EVIL, "fix": EVIL, "parameters": [EVIL, EVIL]}],
+        "rivals": {EVIL: told["rivals"]["conventional"]},
+        "confidence": {
+            "directions": 2,
+            "below_noise": 0,
+            "covered": 1.0,
+            "deviation_median": 0.1,
+            "deviation_largest": 0.2,
+            "actuators": {EVIL: 0.1, "other": 0.2},
+            "worst_known": [{"deviation": 0.2, "below_noise": True, "parameters": {EVIL: 1.0}}],
+        },
+    }
+    for row in told["parameters"]:
+        row |= {"name": EVIL, "unit": EVIL}
+    evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
+    text = report.page(evil, told, metrics.truth_of(done))
+    assert "<script" not in text
+    assert unescape(text).count("<script>") > 20
+    Page.of(text)
+
+
+def test_without_a_truth_everything_but_the_comparison_is_there(
+    done: SimulatedRun, summary: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody_knows(*args: object) -> None:
+        raise AssertionError("the truth was asked for")
+
+    for name in ("distance", "energy", "true_theta", "true_nullspace"):
+        monkeypatch.setattr(metrics, name, nobody_knows)
+    monkeypatch.setattr(type(done.plant), "truth_at", nobody_knows)
+    told = copy.deepcopy(summary)
+    for found in (told, *told["rivals"].values()):
+        for key in list(found):
+            if key.startswith(("theta_perp", "lyapunov")) or key in {
+                "plant_direction_error",
+                "actuator_ratio_error",
+                "conserved_drift",
+            }:
+                del found[key]
+    for row in told["parameters"]:
+        del row["true"]
+    text = report.page(done, told, None)
+    page = Page.of(text)
+    labels = [drawing.get("aria-label") for drawing in drawings(text)]
+    assert labels == ["Actuators relative to the prior", "Velocity error"]
+    assert "true" not in {head for table in page.tables for head in table.heads}
+    assert "Lyapunov" not in text
+    assert "rms Δv over the last tenth [SI]" in text
+    told_estimates = [
+        float(row[3]) for table in page.tables for row in table.rows if "estimate" in table.heads
+    ]
+    assert told_estimates == [float(f"{row['estimate']:.4g}") for row in told["parameters"]]
+
+
+def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, summary: dict[str, Any]) -> None:
+    truth = metrics.truth_of(done)
+    said = report.page(done, summary | {"verdict": "converged: all is well"}, truth)
+    assert "converged: all is well" in said
+    silent = {key: value for key, value in summary.items() if key != "verdict"}
+    assert 'class="banner' not in report.page(done, silent, truth)
+
+
+def test_a_run_of_one_row_has_a_report(done: SimulatedRun, summary: dict[str, Any], tmp_path: Path) -> None:
+    columns = {name: rows[:1] for name, rows in done.record.columns.items()}
+    short = replace(done, folder=tmp_path, record=replace(done.record, columns=columns))
+    text = report.page(short, summary, metrics.truth_of(done))
+    assert len(drawings(text)) == 4
+    assert "nan" not in "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
+
+
+def test_axes_have_labels_with_units(text: str) -> None:
+    for svg in re.findall(r'<svg[^>]*role="img".*?</svg>', text, flags=re.DOTALL):
+        named = [words for words in words_of(svg) if re.search(r"\[.+\]$", words)]
+        assert len(named) == 2, named
+
+
+def test_two_reports_of_one_run_are_equal(done: SimulatedRun, summary: dict[str, Any], text: str) -> None:
+    assert report.page(done, summary, metrics.truth_of(done)) == text

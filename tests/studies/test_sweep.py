@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
+import re
 import shlex
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,7 @@ from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_report import write
 from nsaid_mj.studies.sweep_results import COSTS, ROWS, TABLE, Sweep, read
 from nsaid_mj.studies.sweep_worker import time_to_converge
+from tests.reporting.markup import Page
 from tests.support.faulty import ROV, shell, start, strict
 
 PATIENCE = 90.0  # on a busy machine [s]
@@ -248,10 +251,12 @@ def test_an_engine_that_cannot_be_is_refused(settings: dict) -> None:
         Engine("lokey")
 
 
-@pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="ray is installed")
-def test_an_engine_that_is_not_installed_says_how_to_get_it(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"nsaid-mj\[ray\]"):
-        run(PLAN, tmp_path, Engine("ray", "auto"), quiet=True)
+def test_an_engine_that_is_not_installed_says_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
+    with pytest.raises(InvalidInput, match=r"nsaid-mj\[dask\]"):
+        run(PLAN, tmp_path, Engine("dask", "tcp://localhost:1"), quiet=True)
 
 
 # -- what is found -------------------------------------------------------------------------------
@@ -287,6 +292,46 @@ def test_groups_count_what_never_came_as_infinite(sweep: Sweep) -> None:
     assert [group.quantile("time_to_converge", share) for share in (0.05, 0.5, 0.75, 0.95)] == [
         1.0, 2.0, 3.0, np.inf,
     ]  # fmt: skip
+
+
+# -- the page ------------------------------------------------------------------------------------
+
+
+def test_the_page_shows_every_combination_and_is_whole(sweep: Sweep) -> None:
+    page, picture = write(sweep)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    text = page.read_text(encoding="utf-8")
+    shown = Page.of(text)
+    assert len(shown.ids) == len(set(shown.ids))
+    (table,) = shown.tables
+    assert table.around == "scroll"
+    assert table.heads[:2] == list(FIELDS)
+    assert [row[:2] for row in table.rows] == [
+        [str(g.values[path]) for path in FIELDS] for g in sweep.groups
+    ]
+    assert text.count('role="img"') == 2 * len(FIELDS)  # no run failed: no panel of failures
+    assert not re.findall(r"https?:|<script|<link|<img|src=", text)
+    before = text, picture.read_bytes()
+    write(sweep)
+    assert (page.read_text(encoding="utf-8"), picture.read_bytes()) == before
+
+
+def test_the_page_escapes_whatever_a_manifest_or_a_row_says(sweep: Sweep, tmp_path: Path) -> None:
+    evil = "<script>alert('x')</script>\"&$x$"
+    manifest = sweep.manifest | {
+        "script": evil, "seeds": evil, "master_seed": evil, "versions": {evil: evil},
+        "arguments": [evil], "vary": {evil: [evil, "other"]},
+    }  # fmt: skip
+    rows = [{**row, evil: value, "seed": evil} for row in sweep.rows for value in (evil, "other")]
+    rows[0] |= {"failure": evil}
+    rows[1] |= {"status": evil}
+    folder = tmp_path / evil.replace("/", "|")
+    folder.mkdir()
+    text = write(Sweep(folder, manifest, rows))[0].read_text(encoding="utf-8")
+    assert "<script" not in text
+    assert unescape(text).count("<script>") > 15
+    shown = Page.of(text)
+    assert sorted(shown.legends[0]) == sorted([evil, "no result"])
 
 
 # -- the command line ----------------------------------------------------------------------------

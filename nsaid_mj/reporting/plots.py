@@ -1,0 +1,261 @@
+"""Plots by matplotlib in one style: SVG that takes its colours from the page, PNG for the docs.
+
+Figures are made without pyplot, so that nothing is kept between two of them. The same data give
+the same bytes: no date, no random ids, no setting from a user's matplotlibrc.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+from .palette import GRID, INK, VARIABLES
+from .panels import Panel, template_figure
+
+COLUMNS = 8
+"""How many columns of categories a panel of ordinary width holds, at most."""
+
+_WIDTH, _HEIGHT = 4.3, 2.6  # of one panel on a page [inch]
+_HUGE = 1e200  # beyond it matplotlib's margins overflow; such values are not drawn
+_DPI = 110  # of a PNG
+_LONG = 28  # letters of a category's label
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_STYLE: dict[str, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8,
+    "legend.fontsize": 8,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.edgecolor": INK,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "lines.linewidth": 1.2,
+    "lines.solid_joinstyle": "round",
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.frameon": False,
+    **{
+        f"boxplot.{part}props.{key}": value
+        for part in ("box", "whisker", "cap")
+        for key, value in (("color", INK), ("linewidth", 0.8))
+    },
+    "text.parse_math": False,  # a `$` in a name is a dollar
+    "axes.formatter.useoffset": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "nsaid",
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Our settings and otherwise matplotlib's own, whatever the user's matplotlibrc says."""
+    default = matplotlib.rcParamsDefault.items()
+    settings: Any = {key: value for key, value in default if not key.startswith("backend")}
+    with matplotlib.rc_context(settings | _STYLE):
+        yield
+
+
+def over_time(panel: Panel) -> str:
+    """An SVG element of a panel's curves; its title and legend are left to the page."""
+    with style():
+        figure = Figure(figsize=(_WIDTH, _HEIGHT))
+        axis = figure.add_axes((0.15, 0.165, 0.81, 0.79))
+        if panel.level is not None:
+            axis.axhline(panel.level, color=INK, linewidth=0.6, linestyle="--")
+        for curve in panel.curves:
+            values = np.where(np.abs(curve.values) < _HUGE, curve.values, np.nan)
+            axis.plot(curve.t, values, curve.dash, color=curve.colour)
+        axis.margins(x=0.0)
+        axis.set_xlabel("t [s]")
+        axis.set_ylabel(panel.label)
+        if panel.logarithmic:
+            logarithmic(axis)
+        return svg(figure, panel.title)
+
+
+def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> dict[str, Any]:
+    """What the template `parts.html` needs of a panel that is drawn by a function of its axes.
+
+    Args:
+        title: above the panel.
+        draw: draws it; labels of bars make the legend, which the page shows below the panel.
+        wide: whether it takes the whole width of the page.
+    """
+    with style():
+        size = (2 * _WIDTH if wide else _WIDTH, _HEIGHT)
+        figure = Figure(figsize=size, layout="constrained")
+        axis = figure.add_subplot()
+        draw(axis)
+        legend = [
+            (label, to_hex(bars.patches[0].get_facecolor()), "-")
+            for bars, label in zip(*axis.get_legend_handles_labels(), strict=True)
+        ]
+        return template_figure(title, svg(figure, title), legend, wide)
+
+
+def categories(axis: Axes, labels: Sequence[str], name: str) -> None:
+    """Puts words under columns 0, 1, 2 …, upright where there are many or long ones."""
+    short = [label if len(label) <= _LONG else label[: _LONG - 1] + "…" for label in labels]
+    longest = max((len(part) for label in short for part in label.split("\n")), default=0)
+    axis.set_xticks(range(len(short)), short, rotation=90 if longest * len(short) > 60 else 0)
+    axis.set_xlim(-0.6, len(short) - 0.4)
+    axis.set_xlabel(name)
+
+
+def logarithmic(axis: Any, which: str = "y") -> None:
+    """Makes an axis logarithmic, with ticks at round numbers however little or much it spans.
+
+    An axis that shows no value > 0 stays linear. Call it when everything is drawn.
+    """
+    ruler = axis.xaxis if which == "x" else axis.yaxis
+    shown = [line.get_xdata() if which == "x" else line.get_ydata() for line in axis.get_lines()]
+    values = np.concatenate([np.asarray(data, float) for data in shown] or [np.zeros(0)])
+    if not np.any(np.isfinite(values) & (values > 0)):
+        return
+    (axis.set_xscale if which == "x" else axis.set_yscale)("log", nonpositive="mask")
+    low, high = sorted(axis.get_xlim() if which == "x" else axis.get_ylim())
+    decades = np.log10(high / low)
+    if decades > 2:
+        ruler.set_major_locator(LogLocator(numticks=8))
+    elif decades > 0.8:
+        ruler.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=8))
+    else:
+        ruler.set_major_locator(FixedLocator(MaxNLocator(5).tick_values(low, high)))
+    (axis.set_xlim if which == "x" else axis.set_ylim)(low, high)
+    ruler.set_minor_locator(NullLocator())
+    plain = decades <= 2 or (low >= 1e-3 and high < 1e4)
+    ruler.set_major_formatter(FuncFormatter(lambda value, _: number(value, plain)))
+
+
+def number(value: float, plain: bool = True) -> str:
+    """A tick's number: 0.02, 300, 2·10⁻⁵; where it is not to be plain, 10⁻² and 10² too."""
+    if value == 0 or (plain and 1e-3 <= abs(value) < 1e4):
+        return f"{value:.4g}"
+    digits, _, power = f"{value:.3e}".partition("e")
+    factor = f"{float(digits):g}"
+    tens = "10" + str(int(power)).translate(_SUPERSCRIPTS)
+    return tens if factor == "1" else f"{factor}·{tens}"
+
+
+# -- files -------------------------------------------------------------------------------------
+
+
+def svg(figure: Figure, title: str) -> str:
+    """An SVG element to stand in an HTML page, next to others.
+
+    Ids that something refers to carry a hash of the whole drawing, so that two drawings on one
+    page never share one; all others are removed. Colours of `palette.VARIABLES` become the page's.
+
+    Args:
+        figure: the figure; its text remains text.
+        title: what a screen reader says.
+    """
+    stream = io.StringIO()
+    with style():
+        figure.savefig(stream, format="svg", transparent=True, metadata=_NO_METADATA)
+    text = stream.getvalue()
+    prefix = f"p{hashlib.sha256((title + text).encode()).hexdigest()[:10]}-"
+    drawing = ElementTree.fromstring(text)
+    for parent in list(drawing.iter()):
+        for child in list(parent):
+            if _local(child.tag) in {"metadata", "style"}:  # the page has its own style
+                parent.remove(child)
+    used = set(re.findall(r'url\(#([^)]*)\)|:href="#([^"]*)"', text))
+    used = {one or other for one, other in used}
+    for element in drawing.iter():
+        element.tag = _local(element.tag)
+        attributes = {_local(name): value for name, value in element.attrib.items()}
+        if (name := attributes.pop("id", None)) in used:
+            attributes["id"] = prefix + str(name)
+        if "href" in attributes:
+            attributes["href"] = f"#{prefix}{attributes['href'][1:]}"
+        if "clip-path" in attributes:
+            attributes["clip-path"] = attributes["clip-path"].replace("#", f"#{prefix}")
+        if "d" in attributes:
+            attributes["d"] = " ".join(re.sub(r"(\.\d\d)\d+", r"\1", attributes["d"]).split())
+        if "style" in attributes:
+            attributes["style"] = _page_style(attributes["style"])
+        element.attrib.clear()
+        element.attrib.update(attributes)
+    view = drawing.attrib["viewBox"]
+    drawing.attrib.clear()
+    drawing.attrib.update(viewBox=view, role="img")
+    drawing.set("aria-label", title)
+    return ElementTree.tostring(drawing, encoding="unicode")
+
+
+_NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+_COLOUR = re.compile("|".join(VARIABLES))
+_FONT = re.compile(r"(font: [\d.]+px) [^;]*")
+
+
+def _local(name: str) -> str:
+    """A tag's or attribute's name without its namespace, which HTML does not write."""
+    return name.rpartition("}")[2]
+
+
+def _page_style(text: str) -> str:
+    """An element's style with the page's font and colours."""
+    text = _FONT.sub(r"\1 system-ui, sans-serif", text)
+    return _COLOUR.sub(lambda match: f"var({VARIABLES[match[0]]}, {match[0]})", text)
+
+
+def png(figure: Figure, path: Path) -> Path:
+    """Writes a figure as PNG, whole or not at all; returns the path."""
+    partial = path.with_name(f".{path.name}.part")
+    with style():
+        figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": None})
+    partial.replace(path)
+    return path
+
+
+def png_of(
+    lines: Sequence[Mapping[str, Callable[[Axes], None]]], size: tuple[float, float], path: Path
+) -> Path:
+    """Writes lines of panels, each drawn by a function of its axes and called by its title, as PNG.
+
+    Args:
+        lines: of the picture, from above; all have the same titles.
+        size: of the whole picture [inch].
+        path: of the file; it is returned.
+    """
+    with style():
+        figure, axes = grid(len(lines), len(lines[0]), size)
+        for row, line in zip(axes, lines, strict=True):
+            for axis, draw in zip(row, line.values(), strict=True):
+                draw(axis)
+                if axis.get_legend_handles_labels()[0]:
+                    axis.set_ylim(top=1.4 * axis.get_ylim()[1])  # room for the legend
+                    axis.legend(loc="upper left")
+        for axis, title in zip(axes[0], lines[0], strict=True):
+            axis.set_title(title)
+        return png(figure, path)
+
+
+def grid(lines: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+    """A figure of lines × columns panels, and its axes as an array; call it within `style`."""
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(lines, columns, squeeze=False)
