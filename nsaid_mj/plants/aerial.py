@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from numba import carray, cfunc
 
-from ..errors import InvalidInput
+from ..bounds import Share, config
 from ..numerics.spatial import cross, rotate, unrotate
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
-from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import WORDS, as_pointer, field_offsets
 from .world.plant import Plant, PlantConfig
 
@@ -25,7 +25,7 @@ AIR_DENSITY, AIR_VISCOSITY = 1.225, 1.81e-5
 """Of the standard atmosphere at sea level [kg/m³, Pa·s], for MuJoCo's own fluid model."""
 
 
-@dataclass(frozen=True)
+@config
 class QuadrotorPlant(PlantConfig):
     """A quadrotor in the air; numbers and sources in assets/<model>.
 
@@ -37,14 +37,7 @@ class QuadrotorPlant(PlantConfig):
     """
 
     model: Model = "hummingbird"
-    spread: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
-        if self.model not in get_args(Model):
-            raise InvalidInput(
-                "plant.model", " or ".join(get_args(Model)), self.model, "Take one of these."
-            )
+    spread: Share = 0.1
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

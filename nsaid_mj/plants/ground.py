@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import carray, cfunc
+from pydantic import model_validator
 
+from ..bounds import Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.ground import CREEP, GroundScales, GroundVehicle
-from .world.body import Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import WORDS, as_pointer, field_offsets
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
 
 
-@dataclass(frozen=True)
+@config
 class CarPlant(PlantConfig):
     """A car that rolls forwards on level ground.
 
@@ -28,14 +29,15 @@ class CarPlant(PlantConfig):
             published numbers.
     """
 
-    spread: float = 0.2
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         check_wind(self.mismatch, "a car in the plane")
+        return self
 
 
-@dataclass(frozen=True)
+@config
 class F1TenthPlant(CarPlant):
     """An F1TENTH, a race car of a tenth of the size; numbers and sources in assets/f1tenth."""
 
@@ -44,7 +46,7 @@ class F1TenthPlant(CarPlant):
         return car("f1tenth", self, dt, seed)
 
 
-@dataclass(frozen=True)
+@config
 class BMW320iPlant(CarPlant):
     """A BMW 320i; numbers and sources in assets/bmw320i."""
 

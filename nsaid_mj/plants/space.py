@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from pydantic import model_validator
 
+from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.space import FreeFlyer, FreeFlyerScales
-from .world.body import BODY, NED, Vehicle, check_spread, guessed, hidden, vehicle_spec
+from .world.body import BODY, NED, Vehicle, guessed, hidden, vehicle_spec
 from .world.plant import Plant, PlantConfig
 
 
-@dataclass(frozen=True)
+@config
 class AstrobeePlant(PlantConfig):
     """NASA's Astrobee; numbers and sources in assets/astrobee.
 
@@ -24,11 +25,12 @@ class AstrobeePlant(PlantConfig):
         spread: largest relative deviation of the nozzles' true thrust from the published one.
     """
 
-    spread: float = 0.2
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         self.mismatch.refuse("a free-flyer in a vacuum", "flow", "fluid")
+        return self
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numba import carray, cfunc
 
+from ..bounds import Share, config
 from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle
 from .underwater import into_mujocos_water
-from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import WORDS, as_pointer, field_offsets
 from .world.hydrodynamics import motion_in_water, passive_wrench
 from .world.mismatch import Mismatch
@@ -24,7 +25,7 @@ LIMIT = 8
 """Most fins a vehicle may have."""
 
 
-@dataclass(frozen=True)
+@config
 class REMUS100Plant(PlantConfig):
     """A REMUS 100; numbers and sources in assets/remus100.
 
@@ -33,10 +34,7 @@ class REMUS100Plant(PlantConfig):
             propeller and fins from the published numbers.
     """
 
-    spread: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    spread: Share = 0.2
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.underwater import UnderwaterScales, UnderwaterVehicle
@@ -14,7 +15,6 @@ from .world.body import (
     BODY,
     NED,
     Vehicle,
-    check_spread,
     command_inputs,
     guessed,
     hidden,
@@ -25,7 +25,7 @@ from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
 
 
-@dataclass(frozen=True)
+@config
 class BlueROV2Plant(PlantConfig):
     """A BlueROV2 Heavy; numbers and sources in assets/bluerov2.
 
@@ -34,10 +34,7 @@ class BlueROV2Plant(PlantConfig):
             from the published numbers.
     """
 
-    spread: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    spread: Share = 0.2
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

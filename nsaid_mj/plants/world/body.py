@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from ...errors import InvalidInput
 from ...parameters import Array
 from ...resources import asset
 from ...systems.rigid_body import RigidBody
@@ -123,16 +122,6 @@ def command_inputs(spec: Any, count: int, body: str = BODY) -> None:
         actuator = spec.add_actuator(name=f"command {i + 1}", target=body)
         actuator.trntype = mujoco.mjtTrn.mjTRN_BODY
         actuator.gainprm[0] = 0.0
-
-
-def check_spread(spread: float) -> None:
-    """Accepts a largest relative deviation.
-
-    Raises:
-        InvalidInput: it is not in [0, 1).
-    """
-    if not 0 <= spread < 1:
-        raise InvalidInput("plant.spread", "a number in [0, 1)", spread, "0.2 is 20 %.")
 
 
 def hidden(nominal: Array | float, spread: float, rng: np.random.Generator) -> Array:
