@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID, Scenario
 from nsaid_mj.errors import BadRobot, BadRun, InvalidInput, UnknownName
@@ -17,6 +19,8 @@ from nsaid_mj.identifiers import State, Status
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.reporting.finish import rebuild
+from nsaid_mj.resources import scenarios
+from scripts import field_values
 from tests.support.faulty import PENDULUM, ROV, flat, shell
 
 # -- on the command line -------------------------------------------------------------------------
@@ -276,3 +280,38 @@ def test_a_folder_without_a_record_is_no_run(
     with pytest.raises(BadRun, match="record"):
         read(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+# -- anything in any field ------------------------------------------------------------------------
+
+ANYTHING = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=8)
+    | st.sampled_from([10**400, 1e300, 5e-324, "\udcff", b"bytes", 1 + 2j, object]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=4,
+)
+
+
+@pytest.mark.parametrize("way", field_values.WAYS)
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_any_value_in_any_field_gives_a_scenario_or_a_typed_error(
+    way: str, data: st.DataObject
+) -> None:
+    name = data.draw(st.sampled_from(sorted(scenarios())))
+    path = data.draw(st.sampled_from(field_values.places(name)))
+    place = data.draw(st.none() | st.integers(0, len(field_values.VALUES) - 1))
+    value = data.draw(ANYTHING) if place is None else field_values.VALUES[place]
+    assert field_values.outcome(way, name, {path: value}) in ("valid", "refused")
+
+
+def test_an_untyped_error_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(scenario: Scenario, values: dict[str, object]) -> Scenario:
+        raise TypeError("unorderable")
+
+    monkeypatch.setitem(field_values.WAYS, "broken", broken)
+    assert field_values.outcome("broken", "ur5", {"dt": 1}) == "TypeError: unorderable"
