@@ -75,12 +75,12 @@ class Scenario(Config):
 
     @model_validator(mode="after")
     def _check_steps(self) -> Self:
-        for name, low, most in (("duration", 2, MOST_STEPS), ("held_out", 0, MOST_HELD_OUT)):
-            steps, value = getattr(self, name) / self.dt, getattr(self, name)
-            if steps < low:
-                expected = f"at least two steps of {self.dt:g} s"
-                raise InvalidInput(name, expected, value, "Make it longer.")
-            if steps > most:
+        if self.duration < 2 * self.dt:
+            expected = f"at least two steps of {self.dt:g} s"
+            raise InvalidInput("duration", expected, self.duration, "Make it longer.")
+        for name, most in (("duration", MOST_STEPS), ("held_out", MOST_HELD_OUT)):
+            value = getattr(self, name)
+            if value > most * self.dt:
                 expected = f"at most {most:.0e} steps of {self.dt:g} s"
                 raise InvalidInput(name, expected, value, "Make it shorter, or dt longer.")
         return self
