@@ -35,12 +35,15 @@ _CALL = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
 
 def seconds(command: str, folder: str) -> float:
     """Wall time of one `nsaid` command [s]."""
-    writes = command.startswith(("run", "sweep"))
-    words = command.split() + (["--quiet", "--out", folder] if writes else [])
+    words = command.split()
+    if words[0] in ("run", "sweep"):
+        words += ["--quiet", "--out", folder]
+    if words[0] == "run":
+        words += ["--force"]  # over the run that was timed before
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     begin = time.perf_counter()
-    subprocess.run([sys.executable, "-c", _CALL, *words], check=True, stdout=subprocess.DEVNULL,
-                   env=environment)  # fmt: skip
+    called = [sys.executable, "-c", _CALL, *words]
+    subprocess.run(called, check=True, stdout=subprocess.DEVNULL, env=environment)
     return time.perf_counter() - begin
 
 

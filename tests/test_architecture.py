@@ -19,7 +19,7 @@ FILES = {
 HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"}
 
 ORDER = (
-    ("errors", "parameters", "log", "resources"),
+    ("errors", "bounds", "parameters", "log", "resources"),
     ("numerics",),
     ("system",),
     ("dynamics",),
@@ -208,11 +208,11 @@ def test_only_the_experiment_rehearses():
     assert users == {"experiment.setup"}
 
 
-def test_identifiers_are_numpy_and_numba():
+def test_identifiers_are_numpy_numba_and_declared_configurations():
     for module, path in FILES.items():
         if part(module) == "identifiers":
             foreign = written(path) - set(sys.stdlib_module_names) - {"."}
-            assert foreign <= {"numpy", "numba"}, module
+            assert foreign <= {"numpy", "numba", "pydantic"}, module
 
 
 SYSID = {"baselines.sysid": {"mujoco", "pinocchio", "numba"}}

@@ -1,72 +1,163 @@
-"""A scenario's dataclasses as command line options.
+"""A scenario's fields as flags, those that matter most first.
 
-Every field of Scenario, of its plant, its excitation and its identifier is a flag. A field's last
-name will do where no other field has it: `--robot` is `--plant.robot`.
+Every field of a scenario and of its parts is a flag by its dotted name, `--plant.robot`. Its last
+name, `--robot`, or any end of its dotted name will do where no other field shares it.
 """
 
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import field, fields, make_dataclass
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from ..experiment.fields import field_paths
+from ..experiment.fields import field_at, field_paths, same_end, with_fields
 from ..experiment.scenario import Scenario
+from .grammar import Output
 
+MAIN = {
+    "identifier.law": "law",
+    "plant.robot": "robot",
+    "duration": "duration",
+    "sensors": "sensors",
+    "seed": "seed",
+    "plant.backend": "backend",
+}
+"""Fields that head the help of every command, and their flags."""
+_ORDER = ("law", "robot", "duration", "sensors", "seed", "out", "force", "backend")
 
-@dataclass(frozen=True)
-class Output:
-    """What becomes of a run.
-
-    Attributes:
-        out: folder of the run; None is runs/NAME.
-        quiet: print nothing but errors.
-        json: print the summary as JSON to the standard output, and nothing else.
-        live: show the run in the Rerun viewer while it runs.
-    """
-
-    out: Path | None = None
-    quiet: bool = False
-    json: bool = False
-    live: bool = False
+_Options = TypeVar("_Options")
 
 
 def parse(
-    name: str, default: Scenario, arguments: Sequence[str], command: str = "run"
-) -> tuple[Scenario, Output]:
-    """A scenario with fields replaced by flags, and what becomes of the run.
+    name: str,
+    default: Scenario,
+    arguments: Sequence[str],
+    command: str = "run",
+    options: type[_Options] = Output,
+) -> tuple[Scenario, _Options]:
+    """Reads a command line that follows a scenario's name.
 
     Args:
         name: of the scenario, for the help text.
         default: the scenario as its script has it.
         arguments: the command line after the name.
         command: of `nsaid`, for the help text.
+        options: the command's own options; a field of the scenario with the same name as one of
+            them is no flag.
+
+    Returns:
+        The scenario with fields replaced by flags, and the command's options.
     """
-
-    def together(
-        scenario: Annotated[Scenario, tyro.conf.arg(name="")] = default,
-        output: Annotated[Output, tyro.conf.arg(name="")] = Output(),
-    ) -> tuple[Scenario, Output]:
-        return scenario, output
-
-    return tyro.cli(
-        together,
+    own = {f.name for f in fields(options)}  # type: ignore[arg-type]  # a TypeVar is no dataclass
+    paths = [path for path in field_paths(default) if path not in own]
+    main = {path: flag for path, flag in MAIN.items() if path in paths}
+    form = _form(
+        default, [path for path in paths if path not in main], _head(default, main, options)
+    )
+    filled = tyro.cli(
+        form,
         prog=f"nsaid {command} {name}",
-        args=[_full(argument, default) for argument in arguments],
+        description=f"Flags of `nsaid {command} {name}`; defaults are those of the scenario.",
+        args=[_spelled(argument, paths, main, own) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
     )
+    given = {path: getattr(filled, flag) for path, flag in main.items()}
+    given |= {path: field_at(filled, path) for path in paths if path not in main}
+    changed = {path: new for path, new in given.items() if new != field_at(default, path)}
+    chosen = {name: getattr(filled, name) for name in own}
+    return with_fields(default, changed), options(**chosen)
 
 
-def _full(argument: str, default: Scenario) -> str:
-    """`--robot` as `--plant.robot`, where only one field is called robot."""
+def repeated(default: Scenario, scenario: Scenario) -> tuple[str, ...]:
+    """The flags of `nsaid run` that make a scenario out of its script's."""
+    found = []
+    for path in field_paths(default):
+        value = field_at(scenario, path)
+        if value == field_at(default, path):
+            continue
+        if isinstance(value, bool):
+            parent, _, last = path.rpartition(".")
+            found.append(f"--{parent}{'.' if parent else ''}{'' if value else 'no-'}{last}")
+        else:
+            words = value if isinstance(value, tuple) else (value,)
+            found += [f"--{path}", *(str(word) for word in words)]
+    return tuple(found)
+
+
+_Field = tuple[str, Any, Any]
+
+
+def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Field]:
+    """The fields that come first: a command's own options, and what matters of the scenario."""
+    helps, hints = _helps(options), get_type_hints(options, include_extras=True)
+    own = [
+        (
+            f.name,
+            tyro.conf.FlagCreatePairsOff[
+                Annotated[hints[f.name], tyro.conf.arg(help=helps.get(f.name))]
+            ],
+            field(default=f.default),
+        )
+        for f in fields(options)
+    ]
+    head = [_flag(default, path, flag) for path, flag in main.items()]
+    if options is not Output:
+        return own + head
+    place = {name: i for i, name in enumerate(_ORDER)}
+    return sorted(own + head, key=lambda item: place.get(item[0], len(place)))
+
+
+def _flag(scenario: Scenario, path: str, name: str) -> _Field:
+    """One field of a scenario, as a field of a form."""
+    parent, _, last = path.rpartition(".")
+    part = field_at(scenario, parent)
+    hint = get_type_hints(type(part), include_extras=True)[last]
+    told = tyro.conf.arg(help=_helps(type(part)).get(last))
+    return name, Annotated[hint, told], field(default=getattr(part, last))
+
+
+def _form(
+    scenario: Scenario, paths: Sequence[str], head: Sequence[_Field] = (), at: str = ""
+) -> type:
+    """A dataclass that has the fields `paths` of a scenario's part, nested as the scenario is."""
+    items: dict[str, _Field] = {item[0]: item for item in head}
+    for path in paths:
+        name, _, rest = path.removeprefix(at).partition(".")
+        if rest and name not in items:
+            here = f"{at}{name}."
+            nested = _form(scenario, [p for p in paths if p.startswith(here)], at=here)
+            items[name] = (name, nested, field(default_factory=nested))
+        elif not rest:
+            items[name] = _flag(scenario, path, name)
+    return make_dataclass("Flags", items.values(), frozen=True, kw_only=True)
+
+
+def _helps(cls: type) -> dict[str, str]:
+    """What the docstrings of a class and its bases say of each attribute."""
+    found: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        _, _, attributes = (base.__doc__ or "").partition("Attributes:\n")
+        for name, text in re.findall(r"^ {8}(\w+): (.*(?:\n {9,}.*)*)", attributes, re.MULTILINE):
+            found[name] = " ".join(text.split())
+    return found
+
+
+def _spelled(argument: str, paths: Sequence[str], main: Mapping[str, str], own: set[str]) -> str:
+    """A flag as the form has it: `--plant.robot` is `--robot`, `--friction` `--plant.friction`."""
     if not argument.startswith("--"):
         return argument
     flag, equals, value = argument[2:].partition("=")
-    paths = field_paths(default)
-    last = Counter(path.rsplit(".", 1)[-1] for path in paths)
     wanted = flag.replace("-", "_")
-    if wanted not in paths and last[wanted] == 1:
-        flag = next(path for path in paths if path.endswith("." + wanted))
+    if wanted in own or wanted in main.values():
+        return argument
+    same = [wanted] if wanted in paths else same_end(wanted, paths)
+    refused = same_end(wanted.removeprefix("no_"), paths)
+    if len(same) == 1:
+        flag = main.get(same[0], same[0])
+    elif not same and len(refused) == 1 and wanted.startswith("no_"):  # of a yes or no
+        parent, _, last = refused[0].rpartition(".")
+        flag = f"{parent}.no-{last}"
     return f"--{flag}{equals}{value}"

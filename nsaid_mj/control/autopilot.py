@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from ..bounds import Number, Positive, Tones, config
 from ..errors import InvalidInput
 from ..numerics.spatial import rotation
 from ..parameters import Array
@@ -21,7 +23,7 @@ _SLOWEST = 0.2  # of the propeller's commands: fins need a flow
 _DRIVEN = 4.0  # how far beyond its bounds a dither is driven, to be clipped: more power in them
 
 
-@dataclass(frozen=True)
+@config
 class DepthHeadingAutopilot(DriverConfig):
     """Depth and heading follow slow multisines; fins and propeller dither on top.
 
@@ -39,32 +41,17 @@ class DepthHeadingAutopilot(DriverConfig):
         bandwidth: of the attitude loops [rad/s].
     """
 
-    propeller: float = 0.8
-    swing: float = 0.2
-    dither: float = 0.2
-    low: float = 0.1
-    high: float = 2.0
-    tones: int = 8
-    slow: float = 40.0
-    depth: float = 20.0
-    dive: float = 5.0
-    turn: float = 1.5
-    bandwidth: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, remedy in (
-            ("swing", "0.2 will do."), ("dither", "0.2 rad will do."), ("slow", "40 will do."),
-            ("dive", "5 m will do."), ("turn", "1.5 rad will do."),
-            ("bandwidth", "1 rad/s suits a REMUS 100."),
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
-        if not _SLOWEST < self.propeller <= 1:
-            raise InvalidInput("excitation.propeller", f"a command in ({_SLOWEST:g}, 1]",
-                               self.propeller, "0.8 is a brisk cruise.")  # fmt: skip
-        if not np.isfinite(self.depth):
-            raise InvalidInput("excitation.depth", "a depth", self.depth, "20 m will do.")
+    propeller: Annotated[float, Field(strict=True, gt=_SLOWEST, le=1)] = 0.8
+    swing: Positive = 0.2
+    dither: Positive = 0.2
+    low: Positive = 0.1
+    high: Positive = 2.0
+    tones: Tones = 8
+    slow: Positive = 40.0
+    depth: Number = 20.0
+    dive: Positive = 5.0
+    turn: Positive = 1.5
+    bandwidth: Positive = 1.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 
+from ..bounds import Config, config
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .computed_torque import Tracking
@@ -33,9 +33,11 @@ class Driver(ABC):
         return None
 
 
-@dataclass(frozen=True)
-class DriverConfig(ABC):
+@config
+class DriverConfig(Config, ABC):
     """A driver as data; `build` makes the thing itself."""
+
+    _path = "excitation"
 
     @abstractmethod
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:

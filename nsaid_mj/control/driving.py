@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from ..bounds import Positive, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
@@ -18,7 +20,7 @@ _WIDEST = 0.55  # of cruising: with the loop's error the speed stays above 0.4 o
 # angles have a meaning
 
 
-@dataclass(frozen=True)
+@config
 class Driving(DriverConfig):
     """Multisines of speed and of lateral acceleration; off the middle of the ground it turns back.
 
@@ -37,29 +39,15 @@ class Driving(DriverConfig):
         ground: radius of the test ground [m].
     """
 
-    speed: float = 8.0
-    variation: float = 0.5
-    pace_low: float = 0.2
-    pace_high: float = 0.8
-    grip: float = 4.0
-    steer_low: float = 0.5
-    steer_high: float = 5.0
-    tones: int = 8
-    ground: float = 100.0
-
-    def __post_init__(self) -> None:
-        for name, remedy in (("speed", "8 m/s suits an F1TENTH."), ("grip", "4 m/s² will do."),
-                             ("ground", "100 m suits an F1TENTH.")):  # fmt: skip
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
-        if not 0 < self.variation <= _WIDEST:
-            raise InvalidInput(
-                "excitation.variation",
-                f"a share in (0, {_WIDEST:g}]",
-                self.variation,
-                "0.5 is from half of cruising to half as much again.",
-            )
+    speed: Positive = 8.0
+    variation: Annotated[float, Field(strict=True, gt=0, le=_WIDEST)] = 0.5
+    pace_low: Positive = 0.2
+    pace_high: Positive = 0.8
+    grip: Positive = 4.0
+    steer_low: Positive = 0.5
+    steer_high: Positive = 5.0
+    tones: Tones = 8
+    ground: Positive = 100.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.

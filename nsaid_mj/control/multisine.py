@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from ..bounds import Positive, Tones, config
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 
 
-@dataclass(frozen=True)
+@config
 class MultisineCommand(DriverConfig):
     """Every actuator follows its own multisine, from rest.
 
@@ -23,10 +22,10 @@ class MultisineCommand(DriverConfig):
         amplitude: bound of each command.
     """
 
-    low: float = 0.05
-    high: float = 0.5
-    tones: int = 8
-    amplitude: float = 0.8
+    low: Positive = 0.05
+    high: Positive = 0.5
+    tones: Tones = 8
+    amplitude: Positive = 0.8
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver."""

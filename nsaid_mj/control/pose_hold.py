@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from ..bounds import Flag, NonNegative, Positive, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
@@ -13,7 +12,7 @@ from .driver import Driver, DriverConfig
 from .signals import Multisine
 
 
-@dataclass(frozen=True)
+@config
 class PoseHold(DriverConfig):
     """PD control to a slowly moving pose, and a multisine on every actuator on top.
 
@@ -32,31 +31,16 @@ class PoseHold(DriverConfig):
         one_sided: whether commands lie in [0, 1], as those of nozzles, and not in [−1, 1].
     """
 
-    bandwidth: float = 0.05
-    travel: float = 0.3
-    turn: float = 0.5
-    period: float = 20.0
-    bias: float = 0.4
-    dither: float = 0.4
-    low: float = 0.05
-    high: float = 0.5
-    tones: int = 8
-    one_sided: bool = True
-
-    def __post_init__(self) -> None:
-        for name, remedy in (("bandwidth", "0.05 Hz will do."), ("period", "20 s will do.")):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"excitation.{name}", "a number > 0", value, remedy)
-        if not isinstance(self.one_sided, bool):
-            raise InvalidInput(
-                "excitation.one_sided", "true or false", self.one_sided,
-                "True is for nozzles, which cannot pull.",
-            )  # fmt: skip
-        for name in ("travel", "turn", "bias"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"excitation.{name}", "a number ≥ 0", value, "0 is none.")
+    bandwidth: Positive = 0.05
+    travel: NonNegative = 0.3
+    turn: NonNegative = 0.5
+    period: Positive = 20.0
+    bias: NonNegative = 0.4
+    dither: Positive = 0.4
+    low: Positive = 0.05
+    high: Positive = 0.5
+    tones: Tones = 8
+    one_sided: Flag = True
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.

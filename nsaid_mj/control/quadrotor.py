@@ -8,12 +8,13 @@ quadrotor about z too slowly to wait for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numba import njit
+from pydantic import Field
 
+from ..bounds import Positive, config
 from ..errors import InvalidInput
 from ..numerics.spatial import cross, rotation
 from ..parameters import Array
@@ -33,7 +34,7 @@ _YAW = 0.5  # most torque about z demanded, as a share of what all rotors make i
 _TONES = 8
 
 
-@dataclass(frozen=True)
+@config
 class QuadrotorFlight(DriverConfig):
     """Place and heading follow smooth closed paths; every rotor's speed is dithered too.
 
@@ -54,27 +55,16 @@ class QuadrotorFlight(DriverConfig):
         high: highest frequency of the dither [Hz].
     """
 
-    radius: float = 6.0
-    speed: float = 8.0
-    climb: float = 5.0
-    yaw_rate: float = 5.0
-    tilt: float = 0.95
-    bandwidth: float = 0.3
-    attitude_bandwidth: float = 2.0
-    dither: float = 0.5
-    low: float = 3.0
-    high: float = 9.0
-
-    def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            value, most = getattr(self, name), _LARGEST.get(name, np.inf)
-            if not (np.isfinite(value) and 0 < value < most):
-                raise InvalidInput(
-                    f"excitation.{name}",
-                    "a finite number > 0" + (f" and < {most:g}" if most < np.inf else ""),
-                    value,
-                    "The default flies.",
-                )
+    radius: Positive = 6.0
+    speed: Positive = 8.0
+    climb: Positive = 5.0
+    yaw_rate: Positive = 5.0
+    tilt: Annotated[float, Field(strict=True, gt=0, lt=1.4)] = 0.95
+    bandwidth: Positive = 0.3
+    attitude_bandwidth: Positive = 2.0
+    dither: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.5
+    low: Positive = 3.0
+    high: Positive = 9.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
@@ -87,9 +77,6 @@ class QuadrotorFlight(DriverConfig):
                 "excitation", "a quadrotor to fly", type(system).__name__, "Use another driver."
             )
         return _Flight(self, system, prior, rng)
-
-
-_LARGEST = {"tilt": 1.4, "dither": 1.0}
 
 
 class _Believed(NamedTuple):

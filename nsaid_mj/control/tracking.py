@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from ..bounds import Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
@@ -15,7 +14,7 @@ from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory
 
 
-@dataclass(frozen=True)
+@config
 class FourierTracking(DriverConfig):
     """Every joint tracks a random finite Fourier series.
 
@@ -27,22 +26,11 @@ class FourierTracking(DriverConfig):
         speed: of the fastest moment of every joint [rad/s or m/s]; None asks the data sheet.
     """
 
-    fundamental: float = 0.1
-    harmonics: int = 5
-    reach: float = 0.8
-    bandwidth: float = 2.0
-    speed: float | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 < self.reach <= 1:
-            raise InvalidInput("excitation.reach", "a share in (0, 1]", self.reach, "0.8 will do.")
-        if not (np.isfinite(self.bandwidth) and self.bandwidth > 0):
-            raise InvalidInput(
-                "excitation.bandwidth", "a frequency > 0 Hz", self.bandwidth, "2 Hz will do."
-            )
-
-        if self.speed is not None and not (np.isfinite(self.speed) and self.speed > 0):
-            raise InvalidInput("excitation.speed", "a speed > 0", self.speed, "None will do.")
+    fundamental: Positive = 0.1
+    harmonics: Tones = 5
+    reach: PositiveShare = 0.8
+    bandwidth: Positive = 2.0
+    speed: Positive | None = None
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from ..bounds import Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..numerics.spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..parameters import Array
@@ -17,7 +16,7 @@ from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory, Multisine
 
 
-@dataclass(frozen=True)
+@config
 class SwimAndReach(DriverConfig):
     """Every thruster follows a multisine, every joint a Fourier trajectory under the prior.
 
@@ -33,19 +32,15 @@ class SwimAndReach(DriverConfig):
         bandwidth: of the joints' tracking loop [Hz].
     """
 
-    low: float = 0.05
-    high: float = 0.5
-    tones: int = 8
-    amplitude: float = 0.8
-    fundamental: float = 0.05
-    harmonics: int = 10
-    reach: float = 0.8
-    speed: float = 1.5
-    bandwidth: float = 2.0
-
-    def __post_init__(self) -> None:
-        _check_shares(self, "reach", "amplitude")
-        _check_positive(self, "speed", "bandwidth")
+    low: Positive = 0.05
+    high: Positive = 0.5
+    tones: Tones = 8
+    amplitude: PositiveShare = 0.8
+    fundamental: Positive = 0.05
+    harmonics: Tones = 10
+    reach: PositiveShare = 0.8
+    speed: Positive = 1.5
+    bandwidth: Positive = 2.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
@@ -67,29 +62,6 @@ class SwimAndReach(DriverConfig):
             centre - half, centre + half, speed, self.fundamental, self.harmonics, rng
         )
         return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
-
-
-def _check_shares(config: DriverConfig, *names: str) -> None:
-    """Accepts shares in (0, 1]."""
-    for name in names:
-        value = getattr(config, name)
-        if not 0 < value <= 1:
-            raise InvalidInput(
-                f"excitation.{name}", "a share in (0, 1]", value, _default(config, name)
-            )
-
-
-def _check_positive(config: DriverConfig, *names: str) -> None:
-    """Accepts finite numbers > 0."""
-    for name in names:
-        value = getattr(config, name)
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"excitation.{name}", "a number > 0", value, _default(config, name))
-
-
-def _default(config: DriverConfig, name: str) -> str:
-    """A remedy: the value that the class has for a field."""
-    return f"{getattr(type(config), name):g} will do."
 
 
 class _SwimAndReach(Driver):
@@ -125,7 +97,7 @@ class _SwimAndReach(Driver):
         return acceleration + 2 * self._omega * (rate - v[6:]) + self._omega**2 * error
 
 
-@dataclass(frozen=True)
+@config
 class HoverAndReach(DriverConfig):
     """The base of a flying arm follows a path in the air, its joints a Fourier trajectory.
 
@@ -146,22 +118,18 @@ class HoverAndReach(DriverConfig):
         attitude_bandwidth: of the loop that holds the attitude, and of the joints' [Hz].
     """
 
-    travel: float = 0.6
-    turn: float = 0.6
-    fundamental: float = 0.1
-    harmonics: int = 4
-    reach: float = 0.8
-    speed: float = 3.0
-    dither: float = 0.1
-    low: float = 0.5
-    high: float = 3.0
-    tones: int = 8
-    position_bandwidth: float = 0.3
-    attitude_bandwidth: float = 2.0
-
-    def __post_init__(self) -> None:
-        _check_shares(self, "reach", "dither")
-        _check_positive(self, "travel", "turn", "speed", "position_bandwidth", "attitude_bandwidth")
+    travel: Positive = 0.6
+    turn: Positive = 0.6
+    fundamental: Positive = 0.1
+    harmonics: Tones = 4
+    reach: PositiveShare = 0.8
+    speed: Positive = 3.0
+    dither: PositiveShare = 0.1
+    low: Positive = 0.5
+    high: Positive = 3.0
+    tones: Tones = 8
+    position_bandwidth: Positive = 0.3
+    attitude_bandwidth: Positive = 2.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.

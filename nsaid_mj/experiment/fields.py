@@ -3,7 +3,7 @@
 import contextlib
 import io
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -15,8 +15,11 @@ from .scenario import Scenario
 
 def field_paths(value: Any, prefix: str = "") -> list[str]:
     """All fields of nested dataclasses, dotted."""
-    parts = value if isinstance(value, Mapping) else {f.name: getattr(value, f.name)
-                                                      for f in fields(value)}  # fmt: skip
+    parts = (
+        value
+        if isinstance(value, Mapping)
+        else {f.name: getattr(value, f.name) for f in fields(value)}
+    )
     paths = []
     for name, item in parts.items():
         nested = is_dataclass(item) or isinstance(item, Mapping)
@@ -33,13 +36,18 @@ def field_path(name: str, scenario: Scenario) -> str:
     paths, wanted = field_paths(scenario), name.replace("-", "_")
     if wanted in paths:
         return wanted
-    same = [path for path in paths if path.endswith("." + wanted)]
+    same = same_end(wanted, paths)
     if len(same) == 1:
         return same[0]
     if same:
         raise UnknownName("field", name, same, f"It is one of {', '.join(same)}.")
     alike = paths if "." in wanted else {path.rpartition(".")[2] for path in paths}
     raise UnknownName("field", name, alike, "`nsaid run NAME --help` lists all.")
+
+
+def same_end(name: str, paths: Sequence[str]) -> list[str]:
+    """The dotted names that end with a name."""
+    return [path for path in paths if path.endswith("." + name)]
 
 
 def field_value(path: str, text: str, scenario: Scenario) -> Any:
@@ -73,10 +81,14 @@ def field_at(value: Any, path: str) -> Any:
     return value
 
 
-def with_field(value: Any, path: str, new: Any) -> Any:
-    """Nested dataclasses and mappings with one field replaced."""
-    name, _, rest = path.partition(".")
-    part = with_field(field_at(value, name), rest, new) if rest else new
-    if isinstance(value, Mapping):
-        return {**value, name: part}
-    return replace(value, **{name: part})
+def with_fields(value: Any, new: Mapping[str, Any]) -> Any:
+    """Nested dataclasses and mappings with fields replaced, all at once, by dotted name."""
+    parts: dict[str, dict[str, Any]] = {}
+    for path, item in new.items():
+        name, _, rest = path.partition(".")
+        parts.setdefault(name, {})[rest] = item
+    changed = {
+        name: inner[""] if "" in inner else with_fields(field_at(value, name), inner)
+        for name, inner in parts.items()
+    }
+    return {**value, **changed} if isinstance(value, Mapping) else replace(value, **changed)

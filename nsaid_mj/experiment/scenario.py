@@ -5,22 +5,39 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, Literal
+from dataclasses import field
+from typing import Annotated, Any, Literal, Self
 
-import numpy as np
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
+from ..bounds import Config, Name, NonNegative, Positive, Seed, Share, config, refusal
 from ..control import DriverConfig, FourierTracking
 from ..errors import InvalidInput
-from ..identifiers import IdentifierConfig, MemoryConfig, NullspaceAID
-from ..plants import ArmPlant, Fault, Mismatch, PlantConfig, SensorNoise
+from ..identifiers import IdentifierConfig, NullspaceAID
+from ..plants import ArmPlant, PlantConfig, SensorNoise
 
-_TYPE = "$type"  # in JSON; no field or rival can be called so
-_OTHER = "Is it from another version of nsaid-mj?"
+MOST_STEPS = 1e9
+"""In a run: its record would fill a disk."""
+MOST_HELD_OUT = 1e6
+"""In the trajectory that judges an estimate: it is kept in memory."""
+SHORTEST_STEP = 1e-6
+"""Of simulation and identifier [s]: 0.9 s of a run are kept in memory before they are written."""
+
+_OTHER = "Is it from another version of nsaid-mj, or from a script that is not loaded?"
 
 
-@dataclass(frozen=True)
-class Scenario:
+def _identifier(name: str) -> str:
+    if not name.isidentifier():
+        raise PydanticCustomError("name", "a name such as `conventional`")
+    return name
+
+
+_Rival = Annotated[Name, AfterValidator(_identifier)]
+
+
+@config
+class Scenario(Config):
     """An experiment, complete: the same scenario gives the same record, to the bit.
 
     Attributes:
@@ -44,44 +61,29 @@ class Scenario:
     plant: PlantConfig = field(default_factory=ArmPlant)
     excitation: DriverConfig = field(default_factory=FourierTracking)
     identifier: IdentifierConfig = field(default_factory=NullspaceAID)
-    rivals: Mapping[str, IdentifierConfig] = field(default_factory=dict)
-    initial_error: float = 0.3
-    gain_error: float | None = None
-    duration: float = 60.0
-    dt: float = 1e-3
+    rivals: Mapping[_Rival, IdentifierConfig] = field(default_factory=dict)
+    initial_error: NonNegative = 0.3
+    gain_error: Share | None = None
+    duration: Positive = 60.0
+    dt: Annotated[float, Field(strict=True, ge=SHORTEST_STEP, le=10)] = 1e-3
     sensors: Literal["ideal", "noisy"] = "ideal"
     noise: SensorNoise = field(default_factory=SensorNoise)
-    pe_window: float = 2.0
-    held_out: float = 5.0
-    record_every: int = 1
-    seed: int = 0
+    pe_window: Positive = 2.0
+    held_out: Positive = 5.0
+    record_every: Annotated[int, Field(strict=True, ge=1, le=10**9)] = 1
+    seed: Seed = 0
 
-    def __post_init__(self) -> None:
-        for name, low, remedy in (
-            ("dt", 0, "1e-3 s suits arms."),
-            ("duration", 0, "60 is a minute."),
-            ("pe_window", 0, "2 s will do."),
-            ("held_out", 0, "5 s will do."),
-        ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > low):
-                raise InvalidInput(name, "a finite time > 0 s", value, remedy)
+    @model_validator(mode="after")
+    def _check_steps(self) -> Self:
         if self.duration < 2 * self.dt:
-            raise InvalidInput("duration", f"at least two steps of {self.dt:g} s", self.duration,
-                               "Make it longer.")  # fmt: skip
-        if not (np.isfinite(self.initial_error) and self.initial_error >= 0):
-            raise InvalidInput("initial_error", "a share ≥ 0", self.initial_error, "0.3 is 30 %.")
-        if self.gain_error is not None and not 0 <= self.gain_error < 1:
-            raise InvalidInput("gain_error", "a share in [0, 1), or None", self.gain_error,
-                               "0.2 is 20 %.")  # fmt: skip
-        if not (isinstance(self.record_every, int) and self.record_every >= 1):
-            raise InvalidInput("record_every", "a whole number ≥ 1", self.record_every, "1 is all.")
-        if not (isinstance(self.seed, int) and self.seed >= 0):
-            raise InvalidInput("seed", "a whole number ≥ 0", self.seed, "0 will do.")
-        if self.sensors not in ("ideal", "noisy"):
-            raise InvalidInput("sensors", "ideal or noisy", self.sensors, "ideal is exact.")
-        if any(not name.isidentifier() for name in self.rivals):
-            raise InvalidInput("rivals", "names like `conventional`", list(self.rivals), "Rename.")
+            expected = f"at least two steps of {self.dt:g} s"
+            raise InvalidInput("duration", expected, self.duration, "Make it longer.")
+        for name, most in (("duration", MOST_STEPS), ("held_out", MOST_HELD_OUT)):
+            value = getattr(self, name)
+            if value > most * self.dt:
+                expected = f"at most {most:.0e} steps of {self.dt:g} s"
+                raise InvalidInput(name, expected, value, "Make it shorter, or dt longer.")
+        return self
 
     @property
     def steps(self) -> int:
@@ -90,7 +92,7 @@ class Scenario:
 
     def to_json(self) -> str:
         """The scenario as JSON, with the type of every part."""
-        return json.dumps(_encode(self), indent=2, ensure_ascii=False)
+        return json.dumps(_ADAPTER.dump_python(self, mode="json"), indent=2, ensure_ascii=False)
 
     @staticmethod
     def from_json(text: str) -> Scenario:
@@ -100,14 +102,14 @@ class Scenario:
             InvalidInput: it is not a scenario's JSON, or of another version of this package.
         """
         try:
-            found = _decode(json.loads(text))
-        except (ValueError, TypeError) as error:
-            if isinstance(error, InvalidInput):
-                raise
-            raise InvalidInput("scenario", "what `to_json` writes", f"{error}", _OTHER) from error
-        if not isinstance(found, Scenario):
-            raise InvalidInput("scenario", "a Scenario", type(found).__name__, _OTHER)
-        return found
+            return _ADAPTER.validate_json(text)
+        except ValidationError as error:
+            raise refusal(error, Scenario, remedy=_OTHER) from None
+
+    @staticmethod
+    def json_schema() -> dict[str, Any]:
+        """The JSON schema of what `from_json` reads, with the classes that are loaded now."""
+        return TypeAdapter(Scenario).json_schema()
 
     @property
     def hash(self) -> str:
@@ -115,42 +117,4 @@ class Scenario:
         return hashlib.sha256(self.to_json().encode()).hexdigest()[:12]
 
 
-def _encode(value: Any) -> Any:
-    if is_dataclass(value) and not isinstance(value, type):
-        return {_TYPE: type(value).__name__} | {
-            f.name: float(item)
-            if str(f.type).startswith("float") and type(item) is int
-            else _encode(item)
-            for f in fields(value)
-            for item in (getattr(value, f.name),)
-        }
-    if isinstance(value, Mapping):
-        return {key: _encode(item) for key, item in value.items()}
-    if isinstance(value, tuple):
-        return [_encode(item) for item in value]
-    return value
-
-
-def _decode(value: Any) -> Any:
-    if isinstance(value, dict):
-        parts = {key: _decode(item) for key, item in value.items() if key != _TYPE}
-        if _TYPE not in value:
-            return parts
-        cls = _parts().get(str(value[_TYPE]))
-        if cls is None:
-            raise InvalidInput("scenario", "types of nsaid_mj", value[_TYPE], _OTHER)
-        return cls(**parts)
-    if isinstance(value, list):
-        return tuple(_decode(item) for item in value)
-    return value
-
-
-def _parts() -> dict[str, type]:
-    """All types a scenario may be made of, those of a loaded script among them."""
-    found: list[type] = [Scenario, SensorNoise, Mismatch, Fault, MemoryConfig]
-    waiting: list[type] = [PlantConfig, DriverConfig, IdentifierConfig]
-    while waiting:
-        subclasses = waiting.pop().__subclasses__()
-        found += subclasses
-        waiting += subclasses
-    return {cls.__name__: cls for cls in found}
+_ADAPTER = TypeAdapter(Scenario)

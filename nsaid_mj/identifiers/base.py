@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
+from ..bounds import Config, config
 from ..log import EXACT, Log, Measurement, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem
@@ -209,9 +209,11 @@ class DataMemory(ABC):
 Expected = Callable[[], Array]
 
 
-@dataclass(frozen=True)
-class IdentifierConfig(ABC):
+@config
+class IdentifierConfig(Config, ABC):
     """An identifier as data; `build` makes the thing itself."""
+
+    _path = "identifier"
 
     @property
     @abstractmethod

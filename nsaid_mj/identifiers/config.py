@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import field
+from typing import Literal, Self
 
 import numpy as np
+from pydantic import model_validator
 
+from ..bounds import NonNegative, Positive, PositiveShare, config
 from ..errors import InvalidInput
 from ..log import EXACT, SensorLevels
 from ..parameters import Array
@@ -18,7 +20,7 @@ from .memory.statistics import MemoryConfig
 from .nullspace_aid import paper_identifier
 
 
-@dataclass(frozen=True)
+@config
 class NullspaceAID(IdentifierConfig):
     """Nullspace adaptive identification with constant gains.
 
@@ -41,40 +43,23 @@ class NullspaceAID(IdentifierConfig):
         memory: how past data are kept and used, where the law is `memory`.
     """
 
-    K: float = 20.0
-    gain: float = 1.0
+    K: Positive = 20.0
+    gain: Positive = 1.0
     interpolation: Literal["auto", "hermite", "linear"] = "auto"
     gamma: Literal["scale", "simulated"] = "scale"
-    rate: float = 0.1
-    floor: float = 1e-2
+    rate: Positive = 0.1
+    floor: PositiveShare = 1e-2
     law: Literal["paper", "cone", "memory"] = "paper"
-    barrier: float = 1.0
+    barrier: NonNegative = 1.0
     memory: MemoryConfig = field(default_factory=MemoryConfig)
 
-    def __post_init__(self) -> None:
-        if self.interpolation not in ("auto", "hermite", "linear"):
+    @model_validator(mode="after")
+    def _check_barrier(self) -> Self:
+        if self.law == "memory" and self.barrier == 0:
             raise InvalidInput(
-                "interpolation", "auto, hermite or linear", self.interpolation, "auto will do."
+                "identifier.barrier", "a weight > 0 for the law memory", 0, "1.0 will do."
             )
-        if self.gamma not in ("scale", "simulated"):
-            raise InvalidInput("gamma", "scale or simulated", self.gamma, "scale needs no driver.")
-        if not (np.isfinite(self.rate) and self.rate > 0):
-            raise InvalidInput("identifier.rate", "a rate > 0 /s", self.rate, "0.1 will do.")
-        if self.law not in ("paper", "cone", "memory"):
-            raise InvalidInput(
-                "law", "paper, cone or memory", self.law, "paper is (45) as printed."
-            )
-        if not (np.isfinite(self.barrier) and self.barrier >= 0):
-            raise InvalidInput("identifier.barrier", "a weight ≥ 0", self.barrier, "1.0 will do.")
-        if self.law == "memory" and not self.barrier > 0:
-            raise InvalidInput(
-                "identifier.barrier",
-                "a weight > 0 for the law memory",
-                self.barrier,
-                "1.0 will do.",
-            )
-        if not 0 < self.floor <= 1:
-            raise InvalidInput("identifier.floor", "a share in (0, 1]", self.floor, "1e-3 will do.")
+        return self
 
     def build(
         self,

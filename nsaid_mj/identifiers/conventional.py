@@ -7,10 +7,9 @@ Holding the mass of (16) at 1 gives the identifier of the reduced form (17).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from ..bounds import Name, Positive, config
 from ..errors import InvalidInput, UnknownName
 from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
@@ -19,7 +18,7 @@ from .base import Expected, Identifier, IdentifierConfig
 from .nullspace_aid import paper_identifier
 
 
-@dataclass(frozen=True)
+@config
 class ConventionalAID(IdentifierConfig):
     """Adaptive identification that takes parameters as known.
 
@@ -29,9 +28,9 @@ class ConventionalAID(IdentifierConfig):
         known: blocks or parameters held at their prior; "actuators" is every actuator block.
     """
 
-    K: float = 20.0
-    gain: float = 1.0
-    known: tuple[str, ...] = ("actuators",)
+    K: Positive = 20.0
+    gain: Positive = 1.0
+    known: tuple[Name, ...] = ("actuators",)
 
     @property
     def in_cone(self) -> bool:

@@ -11,11 +11,12 @@ import pinocchio as pin
 from numba import carray, cfunc
 from pydantic import Field, model_validator
 
+from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..numerics.spatial import cross, rotate, unrotate
 from ..parameters import Array
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
-from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.plant import Plant, PlantConfig
 from .world.sheet import (
@@ -79,7 +80,7 @@ class QuadrotorSheet(Sheet):
         return self
 
 
-@dataclass(frozen=True)
+@config
 class QuadrotorPlant(PlantConfig):
     """A quadrotor in the air.
 
@@ -90,11 +91,8 @@ class QuadrotorPlant(PlantConfig):
             the little there is must hold the heading.
     """
 
-    vehicle: str = "hummingbird"
-    spread: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    vehicle: Name = "hummingbird"
+    spread: Share = 0.1
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

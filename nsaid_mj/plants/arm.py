@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, Self
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from pydantic import model_validator
 
-from ..errors import BadRobot, EnginesDisagree, InvalidInput
+from ..bounds import Name, NonNegative, Positive, Share, config
+from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
 from ..systems.compiled import CompiledMultibody
 from ..systems.multibody import JointScales, MotorTree, Multibody
@@ -28,7 +30,7 @@ Backend = Literal["compiled", "pinocchio"]
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
 
-@dataclass(frozen=True)
+@config
 class ArmPlant(PlantConfig):
     """A robot with a motor on every joint; a floating base is held on a stand.
 
@@ -48,42 +50,20 @@ class ArmPlant(PlantConfig):
             against Pinocchio at every start, or `pinocchio`, several times slower.
     """
 
-    robot: str = "ur5"
-    damping: float | None = None
-    friction: float | None = None
-    armature: float | None = None
-    gain: float = 1.0
-    spread: float = 0.2
-    friction_speed: float = 0.05
+    robot: Name = "ur5"
+    damping: Positive | None = None
+    friction: Positive | None = None
+    armature: NonNegative | None = None
+    gain: Positive = 1.0
+    spread: Share = 0.2
+    friction_speed: Positive = 0.05
     backend: Backend = "compiled"
     _base: ClassVar[Base] = "held"
 
-    def __post_init__(self) -> None:
-        for name in ("damping", "friction", "armature"):
-            value = getattr(self, name)
-            smallest = "≥ 0" if name == "armature" else "> 0"
-            if value is not None and not (
-                np.isfinite(value) and (value > 0 or (value == 0 and name == "armature"))
-            ):
-                raise InvalidInput(
-                    f"plant.{name}", f"a number {smallest}", value, "None suits the robot's size."
-                )
-        if not (np.isfinite(self.gain) and self.gain > 0):
-            raise InvalidInput("plant.gain", "a number > 0", self.gain, "1.0 will do.")
-        if not 0 <= self.spread < 1:
-            raise InvalidInput("plant.spread", "a number in [0, 1)", self.spread, "0.2 is 20 %.")
-        if not (np.isfinite(self.friction_speed) and self.friction_speed > 0):
-            raise InvalidInput(
-                "plant.friction_speed", "a speed > 0", self.friction_speed, "0.05 will do."
-            )
-        if self.backend not in get_args(Backend):
-            raise InvalidInput(
-                "plant.backend",
-                " or ".join(get_args(Backend)),
-                self.backend,
-                "Both give the same numbers.",
-            )
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         self.mismatch.refuse("an arm in air", "flow", "fluid")
+        return self
 
     def build(self, dt: float, seed: int) -> Arm:
         """Loads the robot, draws the hidden numbers, compares the engines.
@@ -113,14 +93,14 @@ class ArmPlant(PlantConfig):
         return Arm(robot, system, hidden_joints, dt, self.mismatch).failing(self.fault)
 
 
-@dataclass(frozen=True)
+@config
 class FloatingBasePlant(ArmPlant):
     """A robot that floats, falling, with a motor on every joint and none on its base.
 
     Attributes are those of `ArmPlant`.
     """
 
-    robot: str = "solo12"
+    robot: Name = "solo12"
     _base: ClassVar[Base] = "free"
 
 

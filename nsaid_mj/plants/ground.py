@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numba import carray, cfunc
+from pydantic import model_validator
 
+from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..systems.ground import CREEP, GroundScales, GroundVehicle
-from .world.body import Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
@@ -46,7 +47,7 @@ class CarSheet(Sheet):
     guess: Guess
 
 
-@dataclass(frozen=True)
+@config
 class CarPlant(PlantConfig):
     """A car that rolls forwards on level ground.
 
@@ -56,12 +57,13 @@ class CarPlant(PlantConfig):
             nominal numbers.
     """
 
-    vehicle: str = "f1tenth"
-    spread: float = 0.2
+    vehicle: Name = "f1tenth"
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         check_wind(self.mismatch, "a car in the plane")
+        return self
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
@@ -80,7 +82,7 @@ class CarPlant(PlantConfig):
         return vehicle.failing(self.fault)
 
 
-@dataclass(frozen=True)
+@config
 class F1TenthPlant(CarPlant):
     """An F1TENTH, a race car of a tenth of the size; numbers and sources in assets/f1tenth.
 
@@ -88,14 +90,14 @@ class F1TenthPlant(CarPlant):
     """
 
 
-@dataclass(frozen=True)
+@config
 class BMW320iPlant(CarPlant):
     """A BMW 320i; numbers and sources in assets/bmw320i.
 
     Attributes are those of `CarPlant`.
     """
 
-    vehicle: str = "bmw320i"
+    vehicle: Name = "bmw320i"
 
 
 class Car(NamedTuple):

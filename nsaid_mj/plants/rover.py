@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from pydantic import model_validator
 
+from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
 from ..systems.ground import GroundScales, GroundVehicle
 from .ground import Car, check_wind
-from .world.body import BODY, body_poses, check_spread, guessed, hidden
+from .world.body import BODY, body_poses, guessed, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig, set_options
@@ -24,7 +25,7 @@ STEERED = ("steer_left", "steer_right")
 _SETTLE = 3.0  # [s] until the wheels have sunk in and nothing moves
 
 
-@dataclass(frozen=True)
+@config
 class RoverPlant(PlantConfig):
     """A four-wheeled rover; numbers and sources in assets/rover.
 
@@ -33,11 +34,12 @@ class RoverPlant(PlantConfig):
             from the numbers given there.
     """
 
-    spread: float = 0.2
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         check_wind(self.mismatch, "a rover on level ground")
+        return self
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Self
 
 import mujoco
 import numpy as np
+from pydantic import model_validator
 
+from ..bounds import Number, Positive, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import asset
@@ -17,7 +19,7 @@ from .world.plant import Plant, PlantConfig, set_options
 from .world.shapes import VisualMesh, of_geom
 
 
-@dataclass(frozen=True)
+@config
 class ScalarRovPlant(PlantConfig):
     """The heave axis of a BlueROV2 Heavy; numbers and sources in assets/scalar_rov.
 
@@ -29,24 +31,23 @@ class ScalarRovPlant(PlantConfig):
         spread: largest relative deviation of the true numbers from the nominal ones.
     """
 
-    mass: float = 32.18
-    drag: float = 190.0
-    net_weight: float = 20.0
-    gain: float = 160.0
-    spread: float = 0.2
+    mass: Positive = 32.18
+    drag: Positive = 190.0
+    net_weight: Number = 20.0
+    gain: Positive = 160.0
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        for name in ("mass", "drag", "gain"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InvalidInput(
-                    f"plant.{name}", "a number > 0", getattr(self, name), "Give one."
-                )
-        if not (np.isfinite(self.net_weight) and self.net_weight != 0):
-            raise InvalidInput("plant.net_weight", "a number that is not 0", self.net_weight,
-                               "A neutral vehicle has no net weight to identify.")  # fmt: skip
-        if not 0 <= self.spread < 1:
-            raise InvalidInput("plant.spread", "a number in [0, 1)", self.spread, "0.2 is 20 %.")
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.net_weight == 0:
+            raise InvalidInput(
+                "plant.net_weight",
+                "a number that is not 0",
+                self.net_weight,
+                "A neutral vehicle has no net weight to identify.",
+            )
         self.mismatch.refuse("the heave axis alone", "flow", "fluid")
+        return self
 
     def build(self, dt: float, seed: int) -> ScalarRov:
         """Draws the hidden numbers and makes the plant."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import mujoco
@@ -10,10 +9,11 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field, model_validator
 
+from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..systems.space import FreeFlyer, FreeFlyerScales
-from .world.body import BODY, NED, Vehicle, check_spread, guessed, hidden, vehicle_spec
+from .world.body import BODY, NED, Vehicle, guessed, hidden, vehicle_spec
 from .world.plant import Plant, PlantConfig
 from .world.sheet import (
     Number,
@@ -74,7 +74,7 @@ class FreeFlyerSheet(Sheet):
         return self
 
 
-@dataclass(frozen=True)
+@config
 class AstrobeePlant(PlantConfig):
     """NASA's Astrobee, or another free-flyer with two propulsion modules.
 
@@ -83,12 +83,13 @@ class AstrobeePlant(PlantConfig):
         spread: largest relative deviation of the nozzles' true thrust from the published one.
     """
 
-    vehicle: str = "astrobee"
-    spread: float = 0.2
+    vehicle: Name = "astrobee"
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         self.mismatch.refuse("a free-flyer in a vacuum", "flow", "fluid")
+        return self
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

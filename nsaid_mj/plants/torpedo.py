@@ -10,12 +10,13 @@ import numpy as np
 from numba import carray, cfunc
 from pydantic import Field, model_validator
 
+from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle
 from .underwater import into_mujocos_water
-from .world.body import BODY, Vehicle, check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.hydrodynamics import motion_in_water, passive_wrench
 from .world.mismatch import Mismatch
@@ -24,7 +25,6 @@ from .world.sheet import (
     Negative,
     Number,
     Positive,
-    Share,
     Sheet,
     Table,
     check_inertia,
@@ -131,7 +131,7 @@ class TorpedoSheet(Sheet):
         return self
 
 
-@dataclass(frozen=True)
+@config
 class REMUS100Plant(PlantConfig):
     """A REMUS 100, or another torpedo-shaped vehicle.
 
@@ -141,11 +141,8 @@ class REMUS100Plant(PlantConfig):
             propeller and fins from the published numbers.
     """
 
-    vehicle: str = "remus100"
-    spread: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    vehicle: Name = "remus100"
+    spread: Share = 0.2
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..systems.underwater import UnderwaterScales, UnderwaterVehicle
@@ -15,7 +16,6 @@ from .world.body import (
     BODY,
     NED,
     Vehicle,
-    check_spread,
     command_inputs,
     guessed,
     hidden,
@@ -149,7 +149,7 @@ class UnderwaterSheet(Sheet):
         return self.mass * self.gravity - self.buoyancy + self.ballast
 
 
-@dataclass(frozen=True)
+@config
 class BlueROV2Plant(PlantConfig):
     """A BlueROV2 Heavy, or another underwater vehicle with fixed thrusters.
 
@@ -159,11 +159,8 @@ class BlueROV2Plant(PlantConfig):
             from the published numbers.
     """
 
-    vehicle: str = "bluerov2"
-    spread: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    vehicle: Name = "bluerov2"
+    spread: Share = 0.2
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any, Protocol, Self
 
 import mujoco
 import numpy as np
 import pinocchio as pin
+from pydantic import model_validator
 
+from ..bounds import Name, Share, config
 from ..errors import UnknownName
 from ..parameters import Array
 from ..resources import numbers
@@ -18,7 +20,7 @@ from ..systems.underwater_manipulator import Cylinders, LinkFluidScales, Underwa
 from ..systems.vehicle_manipulator import VehicleManipulator
 from .arm import ArmPlant, extent, nominal_scales
 from .underwater import UnderwaterSheet, drawn, nominal_numbers, scales_of
-from .world.body import check_spread, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import command_inputs, guessed, hidden, vehicle_spec
 from .world.coordinates import joint_map
 from .world.hydrodynamics import Hydrodynamics
 from .world.mismatch import Mismatch
@@ -111,7 +113,7 @@ class VehicleWithArm(Plant):
 # -- an underwater vehicle with an arm -----------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@config
 class UvmsPlant(PlantConfig):
     """A BlueROV2 Heavy with a Reach Alpha 5; numbers and sources in assets/uvms.
 
@@ -122,11 +124,12 @@ class UvmsPlant(PlantConfig):
             links' added mass, friction, rotor inertias and gains from the nominal numbers.
     """
 
-    spread: float = 0.2
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         self.mismatch.refuse("a vehicle with an arm", "fluid")
+        return self
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant."""
@@ -304,7 +307,7 @@ def _placement(position: list[float], angles: list[float]) -> pin.SE3:
 # -- a flying arm ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@config
 class FlyingArmPlant(PlantConfig):
     """A robot of example-robot-data that flies; its rotors and sources in assets/flying_arm.
 
@@ -315,12 +318,13 @@ class FlyingArmPlant(PlantConfig):
             whose rotors do not balance cannot hold its heading.
     """
 
-    robot: str = "borinot"
-    spread: float = 0.2
+    robot: Name = "borinot"
+    spread: Share = 0.2
 
-    def __post_init__(self) -> None:
-        check_spread(self.spread)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         self.mismatch.refuse("a flying arm in still air", "flow", "fluid")
+        return self
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden numbers and makes the plant.

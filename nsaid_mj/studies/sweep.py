@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..errors import BadRun, InvalidInput
-from ..experiment.fields import field_path, field_value, with_field
+from ..experiment.fields import field_path, field_value, with_fields
 from ..experiment.scenario import Scenario
 from ..resources import write_json
 from .study import Study
@@ -79,13 +79,7 @@ class Plan(Study):
     @cached_property
     def scenarios(self) -> list[Scenario]:
         """The scenario of every combination, with the master seed still."""
-        found = []
-        for values in self.combinations:
-            scenario = self.scenario
-            for path, value in values.items():
-                scenario = with_field(scenario, path, value)
-            found.append(scenario)
-        return found
+        return [with_fields(self.scenario, values) for values in self.combinations]
 
     def __len__(self) -> int:
         return self.seeds * len(self.combinations)

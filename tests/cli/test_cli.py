@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -9,15 +11,27 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj import ArmPlant, Scenario
-from nsaid_mj.cli.options import Output, parse
+import nsaid_mj
+from nsaid_mj import ArmPlant, NullspaceAID, Scenario
+from nsaid_mj.cli.folders import folder_for, title_of
+from nsaid_mj.cli.options import MAIN, Output, parse, repeated
+from nsaid_mj.experiment.fields import field_paths
 from nsaid_mj.experiment.library import load
 from nsaid_mj.plants.world.robots import known_robots
 from nsaid_mj.resources import scenarios
 from tests.support.faulty import FILES, NSAID, Heard, flat, shell, strict
 
-HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "pyarrow", "rerun", "matplotlib", "tyro",
-         "rich", "example_robot_data")  # fmt: skip
+HEAVY = (
+    "numpy",
+    "scipy",
+    "numba",
+    "mujoco",
+    "pinocchio",
+    "pyarrow",
+    "rerun",
+    "matplotlib",
+    "example_robot_data",
+)
 ROV = ("run", "scalar_rov", "--duration", "1", "--held-out", "0.5", "--pe-window", "0.5")
 SCRIPTS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.py"))
 
@@ -51,7 +65,9 @@ def loaded_by(*arguments: str) -> tuple[set[str], str]:
     return set(names.split()), out + done.stderr
 
 
-@pytest.mark.parametrize("words", ["--help", "run --help", "view --help", "run no_such", "fly"])
+@pytest.mark.parametrize(
+    "words", ["--help", "--version", "run --help", "sweep -h", "view --help", "run no_such", "fly"]
+)
 def test_what_needs_nothing_heavy_loads_nothing_heavy(words: str) -> None:
     loaded, said = loaded_by(*words.split())
     assert "nsaid" in said
@@ -60,7 +76,7 @@ def test_what_needs_nothing_heavy_loads_nothing_heavy(words: str) -> None:
 
 def test_the_heavy_modules_would_be_seen() -> None:
     loaded, _ = loaded_by("run", "ur5", "--help")
-    assert {"numpy", "mujoco", "tyro"} <= loaded
+    assert {"numpy", "mujoco"} <= loaded
 
 
 @pytest.mark.parametrize(
@@ -76,18 +92,47 @@ def test_a_scenarios_help_shows_every_field_with_unit_and_default() -> None:
     code, said = shell("run", "ur5", "--help")
     text = flat(said.out)
     assert code == 0
-    for flag in ("--duration", "--dt", "--seed", "--sensors", "--plant.robot", "--plant.damping",
-                 "--excitation.fundamental", "--identifier.K", "--noise.velocity", "--out",
-                 "--quiet", "--json", "--live"):  # fmt: skip
+    for flag in (
+        "--duration",
+        "--dt",
+        "--robot",
+        "--plant.damping",
+        "--excitation.fundamental",
+        "--identifier.K",
+        "--noise.velocity",
+        "--out",
+        "--live",
+    ):
         assert flag in text
     assert "simulated time [s]. (default: 60.0)" in text
 
 
 @pytest.mark.parametrize("words", ["", "fly", "run", "run --quiet", "view", "view a b", "list all"])
-def test_an_incomplete_command_shows_the_usage(words: str) -> None:
+def test_an_incomplete_command_names_the_help_that_completes_it(words: str) -> None:
     code, said = shell(*words.split())
     assert code == 2
-    assert said.out == "" and said.err.startswith("usage: nsaid") and "error: " in said.err
+    assert said.out == "" and "nsaid" in said.err and "--help" in said.err
+
+
+def test_the_flags_that_matter_come_first() -> None:
+    _, said = shell("run", "ur5", "--help")
+    flags = re.findall(r"^│ (--[\w.-]+)", said.out, re.MULTILINE)
+    assert flags[:8] == [
+        "--law", "--robot", "--duration", "--sensors", "--seed", "--out", "--force", "--backend",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["scalar_rov", "wrong_gains", "bluerov2"])
+def test_every_field_of_a_scenario_is_in_its_help(name: str) -> None:
+    _, said = shell("run", name, "--help")
+    for path in field_paths(load(name)):
+        flag = MAIN.get(path, path).replace("_", "-")
+        assert f"--{flag} " in said.out or f"--{flag}, " in said.out
+
+
+def test_the_version_is_printed() -> None:
+    code, said = shell("--version")
+    assert (code, said.out, said.err) == (0, f"nsaid {nsaid_mj.__version__}\n", "")
 
 
 # -- which scenario ------------------------------------------------------------------------------
@@ -142,7 +187,9 @@ def test_a_file_is_run_and_its_own_fields_are_flags(
     code, said = shell("run", "mine.py", "--share", "0.25")
     assert code == 0
     assert said.out.startswith("mine: completed")
-    assert sorted(path.name for path in (tmp_path / "runs" / "mine").iterdir()) == sorted(FILES)
+    assert sorted(path.name for path in (tmp_path / "runs" / "mine-paper").iterdir()) == sorted(
+        FILES
+    )
 
 
 def test_a_file_beside_a_known_name_is_asked_for_by_its_path(
@@ -207,8 +254,38 @@ def test_a_rivals_fields_are_flags() -> None:
 
 
 @pytest.mark.parametrize(
+    "words",
+    [
+        "ur5 --robot panda --friction 2 --law memory --seed 3",
+        "astrobee --no-one-sided",
+        "bluerov2 --flow 0.1 0 -0.2 --lag 0.05",
+        "wrong_gains --rivals.conventional.known actuators mass --gain-error None",
+    ],
+)
+def test_the_flags_that_made_a_scenario_make_it_again(words: str) -> None:
+    name, *flags = words.split()
+    scenario, _ = options(name, *flags)
+    again = repeated(load(name), scenario)
+    assert options(name, *again)[0] == scenario != load(name)
+    assert repeated(load(name), load(name)) == ()
+
+
+@pytest.mark.parametrize("flag", ["--plant.fault.loss", "--fault.loss", "--loss"])
+def test_any_end_of_a_fields_name_will_do(flag: str) -> None:
+    assert options("bluerov2", flag, "0.5")[0].plant.fault.loss == 0.5
+
+
+def test_the_law_is_the_identifiers_even_where_a_rival_has_one_too() -> None:
+    scenario = Scenario(rivals={"other": NullspaceAID(law="cone")})
+    found, _ = parse("x", scenario, ["--law", "memory"])
+    assert found.identifier == NullspaceAID(law="memory") and found.rivals == scenario.rivals
+
+
+@pytest.mark.parametrize(
     ("words", "told"),
     [
+        ("scalar_rov --dration 3", ("--dration", "--duration")),
+        ("ur5 --robt panda", ("--robt", "--robot")),
         ("scalar_rov --dt soon", ("--dt", "'soon'")),
         ("scalar_rov --seed 1.5", ("--seed", "1.5")),
         ("scalar_rov --sensors perfect", ("--sensors", "perfect", "ideal", "noisy")),
@@ -230,6 +307,74 @@ def test_a_wrong_option_shows_what_there_is(
     assert all(part in text for part in told)
     assert f"nsaid run {words.partition(' ')[0]} --help" in text
     assert not list(tmp_path.iterdir())
+
+
+# -- which folder --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "flags", "title"),
+    [
+        ("arm", "--robot panda", "panda"),
+        ("arm", "--robot robots/my_arm.urdf", "my_arm"),
+        ("ur5", "", "ur5"),
+        ("ur5", "--law memory", "ur5"),
+        ("ur5", "--robot z1", "z1"),
+        ("wrong_gains", "", "wrong_gains"),
+        ("scalar_rov", "", "scalar_rov"),
+    ],
+)
+def test_a_run_has_the_name_that_a_person_would_call_it(name: str, flags: str, title: str) -> None:
+    assert title_of(name, load(name), options(name, *flags.split())[0]) == title
+
+
+@pytest.mark.parametrize(("law", "end"), [("paper", "paper"), ("memory", "memory")])
+def test_the_default_folder_has_title_and_law(
+    law: str, end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scenario, _ = options("arm", "--robot", "panda", "--law", law)
+    assert folder_for("panda", scenario, None, False) == Path(f"runs/panda-{end}")
+
+
+def pretend(folder: Path, status: str) -> Path:
+    """Leaves what a run of this status leaves."""
+    folder.mkdir(parents=True)
+    (folder / "record.arrow").write_bytes(b"dear")
+    (folder / "summary.json").write_text(json.dumps({"status": status}))
+    return folder
+
+
+def test_a_completed_run_makes_the_next_one_take_a_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scenario = load("scalar_rov")
+    first = pretend(Path("runs/scalar_rov-paper"), "completed")
+    assert folder_for("scalar_rov", scenario, None, False) == Path("runs/scalar_rov-paper-2")
+    pretend(Path("runs/scalar_rov-paper-2"), "completed")
+    assert folder_for("scalar_rov", scenario, None, False) == Path("runs/scalar_rov-paper-3")
+    assert folder_for("scalar_rov", scenario, None, True) == first
+
+
+@pytest.mark.parametrize("status", ["plant diverged", "interrupted"])
+def test_a_run_that_was_not_completed_is_overwritten(
+    status: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    first = pretend(Path("runs/scalar_rov-paper"), status)
+    assert folder_for("scalar_rov", load("scalar_rov"), None, False) == first
+    assert folder_for("scalar_rov", load("scalar_rov"), first, False) == first
+
+
+@pytest.mark.parametrize("command", ["run", "verify"])
+def test_a_named_folder_with_a_completed_run_needs_force(command: str, tmp_path: Path) -> None:
+    words = (command, *ROV[1:], "--out", pretend(tmp_path / "out", "completed"), "--quiet")
+    code, said = shell(*words)
+    assert code == 2 and "--force" in said.err and str(tmp_path / "out") in flat(said.err)
+    assert (tmp_path / "out" / "record.arrow").read_bytes() == b"dear"
+    assert shell(*words, "--force")[0] in (0, 1)  # 1: a statement fails on so short a run
+    assert (tmp_path / "out" / "record.arrow").read_bytes() != b"dear"
 
 
 # -- what a run prints ---------------------------------------------------------------------------
@@ -333,8 +478,10 @@ def test_a_person_is_told_what_was_found_and_where_it_is(
     assert code == 0 and "Traceback" not in said.err
     assert told.startswith("scalar_rov: completed, 1 s simulated in")
     assert "× real time" in told and "3 of 4 directions of θ can be known" in told
-    assert "nsaid view runs/scalar_rov" in told
-    assert sorted(path.name for path in (tmp_path / "runs/scalar_rov").iterdir()) == sorted(FILES)
+    assert "nsaid view runs/scalar_rov-paper" in told
+    assert sorted(path.name for path in (tmp_path / "runs/scalar_rov-paper").iterdir()) == sorted(
+        FILES
+    )
 
 
 def test_the_progress_bar_shows_the_real_time_factor(

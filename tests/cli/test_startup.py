@@ -10,8 +10,17 @@ from pinocchio import robot_wrapper
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.plants.world.robots import load_robot
 
-HEAVY = {"mujoco", "pinocchio", "numba", "numpy", "rerun", "pyarrow", "scipy", "matplotlib", "tyro",
-         "joblib", "rich"}  # fmt: skip
+HEAVY = {
+    "mujoco",
+    "pinocchio",
+    "numba",
+    "numpy",
+    "rerun",
+    "pyarrow",
+    "scipy",
+    "matplotlib",
+    "joblib",
+}
 
 
 def modules_after(code: str) -> set[str]:

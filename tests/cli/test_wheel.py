@@ -92,7 +92,7 @@ def test_it_lists_and_runs_a_scenario_by_name_from_an_empty_folder(
     ran = call(binaries / "nsaid", "run", "scalar_rov", "--duration", "2", "--quiet", cwd=tmp_path)
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
-    folder = tmp_path / "runs" / "scalar_rov"
+    folder = tmp_path / "runs" / "scalar_rov-paper"
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     summary = strict((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(2.0)

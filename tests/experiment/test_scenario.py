@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from typing import Any, get_args
 
@@ -46,6 +46,7 @@ from nsaid_mj.plants import (
 from nsaid_mj.plants.arm import Backend
 from nsaid_mj.resources import scenarios
 
+NAN, INF = np.nan, np.inf
 FEW = settings(deadline=None, max_examples=50)
 positive, share = st.floats(1e-9, 1e9), st.floats(0, 0.99)
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
@@ -55,7 +56,9 @@ PLANT = st.builds(ScalarRovPlant, positive, positive, positive, positive, share)
 )
 DRIVER = st.builds(
     FourierTracking, positive, st.integers(1, 9), st.floats(0.01, 1), positive, guess
-) | st.builds(MultisineCommand, st.floats(0.01, 1), st.floats(2, 9), st.integers(1, 9), share)
+) | st.builds(
+    MultisineCommand, st.floats(0.01, 1), st.floats(2, 9), st.integers(1, 9), st.floats(0.01, 1)
+)
 LAW = st.builds(
     NullspaceAID, positive, positive, st.sampled_from(["auto", "hermite", "linear"])
 ) | st.builds(ConventionalAID, positive, positive, st.lists(text, max_size=3).map(tuple))
@@ -67,12 +70,12 @@ SCENARIO = st.builds(
     rivals=st.dictionaries(st.from_regex(r"[a-zé_]{1,3}", fullmatch=True), LAW, max_size=2),
     initial_error=share,
     gain_error=st.none() | share,
-    duration=st.floats(1, 1e6),
+    duration=st.floats(1, 1000),
     dt=st.floats(1e-6, 0.1),
     sensors=st.sampled_from(["ideal", "noisy"]),
     noise=st.builds(SensorNoise, share, share, share),
     pe_window=positive,
-    held_out=positive,
+    held_out=st.floats(1e-9, 1),
     record_every=st.integers(1, 99),
     seed=st.integers(0, 2**64),
 )
@@ -184,9 +187,80 @@ def test_what_is_no_scenario_is_refused(text):
         Scenario.from_json(text)
 
 
+def test_the_position_of_a_fault_in_json_is_named():
+    tree = json.loads(WHOLE.to_json())
+    tree["identifier"]["memory"]["window"] = -1
+    with pytest.raises(InvalidInput) as caught:
+        Scenario.from_json(json.dumps(tree))
+    assert caught.value.name == "identifier.memory.window"
+    assert caught.value.got == -1 and "another version" in caught.value.remedy
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_json_with_a_number_that_is_not_finite_is_refused(value):
+    text = WHOLE.to_json().replace('"duration": 60.0', f'"duration": {value}')
+    assert value in text
+    with pytest.raises(InvalidInput) as caught:
+        Scenario.from_json(text)
+    assert caught.value.name == "duration"
+
+
+@pytest.mark.parametrize("text", ["[" * 10**5, "\udcff", "9" * 5000, '{"$type": ["Scenario"]}'])
+def test_json_that_cannot_be_parsed_is_refused(text):
+    with pytest.raises(InvalidInput):
+        Scenario.from_json(text)
+
+
+# -- classes of a user's script ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Gentle(MultisineCommand):
+    """An excitation as a script would define it, with no decorator of ours."""
+
+    share: float = 0.5
+
+
+def test_a_class_of_a_script_survives_json():
+    scenario = Scenario(excitation=Gentle(high=1.0, share=0.25))
+    same(scenario)
+    assert isinstance(Scenario.from_json(scenario.to_json()).excitation, Gentle)
+    assert json.loads(scenario.to_json())["excitation"]["$type"] == "Gentle"
+
+
+@pytest.mark.parametrize("values", [{"share": [1]}, {"low": "x"}, {"amplitude": NAN}])
+def test_a_field_of_a_class_of_a_script_is_checked_when_the_scenario_is_made(values):
+    with pytest.raises(InvalidInput) as caught:
+        Scenario(excitation=Gentle(**values))
+    assert caught.value.name == f"excitation.{next(iter(values))}"
+
+
+# -- the schema -------------------------------------------------------------------------------
+
+
+def test_the_schema_offers_every_class_by_its_type():
+    definitions = Scenario.json_schema()["$defs"]
+    offered = {
+        option["properties"]["$type"]["const"]
+        for name in ("PlantConfig", "DriverConfig", "IdentifierConfig")
+        for option in (
+            definitions[part["$ref"].rpartition("/")[2]] if "$ref" in part else part
+            for part in definitions[name]["oneOf"]
+        )
+    }
+    parts = {type(part).__name__ for name in scenarios() for s in (load(name),)
+             for part in (s.plant, s.excitation, s.identifier)}  # fmt: skip
+    assert parts | {"Gentle"} <= offered
+
+
+def test_the_schema_tells_the_bounds():
+    definitions = Scenario.json_schema()["$defs"]
+    assert definitions["Fault"]["properties"]["loss"]["minimum"] == 0
+    assert definitions["Fault"]["properties"]["loss"]["exclusiveMaximum"] == 1
+
+
 # -- bad fields ------------------------------------------------------------------------------
 
-NAN, INF = np.nan, np.inf
 NOT_POSITIVE = [0.0, -1.0, NAN, INF]
 BAD_ARM = {
     "damping": NOT_POSITIVE, "friction": NOT_POSITIVE, "armature": [-1.0, NAN, INF],

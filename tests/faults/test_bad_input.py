@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID, Scenario
 from nsaid_mj.errors import BadRobot, BadRun, InvalidInput, UnknownName
@@ -17,41 +19,59 @@ from nsaid_mj.identifiers import State, Status
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.reporting.finish import rebuild
+from nsaid_mj.resources import scenarios
+from scripts import field_values
 from tests.support.faulty import PENDULUM, ROV, flat, shell
 
 # -- on the command line -------------------------------------------------------------------------
 
 WORDS = {  # what is typed: expected, got, remedy
-    "scalar_rov --dt nan": ("a finite time > 0 s", "got nan", "1e-3 s suits arms"),
-    "scalar_rov --dt 0": ("a finite time > 0 s", "got 0", "1e-3 s suits arms"),
-    "scalar_rov --duration inf": ("a finite time > 0 s", "got inf", "60 is a minute"),
-    "scalar_rov --duration -1": ("a finite time > 0 s", "got -1", "60 is a minute"),
+    "scalar_rov --dt nan": ("dt: expected a finite number", "got nan", "default is 0.001"),
+    "scalar_rov --dt 0": ("dt: expected a number greater than", "got 0", "default is 0.001"),
+    "scalar_rov --duration inf": ("a finite number", "got inf", "default is 60"),
+    "scalar_rov --duration 1e300": ("less than or equal to", "got 1e+300", "default is 60"),
+    "scalar_rov --duration 1e14": ("at most 1e+09 steps of 0.01 s", "got 1", "Make it shorter"),
+    "scalar_rov --duration -1": ("a number greater than 0", "got -1", "default is 60"),
     "scalar_rov --duration 0.01": ("at least two steps", "got 0.01", "longer"),
-    "scalar_rov --held-out 0": ("a finite time > 0 s", "got 0", "5 s will do"),
-    "scalar_rov --pe-window nan": ("a finite time > 0 s", "got nan", "2 s will do"),
-    "scalar_rov --initial-error -1": ("a share ≥ 0", "got -1", "0.3 is 30 %"),
-    "scalar_rov --gain-error 2": ("a share in [0, 1)", "got 2", "0.2 is 20 %"),
-    "scalar_rov --record-every 0": ("a whole number ≥ 1", "got 0", "1 is all"),
-    "scalar_rov --seed -1": ("a whole number ≥ 0", "got -1", "0 will do"),
-    "scalar_rov --noise.position nan": ("a finite number ≥ 0", "got nan", "0 means none"),
-    "scalar_rov --plant.mass -3": ("a number > 0", "got -3", "Give"),
-    "scalar_rov --plant.spread 1": ("a number in [0, 1)", "got 1", "0.2 is 20 %"),
-    "scalar_rov --amplitude nan": ("a finite number > 0", "got nan", "0.4 will do"),
-    "scalar_rov --amplitude inf": ("a finite number > 0", "got inf", "0.4 will do"),
-    "scalar_rov --amplitude 0": ("a finite number > 0", "got 0", "0.4 will do"),
+    "scalar_rov --held-out 0": ("a number greater than 0", "got 0", "default is 5"),
+    "scalar_rov --held-out 1e6": ("at most 1e+06 steps", "got 1000000", "Make it shorter"),
+    "scalar_rov --pe-window nan": ("a finite number", "got nan", "default is 2"),
+    "scalar_rov --initial-error -1": ("greater than or equal to 0", "got -1", "default is 0.3"),
+    "scalar_rov --gain-error 2": ("a number less than 1", "got 2", "default is None"),
+    "scalar_rov --record-every 0": ("greater than or equal to 1", "got 0", "default is 1"),
+    "scalar_rov --seed -1": ("greater than or equal to 0", "got -1", "default is 0"),
+    "scalar_rov --noise.position nan": (
+        "noise.position: expected a finite number",
+        "got nan",
+        "default is 0.0001",
+    ),
+    "scalar_rov --plant.mass -3": (
+        "plant.mass: expected a number greater than 0",
+        "got -3",
+        "default is 32.18",
+    ),
+    "scalar_rov --plant.spread 1": ("a number less than 1", "got 1", "default is 0.2"),
+    "scalar_rov --amplitude nan": ("a finite number", "got nan", "default is 0.8"),
+    "scalar_rov --amplitude inf": ("a finite number", "got inf", "default is 0.8"),
+    "scalar_rov --amplitude 0": ("a number greater than 0", "got 0", "default is 0.8"),
     "scalar_rov --low 2 --high 1": ("0 < low < high", "2.0 … 1.0", "0.05 … 0.5 Hz"),
-    "scalar_rov --tones 0": ("a whole number ≥ 1", "got 0", "Two for each parameter"),
+    "scalar_rov --tones 0": ("greater than or equal to 1", "got 0", "default is 8"),
+    "scalar_rov --tones 100000000": ("less than or equal to 1000", "got 100000000", "is 8"),
     "scalar_rov --identifier.K 300": ("λ_max(K)·dt ≤ 2.5", "300/s · 0.01 s = 3", "K ≤ 250/s"),
-    "scalar_rov --identifier.K nan": ("K: expected finite", "NaN", "Check how"),
-    "scalar_rov --identifier.K -1": ("a positive definite gain", "eigenvalue -1", "Make it > 0"),
-    "scalar_rov --identifier.gain 0": ("a positive definite gain", "eigenvalue 0", "Make it > 0"),
-    "scalar_rov --identifier.gain inf": ("Gamma: expected finite", "infinity", "Check how"),
-    "ur5 --identifier.gain -2": ("a positive definite gain", "eigenvalue -", "Make it > 0"),
-    "ur5 --reach 2": ("a share in (0, 1]", "got 2", "0.8 will do"),
-    "ur5 --bandwidth nan": ("a frequency > 0 Hz", "got nan", "2 Hz will do"),
-    "ur5 --fundamental 0": ("a frequency > 0 Hz", "got 0", "0.1 suits arms"),
-    "ur5 --harmonics 0": ("a whole number ≥ 1", "got 0", "5 suits arms"),
-    "ur5 --friction 0": ("a number > 0", "got 0", "None suits the robot's size"),
+    "scalar_rov --identifier.K nan": (
+        "identifier.K: expected a finite number",
+        "got nan",
+        "default is 20",
+    ),
+    "scalar_rov --identifier.K -1": ("a number greater than 0", "got -1", "default is 20"),
+    "scalar_rov --identifier.gain 0": ("a number greater than 0", "got 0", "default is 1"),
+    "scalar_rov --identifier.gain inf": ("a finite number", "got inf", "default is 1"),
+    "ur5 --identifier.gain -2": ("a number greater than 0", "got -2", "default is 1"),
+    "ur5 --reach 2": ("less than or equal to 1", "got 2", "default is 0.8"),
+    "ur5 --bandwidth nan": ("a finite number", "got nan", "default is 2"),
+    "ur5 --fundamental 0": ("a number greater than 0", "got 0", "default is 0.1"),
+    "ur5 --harmonics 0": ("greater than or equal to 1", "got 0", "default is 5"),
+    "ur5 --friction 0": ("a number greater than 0", "got 0", "default is None"),
     "ur5 --dt 0.05": ("joint", "too fast for steps of 0.05 s", "Take dt ≤"),
     "arm --robot ur55": ("no robot is called 'ur55'", "Did you mean", "ending in .urdf"),
     "arm --robot no/such.urdf": ("no/such.urdf", "no such file", "Give the path"),
@@ -260,3 +280,38 @@ def test_a_folder_without_a_record_is_no_run(
     with pytest.raises(BadRun, match="record"):
         read(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+# -- anything in any field ------------------------------------------------------------------------
+
+ANYTHING = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=8)
+    | st.sampled_from([10**400, 1e300, 5e-324, "\udcff", b"bytes", 1 + 2j, object]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=4,
+)
+
+
+@pytest.mark.parametrize("way", field_values.WAYS)
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(data=st.data())
+def test_any_value_in_any_field_gives_a_scenario_or_a_typed_error(
+    way: str, data: st.DataObject
+) -> None:
+    name = data.draw(st.sampled_from(sorted(scenarios())))
+    path = data.draw(st.sampled_from(field_values.places(name)))
+    place = data.draw(st.none() | st.integers(0, len(field_values.VALUES) - 1))
+    value = data.draw(ANYTHING) if place is None else field_values.VALUES[place]
+    assert field_values.outcome(way, name, {path: value}) in ("valid", "refused")
+
+
+def test_an_untyped_error_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(scenario: Scenario, values: dict[str, object]) -> Scenario:
+        raise TypeError("unorderable")
+
+    monkeypatch.setitem(field_values.WAYS, "broken", broken)
+    assert field_values.outcome("broken", "ur5", {"dt": 1}) == "TypeError: unorderable"

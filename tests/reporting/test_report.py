@@ -213,7 +213,9 @@ def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, summary: dict
     assert 'class="banner' not in report.page(done, silent, truth)
 
 
-def test_a_run_of_one_row_has_a_report(done: SimulatedRun, summary: dict[str, Any], tmp_path: Path) -> None:
+def test_a_run_of_one_row_has_a_report(
+    done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
+) -> None:
     columns = {name: rows[:1] for name, rows in done.record.columns.items()}
     short = replace(done, folder=tmp_path, record=replace(done.record, columns=columns))
     text = report.page(short, summary, metrics.truth_of(done))
@@ -227,5 +229,7 @@ def test_axes_have_labels_with_units(text: str) -> None:
         assert len(named) == 2, named
 
 
-def test_two_reports_of_one_run_are_equal(done: SimulatedRun, summary: dict[str, Any], text: str) -> None:
+def test_two_reports_of_one_run_are_equal(
+    done: SimulatedRun, summary: dict[str, Any], text: str
+) -> None:
     assert report.page(done, summary, metrics.truth_of(done)) == text

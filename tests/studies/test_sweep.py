@@ -361,7 +361,6 @@ def test_the_command_tells_of_every_combination_and_exits_well(tmp_path: Path) -
         (("sweep", "scalar_rov", "--vary", "gian=1"), "Did you mean gain"),
         (("sweep", "scalar_rov", "--seeds", "0"), "seeds: expected"),
         (("sweep", "scalar_rov", "--engine", "slurm"), "no engine is called"),
-        (("sweep", "scalar_rov", "--live"), "--live"),
         (("report", "nowhere"), "no sweep"),
     ],
 )
@@ -417,3 +416,13 @@ def test_a_run_that_dies_or_hangs_costs_itself_only(fates: Path, tmp_path: Path)
     assert all(words in page for words in why.values() if words)
     table = pq.read_table(tmp_path / "out" / TABLE)
     assert table["failure"].null_count == 1
+
+
+@pytest.mark.parametrize("command", ["sweep", "montecarlo"])
+def test_a_flag_of_single_runs_is_none_of_many(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, said = shell(command, "scalar_rov", "--live")
+    assert code == cli.UNUSABLE and "--live" in said.err
+    assert not list(tmp_path.iterdir())

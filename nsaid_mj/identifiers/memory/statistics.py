@@ -9,14 +9,13 @@ watching the same motion a second time, through measurements with as much noise 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import InvalidInput
-from ...log import EXACT, Log, Measurement, Middle, SensorLevels
+from ...bounds import Config, NonNegative, Positive, config
+from ...log import Log, Measurement, Middle, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from .momentum import Balance, Rows
@@ -28,8 +27,8 @@ _JUDGED = 50  # blocks, at least, before an estimate is old enough to be contrad
 _DRAWS = 32749  # of noise, used again and again: a prime, so that no block repeats soon
 
 
-@dataclass(frozen=True)
-class MemoryConfig:
+@config
+class MemoryConfig(Config):
     """How past data are kept and used, where the law is `memory`.
 
     Attributes:
@@ -50,26 +49,15 @@ class MemoryConfig:
             actuators is forgotten. 0 is never.
     """
 
-    window: float = 0.5
-    block: float = 0.1
-    interval: float = 0.5
-    pace: float = 10.0
-    anchor: float | None = None
-    horizon: float = 0.0
-    surprise: float = 9.0
+    _path = "identifier.memory"
 
-    def __post_init__(self) -> None:
-        for name, remedy in (
-            ("window", "0.5 s will do."), ("block", "0.1 s will do."),
-            ("interval", "0.5 s will do."), ("pace", "10 /s will do."),
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"memory.{name}", "a finite number > 0", value, remedy)
-        for name, value in (("anchor", self.weight(EXACT)), ("horizon", self.horizon),
-                            ("surprise", self.surprise)):  # fmt: skip
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"memory.{name}", "a finite number ≥ 0", value, "0 is none.")
+    window: Positive = 0.5
+    block: Positive = 0.1
+    interval: Positive = 0.5
+    pace: Positive = 10.0
+    anchor: NonNegative | None = None
+    horizon: NonNegative = 0.0
+    surprise: NonNegative = 9.0
 
     def weight(self, levels: SensorLevels) -> float:
         """The anchor's weight with these sensors."""

@@ -207,16 +207,6 @@ def command_inputs(spec: Any, count: int, body: str = BODY) -> None:
         actuator.gainprm[0] = 0.0
 
 
-def check_spread(spread: float) -> None:
-    """Accepts a largest relative deviation.
-
-    Raises:
-        InvalidInput: it is not in [0, 1).
-    """
-    if not 0 <= spread < 1:
-        raise InvalidInput("plant.spread", "a number in [0, 1)", spread, "0.2 is 20 %.")
-
-
 def hidden(nominal: Array | float, spread: float, rng: np.random.Generator) -> Array:
     """True numbers that deviate from nominal ones by up to ±spread, each by its own share."""
     nominal = np.asarray(nominal, dtype=np.float64)

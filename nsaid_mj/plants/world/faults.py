@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
+from ...bounds import Config, NonNegative, Share, config
 from ...errors import InvalidInput
 from ...parameters import Indices
 from ...system import SecondOrderSystem
 
 
-@dataclass(frozen=True)
-class Fault:
+@config
+class Fault(Config):
     """The loss of a part of one actuator's gain, once and for all; none by default.
 
     Attributes:
@@ -21,21 +23,11 @@ class Fault:
         time: when, on the run's clock [s].
     """
 
-    loss: float = 0.0
-    actuator: int = 1
-    time: float = 0.0
+    _path = "plant.fault"
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.loss < 1:
-            raise InvalidInput(
-                "fault.loss", "a share in [0, 1)", self.loss, "0.4 is 40 %, 0 is none."
-            )
-        if not (isinstance(self.actuator, int) and self.actuator >= 1):
-            raise InvalidInput(
-                "fault.actuator", "a whole number ≥ 1", self.actuator, "1 is the first command's."
-            )
-        if not (np.isfinite(self.time) and self.time >= 0):
-            raise InvalidInput("fault.time", "a time ≥ 0 s", self.time, "0 weakens it at once.")
+    loss: Share = 0.0
+    actuator: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1
+    time: NonNegative = 0.0
 
     def told(self, system: SecondOrderSystem) -> str:
         """The fault in words, "" where there is none."""

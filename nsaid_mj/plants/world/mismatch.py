@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import mujoco
-import numpy as np
+from pydantic import Field
 
+from ...bounds import Config, NonNegative, Number, config
 from ...errors import InvalidInput
 
 Fluid = Literal["exact", "ellipsoid"]
+LONGEST_DELAY = 60.0
+"""Of a command [s]: what is under way is kept."""
 
 
-@dataclass(frozen=True)
-class Mismatch:
+@config
+class Mismatch(Config):
     """Deviations of a plant from what its structure can represent; all are off by default.
 
     Attributes:
@@ -25,26 +27,12 @@ class Mismatch:
             ellipsoids instead of the vehicle's drag, lift and added mass.
     """
 
-    lag: float = 0.0
-    delay: float = 0.0
-    flow: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    fluid: Fluid = "exact"
+    _path = "plant.mismatch"
 
-    def __post_init__(self) -> None:
-        for name in ("lag", "delay"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"mismatch.{name}", "a time ≥ 0 s", value, "0 means none.")
-        if np.shape(self.flow) != (3,) or not all(
-            isinstance(x, int | float) and np.isfinite(x) for x in self.flow
-        ):
-            raise InvalidInput(
-                "mismatch.flow", "three finite velocities", self.flow, "0 0 0 is still."
-            )
-        if self.fluid not in get_args(Fluid):
-            raise InvalidInput(
-                "mismatch.fluid", " or ".join(get_args(Fluid)), self.fluid, "exact fits."
-            )
+    lag: NonNegative = 0.0
+    delay: Annotated[float, Field(strict=True, ge=0, le=LONGEST_DELAY)] = 0.0
+    flow: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    fluid: Fluid = "exact"
 
     def steps(self, dt: float) -> int:
         """The delay in steps of dt [s]."""

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...bounds import Config, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
@@ -30,14 +31,16 @@ if TYPE_CHECKING:
     from ...control import Driver
 
 
-@dataclass(frozen=True)
-class PlantConfig(ABC):
+@config
+class PlantConfig(Config, ABC):
     """A plant as data; `build` makes the thing itself.
 
     Attributes:
         mismatch: what the plant does and the identifier's structure does not know.
         fault: an actuator that weakens.
     """
+
+    _path = "plant"
 
     mismatch: Mismatch = field(default_factory=Mismatch, kw_only=True)
     fault: Fault = field(default_factory=Fault, kw_only=True)

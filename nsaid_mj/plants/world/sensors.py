@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from ...errors import InvalidInput
+from ...bounds import Config, NonNegative, config
 from ...log import SensorLevels
 from ...parameters import Array
 
 
-@dataclass(frozen=True)
-class SensorNoise:
+@config
+class SensorNoise(Config):
     """Levels of a joint encoder and of a velocity signal. MuJoCo's own `noise` adds nothing.
 
     Attributes:
@@ -23,15 +22,11 @@ class SensorNoise:
         encoder_step: the encoder's resolution [rad or m]; 0 is none.
     """
 
-    position: float = 1e-4
-    velocity: float = 5e-3
-    encoder_step: float = 0.0
+    _path = "noise"
 
-    def __post_init__(self) -> None:
-        for name in ("position", "velocity", "encoder_step"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InvalidInput(f"noise.{name}", "a finite number ≥ 0", value, "0 means none.")
+    position: NonNegative = 1e-4
+    velocity: NonNegative = 5e-3
+    encoder_step: NonNegative = 0.0
 
     @property
     def levels(self) -> SensorLevels:

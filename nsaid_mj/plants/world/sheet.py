@@ -21,7 +21,6 @@ Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Negative = Annotated[float, Field(ge=-LARGEST, le=-SMALLEST)]
-Share = Annotated[float, Field(ge=0, lt=1)]
 """Types of single numbers on a data sheet."""
 
 _REMEDY = "docs/your_vehicle.md explains every key; assets/ has complete examples."

@@ -1,0 +1,188 @@
+"""Types with bounds for the fields of a configuration, and errors that name the field.
+
+A configuration is a frozen dataclass that derives from `Config` and is decorated with `config`.
+Pydantic checks every field against its annotation whenever an object is made; what it refuses is
+raised as `InvalidInput`. In JSON each configuration carries the name of its class under `$type`.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from dataclasses import field, fields
+from typing import Annotated, Any, ClassVar, TypeVar, dataclass_transform
+
+from pydantic import (
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    TypeAdapter,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
+from pydantic.dataclasses import dataclass
+from pydantic_core import PydanticCustomError
+
+from .errors import InvalidInput
+
+TYPE = "$type"
+"""Key of a configuration's class in JSON; no field can have this name."""
+
+LARGEST = 1e15
+"""Upper bound of physical quantities in SI units: its fourth power is far from overflow."""
+
+Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
+NonNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
+Share = Annotated[float, Field(strict=True, ge=0, lt=1)]
+"""A share in [0, 1), such as a spread: 0 is none, and all would leave nothing."""
+PositiveShare = Annotated[float, Field(strict=True, gt=0, le=1)]
+Tones = Annotated[int, Field(strict=True, ge=1, le=1000)]
+"""Number of sines in a signal: a thousand of them already take a megabyte for each second."""
+Seed = Annotated[int, Field(strict=True, ge=0, le=2**64)]
+
+Flag = Annotated[bool, Field(strict=True)]
+Name = Annotated[str, Field(strict=True, max_length=4096)]
+"""Text that can be written as UTF-8."""
+
+_HELP = "`nsaid run NAME --help` lists what every field takes."
+_STRICT = ConfigDict(allow_inf_nan=False, extra="forbid")
+_C = TypeVar("_C", bound=type)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field, Field))
+def config(cls: _C) -> _C:
+    """Makes a frozen dataclass whose fields are checked against their annotations.
+
+    Numbers must be finite. With the types of this module neither `True` nor `"3"` is a number, and
+    1.0 is no whole number. A list is accepted where a tuple is declared.
+    """
+    made: Any = dataclass(frozen=True, config=_STRICT)(cls)
+    checked = made.__init__
+    names = list(inspect.signature(made).parameters)
+
+    @functools.wraps(checked)
+    def init(self: Any, *args: Any, **values: Any) -> None:
+        try:
+            checked(self, *args, **values)
+        except ValidationError as error:
+            raise refusal(error, type(self), names) from None
+
+    made.__init__ = init
+    return made
+
+
+@config
+class Config:
+    """Base of all configurations.
+
+    Attributes:
+        _path: where a scenario has a configuration of this kind, for messages.
+    """
+
+    _path: ClassVar[str] = ""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _read(cls, value: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+        """Accepts an instance, or a mapping whose `$type` names this class or a subclass."""
+        if isinstance(value, cls) and "__pydantic_validator__" not in vars(type(value)):
+            # of a plain dataclass in somebody's script, which has checked nothing yet
+            parts = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
+            return _adapter(type(value)).validate_python(parts | {TYPE: type(value).__name__})
+        if not isinstance(value, dict):
+            return handler(value)
+        kinds, name = kinds_of(cls), value.get(TYPE)
+        if not isinstance(name, str) or name not in kinds:
+            known = ", ".join(kinds)
+            raise PydanticCustomError("kind", "{known}", {"known": f"a {TYPE} out of {known}"})
+        if kinds[name] is not cls:
+            return _adapter(kinds[name]).validate_python(value)
+        return handler({key: item for key, item in value.items() if key != TYPE})
+
+    @model_serializer
+    def _write(self) -> dict[str, Any]:
+        """The fields of the instance's own class, after the class's name."""
+        return {TYPE: type(self).__name__} | {f.name: getattr(self, f.name) for f in fields(self)}
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: Any, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """The fields and `$type`; of an abstract class, all classes that derive from it."""
+        if inspect.isabstract(cls):
+            kinds = kinds_of(cls).values()
+            return {"oneOf": [_typed(kind, _adapter(kind).core_schema, handler) for kind in kinds]}
+        return _typed(cls, core_schema, handler)
+
+
+def _typed(cls: type, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    """The JSON schema of a class, with the key that tells it apart."""
+    found = handler.resolve_ref_schema(handler(core_schema))
+    found["properties"] = {TYPE: {"const": cls.__name__}} | found.get("properties", {})
+    found["required"] = [TYPE, *found.get("required", [])]
+    return found
+
+
+def kinds_of(cls: type[Config]) -> dict[str, type[Config]]:
+    """All concrete classes of a kind by name, among them those of the scripts that are loaded."""
+    found: dict[str, type[Config]] = {}
+    if not inspect.isabstract(cls):
+        found[cls.__name__] = cls
+    for subclass in cls.__subclasses__():
+        found |= kinds_of(subclass)
+    return found
+
+
+@functools.cache
+def _adapter(cls: type) -> TypeAdapter[Any]:
+    return TypeAdapter(cls)
+
+
+def refusal(
+    error: ValidationError,
+    cls: type[Config],
+    names: list[str] | None = None,
+    remedy: str = "",
+) -> InvalidInput:
+    """The first complaint of pydantic about a configuration.
+
+    Args:
+        error: what pydantic raised.
+        cls: what was to be made.
+        names: of the arguments by position.
+        remedy: what to do; left out, the field's default.
+    """
+    first = error.errors(include_url=False)[0]
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InvalidInput):
+        return cause  # of a check that relates several fields
+    where = [*first["loc"]]
+    if where and isinstance(where[0], int) and names and where[0] < len(names):
+        where[0] = names[where[0]]
+    dotted = ".".join(str(part) for part in (cls._path, *where) if part not in ("", "[key]"))
+    expected = first["msg"].removeprefix("Input should be ").replace("a valid ", "a ")
+    if expected.startswith(("greater", "less")):
+        expected = f"a number {expected}"
+    elif first["type"] == "unexpected_keyword_argument":
+        known = [f.name for f in fields(cls)]
+        expected, remedy = f"a field of {cls.__name__}", f"It has {', '.join(known)}."
+    if not remedy:
+        default = {f.name: f.default for f in fields(cls)}.get(str(where[0])) if where else None
+        remedy = f"The default is {default}." if _plain(default) else _HELP
+    return InvalidInput(dotted or cls.__name__, expected, shown(first["input"]), remedy)
+
+
+def _plain(value: object) -> bool:
+    return value is None or isinstance(value, int | float | str | tuple)
+
+
+def shown(value: object) -> object:
+    """A value as a message can show it: a long one, or one that cannot be written, in brief."""
+    try:
+        text = str(value)
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a whole number of thousands of digits"
+    return value if len(text) <= 80 else f"{text[:77]}…"

@@ -1,0 +1,58 @@
+"""Where a run goes: a folder by its robot and law, and never silently over a completed run."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+
+from ..errors import BadRun
+from ..experiment.scenario import Scenario
+from ..identifiers import ConventionalAID
+
+RUNS = Path("runs")
+
+
+def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
+    """What a person calls a run: the scenario's name, or that of the robot put into it.
+
+    Args:
+        name: of the scenario.
+        default: the scenario as its script has it.
+        scenario: the scenario that is run.
+    """
+    robot = getattr(scenario.plant, "robot", "")
+    chosen = name == "arm" or robot != getattr(default.plant, "robot", "")
+    return (Path(robot).stem or name) if robot and chosen else name
+
+
+def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) -> Path:
+    """The folder of a run: `out`, or runs/TITLE-LAW, numbered where a completed run is there.
+
+    Raises:
+        BadRun: `out` holds a completed run, which is to be kept.
+    """
+    if out is not None:
+        if not force and holds_completed_run(out):
+            raise BadRun(
+                out,
+                "it holds a completed run",
+                "Give --force to overwrite it, or another folder with --out",
+            )
+        return out
+    conventional = isinstance(scenario.identifier, ConventionalAID)
+    law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
+    first = RUNS / f"{title}-{law}"
+    if force:
+        return first
+    numbered = (RUNS / f"{title}-{law}-{number}" for number in itertools.count(2))
+    return next(f for f in itertools.chain([first], numbered) if not holds_completed_run(f))
+
+
+def holds_completed_run(folder: Path) -> bool:
+    """Whether a folder has the summary of a run that came to its end."""
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # killed before it was judged, or no run at all
+        return False
+    return isinstance(summary, dict) and summary.get("status") == "completed"

@@ -1,0 +1,188 @@
+"""Puts random values into random fields of the packed scenarios and counts how the tries end.
+
+    python scripts/field_values.py [--tries 2285] [--seed 0] [--build]
+
+A try replaces one to three fields by `dataclasses.replace`, in the scenario's JSON, or by flags. It
+must end in a scenario that survives JSON, or in an `InvalidInput` or `UnknownName`; a command line
+may also exit with code 2. With --build a valid scenario must also give a plant, a driver and
+identifiers, or a typed error. Anything else counts as untyped, and is printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import random
+import sys
+from collections import Counter
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from nsaid_mj import Scenario
+from nsaid_mj.bounds import shown
+from nsaid_mj.cli.options import parse
+from nsaid_mj.errors import InvalidInput, NsaidError, UnknownName
+from nsaid_mj.experiment.fields import field_at, field_paths, with_fields
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.setup import prepare
+from nsaid_mj.resources import scenarios
+
+NAN, INF = float("nan"), float("inf")
+_SMALL = (0, 0.0, -0.0, 1, -1, 2, 0.5, 1.5, 1e-3, -1e-3, 1e-300, 5e-324)
+_LARGE = (1e15, 1e16, 1e300, 2**31, 2**63, 2**64, 2**64 + 1, -(2**63), 10**400, 10**5000)
+_NO_NUMBERS = (NAN, INF, -INF, True, False, None, 1 + 2j)
+_WORDS = ("", "x", "nan", "1", "paper", "noisy", "ünicode", "\0", "\udcff", "a" * 10_000, b"bytes")
+_LISTS = ([], [1], [1, 2, 3], (1.0, 2.0), (0.0, 0.0, NAN), ["a", "b", "c"], range(3), {1, 2})
+_DICTS = ({}, {"a": {"b": {"c": 1}}}, {1: 2}, {None: 3}, {"$type": ["NullspaceAID"]})
+_PARTS = (
+    {"$type": "Scenario"},
+    {"$type": "ArmPlant"},
+    {"$type": "FourierTracking", "reach": [1]},
+    {"$type": "NullspaceAID", "memory": {"$type": "MemoryConfig", "pace": NAN}},
+)
+_OBJECTS = (object(), Scenario, print)
+VALUES: tuple[Any, ...] = (
+    *_SMALL,
+    *_LARGE,
+    *_NO_NUMBERS,
+    *_WORDS,
+    *_LISTS,
+    *_DICTS,
+    *_PARTS,
+    *_OBJECTS,
+)
+TYPED = (InvalidInput, UnknownName)
+
+
+@cache
+def packed(name: str) -> Scenario:
+    """A packed scenario."""
+    return load(name)
+
+
+@cache
+def places(name: str) -> list[str]:
+    """Dotted names of a scenario's fields, and of the parts they are in."""
+    leaves = field_paths(packed(name))
+    parts = {path.rpartition(".")[0] for path in leaves} - {""}
+    return [*leaves, *sorted(parts)]
+
+
+def check(scenario: Scenario, build: bool) -> None:
+    """Asserts that a scenario is sound; makes all that a run needs before its first step."""
+    assert Scenario.from_json(scenario.to_json()) == scenario
+    assert scenario.steps >= 2 and len(scenario.hash) == 12
+    if build:
+        plant, prior, _ = prepare(scenario)
+        scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
+
+
+def replaced(scenario: Scenario, values: dict[str, Any]) -> Scenario:
+    """A scenario with fields replaced in Python."""
+    return with_fields(scenario, values)
+
+
+def rewritten(scenario: Scenario, values: dict[str, Any]) -> Scenario:
+    """A scenario with fields replaced in its JSON; what JSON cannot write is replaced by a list."""
+    tree = json.loads(scenario.to_json())
+    for path, value in values.items():
+        *parents, last = path.split(".")
+        node = tree
+        for parent in parents:
+            node = node[parent]
+        try:
+            json.dumps(value)
+        except (TypeError, ValueError):
+            value = [1, [2]]  # noqa: PLW2901 (the value that is written instead)
+        node[last] = value
+    return Scenario.from_json(json.dumps(tree))
+
+
+def flagged(scenario: Scenario, values: dict[str, Any]) -> Scenario | None:
+    """A scenario with fields replaced by flags; None where the command line is refused."""
+    words = []
+    for path, value in values.items():
+        with contextlib.suppress(ValueError):  # an integer too long to be written
+            items = value if isinstance(value, list | tuple) else (value,)
+            words += [f"--{path}", *(str(item) for item in items)]
+    try:
+        with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+            return parse("x", scenario, words)[0]
+    except SystemExit as exit_:
+        if exit_.code not in (0, 2):
+            raise RuntimeError(f"exit code {exit_.code}") from exit_
+        return None
+
+
+WAYS: dict[str, Callable[[Scenario, dict[str, Any]], Scenario | None]] = {
+    "replace": replaced,
+    "JSON": rewritten,
+    "command line": flagged,
+}
+
+
+def outcome(way: str, name: str, values: dict[str, Any], build: bool = False) -> str:
+    """How a try ends: `valid`, `refused`, or what is raised that should not be."""
+    try:
+        scenario = WAYS[way](packed(name), values)
+        if scenario is not None:
+            check(scenario, build)
+    except TYPED:
+        return "refused"
+    except NsaidError as error:
+        return "not built" if build else f"{type(error).__name__}: {error}"
+    except Exception as error:
+        return f"{type(error).__name__}: {str(error)[:150]}"
+    return "refused" if scenario is None else "valid"
+
+
+def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
+    """A way, a scenario and values for some of its fields."""
+    way, name = rng.choice(list(WAYS)), rng.choice(list(scenarios()))
+    found = places(name)
+    chosen = rng.sample(found, rng.choice((1, 1, 1, 2, 3)))
+    chosen = [p for p in chosen if not any(p.startswith(f"{q}.") for q in chosen)]
+    values = {}
+    for path in chosen:
+        kind = rng.random()
+        if kind < 0.1:  # the value itself, of another scenario's field
+            other = rng.choice(list(scenarios()))
+            values[path] = field_at(packed(other), rng.choice(places(other)))
+        elif kind < 0.2:
+            values[path] = rng.choice((-1, 1)) * 10 ** rng.uniform(-320, 308)
+        elif kind < 0.35:
+            values[path] = 10 ** rng.uniform(-6, 16)
+        else:
+            values[path] = rng.choice(VALUES)
+    return way, name, values
+
+
+def main() -> int:
+    """Prints how the tries end; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--tries", type=int, default=2285)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--build", action="store_true", help="plant, driver and identifiers too")
+    chosen = parser.parse_args()
+    rng, ends = random.Random(chosen.seed), Counter[str]()
+    for _ in range(chosen.tries):
+        way, name, values = drawn(rng)
+        end = outcome(way, name, values, chosen.build)
+        known = end in ("valid", "refused", "not built")
+        ends[f"{way}, {end}" if known else "untyped"] += 1
+        if not known:
+            told = ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
+            print(f"{way}, {name}, {told}: {end}", flush=True)
+    for end, count in sorted(ends.items()):
+        print(f"{count:5} {end}")
+    print(f"{ends['untyped']} of {chosen.tries} end untyped")
+    return 1 if ends["untyped"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
