@@ -62,6 +62,7 @@ def summarize(run: Run) -> dict[str, Any]:
             for d in directions(nullspace, system.space)
         ],
         "wall_s": cost.wall,
+        "compile_s": cost.compile,
         "sim_s": sim,
         "real_time_factor": sim / cost.wall if cost.wall else 0.0,
         "identifier_us_per_step": 1e6 * cost.identifier / steps,

@@ -1,5 +1,6 @@
 """MuJoCo as the world: the only importer of mujoco, and the only holder of the truth."""
 
+from .. import numerics as numerics  # where kernels are kept: before the first one
 from .aerial import QuadrotorPlant as QuadrotorPlant
 from .arm import ArmPlant as ArmPlant
 from .arm import FloatingBasePlant as FloatingBasePlant

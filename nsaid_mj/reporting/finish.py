@@ -76,6 +76,7 @@ def _recall_ending(run: Run) -> None:
     steps = round(end / scenario.dt)
     cost = run.cost
     cost.wall, cost.steps = summary["wall_s"], steps
+    cost.compile = summary.get("compile_s", 0.0)  # runs of earlier versions do not say
     cost.plant = 1e-6 * summary["plant_us_per_step"] * steps
     cost.identifier = 1e-6 * summary["identifier_us_per_step"] * steps
 
