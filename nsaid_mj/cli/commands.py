@@ -208,12 +208,12 @@ def _add_montecarlo(commands: Any) -> None:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     result, summary, output = _carry_out(name, default, arguments, "run")
-    from ..reporting import finish
+    from ..reporting.terminal import print_summary
 
     if output.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
     elif not output.quiet:
-        finish.tell(name, summary, result.folder)
+        print_summary(name, summary, result.folder)
     return _code(result)
 
 
@@ -251,18 +251,21 @@ def _carry_out(
 
     scenario, output = parse(name, default, arguments, asked)
     from ..experiment.loop import Observer, run
-    from ..reporting import finish
+    from ..reporting.finish import finish
     from ..reporting.progress import Progress
+    from ..reporting.warmup import warm_up
 
-    silent = output.quiet or output.json
-    watchers: list[Observer] = [] if silent else [Progress(name)]
+    folder = output.out or Path("runs") / name
+    watchers: list[Observer] = []
     if output.live:
         from ..recording import Live
 
         watchers.append(Live(name))
-    folder = output.out or Path("runs") / name
-    result = run(scenario, folder, *watchers)
-    return result, finish.finish(result, progress=not silent), output
+    with Progress(name, quiet=output.quiet or output.json) as progress:
+        compiled = warm_up(scenario)
+        result = run(scenario, folder, progress, *watchers)
+        result.cost.compile += compiled
+        return result, finish(result, progress.say), output
 
 
 def _code(result: Run) -> int:

@@ -33,6 +33,7 @@ from ..experiment.setup import Seeds, prepare, trajectory
 from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT
 from ..plants import Sensors
+from ..reporting.progress import announcing
 from ..resources import write_json, write_text
 from .cells import DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
 
@@ -296,11 +297,11 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
     total = (1 + len(plan.methods)) * len(plan.seeds) * len(plan.durations) * len(plan.noises)
     bar = Progress(
         TextColumn("{task.description:48}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-        console=Console(stderr=True), transient=True, disable=quiet,
+        console=Console(stderr=True, quiet=quiet), transient=True, disable=quiet,
     )  # fmt: skip
     write(folder, plan, cells)  # before minutes of work, say that it cannot be written
     try:
-        with bar:
+        with bar, announcing(bar.console):
             task = bar.add_task("", total=total)
             for cell in compare(plan, lambda words: bar.update(task, description=words)):
                 cells.append(cell)

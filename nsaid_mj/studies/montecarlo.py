@@ -42,6 +42,7 @@ from ..log import Log
 from ..nullspace import Nullspace, structural
 from ..parameters import Array
 from ..plants import Plant, Sensors
+from ..reporting.progress import announcing
 from .sweep import opened, seed_of
 from .sweep_results import MANIFEST, ROWS, TABLE, Group, Row, Sweep, read, told, write_table
 from .sweep_worker import CONVERGED
@@ -406,10 +407,14 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
     bar = Progress(
         TextColumn("{task.description}"), BarColumn(),
         TextColumn("{task.completed:.0f}/{task.total:.0f} runs"), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True, disable=quiet,
+        console=Console(stderr=True, quiet=quiet), transient=True, disable=quiet,
     )  # fmt: skip
     try:
-        with bar, (folder / ROWS).open("a", encoding="utf-8") as stream:
+        with (
+            bar,
+            announcing(bar.console),
+            (folder / ROWS).open("a", encoding="utf-8") as stream,
+        ):
             task = bar.add_task(folder.name, total=plan.runs, completed=len(known))
             seen = partial(bar.advance, task)
             for rows in _rows(plan.scenario, todo, jobs, plan.shared, seen):

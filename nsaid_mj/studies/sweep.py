@@ -25,6 +25,8 @@ from ..errors import BadRun, InvalidInput
 from ..experiment.fields import field_path, field_value, with_field
 from ..experiment.library import digest_of
 from ..experiment.scenario import Scenario
+from ..reporting.progress import COMPILING
+from ..reporting.warmup import is_warm
 from ..resources import write_json
 from .sweep_engine import Engine
 from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, read_manifest, read_rows, write_table
@@ -181,6 +183,8 @@ def run(
             lost = sum(row["failure"] is not None for row in known.values())
             task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
             todo = [number for number in range(len(plan)) if number not in known]
+            if todo and not quiet and engine.name == "loky" and not is_warm(plan.run(todo[0])):
+                bar.console.print(COMPILING, highlight=False)
             for found in engine.make(todo, job, longest):
                 row = plan.what(found["run"]) | found
                 line = json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n"

@@ -197,8 +197,10 @@ def _types_of(script: str) -> None:
 def figures(run: Run) -> dict[str, Any]:
     """The plain figures of a run's summary by key, dotted where nested, and `time_to_converge`."""
     from .. import evaluation
+    from ..reporting.warmup import mark_warm
 
     summary = evaluation.summarize(run)
+    mark_warm(run)
     return {"failure": None, "time_to_converge": time_to_converge(run)} | _plain(summary)
 
 

@@ -258,7 +258,7 @@ KEYS: dict[str, type | tuple[type, ...]] = {  # design.md, "What a number is cal
     "theta_perp_ratio": float, "theta_perp_ratio_initial": float, "actuator_ratio_error": float,
     "force_residual_ratio": float, "velocity_error_rms": float, "conserved_drift": float,
     "lyapunov_violations": int, "pe_level": float, "pe_level_perp": float, "law": str, "gamma": str,
-    "sensors": str, "unobservable": list, "wall_s": float, "sim_s": float,
+    "sensors": str, "unobservable": list, "wall_s": float, "compile_s": float, "sim_s": float,
     "real_time_factor": float, "identifier_us_per_step": float, "plant_us_per_step": float,
     "seed": int, "versions": dict, "scenario_hash": str,
 }  # fmt: skip
