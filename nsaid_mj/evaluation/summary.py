@@ -10,20 +10,23 @@ import numpy as np
 
 from ..experiment.loop import Run, held_out
 from ..experiment.setup import Seeds
-from ..identifiers import IdentifierConfig
+from ..experiment.record import Record
+from ..identifiers import ConventionalAID, IdentifierConfig
 from ..nullspace import directions, structural
 from ..parameters import Array, ParameterSpace
 from .confidence import known
-from .figures import judge
+from .figures import held_out_rows, judge
 from .lyapunov import assumption_46, lyapunov_figures
 from .motion import motion_figures, persistence_levels
 from .truth import true_nullspace, true_theta
+from .verdict import residual_floor, verdict
 
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
 
 _UNKNOWN = (
     "r_excited", "theta_perp_ratio_initial", "theta_perp_ratio", "plant_direction_error",
-    "actuator_ratio_error", "force_residual_ratio", "velocity_error_rms", "conserved_drift",
+    "actuator_ratio_error", "force_residual_ratio", "force_residual_floor", "velocity_error_rms",
+    "conserved_drift",
     "lyapunov_violations", "pe_level", "pe_level_perp", "pe_share_perp",
     "velocity_error_rms_initial", "excited_error_rms", "excited_error_rms_initial",
     "confidence",
@@ -37,6 +40,11 @@ def summarize(run: Run) -> dict[str, Any]:
     Args:
         run: a run that has ended, however it did.
     """
+    summary = _summary(run)
+    return summary | {"verdict": verdict(summary)}
+
+
+def _summary(run: Run) -> dict[str, Any]:
     found = _findings(run) if len(run.record) else dict.fromkeys(_UNKNOWN) | {"rivals": {}}
     ending, cost, system = run.ending, run.cost, run.plant.system
     sim, steps = float(run.record["t"][-1]) if len(run.record) else 0.0, max(cost.steps, 1)
@@ -53,12 +61,18 @@ def summarize(run: Run) -> dict[str, Any]:
         "rank_gap": [float(s) for s in nullspace.gap],
         **found,
         "law": law_of(run.scenario.identifier),
+        "gains_held": isinstance(run.scenario.identifier, ConventionalAID),
         "gamma": getattr(run.scenario.identifier, "gamma", "scale"),
         "sensors": run.scenario.sensors,
         "mismatch": mismatches(run),
         "fault": run.plant.fault.told(system),
         "unobservable": [
-            {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)}
+            {
+                "direction": d.words,
+                "fix": d.fix,
+                "parameters": list(d.parameters),
+                "labels": [system.space.labels[system.space.index(name)] for name in d.parameters],
+            }
             for d in directions(nullspace, system.space)
         ],
         "wall_s": cost.wall,
@@ -80,6 +94,7 @@ def _findings(run: Run) -> dict[str, Any]:
     margin, least_mass = assumption_46(run)
     return {
         **judge(run, "", later),
+        "force_residual_floor": force_residual_floor(run, later),
         **lyapunov_figures(run),
         "pe_level": levels[0],
         "pe_level_perp": levels[1],
@@ -94,12 +109,26 @@ def _findings(run: Run) -> dict[str, Any]:
         },
         "confidence": confidence(run),
         "parameters": [
-            {"name": name, "unit": unit, "scale": float(s), "true": float(t), "prior": float(a),
-             "estimate": float(b)}
-            for name, unit, s, t, a, b in zip(space.names, space.units, space.scale, truth,
-                                              run.prior, record["theta_hat"][-1], strict=True)
+            {"name": name, "label": label, "unit": unit, "scale": float(s), "true": float(t),
+             "prior": float(a), "estimate": float(b)}
+            for name, label, unit, s, t, a, b in zip(
+                space.names, space.labels, space.units, space.scale, truth, run.prior,
+                record["theta_hat"][-1], strict=True,
+            )
         ],
     }  # fmt: skip
+
+
+def force_residual_floor(run: Run, later: Record | None) -> float | None:
+    """The share of the actuator forces on a later trajectory that no θ of the structure explains.
+
+    0 where the plant is of the structure: its true θ explains all.
+    """
+    if later is None:
+        return None
+    if not run.plant.mismatches:
+        return 0.0
+    return residual_floor(run.plant.system, held_out_rows(run.plant.system, later, None))
 
 
 def mismatches(run: Run) -> list[str]:
