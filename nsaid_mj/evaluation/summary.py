@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..experiment.loop import Run, held_out
-from ..experiment.setup import Seeds
 from ..experiment.record import Record
+from ..experiment.setup import Seeds
 from ..identifiers import ConventionalAID, IdentifierConfig
 from ..nullspace import directions, structural
 from ..parameters import Array, ParameterSpace

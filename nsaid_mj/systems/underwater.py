@@ -98,10 +98,11 @@ def mass_block(diagonal: Array) -> Block:
     """
     rows, columns = np.triu_indices(6)
     share = np.where(rows == columns, 1.0, 0.25)
+    pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
     units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
     return Block(
         "mass matrix",
-        tuple(f"M_{i + 1}{j + 1}" for i, j in zip(rows, columns, strict=True)),
+        tuple(f"M_{i + 1}{j + 1}" for i, j in pairs),
         tuple(units.tolist()),
         share * np.sqrt(diagonal[rows] * diagonal[columns]),
         "spd",
