@@ -107,7 +107,8 @@ def test_no_theta_has_a_smaller_residual_than_the_floor():
 def test_a_motion_under_a_true_theta_leaves_no_floor():
     plant = plant_for(load("scalar_rov"))
     system, rng = plant.system, np.random.default_rng(0)
-    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(50))))
+    states = [system.random_state(rng) for _ in range(50)]
+    q, v, u = (np.array(part) for part in zip(*states, strict=True))
     _, W = system.evaluate(np.zeros(50), np.hstack([q, v]), v, u, plant.truth)
     assert residual_floor(system, W) == pytest.approx(0.0, abs=1e-7)
     assert residual_floor(system, None) is None
