@@ -126,3 +126,18 @@ class NoEstimate(NsaidError):
     def __init__(self, reason: str, remedy: str):
         self.reason, self.remedy = reason, remedy
         super().__init__(f"{reason}. {remedy}")
+
+
+class NoKernelCache(UserWarning):
+    """Compiled kernels cannot be kept: every process compiles its own.
+
+    Attributes:
+        reason: what the operating system said.
+    """
+
+    def __init__(self, reason: object):
+        self.reason = reason
+        super().__init__(
+            f"compiled kernels cannot be kept ({reason}), so each run compiles them anew, for "
+            "about a minute. Set NUMBA_CACHE_DIR to a folder that can be written."
+        )

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from .errors import InvalidInput
-from .parameters import Array, Block, Indices, ParameterSpace
+from .parameters import Array, Block, Indices, ParameterSpace, phrase
 from .system import SecondOrderSystem
 
 TOLERANCE = 1e-8
@@ -122,7 +122,7 @@ class Direction:
     """One direction of P_s(θ), told to a roboticist.
 
     Attributes:
-        words: what may change without anybody seeing it.
+        words: what may change without any effect on the motion, in the parameters' labels.
         parameters: names of the parameters involved, the leading one first.
         weights: their changes, in θ/scale, the leading one 1; empty for a common scale.
         fix: what one known number would fix.
@@ -243,14 +243,14 @@ def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
             kinds.append(kind)
         if inside:
             all_inside = len(inside) == len(block) > 1
-            parts.append(kind if all_inside else ", ".join(space.names[i] for i in inside))
+            parts.append(kind if all_inside else phrase(space.labels[i] for i in inside))
     names = tuple(space.names[i] for i in group)
     return Direction(
         f"common scale of {'everything: ' if whole else ''}{_listed(dict.fromkeys(kinds))}",
         names,
         (),
-        f"one known number, e.g. {names[-1]}, fixes it, and with it these {len(names)}: "
-        f"{', '.join(parts)}",
+        f"one known number, e.g. {space.labels[group[-1]]}, fixes it, and with it these "
+        f"{len(names)}: {', '.join(parts)}",
     )
 
 
@@ -266,21 +266,10 @@ def _listed(words: Iterable[str]) -> str:
 
 def _trade(weights: Array, pivot: int, space: ParameterSpace) -> Direction:
     others = [i for i in np.argsort(-np.abs(weights)) if i != pivot and abs(weights[i]) > _SMALL]
-    lead = space.names[pivot]
-    names = (lead, *(space.names[i] for i in others))
-    told = f"{lead}{_gloss(pivot, space)}"
+    lead, names = space.labels[pivot], tuple(space.names[i] for i in (pivot, *others))
     if not others:
-        words, fix = f"{told} alone: it has no effect on the motion", f"only knowing {lead} itself"
+        words, fix = f"{lead} alone: it has no effect on the motion", f"only knowing {lead} itself"
     else:
-        words = f"{told} against {', '.join(names[1:])}"
+        words = f"{lead} against {phrase(space.labels[i] for i in others)}"
         fix = f"one known number among these, e.g. {lead}, fixes this trade"
     return Direction(words, names, (1.0, *(float(weights[i]) for i in others)), fix)
-
-
-def _gloss(i: int, space: ParameterSpace) -> str:
-    """What an inertial parameter's symbol means."""
-    block, place = next((b, s) for b, s in space if s.start <= i < s.stop)
-    if block.geometry != "pseudo_inertia":
-        return ""
-    kind = ("mass", *["first moment"] * 3, *["moment of inertia"] * 6)[i - place.start]
-    return f" ({kind} of {block.name})"

@@ -7,7 +7,7 @@ in θ_s = θ/scale, so that kilograms and newton-metres compare.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
@@ -39,6 +39,20 @@ def finite(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str) -> 
     return array
 
 
+def phrase(labels: Iterable[str]) -> str:
+    """Labels in one phrase, those of one part together: "mass and Ixx of link 1, gain of elbow"."""
+    parts: dict[str, list[str]] = {}
+    for label in labels:
+        what, _, part = label.partition(" of ")
+        parts.setdefault(part, []).append(what)
+    return ", ".join(
+        f"{' and '.join(filter(None, (', '.join(what[:-1]), what[-1])))} of {part}"
+        if part
+        else ", ".join(what)
+        for part, what in parts.items()
+    )
+
+
 @dataclass(frozen=True)
 class Block:
     """Neighbouring parameters of one kind.
@@ -55,6 +69,8 @@ class Block:
         entries: where the geometry is `tied`, rows (i, j, l, value), i ≥ j: the matrix has
             value · θ_l at i, j and j, i, and is 0 elsewhere. Each θ_l is on its diagonal, there
             with values > 0, or off it.
+        labels: one for each parameter, for people: "mass of upper_arm_link"; the names where none
+            are given.
     """
 
     name: str
@@ -64,12 +80,17 @@ class Block:
     geometry: Geometry = "free"
     actuator: bool = False
     entries: tuple[tuple[int, int, int, float], ...] = ()
+    labels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         k = len(self.names)
         remedy = f"Give block {self.name!r} one entry for each of its {k} names."
         if len(self.units) != k:
             raise InvalidInput("units", f"{k} units", f"{len(self.units)}", remedy)
+        labels = tuple(self.labels) or self.names
+        if len(labels) != k:
+            raise InvalidInput("labels", f"{k} labels, or none", f"{len(labels)}", remedy)
+        object.__setattr__(self, "labels", labels)
         scale = finite("scale", self.scale, (k,), remedy).copy()
         if not (scale > 0).all():
             raise InvalidInput("scale", "values > 0", f"{scale.min()}", remedy)
@@ -144,6 +165,11 @@ class ParameterSpace:
     def names(self) -> list[str]:
         """The p parameter names, in order."""
         return [name for block in self.blocks for name in block.names]
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """What people call the p parameters, in order."""
+        return [label for block in self.blocks for label in block.labels]
 
     @cached_property
     def units(self) -> list[str]:

@@ -197,7 +197,8 @@ def test_a_told_trade_is_in_P_and_all_are_independent(name):
     vectors = np.zeros((len(trades), system.p))
     for vector, d in zip(vectors, trades, strict=True):
         vector[[system.space.index(parameter) for parameter in d.parameters]] = d.weights
-        assert d.weights[0] == 1 and d.parameters[0] in d.words and d.parameters[0] in d.fix
+        lead = system.space.labels[system.space.index(d.parameters[0])]
+        assert d.weights[0] == 1 and lead in d.words and lead in d.fix
         assert found.ratio(vector) < 1e-5
     assert np.linalg.matrix_rank(vectors, tol=1e-6) == len(trades)
 

@@ -173,3 +173,19 @@ def test_finite_says_where(i, j, bad):
     error = caught.value
     assert isinstance(error, NsaidError) and isinstance(error, ValueError)
     assert error.name == "X" and f"({i}, {j})" in str(error) and str(error).endswith("Do this.")
+
+
+def test_labels_are_the_names_where_none_are_given():
+    space = ParameterSpace(
+        (
+            Block("mass", ("m_1", "m_2"), ("kg", "kg"), np.ones(2), labels=("cart", "pole")),
+            Block("drag", ("d",), ("N·s/m",), np.ones(1)),
+        )
+    )
+    assert space.labels == ["cart", "pole", "d"]
+    assert space.names == ["m_1", "m_2", "d"]
+
+
+def test_labels_must_be_as_many_as_names():
+    with pytest.raises(InvalidInput, match="2 labels, or none, got 1"):
+        Block("mass", ("m_1", "m_2"), ("kg", "kg"), np.ones(2), labels=("cart",))

@@ -1,5 +1,6 @@
 """Other people's methods on the same logs: what identification is compared with."""
 
+from .. import numerics as numerics  # where kernels are kept: before the first one
 from .adaptive import follow as follow
 from .base import Estimate as Estimate
 from .base import Method as Method

@@ -92,12 +92,12 @@ def command(arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, result, summary, output = _carry_out(name, default, arguments, "run")
-    from ..reporting import finish
+    from ..reporting.terminal import print_summary
 
     if output.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
     elif not output.quiet:
-        finish.tell(title, summary, result.folder)
+        print_summary(title, summary, result.folder)
     return _code(result)
 
 
@@ -139,17 +139,20 @@ def _carry_out(
     title = title_of(name, default, scenario)
     folder = folder_for(title, scenario, output.out, output.force)
     from ..experiment.loop import Observer, run
-    from ..reporting import finish
+    from ..reporting.finish import finish
     from ..reporting.progress import Progress
+    from ..reporting.warmup import warm_up
 
-    silent = output.quiet or output.json
-    watchers: list[Observer] = [] if silent else [Progress(title)]
+    watchers: list[Observer] = []
     if output.live:
         from ..recording import Live
 
         watchers.append(Live(title))
-    result = run(scenario, folder, *watchers)
-    return title, result, finish.finish(result, progress=not silent), output
+    with Progress(title, quiet=output.quiet or output.json) as progress:
+        compiled = warm_up(scenario)
+        result = run(scenario, folder, progress, *watchers)
+        result.cost.compile += compiled
+        return title, result, finish(result, progress.say), output
 
 
 def _code(result: Run) -> int:

@@ -19,4 +19,5 @@ from .words import FIGURES as FIGURES
 from .words import OWN as OWN
 from .words import confidence_lines as confidence_lines
 from .words import figure as figure
+from .words import gain_rows as gain_rows
 from .words import unobservable_lines as unobservable_lines

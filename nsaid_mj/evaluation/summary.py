@@ -10,21 +10,22 @@ import numpy as np
 
 from ..experiment.loop import Run
 from ..experiment.setup import Seeds
-from ..identifiers import IdentifierConfig
+from ..identifiers import ConventionalAID, IdentifierConfig
 from ..nullspace import Nullspace, directions, structural
 from ..parameters import Array, ParameterSpace
 from .confidence import known
 from .excitation import motion_figures, persistence_figures
-from .figures import judge
+from .figures import held_out_rows, judge
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
 from .truth import Truth
+from .verdict import residual_floor, verdict
 
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
 
 _OF_THE_TRUTH = (
     "r_excited", "theta_perp_ratio_initial", "theta_perp_ratio", "plant_direction_error",
-    "actuator_ratio_error", "force_residual_ratio", "lyapunov_violations", "pe_level_perp",
-    "pe_share_perp", "excited_error_rms", "excited_error_rms_initial",
+    "actuator_ratio_error", "force_residual_ratio", "force_residual_floor", "lyapunov_violations",
+    "pe_level_perp", "pe_share_perp", "excited_error_rms", "excited_error_rms_initial",
 )  # fmt: skip
 """What a run that ended before its first row leaves null, though its truth is known."""
 
@@ -42,6 +43,11 @@ def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
         truth: of its plant. Where it is None, the keys that need it are absent, and the
             unobservable directions are those of the last estimate.
     """
+    summary = _summary(run, truth)
+    return summary | {"verdict": verdict(summary)}
+
+
+def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
     if len(run.record):
         found = _findings(run, truth)
     else:
@@ -62,14 +68,21 @@ def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
         "rank_gap": [float(s) for s in nullspace.gap],
         **found,
         "law": law_of(scenario.identifier),
+        "gains_held": isinstance(scenario.identifier, ConventionalAID),
         "gamma": getattr(scenario.identifier, "gamma", "scale"),
         "sensors": scenario.sensors,
         **({"mismatch": mismatches(run, truth), "fault": truth.fault} if truth else {}),
         "unobservable": [
-            {"direction": d.words, "fix": d.fix, "parameters": list(d.parameters)}
+            {
+                "direction": d.words,
+                "fix": d.fix,
+                "parameters": list(d.parameters),
+                "labels": [system.space.labels[system.space.index(name)] for name in d.parameters],
+            }
             for d in directions(nullspace, system.space)
         ],
         "wall_s": cost.wall,
+        "compile_s": cost.compile,
         "sim_s": sim,
         "real_time_factor": sim / cost.wall if cost.wall else 0.0,
         "identifier_us_per_step": 1e6 * cost.identifier / steps,
@@ -96,6 +109,7 @@ def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
     found: dict[str, Any] = judge(run, "", truth)
     found["conserved_drift"] = conserved_drift(run)
     if truth is not None:
+        found["force_residual_floor"] = force_residual_floor(truth)
         found |= lyapunov_figures(run, truth)
     found |= persistence_figures(run, truth)
     found |= motion_figures(run, truth)
@@ -115,12 +129,25 @@ def parameters(run: Run, truth: Truth | None) -> list[dict[str, Any]]:
     """Name, unit, scale, prior and last estimate of every parameter; with the truth, that too."""
     space, estimate = run.system.space, run.record["theta_hat"][-1]
     rows: list[dict[str, Any]] = []
-    for i, (name, unit) in enumerate(zip(space.names, space.units, strict=True)):
-        row: dict[str, Any] = {"name": name, "unit": unit, "scale": float(space.scale[i])}
+    for i, (name, label) in enumerate(zip(space.names, space.labels, strict=True)):
+        row: dict[str, Any] = {"name": name, "label": label, "unit": space.units[i]}
+        row["scale"] = float(space.scale[i])
         if truth is not None:
             row["true"] = float(truth.theta[i])
         rows.append(row | {"prior": float(run.prior[i]), "estimate": float(estimate[i])})
     return rows
+
+
+def force_residual_floor(truth: Truth) -> float | None:
+    """The share of the actuator forces on a later trajectory that no θ of the structure explains.
+
+    0 where the plant is of the structure: its true θ explains all.
+    """
+    if truth.held_out is None:
+        return None
+    if not truth.mismatches:
+        return 0.0
+    return residual_floor(truth.system, held_out_rows(truth.system, truth.held_out, None))
 
 
 def mismatches(run: Run, truth: Truth) -> list[str]:

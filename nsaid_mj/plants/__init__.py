@@ -7,6 +7,7 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
 
+from .. import numerics as numerics  # where kernels are kept: before the first one
 from .world.faults import Fault as Fault
 from .world.mismatch import Mismatch as Mismatch
 from .world.plant import Plant as Plant

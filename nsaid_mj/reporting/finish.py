@@ -1,13 +1,11 @@
-"""From a run that has ended to its folder's files and a few lines on the terminal."""
+"""Post-processing of a run: summary, scenario, recording and report in its folder."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-from rich.console import Console
-from rich.table import Table
 
 from .. import evaluation, recording
 from ..errors import BadRun
@@ -16,33 +14,34 @@ from ..experiment.record import Record
 from ..identifiers import Status
 from ..resources import write_json, write_text
 from . import report
+from .progress import Progress
 
 SUMMARY, SCENARIO = "summary.json", "scenario.json"
 
 
-def finish(run: Run, progress: bool = False) -> dict[str, Any]:
+def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
 
     Args:
         run: a run that has ended, however it did.
-        progress: say on the terminal what is being done.
+        say: called with what is being done.
     """
     with report.Drawer() as drawer:
-        with Console(stderr=True, quiet=not progress).status("judging the estimate"):
-            truth = evaluation.truth_of(run)
-            summary = evaluation.summarize(run, truth)
-            write_json(run.folder / SUMMARY, summary)
-            write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+        say("evaluating the estimate")
+        truth = evaluation.truth_of(run)
+        summary = evaluation.summarize(run, truth)
+        write_json(run.folder / SUMMARY, summary)
+        write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
         if not len(run.record):
             return summary  # nothing to show
-        with Console(stderr=True, quiet=not progress).status("writing recording and report"):
-            recording.write(run, summary, truth)
-            report.write(run, summary, truth, drawer)
+        say("writing recording and report")
+        recording.write(run, summary, truth)
+        report.write(run, summary, truth, drawer)
     return summary
 
 
 def rebuild(folder: Path) -> dict[str, Any]:
-    """Finishes a run from its record, such as one that was killed.
+    """Post-processes a run from its record, such as one that was killed.
 
     Raises:
         BadRun: the folder has no readable record, or one with less than two rows.
@@ -52,11 +51,12 @@ def rebuild(folder: Path) -> dict[str, Any]:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
     run = reopen(folder, record)
     _recall_ending(run)
-    return finish(run, progress=True)
+    with Progress(folder.name) as progress:
+        return finish(run, progress.say)
 
 
 def _recall_ending(run: Run) -> None:
-    """Takes from the summary there is, if it is of this very run, what a record cannot tell."""
+    """Restores what a record does not hold from summary.json, if that is of this very run."""
     try:
         summary = json.loads((run.folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):  # a run that was killed has none
@@ -78,47 +78,6 @@ def _recall_ending(run: Run) -> None:
     steps = round(end / scenario.dt)
     cost = run.cost
     cost.wall, cost.steps = summary["wall_s"], steps
+    cost.compile = summary.get("compile_s", 0.0)  # runs of earlier versions do not say
     cost.plant = 1e-6 * summary["plant_us_per_step"] * steps
     cost.identifier = 1e-6 * summary["identifier_us_per_step"] * steps
-
-
-def tell(name: str, summary: dict[str, Any], folder: Path) -> None:
-    """Prints what a run has found, and where its files are."""
-    console = Console(highlight=False)
-    ended = summary["status"]
-    console.print(
-        f"[bold]{name}[/bold]: {ended}, {summary['sim_s']:.4g} s simulated in "
-        f"{summary['wall_s']:.1f} s ({summary['real_time_factor']:.1f} × real time)"
-    )
-    if ended != "completed":
-        at = f"at t = {summary['status_time']:.4g} s"
-        signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
-        console.print(f"  [red]ended early[/red] {at}{signal}. {summary['status_remedy']}")
-    if summary.get("mismatch"):
-        words = "; ".join(summary["mismatch"])
-        console.print(f"  not in the structure: {words}", soft_wrap=True)
-    if summary.get("fault"):
-        console.print(f"  fault: {summary['fault']}", soft_wrap=True)
-    identifiers = {evaluation.OWN: summary, **summary["rivals"]}
-    table = Table(box=None, pad_edge=False, padding=(0, 2))
-    table.add_column("")
-    for identifier in identifiers:
-        table.add_column(identifier, justify="right")
-    for label, key, unit in evaluation.FIGURES:
-        if any(key in s for s in identifiers.values()):
-            cells = (evaluation.figure(s.get(key), unit) for s in identifiers.values())
-            table.add_row("  " + label, *cells)
-    console.print(table)
-    for line in evaluation.confidence_lines(summary):
-        console.print(f"  {line}", soft_wrap=True)
-    r, p = summary["r"], summary["p"]
-    console.print(f"  {p - r} of {p} directions of θ can be known; {r} cannot, among them:")
-    lines = evaluation.unobservable_lines(summary)
-    for what, fix in lines[:3]:
-        console.print(f"    {what}\n      {fix}", soft_wrap=True)
-    if len(lines) > 3:
-        console.print(f"    … all of them in {folder / report.FILE}")
-    console.print(
-        f"  recording  {folder / recording.FILE}   (nsaid view {folder})\n"
-        f"  report     {folder / report.FILE}"
-    )

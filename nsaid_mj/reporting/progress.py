@@ -1,62 +1,123 @@
-"""A progress bar on the terminal, with the real-time factor."""
+"""What a command is doing, on the terminal while it does it: a spinner, or a bar for a run."""
 
 from __future__ import annotations
 
-import sys
-import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 
 from ..experiment.loop import Observer
 from ..experiment.scenario import Scenario
 from ..identifiers import State
 from ..log import Measurement
+from ..numerics.kernels import clock, on_compiling
 from ..plants import Plant
+
+COMPILING = "compiling, once (about a minute)"
+_PERIOD = 0.1  # between two updates of the bar, at least [s]
 
 
 class Progress(Observer):
-    """Shows simulated time, the real-time factor and the velocity error.
+    """One line on the terminal for a whole command, gone when the command is done.
+
+    A run is a bar with simulated time, real-time factor and velocity error; anything else is a
+    spinner with the words of `say`. While kernels are compiled, the line says so.
 
     Args:
         name: of the run.
+        quiet: show nothing.
     """
 
-    def __init__(self, name: str):
+    def __init__(self, name: str, quiet: bool = False):
+        self._name, self._console = name, Console(stderr=True, quiet=quiet)
         self._bar = Bar(
-            TextColumn(name),
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
             BarColumn(),
-            TextColumn("{task.completed:6.1f}/{task.total:.0f} s"),
-            TextColumn("{task.fields[speed]:5.1f} × real time"),
-            TextColumn("rms Δv {task.fields[error]:.1e}"),
-            TimeRemainingColumn(),
-            console=Console(file=sys.stderr),
+            TextColumn("{task.fields[figures]}"),
+            console=self._console,
             transient=True,
         )
+        self._task = self._bar.add_task(name, total=None, figures="")
+        self._stack = ExitStack()
+        self._told = False
+
+    def __enter__(self) -> Progress:
+        """Shows the line."""
+        with self._stack as stack:
+            stack.enter_context(on_compiling(self._compiling))
+            if self._console.is_terminal:
+                stack.enter_context(self._bar)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Removes the line."""
+        self._stack.close()
+
+    def say(self, words: str) -> None:
+        """Shows the spinner with these words."""
+        self._bar.update(self._task, description=f"{self._name}: {words}")
+
+    def _compiling(self) -> None:
+        """Says that kernels are being compiled, until something else is said."""
+        if self._console.is_terminal:
+            self.say(COMPILING)
+        elif not self._told:
+            self._console.print(f"{self._name}: {COMPILING}", highlight=False)
+        self._told = True
 
     def start(self, scenario: Scenario, plant: Plant) -> None:
         """Shows an empty bar."""
-        self._begin, self._last = time.perf_counter(), 0.0
-        self._task = self._bar.add_task("", total=scenario.duration, speed=0.0, error=0.0)
-        self._bar.start()
+        self._begin, self._last, self._end = clock(), 0.0, scenario.duration
+        self._bar.update(self._task, total=scenario.duration, description=self._name)
 
     def see(
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
     ) -> None:
         """Moves the bar, ten times a second at most."""
-        now = time.perf_counter()
-        if now - self._last < 0.1:
+        now = clock()
+        if now - self._last < _PERIOD:
             return
-        self._last = now
+        self._last, t = now, measurement.t
+        speed = t / max(now - self._begin, 1e-9)
         dv = states[""].v_hat - measurement.v
+        left = f"{(self._end - t) / speed:.0f} s left" if speed else ""
         self._bar.update(
             self._task,
-            completed=measurement.t,
-            speed=measurement.t / max(now - self._begin, 1e-9),
-            error=float((dv @ dv / len(dv)) ** 0.5),
+            completed=t,
+            description=self._name,
+            figures=f"{t:.1f} of {self._end:g} s   {speed:.1f} × real time   "
+            f"rms Δv {(dv @ dv / len(dv)) ** 0.5:.1e}   {left}",
         )
 
     def stop(self) -> None:
-        """Takes the bar away."""
-        self._bar.stop()
+        """Turns the bar back into a spinner."""
+        self._bar.reset(self._task, total=None, description=self._name, figures="")
+
+
+@contextmanager
+def announcing(console: Console) -> Iterator[None]:
+    """Prints one line when the first kernel is compiled, above any bar that the console shows.
+
+    Args:
+        console: where to print; a quiet one prints nothing.
+    """
+    told: list[bool] = []
+
+    def tell() -> None:
+        if not told:
+            told.append(True)
+            console.print(COMPILING, highlight=False)
+
+    with on_compiling(tell):
+        yield

@@ -30,6 +30,7 @@ from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup, is_sound
 from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT
+from ..reporting.progress import announcing
 from ..resources import write_json, write_text
 from .cells import DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
 from .study import Study
@@ -305,13 +306,13 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        console=Console(stderr=True),
+        console=Console(stderr=True, quiet=quiet),
         transient=True,
         disable=quiet,
     )
     write(folder, plan, cells)  # a folder that cannot be written is reported before the work
     try:
-        with bar:
+        with bar, announcing(bar.console):
             task = bar.add_task("", total=total)
             for cell in compare(plan, lambda words: bar.update(task, description=words)):
                 cells.append(cell)

@@ -38,6 +38,7 @@ from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier, side_by_side
 from ..log import Log
 from ..parameters import Array
+from ..reporting.progress import announcing
 from ..system import Motion
 from .study import Study
 from .sweep import opened, seed_of
@@ -358,12 +359,16 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
         BarColumn(),
         TextColumn("{task.completed:.0f}/{task.total:.0f} runs"),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=Console(stderr=True, quiet=quiet),
         transient=True,
         disable=quiet,
     )
     try:
-        with bar, (folder / ROWS).open("a", encoding="utf-8") as stream:
+        with (
+            bar,
+            announcing(bar.console),
+            (folder / ROWS).open("a", encoding="utf-8") as stream,
+        ):
             task = bar.add_task(folder.name, total=plan.runs, completed=len(known))
             seen = partial(bar.advance, task)
             for rows in _rows(plan.scenario, todo, jobs, plan.shared, seen):

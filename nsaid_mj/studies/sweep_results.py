@@ -25,7 +25,9 @@ FIGURES = ("theta_perp_ratio", "time_to_converge")
 """Columns whose distributions are printed and plotted."""
 QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
 HEADS = ("distance at end", "converged after [s]", "converged", "early", "lost")
-COSTS = ("wall_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step")
+COSTS = (
+    "wall_s", "compile_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step",
+)  # fmt: skip
 """Columns that differ when a run is repeated; all others are the same to the bit."""
 
 _TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # where all may be null

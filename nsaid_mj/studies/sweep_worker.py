@@ -198,10 +198,13 @@ def _types_of(script: str) -> None:
 def figures(run: SimulatedRun) -> dict[str, Any]:
     """The plain figures of a run's summary by key, dotted where nested, and `time_to_converge`."""
     from .. import evaluation
+    from ..reporting.warmup import mark_warm
 
     truth = evaluation.truth_of(run)
     converged = {"time_to_converge": time_to_converge(run, truth)}
-    return {"failure": None} | converged | _plain(evaluation.summarize(run, truth))
+    summary = evaluation.summarize(run, truth)
+    mark_warm(run)
+    return {"failure": None} | converged | _plain(summary)
 
 
 def _plain(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:

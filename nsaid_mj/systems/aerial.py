@@ -127,18 +127,30 @@ def _each_forces(q, v, u, rotors, spin, lever, p):
 
 
 def _space(s: AerialScales) -> ParameterSpace:
-    def positive(name: str, names: list[str], unit: str, scale: Array, actuator: bool = False):
-        units = (unit,) * len(names)
-        return Block(name, tuple(names), units, scale, "positive", actuator)
+    def positive(
+        name: str, labels: dict[str, str], unit: str, scale: Array, actuator: bool = False
+    ) -> Block:
+        names, units = tuple(labels), (unit,) * len(labels)
+        return Block(name, names, units, scale, "positive", actuator, labels=tuple(labels.values()))
 
     rotors = range(1, 5)
+    rotor = {"rotor_drag_h": "rotor drag across its axis", "rotor_drag_z": "rotor drag along it"}
+    drag = {f"drag_{axis}": f"body drag along {axis}" for axis in "xyz"}
+    thrust = {f"thrust_{i}": f"thrust of rotor {i}" for i in rotors}
+    torque = {f"torque_{i}": f"torque of rotor {i}" for i in rotors}
     return ParameterSpace(
         (
             inertial_block("body", s.mass, s.offset, s.inertia),
-            Block("translational lift", ("lift",), ("N·s²/m²",), np.array([s.lift])),
-            positive("rotor drag", ["rotor_drag_h", "rotor_drag_z"], "N·s/m", s.rotor_drag),
-            positive("body drag", [f"drag_{axis}" for axis in "xyz"], "N·s²/m²", s.body_drag),
-            positive("rotor thrust gain", [f"thrust_{i}" for i in rotors], "N", s.thrust, True),
-            positive("rotor torque gain", [f"torque_{i}" for i in rotors], "N·m", s.torque, True),
+            Block(
+                "translational lift",
+                ("lift",),
+                ("N·s²/m²",),
+                np.array([s.lift]),
+                labels=("translational lift",),
+            ),
+            positive("rotor drag", rotor, "N·s/m", s.rotor_drag),
+            positive("body drag", drag, "N·s²/m²", s.body_drag),
+            positive("rotor thrust gain", thrust, "N", s.thrust, True),
+            positive("rotor torque gain", torque, "N·m", s.torque, True),
         )
     )

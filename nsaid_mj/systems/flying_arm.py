@@ -8,7 +8,7 @@ from numba import njit
 
 from ..parameters import Array, Block
 from . import actuators
-from .multibody import JointScales, link_block
+from .multibody import JointScales
 from .rigid_body import of_a_body
 from .tree import Carried
 from .vehicle_manipulator import VehicleManipulator, link_blocks
@@ -49,7 +49,7 @@ class FlyingArm(VehicleManipulator):
         super().__init__(
             model,
             [Carried(i, of_a_body(0, 10), True) for i in range(bodies)],
-            [link_block(0, joints.mass[0], joints.length[0]), *link_blocks(joints)],
+            link_blocks(model, joints),
             joints,
             friction_speed,
             [
@@ -70,8 +70,10 @@ class FlyingArm(VehicleManipulator):
 
 
 def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
-    names = tuple(f"{letter}_{i + 1}" for i in range(len(scale)))
-    return Block(name, names, (unit,) * len(scale), scale, "positive", actuator=True)
+    numbers = range(1, len(scale) + 1)
+    names = tuple(f"{letter}_{i}" for i in numbers)
+    labels = tuple(f"{letter} of rotor {i}" for i in numbers)
+    return Block(name, names, (unit,) * len(scale), scale, "positive", actuator=True, labels=labels)
 
 
 @njit(cache=True)

@@ -129,18 +129,31 @@ def tyre(F, column, arm, steer, v):
 
 def _space(s: GroundScales) -> ParameterSpace:
     def one(name: str, symbol: str, unit: str, scale: float, actuator: bool = False) -> Block:
-        return Block(name, (symbol,), (unit,), np.array([scale]), "positive", actuator)
+        scales = np.array([scale])
+        return Block(name, (symbol,), (unit,), scales, "positive", actuator, labels=(name,))
 
     inertia = np.array([s.mass, s.moment, s.inertia])
     return ParameterSpace(
         (
-            Block("mass matrix", ("m", "h", "I_z"), ("kg", "kg·m", "kg·m²"), inertia, "spd"),
             Block(
-                "cornering stiffness", ("C_f", "C_r"), ("N/rad",) * 2, s.stiffness, "positive"
+                "mass matrix",
+                ("m", "h", "I_z"),
+                ("kg", "kg·m", "kg·m²"),
+                inertia,
+                "spd",
+                labels=("mass", "first moment m·cx", "yaw inertia"),
+            ),
+            Block(
+                "cornering stiffness",
+                ("C_f", "C_r"),
+                ("N/rad",) * 2,
+                s.stiffness,
+                "positive",
+                labels=("cornering stiffness in front", "cornering stiffness at the rear"),
             ),
             one("drive gain", "k_d", "N", s.drive, actuator=True),
             one("drive loss", "k_v", "N·s/m", s.loss, actuator=True),
             one("rolling resistance", "c_0", "N", s.rolling),
             one("air drag", "c_D", "N·s²/m²", s.drag),
         )
-    )  # fmt: skip
+    )

@@ -31,6 +31,8 @@ class JointTree(SecondOrderSystem):
     Attributes:
         model: Pinocchio's model without any inertia.
         joints: the 1-DOF joints, in order.
+        joint_names: their names in the model.
+        body_names: names of the moving bodies' links, the base first where it floats.
         bodies: number of moving bodies: one for each joint, and the base where it floats.
     """
 
@@ -42,7 +44,10 @@ class JointTree(SecondOrderSystem):
         self.n, self.m = self.model.nv, self.model.nq
         self.bodies = self.model.njoints - 1
         self.group = 6 if floats(self.model) else 0
-        self.joints = list(self.model.joints)[2 if self.group else 1 :]
+        first = 2 if self.group else 1
+        self.joints = list(self.model.joints)[first:]
+        self.joint_names = list(self.model.names)[first:]
+        self.body_names = body_names(self.model)
         self._plain = self.m == self.n  # neither a base nor a continuous joint: positions add
 
     def integrate(self, q: Array, dq: Array) -> Array:
@@ -109,6 +114,20 @@ class JointTree(SecondOrderSystem):
     def slides(self) -> list[bool]:
         """Which joints are prismatic."""
         return [joint.shortname().startswith("JointModelP") for joint in self.joints]
+
+
+def body_names(model: pin.Model) -> list[str]:
+    """Names of the links that the joints move, the base's first where the root is a free flyer.
+
+    A link that the model does not name is called by its number.
+    """
+    links = model.njoints - 1
+    names = ["universe", *(["base"] if floats(model) else ())]
+    names += [f"link {i + 1}" for i in range(links - (len(names) - 1))]
+    for frame in reversed(list(model.frames)):  # of links welded together, the first counts
+        if frame.type == pin.FrameType.BODY:
+            names[frame.parentJoint] = frame.name
+    return names[1:]
 
 
 def floats(model: pin.Model) -> bool:

@@ -29,7 +29,7 @@ from .general import (
     tensor_steps,
 )
 from .joints import JointTree
-from .rigid_body import INERTIAL, INERTIAL_UNITS
+from .rigid_body import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .tree import linkage_of
 
 _BASE_SPEED = 1.0  # a base that floats is probed at up to this [m/s, rad/s]
@@ -232,14 +232,22 @@ def _accelerate(tree, q, v, w, u, theta):
     return a, pivot
 
 
-def link_block(number: int, mass: float, length: float) -> Block:
-    """The ten inertial parameters of a body, of a guessed mass [kg] and size [m]; 0 is the base."""
+def link_block(number: int, name: str, mass: float, length: float) -> Block:
+    """The ten inertial parameters of a body.
+
+    Args:
+        number: of the body; 0 is a floating base.
+        name: of its link.
+        mass: guess [kg].
+        length: guess of its size [m].
+    """
     return Block(
         f"link {number}" if number else "base",
         tuple(f"{name}_{number}" for name in INERTIAL),
         INERTIAL_UNITS,
         mass * np.repeat([1.0, length, length**2], [1, 3, 6]),
         "pseudo_inertia",
+        labels=inertial_labels(name),
     )
 
 
@@ -247,36 +255,40 @@ def joint_block(
     name: str,
     letter: str,
     units: tuple[str, str],
-    slides: list[bool],
+    tree: JointTree,
     scale: Array,
     actuator: bool = False,
 ) -> Block:
-    """One positive parameter for each joint; units of turning and of sliding ones."""
+    """One positive parameter for each joint; `units` of turning and of sliding ones."""
     return Block(
         name,
-        tuple(f"{letter}_{i + 1}" for i in range(len(slides))),
-        tuple(units[sliding] for sliding in slides),
+        tuple(f"{letter}_{i + 1}" for i in range(len(tree.slides))),
+        tuple(units[sliding] for sliding in tree.slides),
         scale,
         "positive",
         actuator,
+        labels=tuple(f"{name.removeprefix('motor ')} of {joint}" for joint in tree.joint_names),
     )
 
 
-def joint_blocks(slides: list[bool], s: JointScales) -> list[Block]:
+def joint_blocks(tree: JointTree, s: JointScales) -> list[Block]:
     """Rotor inertia where there is any, friction and motor gain of joints, if there are joints."""
     blocks = []
     if s.rotor is not None:
-        blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), slides, s.rotor))
+        blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), tree, s.rotor))
     for name, letter, units, scale, actuator in (
         ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, False),
         ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, False),
         ("motor gain", "gain", ("N·m/unit", "N/unit"), s.gain, True),
     ):
-        blocks.append(joint_block(name, letter, units, slides, scale, actuator=actuator))
-    return blocks if slides else []
+        blocks.append(joint_block(name, letter, units, tree, scale, actuator=actuator))
+    return blocks if tree.joints else []
 
 
 def _space(tree: JointTree, s: JointScales) -> ParameterSpace:
     first = 0 if tree.group else 1
-    links = [link_block(first + i, s.mass[i], s.length[i]) for i in range(tree.bodies)]
-    return ParameterSpace((*links, *joint_blocks(tree.slides, s)))
+    links = [
+        link_block(first + i, tree.body_names[i], s.mass[i], s.length[i])
+        for i in range(tree.bodies)
+    ]
+    return ParameterSpace((*links, *joint_blocks(tree, s)))

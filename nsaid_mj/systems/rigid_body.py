@@ -35,6 +35,7 @@ from ..system import SecondOrderSystem, Stage
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 PLANAR_UNITS = ("m/s", "m/s", "rad/s")
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+INERTIAL_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
 INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 
 
@@ -220,4 +221,11 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
     products = 0.25 * np.sqrt([x * y, x * z, y * z])
     moments = [x, products[0], y, products[1], products[2], z]
     scale = np.array([mass, *[mass * offset] * 3, *moments])
-    return Block(name, INERTIAL, INERTIAL_UNITS, scale, "pseudo_inertia")
+    return Block(
+        name, INERTIAL, INERTIAL_UNITS, scale, "pseudo_inertia", labels=inertial_labels(name)
+    )
+
+
+def inertial_labels(body: str) -> tuple[str, ...]:
+    """What people call a body's ten inertial parameters: m·cx is its first moment along x."""
+    return tuple(f"{label} of {body}" for label in INERTIAL_LABELS)

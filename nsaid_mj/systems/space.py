@@ -53,6 +53,7 @@ class FreeFlyer(RigidBody):
             scales.thrust,
             "positive",
             actuator=True,
+            labels=tuple(f"thrust of nozzle {i + 1}" for i in range(k)),
         )
         body = inertial_block("body", scales.mass, scales.offset, scales.inertia)
         space = ParameterSpace((body, thrust))

@@ -142,6 +142,14 @@ def _space(s: TorpedoScales) -> ParameterSpace:
                 np.concatenate([s.inertia, s.coupling]),
                 "tied",
                 entries=_MASS,
+                labels=(
+                    "effective surge mass",
+                    "effective sway and heave mass",
+                    "effective roll inertia",
+                    "effective pitch and yaw inertia",
+                    "sway–yaw and heave–pitch coupling of M",
+                    "surge–pitch and sway–roll coupling of M",
+                ),
             ),
             Block(
                 "quadratic drag",
@@ -149,10 +157,28 @@ def _space(s: TorpedoScales) -> ParameterSpace:
                 ("N·s²/m²", "N·s²/m²", "N·m·s²/rad²", "N·m·s²/rad²"),
                 s.drag,
                 "positive",
+                labels=(
+                    "quadratic drag along the hull",
+                    "quadratic drag across the hull",
+                    "quadratic drag in roll",
+                    "quadratic drag in pitch and yaw",
+                ),
             ),
-            Block("body lift", ("lift_body", "lift moment_body"), (lift, "N·s²/m"), s.lift),
+            Block(
+                "body lift",
+                ("lift_body", "lift moment_body"),
+                (lift, "N·s²/m"),
+                s.lift,
+                labels=("body lift", "body lift moment"),
+            ),
             Block("net weight", ("net weight",), ("N",), np.array([s.net_weight])),
-            Block("righting moment", ("righting_z",), ("N·m",), np.array([s.righting])),
+            Block(
+                "righting moment",
+                ("righting_z",),
+                ("N·m",),
+                np.array([s.righting]),
+                labels=("righting moment",),
+            ),
             Block(
                 "propeller gain",
                 ("thrust", "torque"),
@@ -160,6 +186,7 @@ def _space(s: TorpedoScales) -> ParameterSpace:
                 s.propeller,
                 "positive",
                 actuator=True,
+                labels=("propeller thrust", "propeller torque"),
             ),
             Block(
                 "fin lift",
@@ -168,6 +195,7 @@ def _space(s: TorpedoScales) -> ParameterSpace:
                 s.fin_lift,
                 "positive",
                 actuator=True,
+                labels=tuple(f"lift of fin {i}" for i in fins),
             ),
             Block(
                 "fin drag",
@@ -176,6 +204,7 @@ def _space(s: TorpedoScales) -> ParameterSpace:
                 s.fin_drag,
                 "positive",
                 actuator=True,
+                labels=tuple(f"drag of fin {i}" for i in fins),
             ),
         )
     )

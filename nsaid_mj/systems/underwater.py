@@ -98,20 +98,35 @@ def mass_block(diagonal: Array) -> Block:
     """
     rows, columns = np.triu_indices(6)
     share = np.where(rows == columns, 1.0, 0.25)
+    pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
     units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
     return Block(
         "mass matrix",
-        tuple(f"M_{i + 1}{j + 1}" for i, j in zip(rows, columns, strict=True)),
+        tuple(f"M_{i + 1}{j + 1}" for i, j in pairs),
         tuple(units.tolist()),
         share * np.sqrt(diagonal[rows] * diagonal[columns]),
         "spd",
+        labels=tuple(
+            _mass_label(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
+        ),
     )
+
+
+def _mass_label(i: int, j: int) -> str:
+    """What an entry of M is called; added mass is part of it."""
+    if i == j:
+        return f"effective {AXES[i]} {'mass' if i < 3 else 'inertia'}"
+    return f"{AXES[i]}–{AXES[j]} coupling of M"
 
 
 def per_axis(name: str, letter: str, units: tuple[str, str], scale: Array) -> Block:
     """A block of six, one for each axis; a truth of 0 is possible, so any sign is."""
     return Block(
-        name, tuple(f"{letter}_{axis}" for axis in AXES), (units[0],) * 3 + (units[1],) * 3, scale
+        name,
+        tuple(f"{letter}_{axis}" for axis in AXES),
+        (units[0],) * 3 + (units[1],) * 3,
+        scale,
+        labels=tuple(f"{name} in {axis}" for axis in AXES),
     )
 
 
@@ -129,6 +144,7 @@ def body_space(s: UnderwaterScales) -> ParameterSpace:
                 tuple(f"righting_{axis}" for axis in "xyz"),
                 ("N·m",) * 3,
                 np.full(3, s.righting),
+                labels=tuple(f"righting moment about {axis}" for axis in "xyz"),
             ),
             Block(
                 "thruster gain",
@@ -137,6 +153,7 @@ def body_space(s: UnderwaterScales) -> ParameterSpace:
                 s.thrust,
                 "positive",
                 actuator=True,
+                labels=tuple(f"thrust of thruster {i + 1}" for i in range(k)),
             ),
         )
     )

@@ -12,6 +12,7 @@ from ..dynamics.tree import TWIST
 from ..numerics.triples import add, back, cross, dot, scale, three
 from ..parameters import Array, Block
 from . import actuators, fluid
+from .joints import body_names
 from .multibody import JointScales
 from .rigid_body import of_a_body, symmetric
 from .tree import Carried
@@ -87,9 +88,10 @@ class UnderwaterManipulator(VehicleManipulator):
     ):
         k = len(cylinders.lengths)
         mass, linear, quadratic, weight, righting, thrust = body_space(base).blocks
-        added = _per_link("added mass", "added", "kg", links.added)
-        drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag)
-        buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy)
+        names = body_names(model)[1:]
+        added = _per_link("added mass", "added", "kg", links.added, names)
+        drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag, names)
+        buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy, names)
         full = np.ones(len(positions))
         super().__init__(
             model,
@@ -98,7 +100,7 @@ class UnderwaterManipulator(VehicleManipulator):
                 *(Carried(1 + i, of_a_body(0, 10), True) for i in range(k)),
                 *(Carried(1 + i, added_inertia(cylinders, i), False) for i in range(k)),
             ],
-            [mass, *link_blocks(joints), added],
+            [mass, *link_blocks(model, joints)[1:], added],
             joints,
             friction_speed,
             [linear, quadratic, weight, righting, drag, buoyancy, thrust],
@@ -120,10 +122,11 @@ class UnderwaterManipulator(VehicleManipulator):
         )  # fmt: skip
 
 
-def _per_link(name: str, letter: str, unit: str, scale: Array) -> Block:
+def _per_link(name: str, letter: str, unit: str, scale: Array, links: list[str]) -> Block:
     k = len(scale)
     names = tuple(f"{letter}_{i + 1}" for i in range(k))
-    return Block(name, names, (unit,) * k, scale, "positive")
+    labels = tuple(f"{name.removeprefix('link ')} of {link}" for link in links)
+    return Block(name, names, (unit,) * k, scale, "positive", labels=labels)
 
 
 def added_inertia(cylinders: Cylinders, i: int) -> Array:

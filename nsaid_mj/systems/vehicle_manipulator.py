@@ -23,7 +23,7 @@ from ..numerics.triples import add, cross, dot, forth, three
 from ..parameters import Array, Block, ParameterSpace
 from ..system import Stage
 from . import loads
-from .joints import JointTree
+from .joints import JointTree, body_names
 from .multibody import JointScales, joint_blocks, link_block
 from .tree import Carried, linkage_of, loaded
 
@@ -65,7 +65,7 @@ class VehicleManipulator(JointTree):
     ):
         super().__init__(model)
         self.scales, self.friction_speed = joints, friction_speed
-        self.space = ParameterSpace((*blocks, *joint_blocks(self.slides, joints), *vehicle))
+        self.space = ParameterSpace((*blocks, *joint_blocks(self, joints), *vehicle))
         low, high = thrust_limits
         self.command_limits = np.r_[-joints.command, low], np.r_[joints.command, high]
         self.n_u = len(self.command_limits[0])
@@ -170,7 +170,7 @@ def pull(linkage, state, b, force, moment, F, column):
         F[3 + i, column] += moment[i]
 
 
-def link_blocks(joints: JointScales) -> list[Block]:
-    """The inertial parameters of every link but the base."""
-    numbers = range(1, len(joints.mass))
-    return [link_block(i, joints.mass[i], joints.length[i]) for i in numbers]
+def link_blocks(model: pin.Model, joints: JointScales) -> list[Block]:
+    """The inertial parameters of the base, then of every link."""
+    guesses = zip(body_names(model), joints.mass, joints.length, strict=True)
+    return [link_block(i, name, mass, length) for i, (name, mass, length) in enumerate(guesses)]

@@ -186,7 +186,7 @@ def test_a_file_is_run_and_its_own_fields_are_flags(
     monkeypatch.chdir(tmp_path)
     code, said = shell("run", "mine.py", "--share", "0.25")
     assert code == 0
-    assert said.out.startswith("mine: completed")
+    assert said.out.startswith("mine: still converging: ")
     assert sorted(path.name for path in (tmp_path / "runs" / "mine-paper").iterdir()) == sorted(
         FILES
     )
@@ -403,7 +403,7 @@ KEYS: dict[str, type | tuple[type, ...]] = {  # design.md, "What a number is cal
     "theta_perp_ratio": float, "theta_perp_ratio_initial": float, "actuator_ratio_error": float,
     "force_residual_ratio": float, "velocity_error_rms": float, "conserved_drift": float,
     "lyapunov_violations": int, "pe_level": float, "pe_level_perp": float, "law": str, "gamma": str,
-    "sensors": str, "unobservable": list, "wall_s": float, "sim_s": float,
+    "sensors": str, "unobservable": list, "wall_s": float, "compile_s": float, "sim_s": float,
     "real_time_factor": float, "identifier_us_per_step": float, "plant_us_per_step": float,
     "seed": int, "versions": dict, "scenario_hash": str,
 }  # fmt: skip
@@ -476,7 +476,8 @@ def test_a_person_is_told_what_was_found_and_where_it_is(
     code, said = shell(*ROV)
     told = flat(said.out)
     assert code == 0 and "Traceback" not in said.err
-    assert told.startswith("scalar_rov: completed, 1 s simulated in")
+    assert told.startswith("scalar_rov: still converging: ")
+    assert "1 s simulated in" in told
     assert "× real time" in told and "3 of 4 directions of θ can be known" in told
     assert "nsaid view runs/scalar_rov-paper" in told
     assert sorted(path.name for path in (tmp_path / "runs/scalar_rov-paper").iterdir()) == sorted(

@@ -265,7 +265,7 @@ def test_a_person_is_told_when_why_and_what_to_do(tmp_path: Path) -> None:
     status = Status.estimate_not_positive_definite
     assert code == 1
     assert status.words in told and status.remedy in told
-    assert "ended early at t = " in told and "(pivot -" in told
+    assert ": ended early: " in told and " at t = " in told and "(pivot -" in told
 
 
 def test_an_adaptation_too_fast_at_the_very_end_is_told_too(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""What a run has found, on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from .. import evaluation, recording
+from . import report
+
+_GAINS, _DIRECTIONS = 12, 3  # printed at most; the report has all of them
+_COMPILED = 0.5  # compiling is mentioned when it took longer [s]
+_COLOURS = {
+    "converged": "green",
+    "still converging": "yellow",
+    "not converging": "red",
+    "the motion contradicts this structure": "red",
+    "ended early": "red",
+}
+
+
+def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
+    """Prints the verdict on a run, then what it rests on and where the files are.
+
+    Args:
+        name: of the run.
+        summary: of the run.
+        folder: where its files are.
+    """
+    console = Console(highlight=False)
+    judgement, _, figures = summary["verdict"].partition(":")
+    colour = _COLOURS[judgement]
+    console.print(
+        f"[bold]{escape(name)}[/bold]: [bold {colour}]{judgement}[/bold {colour}]:"
+        f"{escape(figures)}",
+        soft_wrap=True,
+    )
+    if summary["status_remedy"]:
+        console.print(f"  {escape(summary['status_remedy'])}", soft_wrap=True)
+    compiled = summary["compile_s"]
+    console.print(
+        f"  {summary['sim_s']:.4g} s simulated in {summary['wall_s']:.1f} s "
+        f"({summary['real_time_factor']:.1f} × real time)"
+        + (f"; compiling, once, took {compiled:.0f} s" if compiled > _COMPILED else ""),
+        soft_wrap=True,
+    )
+    if summary["mismatch"]:
+        words = "; ".join(summary["mismatch"])
+        console.print(f"  not in the structure: {escape(words)}", soft_wrap=True)
+    if summary["fault"]:
+        console.print(f"  fault: {escape(summary['fault'])}", soft_wrap=True)
+    _print_gains(console, summary)
+    _print_figures(console, summary)
+    for line in evaluation.confidence_lines(summary):
+        console.print(f"  {escape(line)}", soft_wrap=True)
+    _print_unobservable(console, summary, folder)
+    console.print(
+        f"\n  recording  {folder / recording.FILE}   (nsaid view {folder})\n"
+        f"  report     {folder / report.FILE}",
+        soft_wrap=True,
+    )
+
+
+def _print_gains(console: Console, summary: dict[str, Any]) -> None:
+    """The actuators' gains and how well they are known, where the law states it."""
+    rows = evaluation.gain_rows(summary)
+    if not rows:
+        return
+    relative, true = rows[0][1] is not None, rows[0][3] is not None
+    heads = [("of their mean", relative), ("± (95 %)", True), ("true", true)]
+    table = _table("actuators", *(head for head, shown in heads if shown))
+    for label, value, interval, truth in rows[:_GAINS]:
+        cells = [f"{value:.4f}"] if value is not None else []
+        cells.append(f"{100 * interval:.2g} %")
+        cells += [f"{truth:.4f}"] if truth is not None else []
+        table.add_row("  " + escape(label), *cells)
+    console.print(table)
+    if len(rows) > _GAINS:
+        console.print(f"    … and {len(rows) - _GAINS} more")
+
+
+def _print_figures(console: Console, summary: dict[str, Any]) -> None:
+    """The figures of every identifier of the run."""
+    identifiers = {evaluation.OWN: summary, **summary["rivals"]}
+    table = _table("figures", *(identifiers if len(identifiers) > 1 else [""]))
+    for label, key, unit in evaluation.FIGURES:
+        cells = (evaluation.figure(s.get(key), unit) for s in identifiers.values())
+        table.add_row("  " + label, *cells)
+    console.print(table)
+
+
+def _table(title: str, *heads: str) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2), header_style="dim")
+    table.add_column("\n  " + title)
+    for head in heads:
+        table.add_column("\n" + head, justify="right")
+    return table
+
+
+def _print_unobservable(console: Console, summary: dict[str, Any], folder: Path) -> None:
+    """What no motion can tell, and what would."""
+    r, p = summary["r"], summary["p"]
+    console.print(f"\n  {p - r} of {p} directions of θ are observable; {r} are not, among them:")
+    lines = evaluation.unobservable_lines(summary)
+    for what, fix in lines[:_DIRECTIONS]:
+        console.print(f"    {escape(what)}\n      {escape(fix)}", soft_wrap=True)
+    if len(lines) > _DIRECTIONS:
+        console.print(f"    … all of them in {folder / report.FILE}", soft_wrap=True)

@@ -1,0 +1,82 @@
+"""Compiles the kernels of a scenario before any clock starts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from .. import evaluation
+from ..experiment.loop import Run, run
+from ..experiment.scenario import Scenario
+from ..identifiers import Status
+from ..numerics.kernels import FOLDER, compile_seconds
+
+_SECONDS, _STEPS = 1.5, 50  # of the short run: the longer of the two; a memory has learnt by then
+
+
+def warm_up(scenario: Scenario) -> float:
+    """Compiles every kernel that a run of a scenario and its evaluation call, if any is missing.
+
+    A short run of its own does it, in a folder that is deleted again; no random stream of the
+    scenario is used. Where a scenario of the same kind was warmed up before, nothing is done.
+
+    Args:
+        scenario: what is going to be run; it is not changed.
+
+    Returns:
+        How long compiling took [s].
+
+    Raises:
+        NsaidError: the scenario cannot be started.
+        KeyboardInterrupt: Ctrl-C ended the short run.
+    """
+    if is_warm(scenario):
+        return 0.0
+    before = compile_seconds()
+    duration = min(scenario.duration, max(_SECONDS, _STEPS * scenario.dt))
+    short = replace(scenario, duration=duration, held_out=min(scenario.held_out, duration))
+    with TemporaryDirectory(prefix="nsaid-mj-") as folder:
+        result = run(short, Path(folder))
+        if result.ending.status is Status.interrupted:
+            raise KeyboardInterrupt
+        evaluation.summarize(result, evaluation.truth_of(result))
+    mark_warm(result)
+    return compile_seconds() - before
+
+
+def is_warm(scenario: Scenario) -> bool:
+    """Whether the kernels for scenarios of this kind are known to be on disk."""
+    return _mark(scenario).exists()
+
+
+def mark_warm(result: Run) -> None:
+    """Notes that a run's kernels are on disk, now that it has been run and evaluated."""
+    if result.ending.status is Status.completed:  # else it may have missed some
+        with suppress(OSError):  # without the mark it is only done again
+            _mark(result.scenario).touch()
+
+
+def _mark(scenario: Scenario) -> Path:
+    return FOLDER / f"warm-{kind_of(scenario)}"
+
+
+def kind_of(scenario: Scenario) -> str:
+    """Twelve hexadecimal digits that scenarios share which differ in numbers only.
+
+    Kernels are compiled for types: no number of a scenario changes which are needed.
+    """
+    found = json.dumps(_without_numbers(json.loads(scenario.to_json())), sort_keys=True)
+    return hashlib.sha256(found.encode()).hexdigest()[:12]
+
+
+def _without_numbers(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_numbers(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_numbers(item) for item in value]
+    return None if isinstance(value, int | float) and not isinstance(value, bool) else value

@@ -1,0 +1,114 @@
+"""The verdict in a run's first line, on short runs of every outcome."""
+
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nsaid_mj import Mismatch
+from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation.verdict import residual_floor, verdict
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.setup import plant_for
+
+NEED_A_TRUTH = ("theta_perp_ratio", "theta_perp_ratio_initial", "actuator_ratio_error",
+                "plant_direction_error")  # fmt: skip
+
+
+@cache
+def summary(name: str, law: str, duration: float, delay: float = 0.0, **more: float) -> dict:
+    scenario = load(name)
+    scenario = replace(
+        scenario,
+        identifier=replace(scenario.identifier, law=law, **more),
+        plant=replace(scenario.plant, mismatch=Mismatch(delay=delay)) if delay else scenario.plant,
+        duration=duration,
+        held_out=2.0,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        return summarize(run(scenario, Path(folder)))
+
+
+def without_truth(found: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in found.items() if key not in NEED_A_TRUTH}
+
+
+def test_a_memory_converges_in_seconds():
+    found = summary("scalar_rov", "memory", 10.0)
+    assert found["verdict"].startswith("converged: ")
+    assert found["theta_perp_ratio"] < 0.01
+    assert "from the true set" in found["verdict"]
+
+
+def test_the_papers_law_on_an_arm_is_still_converging_and_is_told_of_the_memory():
+    found = summary("ur5", "paper", 10.0)
+    assert found["verdict"].startswith("still converging: ")
+    assert "--law memory does in seconds what this law does in hours" in found["verdict"]
+
+
+def test_a_memory_that_has_seen_too_little_is_not_told_of_itself():
+    found = summary("ur5", "memory", 0.1)
+    assert "converging: " in found["verdict"] and "--law" not in found["verdict"]
+
+
+def test_a_delay_that_the_structure_lacks_contradicts_it():
+    found = summary("ur5", "memory", 6.0, delay=0.01)
+    assert found["verdict"].startswith("the motion contradicts this structure: ")
+    assert 0.01 < found["force_residual_floor"] <= found["force_residual_ratio"]
+
+
+def test_the_same_motion_without_the_delay_contradicts_nothing():
+    assert summary("ur5", "memory", 6.0)["verdict"].startswith("converged: ")
+
+
+def test_an_adaptation_that_is_too_fast_ends_early():
+    found = summary("scalar_rov", "paper", 10.0, gain=1e6)
+    assert found["verdict"].startswith(f"ended early: {found['status']} at t = ")
+
+
+def test_moving_away_from_the_true_set_is_not_converging():
+    found = summary("ur5", "paper", 10.0)
+    away = found | {"theta_perp_ratio": 1.1 * found["theta_perp_ratio_initial"]}
+    assert verdict(away).startswith("not converging: ")
+
+
+@pytest.mark.parametrize("case", [("scalar_rov", "memory", 10.0), ("ur5", "memory", 6.0),
+                                  ("ur5", "paper", 10.0)])  # fmt: skip
+def test_without_a_truth_the_residual_leads_to_the_same_judgement(case):
+    found = summary(*case)
+    blind = verdict(without_truth(found))
+    assert blind.partition(":")[0] == found["verdict"].partition(":")[0]
+    assert "true set" not in blind
+
+
+def test_no_theta_has_a_smaller_residual_than_the_floor():
+    system = plant_for(load("bluerov2")).system
+    rng = np.random.default_rng(0)
+    W = rng.standard_normal((40, system.n, system.p)) / system.space.scale
+    floor, k = residual_floor(system, W), system.space.actuators
+
+    def ratio(theta):
+        return np.linalg.norm(W @ theta) / np.linalg.norm(W[..., k] @ theta[k])
+
+    others = [ratio(rng.standard_normal(system.p) * system.space.scale) for _ in range(300)]
+    assert floor is not None and 0 < floor <= min(others)
+    rows, columns = W.reshape(-1, system.p) * system.space.scale, np.zeros(system.p, dtype=bool)
+    columns[k] = True
+    G, G_k = rows.T @ rows, np.diag(columns) @ rows.T @ rows @ np.diag(columns)
+    best = np.linalg.eigvals(np.linalg.solve(G, G_k)).real.max()  # of ‖force‖²/‖residual‖²
+    assert floor == pytest.approx(best**-0.5)
+
+
+def test_a_motion_under_a_true_theta_leaves_no_floor():
+    plant = plant_for(load("scalar_rov"))
+    system, rng = plant.system, np.random.default_rng(0)
+    states = [system.random_state(rng) for _ in range(50)]
+    q, v, u = (np.array(part) for part in zip(*states, strict=True))
+    _, W = system.evaluate(np.zeros(50), np.hstack([q, v]), v, u, plant.truth)
+    assert residual_floor(system, W) == pytest.approx(0.0, abs=1e-7)
+    assert residual_floor(system, None) is None

@@ -1,0 +1,185 @@
+"""Where compiled kernels are kept, and what is counted as compiling them."""
+
+import ast
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import nsaid_mj
+from nsaid_mj.numerics import kernels
+
+PACKAGE = Path(nsaid_mj.__file__).parent
+SHOW = "from nsaid_mj.numerics import kernels; import numba; print(numba.config.CACHE_DIR)"
+
+
+def process(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    clean = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
+    return subprocess.run(
+        [sys.executable, "-c", code], env=clean | environment, capture_output=True, text=True,
+        check=True, timeout=120,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A small package laid out as ours is."""
+    for name in ("dynamics/tree.py", "cli/commands.py", "system.py"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("LENGTH = 1\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("changed", ["dynamics/tree.py", "system.py", "dynamics/new.py"])
+def test_digest_changes_with_any_source_that_a_kernel_may_depend_on(package: Path, changed: str):
+    before = kernels.digest(package)
+    (package / changed).write_text("LENGTH = 2\n")
+    assert kernels.digest(package) != before
+
+
+def test_digest_stays_where_no_kernel_can_depend_on_the_change(package: Path):
+    before = kernels.digest(package)
+    (package / "cli" / "commands.py").write_text("LENGTH = 2\n")
+    (package / "dynamics" / "__pycache__").mkdir()
+    (package / "dynamics" / "__pycache__" / "tree.py").write_text("LENGTH = 2\n")
+    os.utime(package / "system.py", (0, 0))
+    assert kernels.digest(package) == before
+
+
+def test_digest_of_the_whole_package_takes_less_than_20_ms():
+    kernels.digest()
+    times = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        kernels.digest()
+        times.append(time.perf_counter() - begin)
+    assert min(times) < 0.02
+
+
+def rooms_with_kernels() -> dict[str, list[Path]]:
+    found: dict[str, list[Path]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = (
+                [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
+            )
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if any(name.partition(".")[0] == "numba" for name in names):
+                found.setdefault(path.relative_to(PACKAGE).parts[0], []).append(path)
+    return found
+
+
+def test_rooms_left_out_of_the_digest_define_no_kernels():
+    assert not set(rooms_with_kernels()) & set(kernels.WITHOUT_KERNELS)
+
+
+@pytest.mark.parametrize("room", sorted(set(rooms_with_kernels()) - {"numerics"}))
+def test_every_room_with_kernels_decides_first_where_they_are_kept(room: str):
+    first = next(
+        node for node in ast.parse((PACKAGE / room / "__init__.py").read_text("utf-8")).body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    )  # fmt: skip
+    assert ast.unparse(first) == "from .. import numerics as numerics"
+
+
+def test_kernels_are_kept_in_the_users_cache_directory(tmp_path: Path):
+    folder = Path(process(SHOW, XDG_CACHE_HOME=str(tmp_path)).stdout.strip())
+    assert folder == tmp_path / "nsaid-mj" / kernels.digest()
+    assert folder.is_dir()
+
+
+def test_numba_cache_dir_is_respected(tmp_path: Path):
+    mine, other = tmp_path / "mine", tmp_path / "other"
+    told = process(SHOW, NUMBA_CACHE_DIR=str(mine), XDG_CACHE_HOME=str(other))
+    assert Path(told.stdout.strip()).is_relative_to(mine)
+    assert not other.exists()
+
+
+def test_a_relative_cache_home_is_ignored(tmp_path: Path):
+    told = process(SHOW, XDG_CACHE_HOME="here", HOME=str(tmp_path))
+    assert Path(told.stdout.strip()).is_relative_to(tmp_path / ".cache")
+
+
+def test_where_nothing_can_be_kept_kernels_work_one_warning_says_so_and_nothing_is_left(
+    tmp_path: Path,
+):
+    blocked, scratch = tmp_path / "a file", tmp_path / "scratch"
+    blocked.write_text("")
+    scratch.mkdir()
+    code = f"""
+import subprocess, sys
+{SHOW}
+from nsaid_mj.numerics.linalg import *
+from nsaid_mj.numerics import linalg
+if len(sys.argv) == 1:
+    child = subprocess.run([sys.executable, "-c", {SHOW!r}], capture_output=True, text=True)
+    assert not child.stderr, child.stderr
+    print(child.stdout)
+"""
+    told = process(code, XDG_CACHE_HOME=str(blocked), TMPDIR=str(scratch))
+    folder, child = (Path(line) for line in told.stdout.split())
+    assert child.is_relative_to(folder)
+    assert folder.is_relative_to(scratch)
+    assert told.stderr.count("NoKernelCache: compiled kernels cannot be kept") == 1
+    assert "Traceback" not in told.stderr
+    assert not list(scratch.iterdir())
+
+
+def test_no_kernel_is_kept_beside_the_sources(tmp_path: Path):
+    code = """
+import numpy as np
+from nsaid_mj.numerics import spatial
+spatial.bracket(6, np.ones(6), np.ones(6))
+assert spatial.bracket.signatures
+"""
+    process(code, XDG_CACHE_HOME=str(tmp_path))
+    assert list(tmp_path.rglob("spatial.bracket*.nbi"))
+
+
+def test_pruning_keeps_the_newest_folders_and_those_in_use(tmp_path: Path):
+    now, day = 1e9, kernels.IN_USE
+    ages = {"current": 9, "a": 0.1, "b": 2, "c": 3, "d": 4, "e": 5}
+    folders = {name: tmp_path / name.ljust(16, "0") for name in ages}
+    for name, folder in folders.items():
+        folder.mkdir()
+        (folder / "kernel.nbc").write_text("")
+        os.utime(folder, (now - ages[name] * day,) * 2)
+    (tmp_path / "somebody else's").mkdir()
+    os.utime(tmp_path / "somebody else's", (0, 0))
+    kernels.prune(tmp_path, folders["current"], now)
+    left = {name for name, folder in folders.items() if folder.exists()}
+    assert left == {"current", "a", "b", "c"}
+    assert (tmp_path / "somebody else's").exists()
+
+
+def test_folders_in_use_are_never_pruned_however_many(tmp_path: Path):
+    folders = [tmp_path / f"{k:016x}" for k in range(8)]
+    for folder in folders:
+        folder.mkdir()
+    kernels.prune(tmp_path, folders[0])
+    assert all(folder.exists() for folder in folders)
+
+
+def test_only_compiling_is_counted_not_loading_and_each_second_once(tmp_path: Path):
+    code = """
+import time
+import numpy as np
+from nsaid_mj.numerics import kernels, spatial
+calls = []
+begin, ours = time.perf_counter(), kernels.clock()
+with kernels.on_compiling(lambda: calls.append(1)):
+    spatial.pose_jacobian(np.eye(7)[3])
+spatial.pose_jacobian(np.eye(7)[3])
+print(kernels.compile_seconds(), kernels.clock() - ours, time.perf_counter() - begin, len(calls))
+"""
+    first, second = (process(code, XDG_CACHE_HOME=str(tmp_path)).stdout.split() for _ in "12")
+    compiling, other, whole = (float(word) for word in first[:3])
+    assert compiling > 0.1
+    assert compiling + other == pytest.approx(whole, abs=1e-3)
+    assert int(first[3]) == 1
+    assert float(second[0]) == 0.0
+    assert int(second[3]) == 0

@@ -1,0 +1,83 @@
+"""What a terminal shows while a command works, and kernels compiled before the clock."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj import Record
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.reporting import warmup
+from nsaid_mj.reporting.progress import COMPILING, Progress
+
+ROV = replace(load("scalar_rov"), duration=1.0)
+COMMAND = [sys.executable, "-c", "from nsaid_mj.cli import run_from_shell; run_from_shell()"]
+
+
+def nsaid(*words: object, cache: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, words)], cwd=folder, capture_output=True, text=True, check=True,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, timeout=300,
+    )  # fmt: skip
+
+
+def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path: Path):
+    words = ("run", "scalar_rov", "--duration", "1", "--law", "memory", "--out")
+    first, second = (
+        nsaid(*words, tmp_path / name, cache=tmp_path / "cache", folder=tmp_path) for name in "ab"
+    )
+    assert first.stderr.count(COMPILING) == 1
+    assert "compiling, once, took" in first.stdout
+    assert COMPILING not in second.stderr
+    assert "compiling" not in second.stdout
+    a, b = (Record.read(tmp_path / name) for name in "ab")
+    assert all(np.array_equal(a[column], b[column]) for column in a.columns)
+
+
+def test_quiet_says_nothing_of_compiling(tmp_path: Path):
+    words = ("run", "scalar_rov", "--duration", "0.5", "--quiet", "--out", tmp_path / "run")
+    told = nsaid(*words, cache=tmp_path / "cache", folder=tmp_path)
+    assert (told.stdout, told.stderr) == ("", "")
+
+
+@pytest.fixture
+def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No scenario counts as warmed up."""
+    monkeypatch.setattr(warmup, "FOLDER", tmp_path)
+
+
+@pytest.mark.usefixtures("cold")
+@pytest.mark.parametrize("law", ["paper", "memory"])
+def test_after_warming_up_a_run_compiles_nothing(law: str, tmp_path: Path):
+    scenario = replace(ROV, identifier=replace(ROV.identifier, law=law), sensors="noisy")
+    warmup.warm_up(scenario)
+    assert warmup.is_warm(scenario)
+    assert warmup.warm_up(scenario) == 0.0
+    assert run(scenario, tmp_path / "run").cost.compile == 0.0
+
+
+@pytest.mark.usefixtures("cold")
+def test_warming_up_changes_no_number_of_the_run(tmp_path: Path):
+    before = run(ROV, tmp_path / "before").record
+    warmup.warm_up(ROV)
+    after = run(ROV, tmp_path / "after").record
+    assert all(np.array_equal(before[column], after[column]) for column in before.columns)
+
+
+def test_kinds_differ_with_what_is_compiled_and_not_with_numbers():
+    kind = warmup.kind_of(ROV)
+    assert kind == warmup.kind_of(replace(ROV, duration=3.0, seed=5))
+    assert kind != warmup.kind_of(replace(ROV, sensors="noisy"))
+    other = replace(ROV.identifier, law="memory" if ROV.identifier.law != "memory" else "paper")
+    assert kind != warmup.kind_of(replace(ROV, identifier=other))
+
+
+def test_a_line_that_is_shown_can_be_used_through_a_whole_run(tmp_path: Path):
+    with Progress("rov") as progress:
+        assert len(run(ROV, tmp_path, progress).record) > 1
+        progress.say("evaluating the estimate")
