@@ -25,8 +25,10 @@ PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
 NSAID = Path(sys.executable).with_name("nsaid")
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"\[!?[^\]]*(?:\]\([^)\s]*\))?\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)")
-CODE = re.compile(r"`([^`\n]+)`")
+PICTURE = r"!\[[^\]]*\]\(([^)\s]+)\)"
+LINK = r"(?<!!)\[(?:!\[[^\]]*\]\([^)\s]+\)|[^\]!])*\]\(([^)\s]+)\)"  # of text or of a picture
+DEFINITION = r"^\[[^\]]+\]: (\S+)"
+CODE = re.compile(r"`((?:[^`\n]|\n(?!\n))+)`")  # it may run over the end of a line
 
 
 def name_of(page: Path) -> str:
@@ -43,10 +45,20 @@ def prose(page: Path) -> str:
     return FENCE.sub("", page.read_text("utf-8"))
 
 
+def inline(page: Path) -> list[str]:
+    """The pieces of code in the prose of a page, each on one line."""
+    return sorted({" ".join(code.split()) for code in CODE.findall(prose(page))})
+
+
 def commands(page: Path) -> list[list[str]]:
-    """The command lines in the shell blocks of a page, without comments."""
+    """The command lines of a page, without comments, and without those for a NAME to fill in."""
     lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
-    return [words for line in lines if (words := shlex.split(line, comments=True))]
+    lines += [code for code in inline(page) if re.match(r"(nsaid|make|python scripts)\b.", code)]
+    return [
+        words
+        for line in lines
+        if (words := shlex.split(line, comments=True)) and not any(map(str.isupper, words))
+    ]
 
 
 # -- the README's own robot --------------------------------------------------------------------
@@ -156,6 +168,7 @@ def known(flag: str, offered: frozenset[str]) -> bool:
     return any(full == flag or full.endswith(f".{flag}") for full in offered)
 
 
+VERBS = ("run", "verify", "compare", "sweep", "montecarlo")  # they take a scenario
 COMMANDS = {name_of(page): commands(page) for page in PAGES if commands(page)}
 
 
@@ -193,11 +206,22 @@ def test_every_nsaid_command_in_the_docs_takes_its_flags(page: str) -> None:
         verb, *rest = words
         assert verb in listed, verb
         offered_here = flags(verb)
-        if verb in {"run", "verify", "compare", "sweep", "montecarlo"} and rest[0][:2] != "--":
+        if verb in VERBS and rest and rest[0][:2] != "--":
             assert rest[0] in scenarios() or rest[0].endswith(".py"), rest[0]
             scenario = rest[0] if rest[0] in scenarios() else "ur5"
             offered_here |= flags(verb, scenario) | flags("run", scenario)
         assert {flag for flag in used if not known(flag, offered_here | {"help"})} == set(), words
+
+
+@pytest.mark.parametrize("page", [name_of(page) for page in PAGES if page.name != "CHANGELOG.md"])
+def test_every_flag_in_the_prose_of_the_docs_is_one(page: str) -> None:
+    used = {
+        words[0].removeprefix("--").partition("=")[0]
+        for code in inline(ROOT / page)
+        if (words := code.split()) and words[0].startswith("--")
+    }
+    offered = flags().union(*map(flags, VERBS), flags("run", "ur5"), flags("run", "bluerov2"))
+    assert {flag for flag in used if not known(flag, offered)} == set()
 
 
 def robots_named() -> set[str]:
@@ -229,9 +253,8 @@ def test_the_readmes_commands_identify_a_urdf_of_ones_own(workplace: Path) -> No
 
 def targets(text: str) -> set[str]:
     """Where the links and pictures of a text lead; a picture inside a link counts as well."""
-    return {a or b for a, b in LINK.findall(text)} | set(
-        re.findall(r"!\[[^\]]*\]\(([^)\s]+)\)", text)
-    )
+    patterns = (PICTURE, LINK, DEFINITION)
+    return {target for each in patterns for target in re.findall(each, text, re.MULTILINE)}
 
 
 def slugs(page: Path) -> set[str]:
@@ -257,9 +280,10 @@ def test_the_link_checker_sees_pictures_links_and_anchors(tmp_path: Path) -> Non
     page = tmp_path / "page.md"
     page.write_text(
         "# A page: here\n[a](#a-page-here) [b](#elsewhere) [![c](c.png)](page.md) "
-        "![d](d.png) [e](https://example.org/x) [f](page.md#nowhere)\n```sh\n[g](g.md)\n```\n"
+        "![d](d.png) [e](https://example.org/x) [f](page.md#nowhere) [h]\n\n[h]: h.md\n"
+        "```sh\n[g](g.md)\n```\n"
     )
-    assert broken(page) == ["#elsewhere", "c.png", "d.png", "page.md#nowhere"]
+    assert broken(page) == ["#elsewhere", "c.png", "d.png", "h.md", "page.md#nowhere"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -276,12 +300,8 @@ def test_the_readme_has_at_most_120_lines() -> None:
     assert len(README.read_text("utf-8").splitlines()) <= 120
 
 
-# A changelog tells of files as they were: its references may be of the past.
-REFERENCES = {
-    name_of(page): sorted(set(CODE.findall(prose(page))))
-    for page in PAGES
-    if page.name != "CHANGELOG.md"
-}
+# A changelog speaks of files as they were: what it names may be gone.
+REFERENCES = {name_of(page): inline(page) for page in PAGES if page.name != "CHANGELOG.md"}
 
 
 def exists(path: str) -> bool:
@@ -329,6 +349,8 @@ def test_functions_named_in_the_docs_exist(page: str) -> None:
 
 @pytest.mark.parametrize("page", REFERENCES)
 def test_tests_named_in_the_docs_exist(page: str) -> None:
+    """A name that ends in … stands for all tests that begin so."""
     text = "".join(path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
-    named = {code for code in REFERENCES[page] if re.fullmatch(r"test_\w+", code)}
-    assert {name for name in named if f"def {name}(" not in text} == set()
+    named = {code for code in REFERENCES[page] if re.fullmatch(r"test_\w+…?", code)}
+    begun = {name: f"def {name[:-1]}" if name[-1] == "…" else f"def {name}(" for name in named}
+    assert {name for name, start in begun.items() if start not in text} == set()
