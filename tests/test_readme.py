@@ -106,7 +106,7 @@ def example_with(text: str) -> str:
 
 
 def test_the_readmes_log_example_finds_the_motor_gains_of_another_arm(workplace: Path) -> None:
-    """The log's arm has other gains and friction than the nominal one, by up to 30 %."""
+    """The log is noisy, and of an arm whose gains and friction are off the nominal by up to 30 %."""
     real = ArmPlant(
         robot="my_arm.urdf", damping=1.0, friction=0.5, armature=0.05, spread=0.3
     ).build(DT, seed=1)
@@ -114,13 +114,16 @@ def test_the_readmes_log_example_finds_the_motor_gains_of_another_arm(workplace:
         real.system, real.truth, np.random.default_rng(0)
     )
     log = trajectory(real, driver, round(10 / DT))
-    np.savez("my_log.npz", t=log.t, q=log.q, v=log.v, u=log.u)
+    rng = np.random.default_rng(2)
+    q = log.q + 1e-4 * rng.standard_normal(log.q.shape)
+    v = log.v + 5e-3 * rng.standard_normal(log.v.shape)
+    np.savez("my_log.npz", t=log.t, q=q, v=v, u=log.u)
     true = real.truth[real.system.space.actuators]
     assert np.abs(true / true[0] - 1).max() > 0.1  # else the prior, all equal, would pass
 
     found = np.asarray(execute(example_with("my_log.npz"))["gains"])
 
-    assert found / found[0] == pytest.approx(true / true[0], rel=1e-3)
+    assert found / found[0] == pytest.approx(true / true[0], rel=0.03)
 
 
 def test_the_readmes_scenario_example_records_a_run(workplace: Path) -> None:
