@@ -106,7 +106,7 @@ def example_with(text: str) -> str:
 
 
 def test_the_readmes_log_example_finds_the_motor_gains_of_another_arm(workplace: Path) -> None:
-    """The log is noisy, and of an arm whose gains and friction are off the nominal by up to 30 %."""
+    """The log is noisy, of an arm whose gains and friction are up to 30 % off the nominal ones."""
     real = ArmPlant(
         robot="my_arm.urdf", damping=1.0, friction=0.5, armature=0.05, spread=0.3
     ).build(DT, seed=1)
