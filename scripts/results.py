@@ -1,4 +1,4 @@
-"""The README's table of results: every scenario, seeds 0 to 2, worst of them, as Markdown.
+"""The tables of docs/results.md: every scenario, seeds 0 to 2, worst of them, as Markdown.
 
 `python scripts/results.py [--law memory --duration 30] [--sensors noisy] [--gamma simulated]
 [--seeds 10,11] [NAME …]`; takes some minutes.
