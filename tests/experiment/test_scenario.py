@@ -329,7 +329,7 @@ BAD = {
     },
     BlueROV2Plant: {"spread": [-0.1, 1.0, NAN]},
     AstrobeePlant: {"spread": [-0.1, 1.0, NAN]},
-    QuadrotorPlant: {"model": ["phantom", ""], "spread": [-0.1, 1.0, NAN]},
+    QuadrotorPlant: {"spread": [-0.1, 1.0, NAN]},
     QuadrotorFlight: {
         "radius": NOT_POSITIVE, "speed": NOT_POSITIVE, "climb": NOT_POSITIVE,
         "yaw_rate": NOT_POSITIVE, "tilt": [*NOT_POSITIVE, 1.6], "bandwidth": NOT_POSITIVE,
@@ -407,7 +407,8 @@ def test_a_bad_field_is_named_before_the_run(part, field, value):
 
 @pytest.mark.parametrize("part", BAD, ids=lambda part: part.__name__)
 def test_every_field_has_its_bad_values_and_the_default_is_good(part):
-    parts = {"plant", "excitation", "identifier", "noise", "robot", "mismatch", "fault", "memory"}
+    parts = {"plant", "excitation", "identifier", "noise", "robot", "vehicle", "mismatch", "fault",
+             "memory"}  # fmt: skip
     assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
     default = part(known=("mass",)) if part is ConventionalAID else part()
     use(default)
