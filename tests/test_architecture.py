@@ -298,6 +298,7 @@ def test_a_truth_is_made_after_the_fact_only():
         "evaluation.truth",
         "evaluation.verify",
         "reporting.finish",
+        "reporting.warmup",
         "studies.compare",
         "studies.montecarlo",
         "studies.sweep_worker",

@@ -268,7 +268,8 @@ def _can_abreast(
     return (
         len(laws) >= _FEWEST
         and isinstance(motion, TreeMotion)
-        and all(isinstance(law.law, Flat) and law.K.ndim == law.Gamma.ndim == 1 for law in laws)
+        and all(isinstance(law.law, Flat) for law in laws)
+        and all(law.K.ndim == law.metric.Gamma.ndim == 1 for law in laws)
         and all(state.status is Status.completed for state in states)
     )
 
@@ -292,7 +293,7 @@ def _abreast(
     v_hat = rows_from(columns(state.v_hat for state in states))
     theta_hat = rows_from(columns(state.theta_hat for state in states))
     pivot = rows_from(columns(state.pivot for state in states))
-    K, Gamma = columns(law.K for law in laws), columns(law.Gamma for law in laws)
+    K, Gamma = columns(law.K for law in laws), columns(law.metric.Gamma for law in laws)
     if follow_eight(K, Gamma, motion, v_hat, theta_hat, pivot) < count:
         return None
     made = []

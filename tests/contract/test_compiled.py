@@ -302,9 +302,9 @@ def test_a_run_comes_to_the_same_end(tmp_path):
 # -- the backend as a field ------------------------------------------------------------------------
 
 
-def test_the_backend_chooses_the_structure_and_pinocchio_is_the_default():
+def test_the_backend_chooses_the_structure_and_compiled_is_the_default():
     assert set(get_args(Backend)) == {"pinocchio", "compiled"}
-    for plant, structure in ((ArmPlant(), Multibody), (ArmPlant(backend="pinocchio"), Multibody),
+    for plant, structure in ((ArmPlant(), CompiledMultibody), (ArmPlant(backend="pinocchio"), Multibody),
                              (ArmPlant(backend="compiled"), CompiledMultibody)):  # fmt: skip
         assert type(plant.build(1e-3, 0).system) is structure
 

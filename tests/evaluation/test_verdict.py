@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Mismatch
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.evaluation.verdict import residual_floor, verdict
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
@@ -31,7 +31,8 @@ def summary(name: str, law: str, duration: float, delay: float = 0.0, **more: fl
         held_out=2.0,
     )
     with tempfile.TemporaryDirectory() as folder:
-        return summarize(run(scenario, Path(folder)))
+        result = run(scenario, Path(folder))
+        return summarize(result, truth_of(result))
 
 
 def without_truth(found: dict[str, Any]) -> dict[str, Any]:

@@ -270,7 +270,7 @@ def test_a_plant_that_nothing_moves_leaves_no_quotient():
 def test_a_bad_number_is_refused(field, bad):
     with pytest.raises(InvalidInput) as caught:
         MemoryConfig(**{field: bad})
-    assert caught.value.name == f"memory.{field}" and caught.value.remedy
+    assert caught.value.name == f"identifier.memory.{field}" and caught.value.remedy
 
 
 def test_the_anchor_is_there_where_sensors_are_noisy():

@@ -28,8 +28,9 @@ from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid, rk4
 from nsaid_mj.identifiers.base import Estimates
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
+from nsaid_mj.parameters import Array
 from nsaid_mj.studies import montecarlo, sweep_results
 from nsaid_mj.studies.montecarlo import Course, Plan, monte_carlo
 
@@ -178,9 +179,13 @@ def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
         scenario = replace(course.setup.scenario, seed=100 + k)
         law = course.setup.with_prior_of(scenario).identifiers()[""]
         assert isinstance(law, NullspaceIdentifier)
-        law.K, law.metric.Gamma = law.K * (1 + 0.01 * k), law.metric.Gamma * (1 + 0.1 * k)
-        laws.append(law)
+        laws.append(with_gains(law, law.K * (1 + 0.01 * k), law.metric.Gamma * (1 + 0.1 * k)))
     return laws
+
+
+def with_gains(law: NullspaceIdentifier, K: Array, Gamma: Array) -> NullspaceIdentifier:
+    """The paper's identifier with other gains."""
+    return paper_identifier(law.system, K, Gamma, law.prior, ARM.dt, law.hermite)
 
 
 def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
@@ -242,7 +247,7 @@ def test_any_number_may_go_abreast(count, arm, monkeypatch):
 def test_one_of_eight_that_fails_ends_as_alone_and_the_others_go_on(hot, arm, monkeypatch):
     laws = laws_of(arm, 8)
     for k in hot:
-        laws[k].Gamma = 1e7 * laws[k].Gamma
+        laws[k] = with_gains(laws[k], laws[k].K, 1e7 * laws[k].metric.Gamma)
     made, abreast = followed(laws, arm.log, monkeypatch)
     assert abreast == 0
     for k, (law, one) in enumerate(zip(laws, made, strict=True)):
@@ -253,7 +258,7 @@ def test_one_of_eight_that_fails_ends_as_alone_and_the_others_go_on(hot, arm, mo
 def test_a_measurement_that_is_no_number_ends_all_as_alone(arm, monkeypatch):
     laws, v = laws_of(arm, 8), arm.log.v.copy()
     v[40, 0] = np.nan
-    log = arm.log._replace(v=v)
+    log = Log.unchecked(arm.log.t, arm.log.q, v, arm.log.u)
     made, _ = followed(laws, log, monkeypatch)
     for law, one in zip(laws, made, strict=True):
         assert one[0].status is Status.measurement_not_finite and len(one[1].pivot) < 42
@@ -263,7 +268,7 @@ def test_a_measurement_that_is_no_number_ends_all_as_alone(arm, monkeypatch):
 def test_what_cannot_go_abreast_goes_alone(arm, monkeypatch):
     """A law with a whole Γ, and one that has ended."""
     laws = laws_of(arm, 8)
-    laws[2].Gamma = np.diag(laws[2].Gamma)
+    laws[2] = with_gains(laws[2], laws[2].K, np.diag(laws[2].metric.Gamma))
     made, abreast = followed(laws, arm.log, monkeypatch)
     assert abreast == 0
     assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
