@@ -304,8 +304,11 @@ def test_a_run_comes_to_the_same_end(tmp_path):
 
 def test_the_backend_chooses_the_structure_and_compiled_is_the_default():
     assert set(get_args(Backend)) == {"pinocchio", "compiled"}
-    for plant, structure in ((ArmPlant(), CompiledMultibody), (ArmPlant(backend="pinocchio"), Multibody),
-                             (ArmPlant(backend="compiled"), CompiledMultibody)):  # fmt: skip
+    for plant, structure in (
+        (ArmPlant(), CompiledMultibody),
+        (ArmPlant(backend="pinocchio"), Multibody),
+        (ArmPlant(backend="compiled"), CompiledMultibody),
+    ):
         assert type(plant.build(1e-3, 0).system) is structure
 
 
