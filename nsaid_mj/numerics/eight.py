@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
-from numba.core.cgutils import unpack_tuple
+from numba.core.cgutils import ir, unpack_tuple
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typeconv import Conversion
 from numba.extending import (
@@ -31,7 +31,9 @@ from numba.extending import (
 )
 from numba.np.arrayobj import populate_array
 
-from .lanes import LANES, VECTOR, ir
+from .lanes import LANES
+
+VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 
 
 class Eight(types.Type):
