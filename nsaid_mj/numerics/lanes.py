@@ -90,4 +90,6 @@ def _loop(formula: Callable[[np.ndarray], Iterable[Symbol]], size: int) -> str:
     numbers = [Symbol(body, f"rows[{LANES * i} + lane]") for i in range(size)]
     values = formula(np.array(numbers, dtype=object))
     body += [f"rows[{LANES * i} + lane] = {value}" for i, value in enumerate(values)]
-    return "\n  ".join(("def loop(rows):", f"for lane in range({LANES}):", *(f" {x}" for x in body)))
+    return "\n  ".join(
+        ("def loop(rows):", f"for lane in range({LANES}):", *(f" {x}" for x in body))
+    )

@@ -2,7 +2,7 @@
 
 Plants are driven first, and then identifiers follow the logs, both in compiled code during which
 other threads run. With one plant for all, what its motion alone decides of every step is computed
-once for a whole group of identifiers, and those of trees with the paper's law go eight abreast.
+once for a group of identifiers; those of trees with the paper's law have one SIMD lane each.
 
 A run's number says all about it: how many there are, and how many at once, changes no bit.
 """
