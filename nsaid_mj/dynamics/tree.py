@@ -84,13 +84,10 @@ def parent_inertia(R, p, m, h, inertia):
 
 @njit(cache=True, inline="always")
 def across_joint(s_l, s_a, v_l, v_a, v, w, a, w_l, w_a, a_l, a_a):
-    """W and A of a body.
+    """W and A of a body behind a joint with axis S = [s_l, s_a] and rates v, w and a.
 
-    Args:
-        s_l, s_a: the joint's axis.
-        v_l, v_a: V of the body.
-        v, w, a: of the joint.
-        w_l, w_a, a_l, a_a: W and A of the parent, as the body sees them.
+    [v_l, v_a] is V of the body; [w_l, w_a] and [a_l, a_a] are W and A of its parent, as it sees
+    them.
     """
     w_l = add(w_l, scale(w, s_l))
     w_a = add(w_a, scale(w, s_a))

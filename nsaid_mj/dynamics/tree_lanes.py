@@ -1,9 +1,9 @@
 """`tree_gradient` for several identifiers that share a motion: one SIMD lane per identifier.
 
-Bodies, joints and measured state are the same in all lanes; w, a, θ and what follows from them have
-`LANES` values each, side by side: number i of lane l is x[LANES * i + l]. Each loop over lanes
-applies one body's formulas of `tree`, with everything that all lanes share read beforehand; its body
-is straight-line code, which LLVM vectorises. Operations and their order are those of `tree`, so that
+Bodies, joints and measured state are common to all lanes; w, a, θ and what follows from them have
+`LANES` values each, side by side: number i of lane l is x[LANES * i + l]. Every loop over lanes
+applies one body's formulas of `tree`; what the lanes have in common is read before it, so that its
+body is straight-line code, which LLVM vectorises. Operations and their order are those of `tree`:
 each lane gets the bits that its identifier gets alone.
 """
 
@@ -34,8 +34,9 @@ from .tree import (
     wrench,
 )
 
-LANES = 16
-"""Identifiers in a batch: LLVM vectorises loops over arrays that may overlap from 16 turns on."""
+LANES = 32
+"""Identifiers in a batch. LLVM vectorises loops over arrays that may overlap only from 16 turns on,
+and unrolls the shortest, those of `_solve_positive`, into scalar code up to about 25."""
 
 _W, _A, _F, _MASS, _H, _I, _WIDTH = 0, 6, 12, 18, 19, 22, 28  # numbers of a body in one lane
 _ZERO = (0.0, 0.0, 0.0)
@@ -312,36 +313,38 @@ def _gather(linkage, state, work, force):
 def _solve_positive(M, L, x, pivots):
     """Overwrites b in x by M⁻¹ b and writes the smallest pivots (LANES,); see `solve_positive`."""
     n = M.shape[0]
-    total = np.empty(LANES)
     pivots[:] = np.inf
     for i in range(n):
         pivot, y = M[i, i], _part(x, i, 1)
         for j in range(i):
-            total[:] = M[i, j]
+            z, up, low, d = _part(x, j, 1), L[j, i], L[i, j], L[j, j]
+            up[:] = M[i, j]
             for k in range(j):
+                one, other = L[k, i], L[j, k]
                 for lane in range(LANES):
-                    total[lane] -= L[k, i, lane] * L[j, k, lane]
-            z = _part(x, j, 1)
+                    up[lane] -= one[lane] * other[lane]
             for lane in range(LANES):
-                s = total[lane]
-                L[j, i, lane] = s
-                L[i, j, lane] = s * L[j, j, lane]
-                pivot[lane] -= s * L[i, j, lane]
-                y[lane] -= L[i, j, lane] * z[lane]
+                share = up[lane] * d[lane]
+                low[lane] = share
+                pivot[lane] -= up[lane] * share
+                y[lane] -= share * z[lane]
         for lane in range(LANES):
             if not pivot[lane] > 0.0:
                 pivots[lane] = pivot[lane]
                 return pivot[lane]
+        d = L[i, i]
+        for lane in range(LANES):
             pivots[lane] = min(pivots[lane], pivot[lane])
-            L[i, i, lane] = 1.0 / pivot[lane]
+            d[lane] = 1.0 / pivot[lane]
     for i in range(n - 1, -1, -1):
         y = _part(x, i, 1)
         for lane in range(LANES):
             y[lane] *= L[i, i, lane]
         for k in range(i + 1, n):
             z = _part(x, k, 1)
+            one = L[k, i]
             for lane in range(LANES):
-                y[lane] -= L[k, i, lane] * z[lane]
+                y[lane] -= one[lane] * z[lane]
     return pivots.min()
 
 
@@ -374,7 +377,9 @@ def lanes_gradient(linkage, state, v, u, v_hat, theta, work, a, gradient, pivots
         for lane in range(LANES):
             total[lane] += drag[lane] * rate + dry[lane] * slip - gains[lane] * command
     for k in range(viscous - rotor):
-        work.M[base + k, base + k] += _part(theta, rotor + k, 1)
+        entry, inertias = work.M[base + k, base + k], _part(theta, rotor + k, 1)
+        for lane in range(LANES):
+            entry[lane] += inertias[lane]
     for i in range(a.shape[0]):
         a[i] = -a[i]
     pivot = _solve_positive(work.M, work.L, a, pivots)

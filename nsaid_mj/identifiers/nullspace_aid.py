@@ -26,7 +26,7 @@ from .rk4 import advance_by_regressor, begin, follow, inside_law, room
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
 _PIECE = 500  # steps whose motion is held at once
-_FEWEST = 6  # identifiers for which a batch is faster than one after the other
+_FEWEST = 9  # identifiers for which a batch is faster than one after the other
 
 
 class NullspaceIdentifier(Identifier):

@@ -76,7 +76,7 @@ def over_lanes(formula: Callable[[np.ndarray], Iterable[Symbol]], size: int) -> 
         raise NotImplementedError  # called by compiled code only
 
     @overload(evaluate, jit_options={"error_model": "numpy"})
-    def _evaluate(rows):
+    def _evaluate(rows):  # noqa: ARG001, numba's signature
         names: dict[str, Any] = {"sqrt": np.sqrt}
         exec(_loop(formula, size), names)
         return names["loop"]

@@ -57,7 +57,7 @@ QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 
 MARK = 0.5  # how often a run is looked at [s]
 _PIECE = 500  # steps, about, that a group of identifiers makes before it looks up
-_GROUP = 16  # identifiers that share a motion, at most
+_GROUP = 32  # identifiers that share a motion, at most: one batch
 _PLANTS = 32  # plants whose logs are held at once
 _LINES = 40  # of lost runs on the terminal
 
