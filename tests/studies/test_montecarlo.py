@@ -22,11 +22,13 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.cli.commands import command
+from nsaid_mj.dynamics.motions import TreeBatch
+from nsaid_mj.dynamics.tree_lanes import LANES
 from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment import following
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid, rk4
+from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid
 from nsaid_mj.identifiers.base import Estimates
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
@@ -169,7 +171,9 @@ def test_nothing_to_run_or_nobody_to_run_it_is_told(runs, jobs, name):
     assert told.value.name == name
 
 
-# -- eight abreast -----------------------------------------------------------------------------
+# -- batches: one SIMD lane per identifier -------------------------------------------------------
+
+FULL = 12  # identifiers: enough for a batch
 
 
 def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
@@ -198,19 +202,21 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
 
 
 def followed(laws: list[NullspaceIdentifier], log: Log, monkeypatch) -> tuple[list, int]:
-    """What `side_by_side` makes of them, and how often eight went abreast to the end."""
-    calls = []
+    """What `side_by_side` makes of them, and how many batches reached the end of the log."""
+    rows, follow = [], nullspace_aid.follow
 
-    def spied(*arguments):
-        calls.append(rk4.follow_eight(*arguments))
-        return calls[-1]
+    def spied(law, motion, *arguments):
+        row = follow(law, motion, *arguments)
+        if isinstance(motion, TreeBatch):
+            rows.append(row)
+        return row
 
-    monkeypatch.setattr(nullspace_aid, "follow_eight", spied)
+    monkeypatch.setattr(nullspace_aid, "follow", spied)
     states = [law.init(log.at(0)) for law in laws]
     motion = laws[0].motion(log)
     assert motion is not None
     made = list(nullspace_aid.side_by_side(laws, states, log, motion))
-    return made, sum(row == len(log.t) for row in calls)
+    return made, sum(row == len(log.t) for row in rows)
 
 
 def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:
@@ -223,40 +229,40 @@ def arm() -> Course:
 
 
 @pytest.mark.parametrize("robot", ["double_pendulum", "z1", "ur5"])
-def test_each_of_eight_abreast_gets_the_bits_it_gets_alone(robot, monkeypatch):
+def test_every_identifier_of_a_batch_gets_the_bits_it_gets_alone(robot, monkeypatch):
     plant = ArmPlant(robot, backend="compiled", armature=0.1, damping=0.5, friction=0.5)
     course = course_of(replace(ARM, plant=plant, duration=0.6))
-    laws = laws_of(course, 8)
-    made, abreast = followed(laws, course.log, monkeypatch)
-    assert abreast == 1
+    laws = laws_of(course, LANES)
+    made, batches = followed(laws, course.log, monkeypatch)
+    assert batches == 1
     for law, one in zip(laws, made, strict=True):
         assert equal(one, alone(law, course.log))
-    assert len({one[0].theta_hat.tobytes() for one in made}) == 8
+    assert len({one[0].theta_hat.tobytes() for one in made}) == LANES
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 7, 9, 13, 16])
-def test_any_number_may_go_abreast(count, arm, monkeypatch):
+@pytest.mark.parametrize("count", [1, 8, 9, 20, 32, 40, 41])
+def test_any_number_of_identifiers_is_followed_in_batches(count, arm, monkeypatch):
     laws = laws_of(arm, count)
-    made, abreast = followed(laws, arm.log, monkeypatch)
-    whole, rest = divmod(count, 8)
-    assert abreast == whole + (rest >= nullspace_aid._FEWEST)
+    made, batches = followed(laws, arm.log, monkeypatch)
+    whole, rest = divmod(count, LANES)
+    assert batches == whole + (rest >= nullspace_aid._FEWEST)
     assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
 
 
 @pytest.mark.parametrize("hot", [[0], [3], [1, 6]])
-def test_one_of_eight_that_fails_ends_as_alone_and_the_others_go_on(hot, arm, monkeypatch):
-    laws = laws_of(arm, 8)
+def test_one_of_a_batch_that_fails_ends_as_alone_and_the_others_go_on(hot, arm, monkeypatch):
+    laws = laws_of(arm, FULL)
     for k in hot:
         laws[k] = with_gains(laws[k], laws[k].K, 1e7 * laws[k].metric.Gamma)
-    made, abreast = followed(laws, arm.log, monkeypatch)
-    assert abreast == 0
+    made, batches = followed(laws, arm.log, monkeypatch)
+    assert batches == 0
     for k, (law, one) in enumerate(zip(laws, made, strict=True)):
         assert (one[0].status is Status.completed) == (k not in hot)
         assert equal(one, alone(law, arm.log))
 
 
 def test_a_measurement_that_is_no_number_ends_all_as_alone(arm, monkeypatch):
-    laws, v = laws_of(arm, 8), arm.log.v.copy()
+    laws, v = laws_of(arm, FULL), arm.log.v.copy()
     v[40, 0] = np.nan
     log = Log.unchecked(arm.log.t, arm.log.q, v, arm.log.u)
     made, _ = followed(laws, log, monkeypatch)
@@ -265,14 +271,14 @@ def test_a_measurement_that_is_no_number_ends_all_as_alone(arm, monkeypatch):
         assert equal(one, alone(law, log))
 
 
-def test_what_cannot_go_abreast_goes_alone(arm, monkeypatch):
+def test_what_fits_no_batch_is_followed_alone(arm, monkeypatch):
     """A law with a whole Γ, and one that has ended."""
-    laws = laws_of(arm, 8)
+    laws = laws_of(arm, FULL)
     laws[2] = with_gains(laws[2], laws[2].K, np.diag(laws[2].metric.Gamma))
-    made, abreast = followed(laws, arm.log, monkeypatch)
-    assert abreast == 0
+    made, batches = followed(laws, arm.log, monkeypatch)
+    assert batches == 0
     assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
-    laws = laws_of(arm, 8)
+    laws = laws_of(arm, FULL)
     ended = laws[1].init(arm.log.at(0))._replace(status=Status.adaptation_too_fast)
     states = [ended if k == 1 else law.init(arm.log.at(0)) for k, law in enumerate(laws)]
     motion = laws[0].motion(arm.log)
