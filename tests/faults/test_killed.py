@@ -75,7 +75,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Killed:
     folder = desk / "out"
     finish.finish(run(ROV, folder))
     before = (folder / FILE).stat().st_size
-    process = start("run", "endless.py", "--out", folder, "--quiet", cwd=desk)
+    process = start("run", "endless.py", "--out", folder, "--force", "--quiet", cwd=desk)
     try:
         end = time.monotonic() + PATIENCE
         while not (desk / "clock").exists():
