@@ -84,7 +84,7 @@ def remembered(name: str, seconds: float = 3.0) -> Memory:
     law = build(name, inside(log, 1), interval=1e6)
     memory = follow(law, log.rows)[-1].memory
     assert memory is not None
-    return law.memory.recorder.take(memory)
+    return law.memory.recorder.absorb_blocks(memory)
 
 
 # -- an implicit step ----------------------------------------------------------------------------
@@ -208,7 +208,7 @@ def test_what_no_row_observes_stays_where_it_was(levels):
     rows = log.rows if levels.exact else noisy(log, NOISE, 1).rows
     memory = follow(build("double_pendulum", law.prior, levels, interval=1e6), rows)[-1].memory
     assert memory is not None
-    memory, theta, moved = law.memory.recorder.take(memory), law.prior, 0.0
+    memory, theta, moved = law.memory.recorder.absorb_blocks(memory), law.prior, 0.0
     for _ in range(5):
         ahead, _ = law.memory.settle(theta, memory)
         moved = max(moved, float(np.abs((ahead - theta) / space.scale).max()))

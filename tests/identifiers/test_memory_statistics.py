@@ -204,7 +204,7 @@ def test_noise_of_positions_or_of_velocities_alone_is_noise():
     for levels in (SensorLevels(position=1e-3), SensorLevels(velocity=1e-2)):
         own = recorder(log, levels=levels)
         *_, kept = remember(own, log)
-        kept = own.take(kept)
+        kept = own.absorb_blocks(kept)
         assert kept.means.noise is not None and np.abs(kept.means.noise[0]).max() > 0
     *_, kept = remember(recorder(log), log)
     assert kept.means.noise is None and kept.shaken is None

@@ -325,7 +325,7 @@ class Recorder:
             steps = min(period - memory.step % period for period in self._periods)
             memory = self._go(memory, log.part(at, at + steps + 1))
             if any(memory.step % period == 0 for period in self._periods):
-                memory = self.take(memory)
+                memory = self.absorb_blocks(memory)
             at += steps
         return memory
 
@@ -341,7 +341,7 @@ class Recorder:
             fresh=np.concatenate([memory.fresh, rows]), stirs=np.concatenate([memory.stirs, stirs]),
         )  # fmt: skip
 
-    def take(self, memory: Memory) -> Memory:
+    def absorb_blocks(self, memory: Memory) -> Memory:
         """Takes what is fresh into means and scores.
 
         A score needs so many blocks before it that their residuals say how large they are.
