@@ -114,7 +114,7 @@ class ImplicitMemory(DataMemory):
         memory = self.recorder.follow(state.memory, log)
         if memory.step % self.every:
             return state._replace(memory=memory)
-        memory, changed = self.recorder.doubt(memory, log.at(-1))
+        memory, changed = self.recorder.check_consistency(memory, log.at(-1))
         theta, spent = state.theta_hat, state.spent
         if changed:  # an actuator has
             assert memory.trusted is not None

@@ -361,7 +361,7 @@ class Recorder:
             kept=None if memory.kept is None else self.fade ** len(fresh) * memory.kept,
         )  # fmt: skip
 
-    def doubt(self, memory: Memory, here: Measurement) -> tuple[Memory, bool]:
+    def check_consistency(self, memory: Memory, here: Measurement) -> tuple[Memory, bool]:
         """The memory at the end of an interval, alarmed if the interval contradicts it.
 
         If the interval before did as well, and from the same view, the data are forgotten.
