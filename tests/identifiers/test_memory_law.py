@@ -121,7 +121,7 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
             found = quotient(memory.means, log.plant.system.space)
             assert found is not None
             cost, _ = found.weighted(theta, memory)
-            ahead, seen = law.memory.settle(theta, memory)
+            ahead, seen = law.memory.implicit_step(theta, memory)
             assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
             old, new = (reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
                         for x in (theta, ahead))  # fmt: skip
@@ -210,7 +210,7 @@ def test_what_no_row_observes_stays_where_it_was(levels):
     assert memory is not None
     memory, theta, moved = law.memory.recorder.absorb_blocks(memory), law.prior, 0.0
     for _ in range(5):
-        ahead, _ = law.memory.settle(theta, memory)
+        ahead, _ = law.memory.implicit_step(theta, memory)
         moved = max(moved, float(np.abs((ahead - theta) / space.scale).max()))
         theta = ahead
     turn = (law.metric.mirror(theta)[0] - law.metric.mirror(law.prior)[0]) @ free

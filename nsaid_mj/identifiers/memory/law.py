@@ -122,11 +122,11 @@ class ImplicitMemory(DataMemory):
             conserved = self.metric.conserved
             spent += float(conserved(state.theta_hat) - conserved(theta))
         elif not memory.alarmed:
-            theta, memory = self.settle(theta, memory)
+            theta, memory = self.implicit_step(theta, memory)
             spent += self._cost(state.theta_hat, theta)
         return state._replace(theta_hat=theta, memory=memory, spent=spent)
 
-    def settle(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
+    def implicit_step(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
         """(p,) θ⁺ after an implicit step from θ̂, and the memory with its view of what comes next.
 
         θ̂ itself where the memory says nothing yet.
