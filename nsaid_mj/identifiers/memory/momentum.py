@@ -65,7 +65,7 @@ class Rows:
         lag = self.system._W_M(q, v)
         return Balance(lag, q, np.zeros(self.system.n), np.zeros_like(lag), 0)
 
-    def anew(self, balance: Balance, q: Array, v: Array) -> Balance:
+    def restart(self, balance: Balance, q: Array, v: Array) -> Balance:
         """The balance at a sample, with nothing of the past behind the leak."""
         lag = self.system._W_M(q, v)
         return balance._replace(lag=lag, total=np.zeros_like(lag), filled=0)

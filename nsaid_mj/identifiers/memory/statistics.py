@@ -383,9 +383,9 @@ class Recorder:
             return memory._replace(scores=scores, alarmed=alarmed and sure), False
         shaken = memory.shaken
         if shaken is not None:
-            shaken = self.rows.anew(shaken, *self._shake(memory.step, here.q, here.v))
+            shaken = self.rows.restart(shaken, *self._shake(memory.step, here.q, here.v))
         return Memory(
-            memory.step, self.rows.anew(memory.balance, here.q, here.v), shaken,
+            memory.step, self.rows.restart(memory.balance, here.q, here.v), shaken,
             memory.fresh, memory.stirs, Means.none(n, p, self.fade, shaken is not None),
             Scores.none(p), trusted=memory.trusted, kept=memory.trusted.plant,
         ), True  # fmt: skip
