@@ -94,7 +94,7 @@ class Quotient:
         excess = np.zeros_like(seen)
         if means.noise is not None:
             certain = max(0.5, 1 - _SURE / np.sqrt(means.blocks))
-            excess = _told_apart(means.gathered_noise(view.rho, share), seen, certain)
+            excess = _conservative_noise(means.gathered_noise(view.rho, share), seen, certain)
         if kept is not None:
             seen = seen + kept
         reference = np.mean(self.effort / effort[:, None], axis=0)
@@ -154,7 +154,7 @@ def positive(space: ParameterSpace) -> Array:
     return mask
 
 
-def _told_apart(excess: Array, whole: Array, certain: float) -> Array:
+def _conservative_noise(excess: Array, whole: Array, certain: float) -> Array:
     """B ⪰ 0, and all of `whole` ⪰ 0 in directions of which its share is not below `certain`."""
     size = np.diag(whole)
     scale = np.sqrt(np.where(size > 0, size, 1.0))
