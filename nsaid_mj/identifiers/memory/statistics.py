@@ -122,7 +122,7 @@ class Means(NamedTuple):
         return np.asarray(whole - np.tensordot(2 * share * rho, lagged, 1), dtype=np.float64)
 
     @staticmethod
-    def none(n: int, p: int, fade: float, noisy: bool) -> Means:
+    def empty(n: int, p: int, fade: float, noisy: bool) -> Means:
         """Means of no block."""
         flat, cube = np.zeros((n, p)), np.zeros((n, p, p))
         noise = np.zeros((2, n, p, p)) if noisy else None
@@ -189,7 +189,7 @@ class Scores(NamedTuple):
     recent: tuple[float, int]
 
     @staticmethod
-    def none(p: int) -> Scores:
+    def empty(p: int) -> Scores:
         """Of no block."""
         return Scores(
             None, np.zeros((_NEIGHBOURS, p)), np.zeros((p, p)), np.zeros(p), 0.0, (0.0, 0)
@@ -312,7 +312,7 @@ class Recorder:
         nothing = np.zeros((0, n, p))
         return Memory(
             0, self.rows.begin(first.q, first.v), shaken, nothing, nothing,
-            Means.none(n, p, self.fade, not exact), Scores.none(p),
+            Means.empty(n, p, self.fade, not exact), Scores.empty(p),
         )  # fmt: skip
 
     def follow(self, memory: Memory, log: Log) -> Memory:
@@ -386,8 +386,8 @@ class Recorder:
             shaken = self.rows.restart(shaken, *self._shake(memory.step, here.q, here.v))
         return Memory(
             memory.step, self.rows.restart(memory.balance, here.q, here.v), shaken,
-            memory.fresh, memory.stirs, Means.none(n, p, self.fade, shaken is not None),
-            Scores.none(p), trusted=memory.trusted, kept=memory.trusted.plant,
+            memory.fresh, memory.stirs, Means.empty(n, p, self.fade, shaken is not None),
+            Scores.empty(p), trusted=memory.trusted, kept=memory.trusted.plant,
         ), True  # fmt: skip
 
     def _shaken(self, step: int, log: Log, middle: Middle) -> tuple[Log, Middle]:
