@@ -90,11 +90,11 @@ class Quotient:
         effort, share = self.effort @ theta**2, means.blocks * view.share
         if means.noise is None and kept is None:
             return Quotient(means.innovations(view.rho), self.effort, share * effort), view
-        seen = means.gathered(view.rho, share)
+        seen = means.weighted_sum(view.rho, share)
         excess = np.zeros_like(seen)
         if means.noise is not None:
             certain = max(0.5, 1 - _SURE / np.sqrt(means.blocks))
-            excess = _conservative_noise(means.gathered_noise(view.rho, share), seen, certain)
+            excess = _conservative_noise(means.weighted_noise(view.rho, share), seen, certain)
         if kept is not None:
             seen = seen + kept
         reference = np.mean(self.effort / effort[:, None], axis=0)
