@@ -1,4 +1,4 @@
-"""RK4 of (44) and (45), compiled: one loop for every kind of motion, whatever the law's metric."""
+"""RK4 integration of (44) and (45), compiled: one loop for every kind of motion and metric."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .metric import Flat, adapt, chart, enter, hold, leave, sound
 
 @njit(cache=True)
 def work_room(law, n, p):
-    """What a step works with: its start, its stages' z = (v̂, η), RK4's total, a rate, θ̂."""
+    """Allocates the workspace of a step: start, stage z = (v̂, η), weighted sum, rate, θ̂, chart."""
     k, like = (n + p,), law.K
     start, z, total, rate = zeros(k, like), zeros(k, like), zeros(k, like), zeros(k, like)
     return start, z, total, rate, zeros((p,), like), chart(law)
@@ -23,7 +23,7 @@ def work_room(law, n, p):
 
 @njit(cache=True)
 def begin(law, work, v_hat, theta_hat):
-    """Sets out from v̂ (n,) and θ̂ (p,)."""
+    """Initialises a step's workspace at v̂ (n,) and θ̂ (p,)."""
     start, z, total, _, theta, scratch = work
     n = v_hat.shape[0]
     copy_into(v_hat, start[:n])
@@ -35,16 +35,16 @@ def begin(law, work, v_hat, theta_hat):
 
 @njit(cache=True)
 def advance(law, work, v, a_hat, gradient, weight, reach):
-    """Adds a stage's rates to RK4's total; z and θ̂ become the next stage's, at last the end's.
+    """Adds a stage's rates to the weighted sum; moves z and θ̂ to the next stage or the step's end.
 
     Args:
-        law: with K and its metric.
-        work: of `room`.
-        v: (n,) measured.
+        law: the gain K and the metric.
+        work: the workspace, of `work_room`.
+        v: (n,) measured velocity.
         a_hat: (n,) â of (29).
         gradient: (p,) Wᵀ Δv.
-        weight: of the stage in the step [s].
-        reach: to the next stage [s]; 0 after the last.
+        weight: weight of the stage in the step [s].
+        reach: time from the step's start to the next stage [s]; 0 after the last stage.
     """
     start, z, total, rate, theta, scratch = work
     n = v.shape[0]
@@ -71,17 +71,17 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 
 @njit(cache=True, nogil=True)
 def follow(law, motion, v_hats, theta_hats, pivots):
-    """Follows a motion of N samples.
+    """Integrates (44, 45) along a motion of N samples.
 
     Args:
-        law: with its gains.
-        motion: of a body or a tree.
-        v_hats: (N, n) estimates, written from row 1 on; row 0 is where they start.
-        theta_hats: (N, p) likewise.
-        pivots: (N,) M̂'s smallest pivot in the step up to there.
+        law: the gain K and the metric.
+        motion: any of `dynamics.motions`.
+        v_hats: (N, n) v̂, written from row 1 on; row 0 is the initial value.
+        theta_hats: (N, p) θ̂, written from row 1 on; row 0 is the initial value.
+        pivots: (N,) M̂'s smallest pivot in the step that ends at the row; written from row 1 on.
 
     Returns:
-        The row at which M̂ was not positive definite, or θ̂ outside; N where all went well.
+        The first row at which M̂ was not positive definite or θ̂ left its domain; N if none.
     """
     t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
     stages, work = stage_room(motion, law.K), work_room(law, n, p)
@@ -113,18 +113,18 @@ def follow(law, motion, v_hats, theta_hats, pivots):
 
 @njit(cache=True, nogil=True)
 def follow_eight(K, Gamma, motion, v_hats, theta_hats, pivots):
-    """The same for eight identifiers of a tree with the paper's law, abreast.
+    """Integrates eight identifiers of a tree with the paper's law, one SIMD lane per identifier.
 
     Args:
-        K: (n, 8) their gains' diagonals.
-        Gamma: (p, 8) likewise.
-        motion: of a tree.
-        v_hats: (N, n, 8) as for one.
-        theta_hats: (N, p, 8) likewise.
-        pivots: (N, 8) likewise.
+        K: (n, 8) diagonals of the gains K.
+        Gamma: (p, 8) diagonals of the gains Γ.
+        motion: of a tree, N samples.
+        v_hats: (N, n, 8) v̂, written from row 1 on; row 0 is the initial value.
+        theta_hats: (N, p, 8) θ̂, written from row 1 on; row 0 is the initial value.
+        pivots: (N, 8) M̂'s smallest pivots; written from row 1 on.
 
     Returns:
-        The row at which any of them failed; N where all went well.
+        The first row at which any of them failed; N if none did.
     """
     law = Flat(eights(K), eights(Gamma))
     return follow(law, motion, eights(v_hats), eights(theta_hats), eights(pivots))
