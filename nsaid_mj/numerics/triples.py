@@ -1,7 +1,7 @@
-"""Vectors of three numbers and rotations of nine, compiled: no array, so all stay in registers.
+"""Compiled 3-vectors and rotations without array allocation, so that they stay in registers.
 
-A vector is a tuple of three floats. Rotations are the first nine columns of a row of an array, body
-to parent.
+A vector is a tuple of three floats. A rotation, from body to parent axes, is the first nine entries
+of an array's row, row by row.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from numba import njit
 
 @njit(cache=True)
 def three(x, b, i):
-    """x[b, i : i + 3]."""
+    """The vector x[b, i : i + 3]."""
     return x[b, i], x[b, i + 1], x[b, i + 2]
 
 
 @njit(cache=True)
 def put(x, b, i, one, other):
-    """Writes two vectors into x[b, i : i + 6]."""
+    """Writes two vectors into x[b, i : i + 6], such as the two halves of a twist."""
     x[b, i], x[b, i + 1], x[b, i + 2] = one
     x[b, i + 3], x[b, i + 4], x[b, i + 5] = other
 
@@ -30,7 +30,7 @@ def add(a, b):
 
 @njit(cache=True)
 def scale(s, a):
-    """A number s times a."""
+    """s a for a number s."""
     return s * a[0], s * a[1], s * a[2]
 
 
@@ -48,7 +48,7 @@ def cross(a, b):
 
 @njit(cache=True)
 def forth(x, b, a):
-    """R a, from a body's axes to its parent's."""
+    """R a: rotates a vector from the axes of body b to its parent's."""
     return (
         x[b, 0] * a[0] + x[b, 1] * a[1] + x[b, 2] * a[2],
         x[b, 3] * a[0] + x[b, 4] * a[1] + x[b, 5] * a[2],
@@ -58,7 +58,7 @@ def forth(x, b, a):
 
 @njit(cache=True)
 def back(x, b, a):
-    """Rᵀ a, from a parent's axes to its body's."""
+    """Rᵀ a: rotates a vector from the parent's axes to those of body b."""
     return (
         x[b, 0] * a[0] + x[b, 3] * a[1] + x[b, 6] * a[2],
         x[b, 1] * a[0] + x[b, 4] * a[1] + x[b, 7] * a[2],
@@ -68,7 +68,7 @@ def back(x, b, a):
 
 @njit(cache=True)
 def symmetric(inertia, a):
-    """I a of I = (xx, xy, yy, xz, yz, zz)."""
+    """I a for a symmetric matrix I = (xx, xy, yy, xz, yz, zz)."""
     xx, xy, yy, xz, yz, zz = inertia
     return (
         xx * a[0] + xy * a[1] + xz * a[2],
