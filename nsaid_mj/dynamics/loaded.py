@@ -23,7 +23,7 @@ _W, _A, _F, _G, MOTION = 0, 6, 12, 18, 21  # columns of a motion
 
 
 @njit(cache=True)
-def loaded_work(loaded, n):
+def loaded_workspace(loaded, n):
     """Room for the bodies' motions, inertias and powers, M̂ and its factor, for every stage."""
     bodies = loaded[0][1].shape[0]
     return (

@@ -19,7 +19,7 @@ from ..numerics.spatial import bracket, coadjoint
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .interpolation import tree_half_way
-from .loaded import loaded_gradient, loaded_work
+from .loaded import loaded_gradient, loaded_workspace
 from .structures import ConstantInertia, Linkage, LoadedTree
 from .tree import MOTION, STATE, tree_gradient, tree_place
 
@@ -168,7 +168,7 @@ def _stage_room(motion, like):
         return np.zeros((n, n)), np.zeros((n, n))
 
     def loaded(motion, like):
-        return loaded_work(motion.loaded, motion.v.shape[1])
+        return loaded_workspace(motion.loaded, motion.v.shape[1])
 
     def tensor(motion, like):
         n = motion.v.shape[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..dynamics.loaded import MOTION, accelerate, loaded_work, push, swing
+from ..dynamics.loaded import MOTION, accelerate, loaded_workspace, push, swing
 from ..dynamics.tree import SLIP, STATE, TWIST, tree_place
 from ..numerics.spatial import bracket
 from .compiled import write_reach
@@ -146,7 +146,7 @@ def evaluate(loaded, state, v, u, F, w, theta):
     n, p = F.shape
     joints_end = loaded[0][3][3] + n - 6
     rest, a = np.ascontiguousarray(F[:, joints_end:]), np.empty(n)
-    pivot = accelerate(loaded, state, v, u, rest, w, theta, loaded_work(loaded, n), a)
+    pivot = accelerate(loaded, state, v, u, rest, w, theta, loaded_workspace(loaded, n), a)
     if not pivot > 0.0:
         a[:] = 0.0
     W = inertial(loaded, state, v, w, a, p) - F
