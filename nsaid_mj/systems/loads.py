@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..dynamics.loaded import MOTION, accelerate, loaded_workspace, push, swing
+from ..dynamics.loaded import MOTION, accelerate, add_accelerations, loaded_workspace, write_twists
 from ..dynamics.tree import SLIP, STATE, TWIST, tree_place
 from ..numerics.spatial import bracket
 from .compiled import write_reach
 
 
 @njit(cache=True)
-def placed(linkage, q, v):
+def states_of(linkage, q, v):
     """(N, b, ·) states of `recursion` at N samples."""
     states = np.empty((v.shape[0], linkage[1].shape[0], STATE))
     for k in range(v.shape[0]):
@@ -46,7 +46,7 @@ def _add(loaded, reach, x, W):
 
 
 @njit(cache=True)
-def _both(twists):
+def _for_both_kinds(twists):
     """(b, 2, 6) the same of inertias with weight and without."""
     x = np.empty((twists.shape[0], 2, 6))
     x[:, 0], x[:, 1] = twists, twists
@@ -59,14 +59,14 @@ def inertial(loaded, state, v, w, a, p):
     linkage, n = loaded[0], v.shape[0]
     rotor, viscous = linkage[3][:2]
     W, motion = np.zeros((p, n)), np.empty((state.shape[0], MOTION))
-    swing(linkage, state, v, w, motion)
-    push(linkage, state, a, motion)
+    write_twists(linkage, state, v, w, motion)
+    add_accelerations(linkage, state, a, motion)
     reach = _reach(linkage, state, n, False)
-    _add(loaded, reach, _both(motion[:, 6:12]), W)
+    _add(loaded, reach, _for_both_kinds(motion[:, 6:12]), W)
     for b in range(state.shape[0]):
         for j in range(n):
             reach[b, :, j] = -bracket(6, motion[b, :6], reach[b, :, j])
-    _add(loaded, reach, _both(state[:, TWIST : TWIST + 6]), W)
+    _add(loaded, reach, _for_both_kinds(state[:, TWIST : TWIST + 6]), W)
     for k in range(viscous - rotor):
         W[rotor + k, 6 + k] = a[6 + k]
     return np.ascontiguousarray(W.T)
@@ -77,7 +77,7 @@ def transport(loaded, state, n, p):
     """(n, p) of C(x)ᵀ v = Ṁ v − C v = Σ (dJ_i/dt)ᵀ I_i V_i, taken in an inertial frame."""
     W = np.zeros((p, n))
     reach = _reach(loaded[0], state, n, True)
-    _add(loaded, reach, _both(state[:, TWIST : TWIST + 6]), W)
+    _add(loaded, reach, _for_both_kinds(state[:, TWIST : TWIST + 6]), W)
     return np.ascontiguousarray(W.T)
 
 
@@ -88,7 +88,7 @@ def mass_tensor(loaded, state, n, p):
     tensor, reach = np.empty((n, n, p)), _reach(loaded[0], state, n, False)
     for j in range(n):
         W = np.zeros((p, n))
-        _add(loaded, reach, _both(reach[:, :, j]), W)
+        _add(loaded, reach, _for_both_kinds(reach[:, :, j]), W)
         tensor[j] = W.T
     for k in range(viscous - rotor):
         tensor[6 + k, 6 + k, rotor + k] = 1.0
@@ -96,7 +96,7 @@ def mass_tensor(loaded, state, n, p):
 
 
 @njit(cache=True)
-def _falls(linkage, state):
+def _gravity_in_bodies(linkage, state):
     """(b, 3) gravity in the bodies' axes [m/s²]."""
     _, numbers, gravity, _ = linkage
     falls = np.empty((state.shape[0], 3))
@@ -123,7 +123,7 @@ def forces(loaded, states, v, u, p):
     F, x = np.empty((samples, n, p)), np.zeros((states.shape[1], 2, 6))
     for s in range(samples):
         W = np.zeros((p, n))
-        x[:, 1, :3] = _falls(loaded[0], states[s])
+        x[:, 1, :3] = _gravity_in_bodies(loaded[0], states[s])
         _add(loaded, _reach(loaded[0], states[s], n, False), x, W)
         F[s] = W.T
         _add_joints(loaded[0], states[s], v[s], u[s], F[s])
@@ -184,9 +184,9 @@ def _write_balance(loaded, leak, state, v, momentum, drive):
     n = v.shape[0]
     rotor, viscous = linkage[3][:2]
     J, J_dot = _reach(linkage, state, n, False), _reach(linkage, state, n, True)
-    x = _both(state[:, TWIST : TWIST + 6])
+    x = _for_both_kinds(state[:, TWIST : TWIST + 6])
     y = leak * x
-    y[:, 1, :3] += _falls(linkage, state)
+    y[:, 1, :3] += _gravity_in_bodies(linkage, state)
     momentum[:], drive[:] = 0.0, 0.0
     for e in range(places.shape[0]):
         at, k = places[e], parameters[e]

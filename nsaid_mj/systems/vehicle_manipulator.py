@@ -92,7 +92,7 @@ class VehicleManipulator(JointTree):
 
     def _state(self, q: Array, v: Array) -> Array:
         """(b, ·) of `dynamics.tree`."""
-        return loads.placed(self.loaded.linkage, q[None], v[None])[0]
+        return loads.states_of(self.loaded.linkage, q[None], v[None])[0]
 
     def _W_M(self, q: Array, a: Array) -> Array:
         still = np.zeros(self.n)
@@ -113,7 +113,7 @@ class VehicleManipulator(JointTree):
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
         """(N, n, p) F for N samples, compiled."""
-        return self._forces(loads.placed(self.loaded.linkage, q, v), v, u)
+        return self._forces(loads.states_of(self.loaded.linkage, q, v), v, u)
 
     def _forces(self, states: Array, v: Array, u: Array) -> Array:
         F = loads.forces(self.loaded, states, v, u, self.p)
@@ -125,7 +125,7 @@ class VehicleManipulator(JointTree):
     ) -> tuple[Array, Array, Array, Array]:
         """The terms of the momentum balance behind a leak, compiled."""
         linkage, held = self.loaded.linkage, log.u[:-1]
-        states, middles = loads.placed(linkage, log.q, log.v), loads.placed(linkage, q, v)
+        states, middles = loads.states_of(linkage, log.q, log.v), loads.states_of(linkage, q, v)
         terms = loads.balance(self.loaded, leak, states, middles, log.v, v, held, self.p)
         for F, those in zip(terms[1:], (states[:-1], middles, states[1:]), strict=True):
             F[:, :, self._vehicle :] = self.applied(those, held)

@@ -274,7 +274,7 @@ def test_a_stage_is_that_of_the_regressors(name):
         x, w, _, u, _ = draw(system, seed)
         q, v = system.split(x)
         theta = possible(name, system)
-        states = loads.placed(tree.linkage, q[None], v[None])
+        states = loads.states_of(tree.linkage, q[None], v[None])
         for sign in (1, -1):
             pivot = loaded_gradient(
                 tree, states[0], v, u, system.applied(states, u[None])[0], w, sign * theta, work,
