@@ -127,7 +127,7 @@ class NullspaceIdentifier(Identifier):
         return self.follow(state, Log.unchecked(*(np.array(part, np.float64) for part in pair)))[0]
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """RK4 steps of (44, 45) along a log, and the memory's updates where it has one.
+        """RK4 steps of (44, 45) along a log, with the memory's updates if there is one.
 
         Raises:
             InvalidInput: the log's widths are not the system's.
