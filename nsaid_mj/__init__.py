@@ -1,8 +1,8 @@
-"""What are a robot's true parameters, plant and actuators together, seen only by how it moves?
+"""Identifies a robot's true parameters, plant and actuators together, from its motion alone.
 
-Nullspace adaptive identification (NS-AID) on MuJoCo. Names are imported when first used, so that
-`import nsaid_mj` costs nothing. Vehicles, systems, drivers and identifiers are found by the files
-they are in: a new file in one of these folders is enough to make its classes public.
+Nullspace adaptive identification (NS-AID) on MuJoCo. Names are imported on first use, so that
+`import nsaid_mj` is fast. Vehicles, systems, drivers and identifiers are discovered by file: a new
+file in one of their folders is enough to make its classes public.
 """
 
 import re
@@ -36,12 +36,12 @@ _FOUND = {
     "plants/*.py": r"^class (\w+Plant)\(",
     "systems/*.py": r"^class ([A-Z]\w*)\b(?!\(NamedTuple\))",
 }
-"""Files, and the pattern of the lines in them that define public classes."""
+"""Glob patterns of files, and regular expressions of the lines that define public classes."""
 
 
 @cache
 def _homes() -> dict[str, str]:
-    """The module of every public name; read from the files' text, nothing is imported."""
+    """The module of every public name, found in the files' text without importing them."""
     homes = {name: module for module, names in _NAMED.items() for name in names}
     package = Path(__file__).parent
     for files, pattern in _FOUND.items():

@@ -1,8 +1,8 @@
 """Types with bounds for the fields of a configuration, and errors that name the field.
 
 A configuration is a frozen dataclass that derives from `Config` and is decorated with `config`.
-Pydantic checks every field against its annotation whenever an object is made; what it refuses is
-raised as `InvalidInput`. In JSON each configuration carries the name of its class under `$type`.
+Pydantic checks every field against its annotation whenever an object is made; its errors are raised
+as `InvalidInput`. In JSON each configuration has the name of its class under `$type`.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ TYPE = "$type"
 """Key of a configuration's class in JSON; no field can have this name."""
 
 LARGEST = 1e15
-"""Upper bound of physical quantities in SI units: its fourth power is far from overflow."""
+"""Upper bound of physical quantities in SI units; its fourth power is far below overflow."""
 
 Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
 Share = Annotated[float, Field(strict=True, ge=0, lt=1)]
-"""A share in [0, 1), such as a spread: 0 is none, and all would leave nothing."""
+"""A share in [0, 1), such as a relative spread."""
 PositiveShare = Annotated[float, Field(strict=True, gt=0, le=1)]
 Tones = Annotated[int, Field(strict=True, ge=1, le=1000)]
-"""Number of sines in a signal: a thousand of them already take a megabyte for each second."""
+"""Number of sines in a signal; a thousand of them already need a megabyte per second."""
 Seed = Annotated[int, Field(strict=True, ge=0, le=2**64)]
 
 Flag = Annotated[bool, Field(strict=True)]
@@ -54,10 +54,10 @@ _C = TypeVar("_C", bound=type)
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field, Field))
 def config(cls: _C) -> _C:
-    """Makes a frozen dataclass whose fields are checked against their annotations.
+    """Decorator: a frozen dataclass whose fields are checked against their annotations.
 
     Numbers must be finite. With the types of this module neither `True` nor `"3"` is a number, and
-    1.0 is no whole number. A list is accepted where a tuple is declared.
+    1.0 is not an integer. A list is accepted where a tuple is declared.
     """
     made: Any = dataclass(frozen=True, config=_STRICT)(cls)
     checked = made.__init__
@@ -79,7 +79,7 @@ class Config:
     """Base of all configurations.
 
     Attributes:
-        _path: where a scenario has a configuration of this kind, for messages.
+        _path: the dotted path of such a configuration in a scenario, for messages.
     """
 
     _path: ClassVar[str] = ""
@@ -89,7 +89,7 @@ class Config:
     def _read(cls, value: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
         """Accepts an instance, or a mapping whose `$type` names this class or a subclass."""
         if isinstance(value, cls) and "__pydantic_validator__" not in vars(type(value)):
-            # of a plain dataclass in somebody's script, which has checked nothing yet
+            # a user's subclass that is a plain dataclass, so its fields are not checked yet
             parts = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
             return _adapter(type(value)).validate_python(parts | {TYPE: type(value).__name__})
         if not isinstance(value, dict):
@@ -104,14 +104,14 @@ class Config:
 
     @model_serializer
     def _write(self) -> dict[str, Any]:
-        """The fields of the instance's own class, after the class's name."""
+        """The class's name under `$type`, then the fields of the instance's own class."""
         return {TYPE: type(self).__name__} | {f.name: getattr(self, f.name) for f in fields(self)}
 
     @classmethod
     def __get_pydantic_json_schema__(
         cls, core_schema: Any, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """The fields and `$type`; of an abstract class, all classes that derive from it."""
+        """The schema of the fields and `$type`; for an abstract class, of all its subclasses."""
         if inspect.isabstract(cls):
             kinds = kinds_of(cls).values()
             return {"oneOf": [_typed(kind, _adapter(kind).core_schema, handler) for kind in kinds]}
@@ -119,7 +119,7 @@ class Config:
 
 
 def _typed(cls: type, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-    """The JSON schema of a class, with the key that tells it apart."""
+    """The JSON schema of a class, including the key `$type` that discriminates it."""
     found = handler.resolve_ref_schema(handler(core_schema))
     found["properties"] = {TYPE: {"const": cls.__name__}} | found.get("properties", {})
     found["required"] = [TYPE, *found.get("required", [])]
@@ -127,7 +127,10 @@ def _typed(cls: type, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[s
 
 
 def kinds_of(cls: type[Config]) -> dict[str, type[Config]]:
-    """All concrete classes of a kind by name, among them those of the scripts that are loaded."""
+    """All concrete subclasses by name, and the class itself if concrete.
+
+    Subclasses defined in scripts count once the script is loaded.
+    """
     found: dict[str, type[Config]] = {}
     if not inspect.isabstract(cls):
         found[cls.__name__] = cls
@@ -147,18 +150,21 @@ def refusal(
     names: list[str] | None = None,
     remedy: str = "",
 ) -> InvalidInput:
-    """The first complaint of pydantic about a configuration.
+    """Converts pydantic's first error about a configuration.
 
     Args:
-        error: what pydantic raised.
-        cls: what was to be made.
-        names: of the arguments by position.
-        remedy: what to do; left out, the field's default.
+        error: raised by pydantic.
+        cls: the configuration's class.
+        names: the arguments' names by position.
+        remedy: of the message; by default the field's default value.
+
+    Returns:
+        The error to raise, which names the field.
     """
     first = error.errors(include_url=False)[0]
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InvalidInput):
-        return cause  # of a check that relates several fields
+        return cause  # raised by a validator of several fields
     where = [*first["loc"]]
     if where and isinstance(where[0], int) and names and where[0] < len(names):
         where[0] = names[where[0]]
@@ -180,7 +186,7 @@ def _plain(value: object) -> bool:
 
 
 def shown(value: object) -> object:
-    """A value as a message can show it: a long one, or one that cannot be written, in brief."""
+    """A value for display in a message, shortened if its text is long or cannot be formed."""
     try:
         text = str(value)
     except ValueError:  # Python writes no integer of more than 4300 digits

@@ -1,7 +1,7 @@
-"""What can be wrong, told as: what was expected, what came, what to do.
+"""Errors and warnings. Their messages say what was expected, what was found, and what to do.
 
-Every error this package raises on purpose derives from `NsaidError` and carries its data as
-attributes, so that a script can act on it without reading the message.
+Every error that this package raises on purpose derives from `NsaidError` and has its data as
+attributes, so that a script can act on it without parsing the message.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ class InvalidInput(NsaidError, ValueError):
     """A value that cannot be used.
 
     Attributes:
-        name: what was given, as the caller knows it.
+        name: of the value, as the caller knows it.
         expected: what would have been accepted.
-        got: what came.
+        got: the value, or what is wrong with it.
         remedy: what to do about it.
     """
 
@@ -30,12 +30,12 @@ class InvalidInput(NsaidError, ValueError):
 
 
 class UnknownName(NsaidError, KeyError):
-    """A name that is in no list, with the near ones.
+    """A name that does not exist, with similar names that do.
 
     Attributes:
         kind: what was looked up ("robot", "scenario").
-        name: what was asked for.
-        near: the closest valid names, best first.
+        name: the name that was given.
+        near: the most similar valid names, best first.
         choices: all valid names.
     """
 
@@ -59,7 +59,7 @@ class BadRobot(NsaidError):
 
     Attributes:
         robot: its name or file.
-        part: the link or joint at fault ("" where it is the whole robot).
+        part: the link or joint at fault; "" for the robot as a whole.
         reason: what is wrong with it.
         remedy: what to do about it.
     """
@@ -71,15 +71,15 @@ class BadRobot(NsaidError):
 
 
 class EnginesDisagree(NsaidError):
-    """Two engines compute different dynamics for what should be one robot.
+    """Two engines compute different dynamics for the same robot.
 
     Attributes:
         robot: its name.
         link: the link or joint at which they differ most.
         quantity: "mass matrix", "bias force" or "torque regressor".
         difference: largest relative difference.
-        tolerance: what would have been accepted.
-        engines: the two that were compared.
+        tolerance: largest relative difference that is accepted.
+        engines: the two engines.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class BadRun(NsaidError):
 
 
 class NoEstimate(NsaidError):
-    """A method that was run on a log and found no estimate.
+    """A method found no estimate on a log.
 
     Attributes:
         reason: why.
@@ -129,15 +129,15 @@ class NoEstimate(NsaidError):
 
 
 class NoKernelCache(UserWarning):
-    """Compiled kernels cannot be kept: every process compiles its own.
+    """Compiled kernels cannot be cached, so that every process compiles them again.
 
     Attributes:
-        reason: what the operating system said.
+        reason: the operating system's error.
     """
 
     def __init__(self, reason: object):
         self.reason = reason
         super().__init__(
-            f"compiled kernels cannot be kept ({reason}), so each run compiles them anew, for "
-            "about a minute. Set NUMBA_CACHE_DIR to a folder that can be written."
+            f"compiled kernels cannot be cached ({reason}), so each run compiles them again, for "
+            "about a minute. Set NUMBA_CACHE_DIR to a writable folder."
         )

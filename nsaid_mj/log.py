@@ -1,4 +1,4 @@
-"""What is measured and commanded: one sample, a log of samples, and how noisy the sensors are."""
+"""Measurements and commands: one sample, a log of samples, and the level of sensor noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .parameters import Array
 
 
 class Measurement(NamedTuple):
-    """All an identifier ever sees, in the system's own coordinates.
+    """One sample in the system's own coordinates: all that an identifier sees.
 
     Attributes:
         t: time [s].
@@ -38,12 +38,12 @@ class _Columns(NamedTuple):
 
 
 class Log(_Columns):
-    """What was measured and commanded, in order: N samples, checked when the log is made.
+    """Measurements and commands of N samples, in order of time, checked when the log is made.
 
-    Any array-like of numbers is taken, whatever its strides and float type, and kept as
-    C-contiguous float64 arrays; arrays that are that already are not copied. One coordinate may be
-    given as (N,) in place of (N, 1). Whether m, n and n_u suit a system is checked by the
-    identifier that follows the log.
+    Any array-like of real numbers is accepted, with any strides and number type, and stored as
+    C-contiguous float64 arrays; arrays already of that kind are not copied. A single coordinate
+    may be given as (N,) instead of (N, 1). Whether m, n and n_u match a system is checked by the
+    identifier that processes the log.
 
     Args:
         t: (N,) times [s], strictly increasing; N ≥ 1.
@@ -52,14 +52,14 @@ class Log(_Columns):
         u: (N, n_u) commands; u[k] is held from t[k] to t[k+1].
 
     Raises:
-        InvalidInput: a part is no array of real numbers, has the wrong shape or length, holds NaN
-            or infinity, or the times do not increase.
+        InvalidInput: a part is not an array of real numbers, has the wrong shape or length,
+            contains NaN or infinity, or the times do not increase.
     """
 
     __slots__ = ()
 
     def __new__(cls, t: ArrayLike, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> Log:
-        """Checks the parts, and converts them."""
+        """Checks and converts the parts."""
         times = _numbers("t", t)
         if times.ndim != 1 or not len(times):
             raise InvalidInput("t", "(N,) times, N ≥ 1", f"shape {times.shape}", _REMEDY)
@@ -81,32 +81,40 @@ class Log(_Columns):
 
     @classmethod
     def unchecked(cls, t: Array, q: Array, v: Array, u: Array) -> Log:
-        """A log of arrays that hold what a log must, or that are about to be filled with it.
+        """A log of the given arrays, without checks.
 
-        For producers of measurements, whose last sample may be the one that is not finite. Shapes,
-        lengths and order are the caller's duty: compiled loops do not check them again.
+        For producers of measurements that fill the arrays later, or whose last sample may be
+        non-finite. Shapes, lengths and order are the caller's responsibility: compiled loops do
+        not check them again.
+
+        Args:
+            t: (N,) times [s].
+            q: (N, m) positions.
+            v: (N, n) velocities.
+            u: (N, n_u) commands.
         """
         return tuple.__new__(cls, (t, q, v, u))
 
     @classmethod
     def unchecked_of(cls, measurements: Sequence[Measurement]) -> Log:
-        """The log of one or more measurements in order, unchecked: see `unchecked`."""
+        """The log of one or more measurements in order of time, without checks; see `unchecked`."""
         parts = zip(*measurements, strict=True)
         return cls.unchecked(*(np.array(part, dtype=np.float64) for part in parts))
 
     @staticmethod
     def of(measurements: Sequence[Measurement]) -> Log:
-        """The log of one or more measurements in order.
+        """The log of one or more measurements in order of time, checked.
 
         Raises:
-            InvalidInput: as for the class.
+            InvalidInput: there is no measurement, one has a wrong shape or is not finite, or the
+                times do not increase.
         """
         if not len(measurements):
             raise InvalidInput("measurements", "one or more", "none", "A log begins with a sample.")
         return Log(*zip(*measurements, strict=True))  # pyright: ignore[reportArgumentType]
 
     def _replace(self, **parts: ArrayLike) -> Log:
-        """The log with some of its parts replaced, checked again."""
+        """A copy of the log with some parts replaced, checked again."""
         return Log(**(self._asdict() | parts))
 
     def at(self, k: int) -> Measurement:
@@ -115,33 +123,38 @@ class Log(_Columns):
 
     @property
     def rows(self) -> list[Measurement]:
-        """The measurements."""
+        """The N measurements."""
         return [self.at(k) for k in range(len(self.t))]
 
     def part(self, start: int, end: int) -> Log:
-        """Its measurements start … end − 1."""
+        """The measurements start … end − 1."""
         return Log.unchecked(*(part[start:end] for part in self))
 
     def first(self, count: int) -> Log:
-        """Its first measurements."""
+        """The first `count` measurements."""
         return self.part(0, count)
 
     def until(self, duration: float) -> Log:
-        """The log's first `duration` seconds."""
+        """The measurements of the first `duration` seconds."""
         end = np.searchsorted(self.t, self.t[0] + duration * (1 + 1e-9), side="right")
         return self.first(int(end))
 
     @property
     def step(self) -> float:
-        """Time between two samples [s], for methods that need it constant.
+        """The sampling interval [s], for methods that need a constant one.
 
         Raises:
-            InvalidInput: it is not, within a thousandth.
+            InvalidInput: there are fewer than 3 samples, or the intervals differ by more than a
+                thousandth of their median.
         """
         steps = np.diff(self.t)
         if len(steps) < 2 or not np.ptp(steps) <= 1e-3 * abs(float(np.median(steps))):
-            raise InvalidInput("t", "at least 3 samples at a constant rate", f"{len(self.t)} times",
-                               "Resample the log.")  # fmt: skip
+            raise InvalidInput(
+                "t",
+                "at least 3 samples at a constant rate",
+                f"{len(self.t)} times",
+                "Resample the log.",
+            )
         return float((self.t[-1] - self.t[0]) / len(steps))
 
 
@@ -162,13 +175,14 @@ def _numbers(name: str, part: ArrayLike) -> Array:
 
 
 def _column(name: str, part: ArrayLike, count: int) -> Array:
-    """(N, ·) rows of a part; (N,) is one column."""
+    """The part as (N, ·) rows; (N,) counts as one column."""
     rows = _numbers(name, part)
     if rows.ndim == 1:
         rows = rows[:, None]
     if rows.ndim != 2 or len(rows) != count:
-        raise InvalidInput(name, f"{count} rows, one for each time", f"shape {np.shape(part)}",
-                           _REMEDY)  # fmt: skip
+        raise InvalidInput(
+            name, f"{count} rows, one for each time", f"shape {np.shape(part)}", _REMEDY
+        )
     return rows
 
 
@@ -180,7 +194,7 @@ def _finite(name: str, part: Array) -> None:
 
 
 class Middle(NamedTuple):
-    """The states half-way between the N samples of a log, for RK4's middle stages.
+    """The states half-way between consecutive samples of a log of N, for RK4's middle stages.
 
     Attributes:
         q: (N−1, m) positions.
@@ -191,15 +205,15 @@ class Middle(NamedTuple):
     v: Array
 
     def part(self, start: int, end: int) -> Middle:
-        """Its states start … end − 1."""
+        """The states start … end − 1."""
         return Middle(self.q[start:end], self.v[start:end])
 
 
 class SensorLevels(NamedTuple):
-    """What sensors are said to be off by: standard deviations, independent from sample to sample.
+    """Assumed standard deviations of the sensors' noise, white from sample to sample.
 
     Attributes:
-        position: of every position number [rad or m].
+        position: of every position coordinate [rad or m].
         velocity: of every velocity [rad/s or m/s].
     """
 
@@ -208,7 +222,7 @@ class SensorLevels(NamedTuple):
 
     @property
     def exact(self) -> bool:
-        """Whether positions may be differentiated."""
+        """Whether there is no noise, so that positions may be differentiated."""
         return self.position == 0 and self.velocity == 0
 
 

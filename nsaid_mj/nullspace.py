@@ -1,9 +1,9 @@
 """The persistent nullspace P_s(θ): its basis, its rank, its directions in words.
 
 All coordinates are θ_s = θ/scale. Rank is decided in one place, `split`, by the singular values of
-the row-normalised stack of W·diag(scale) over many samples: normalising a row changes no
-nullspace, and lets a wrist's newton-metre count as much as a shoulder's. Eigenvalues of the
-Gramian WᵀW would square the condition number, and are not used for rank.
+the row-normalised stack of W·diag(scale) over many samples. Normalising rows does not change the
+nullspace, and gives a wrist's torque the same weight as a shoulder's. Eigenvalues of the Gramian
+WᵀW would square the condition number, and are not used for rank.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from .parameters import Array, Block, Indices, ParameterSpace, phrase
 from .system import SecondOrderSystem
 
 TOLERANCE = 1e-8
-"""Singular values below this share of the largest count as 0. Over the robots of
-example-robot-data the smallest one that counts is 3e-7, the largest one that does not 6e-11 (URDFs
-whose axes are off parallel by a rounded π/2); `Nullspace.gap` shows both for any system."""
+"""Singular values below this share of the largest count as 0. For the robots of example-robot-data
+the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axes meant to be
+parallel but rotated by a rounded π/2 in the URDF). `Nullspace.gap` has both for any system."""
 
-_SMALL = 1e-6  # a weight below this share of the leading one is not told
-_SAME = 1e-7  # rows of P̄ closer than this in angle belong to one direction
+_SMALL = 1e-6  # weights below this share of the leading one are omitted
+_SAME = 1e-7  # 1 − |cosine| below which rows of P̄ count as parallel
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Nullspace:
         P: (p, r) orthonormal basis of P_s(θ), P̄ (33).
         P_perp: (p, p−r) orthonormal basis of P_⊥(θ), P̄_⊥ (35).
         singular_values: (p,) of the stack, largest first, relative to the largest.
-        tolerance: below which they count as 0.
+        tolerance: threshold below which they count as 0.
     """
 
     P: Array
@@ -55,7 +55,7 @@ class Nullspace:
 
     @property
     def gap(self) -> tuple[float, float]:
-        """Smallest singular value that counts, largest that does not (0 where there is none)."""
+        """Smallest singular value above the tolerance and largest below it; 0 if there is none."""
         rank = len(self.singular_values) - self.r
         s = self.singular_values
         return (s[rank - 1] if rank else 0.0, s[rank] if self.r else 0.0)
@@ -95,11 +95,11 @@ def split(stack: Array, tolerance: float = TOLERANCE) -> Nullspace:
 
 
 def structural(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Nullspace:
-    """P_s(θ) over all motions: from random states, with v̇ of (20) under θ.
+    """P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
 
     Args:
         system: the structure.
-        theta: (p,) a parameter with M(x, θ) positive definite.
+        theta: (p,) parameters with M(x, θ) positive definite.
         rng: source of the states.
     """
     return split(regressor_stack(system, theta, rng))
@@ -119,13 +119,13 @@ def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Gene
 
 @dataclass(frozen=True)
 class Direction:
-    """One direction of P_s(θ), told to a roboticist.
+    """One direction of P_s(θ), described for a roboticist.
 
     Attributes:
-        words: what may change without any effect on the motion, in the parameters' labels.
+        words: the change that has no effect on the motion, in terms of the parameters' labels.
         parameters: names of the parameters involved, the leading one first.
-        weights: their changes, in θ/scale, the leading one 1; empty for a common scale.
-        fix: what one known number would fix.
+        weights: their changes in θ/scale, relative to the leading one; empty for a common scale.
+        fix: which parameters one known value would determine.
     """
 
     words: str
@@ -135,11 +135,15 @@ class Direction:
 
 
 def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
-    """The directions of P_s(θ) in words: common scales first, then the others, sparse.
+    """Describes P_s(θ) by a sparse basis in words: common scales first, then trade-offs.
 
-    Two parameters whose rows of P̄ are parallel can only change together: they share a scale. Each
-    group that holds actuators is one common scale. What P_s leaves when these groups are held
-    still is told as one leading parameter traded against few others.
+    Two parameters whose rows of P̄ are parallel can only change together: they share a scale. Every
+    such group that contains actuators is one common scale. The subspace of P_s that leaves these
+    groups unchanged is described by trade-offs of one leading parameter against few others.
+
+    Args:
+        nullspace: the split of the parameter space.
+        space: names and labels of the parameters.
     """
     P = nullspace.P
     found: list[Direction] = []
@@ -157,7 +161,7 @@ def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
 
 
 def _groups(P: Array, actuators: Indices) -> list[Indices]:
-    """For the actuators: sets of parameters whose rows of P̄ are parallel."""
+    """Sets of parameters, each with an actuator, whose rows of P̄ (p, r) are parallel."""
     length = np.linalg.norm(P, axis=1)
     unit = P / np.where(length > 1e-9, length, np.inf)[:, None]
     groups: list[Indices] = []
@@ -169,13 +173,13 @@ def _groups(P: Array, actuators: Indices) -> list[Indices]:
 
 
 def _null(rows: Array) -> Array:
-    """Orthonormal basis (r, k) of what the rows (m, r) do not see."""
+    """(r, k) orthonormal basis of the nullspace of rows (m, r)."""
     _, s, Vt = np.linalg.svd(rows)
     return Vt[int(np.count_nonzero(s > 1e-7)) :].T
 
 
 def _preference(space: ParameterSpace) -> list[int]:
-    """Which parameters are told as the leading one: distal links first, masses first."""
+    """Parameters in order of preference as the leading one: masses first, distal links first."""
     return sorted(
         range(len(space)), key=lambda i: (space.names[i][0] != "m", -_block_number(space, i), i)
     )
@@ -186,7 +190,7 @@ def _block_number(space: ParameterSpace, i: int) -> int:
 
 
 def _pivots(rest: Array, preference: list[int]) -> list[int]:
-    """Parameters that span `rest` (p, k) by themselves, preferred ones first."""
+    """Indices of k parameters whose rows of `rest` (p, k) are independent, preferred ones first."""
     pivots: list[int] = []
     left = rest.copy()
     for threshold in (0.3, 0.03, 1e-4):
@@ -202,9 +206,9 @@ def _pivots(rest: Array, preference: list[int]) -> list[int]:
 
 
 def _sparsen(basis: Array, pivots: list[int]) -> Array:
-    """Combines pairs of columns (p, k) as long as that leaves fewer parameters, or more basal ones.
+    """Combines pairs of columns of a basis (p, k) as long as that reduces `_cost`.
 
-    Column c keeps its pivot's weight at 1.
+    The weight of a column's pivot stays 1.
     """
     basis = np.where(np.abs(basis) > _SMALL, basis, 0.0)
     improved = True
@@ -217,7 +221,7 @@ def _sparsen(basis: Array, pivots: list[int]) -> Array:
                     continue
                 ratios = basis[shared, c] / basis[shared, d]
                 same = np.abs(ratios[:, None] - ratios) <= 1e-8 + 1e-5 * np.abs(ratios)
-                ratio = ratios[np.argmax(same.sum(axis=0))]  # the commonest
+                ratio = ratios[np.argmax(same.sum(axis=0))]  # the most frequent: cancels the most
                 candidate = basis[:, c] - ratio * basis[:, d]
                 candidate[np.abs(candidate) < _SMALL] = 0.0
                 if _cost(candidate) < _cost(basis[:, c]) and abs(candidate[pivot]) > 1e-3:
@@ -227,13 +231,13 @@ def _sparsen(basis: Array, pivots: list[int]) -> Array:
 
 
 def _cost(column: Array) -> tuple[int, int]:
-    """Few parameters first, then those near the base."""
+    """Number of parameters involved, then the sum of their indices: low near the base."""
     involved = np.flatnonzero(column)
     return len(involved), int(involved.sum())
 
 
 def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
-    """The common scale of a group, or of all of θ where there is only one group."""
+    """The common scale of a group, or of all of θ if there is only one group."""
     chosen = set(group.tolist())
     kinds, parts = [], []
     for block, place in space:

@@ -1,8 +1,8 @@
 """Names, units, scale and geometry of θ.
 
-A `ParameterSpace` is an ordered tuple of blocks. `scale` is what an engineer would guess of each
-parameter's size before any measurement; every norm, rank and projection in this package is taken
-in θ_s = θ/scale, so that kilograms and newton-metres compare.
+A `ParameterSpace` is an ordered tuple of blocks. `scale` is an engineer's guess of each parameter's
+magnitude before any measurement; every norm, rank and projection in this package is taken in
+θ_s = θ/scale, so that kilograms and newton-metres are comparable.
 """
 
 from __future__ import annotations
@@ -25,7 +25,13 @@ _SIZES = {"pseudo_inertia": 10}
 
 
 def finite(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str) -> Array:
-    """Returns `value` as a float array of the given shape.
+    """Converts a value to a float array of the given shape.
+
+    Args:
+        name: of the value, for messages.
+        value: the value.
+        shape: the expected shape.
+        remedy: of the messages.
 
     Raises:
         InvalidInput: the shape differs, or an entry is NaN or infinite.
@@ -40,7 +46,11 @@ def finite(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str) -> 
 
 
 def phrase(labels: Iterable[str]) -> str:
-    """Labels in one phrase, those of one part together: "mass and Ixx of link 1, gain of elbow"."""
+    """Joins labels, grouped by the part they belong to.
+
+    For example "mass of link 1", "Ixx of link 1" and "gain of elbow" become "mass and Ixx of
+    link 1, gain of elbow".
+    """
     parts: dict[str, list[str]] = {}
     for label in labels:
         what, _, part = label.partition(" of ")
@@ -55,22 +65,21 @@ def phrase(labels: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class Block:
-    """Neighbouring parameters of one kind.
+    """Consecutive parameters of one kind.
 
     Attributes:
-        name: the kind, as a roboticist says it ("motor gain"); unique in a space.
-        names: one name for each parameter.
+        name: the kind in a roboticist's words ("motor gain"); unique in a space.
+        names: one name for each of the k parameters.
         units: one SI unit for each parameter.
-        scale: (k,) what an engineer would guess beforehand, in these units, > 0.
+        scale: (k,) an engineer's guess of the magnitudes, in these units, > 0.
         geometry: which values are physical: `free` any, `positive` > 0, `pseudo_inertia` the ten
             inertial parameters of one link, `spd` the upper triangle of a symmetric positive
-            definite matrix, `tied` the numbers that such a matrix is made of by `entries`.
+            definite matrix, `tied` the numbers from which `entries` make such a matrix.
         actuator: whether the block scales commands (motors, thrusters, fins, nozzles, wheels).
-        entries: where the geometry is `tied`, rows (i, j, l, value), i ≥ j: the matrix has
-            value · θ_l at i, j and j, i, and is 0 elsewhere. Each θ_l is on its diagonal, there
-            with values > 0, or off it.
-        labels: one for each parameter, for people: "mass of upper_arm_link"; the names where none
-            are given.
+        entries: for the geometry `tied`, rows (i, j, l, value), i ≥ j: the matrix has value · θ_l
+            at (i, j) and (j, i), and 0 elsewhere. Each θ_l appears either on the diagonal, with
+            values > 0, or off it.
+        labels: readable descriptions, such as "mass of upper_arm_link"; by default the names.
     """
 
     name: str
@@ -102,7 +111,7 @@ class Block:
             raise InvalidInput(
                 "names", f"{_SIZES[self.geometry]} names for {self.geometry}", k, remedy
             )
-        if (self.geometry == "tied" or self.entries) and (wrong := self._untied()):
+        if (self.geometry == "tied" or self.entries) and (wrong := self._entries_problem()):
             raise InvalidInput(
                 "entries", "a symmetric matrix of all parameters, if tied", wrong, remedy
             )
@@ -112,8 +121,8 @@ class Block:
     def __len__(self) -> int:
         return len(self.names)
 
-    def _untied(self) -> str:
-        """What is wrong with `entries`; empty where nothing is."""
+    def _entries_problem(self) -> str:
+        """What is wrong with `entries`; empty if they are valid."""
         if self.geometry != "tied":
             return f"entries for {self.geometry}"
         if any(len(entry) != 4 for entry in self.entries):
@@ -135,10 +144,10 @@ class Block:
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """The space θ lives in: blocks in order.
+    """The space of θ (p,): blocks in order.
 
     Attributes:
-        blocks: the blocks; names of blocks and of parameters are unique.
+        blocks: the blocks; names of blocks and names of parameters are unique.
     """
 
     blocks: tuple[Block, ...]
@@ -155,7 +164,7 @@ class ParameterSpace:
         return len(self.scale)
 
     def __iter__(self) -> Iterator[tuple[Block, slice]]:
-        """Yields every block with its place in θ."""
+        """Yields every block with its slice of θ."""
         start = 0
         for block in self.blocks:
             yield block, slice(start, start + len(block))
@@ -168,7 +177,7 @@ class ParameterSpace:
 
     @cached_property
     def labels(self) -> list[str]:
-        """What people call the p parameters, in order."""
+        """Readable descriptions of the p parameters, in order."""
         return [label for block in self.blocks for label in block.labels]
 
     @cached_property
@@ -178,7 +187,7 @@ class ParameterSpace:
 
     @cached_property
     def scale(self) -> Array:
-        """(p,) the engineer's guess of every parameter's size, read-only."""
+        """(p,) an engineer's guess of every parameter's magnitude, read-only."""
         scale = np.concatenate([block.scale for block in self.blocks])
         scale.flags.writeable = False
         return scale
@@ -190,7 +199,7 @@ class ParameterSpace:
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
 
     def __getitem__(self, name: str) -> slice:
-        """The place in θ of the block called `name`.
+        """The slice of θ that belongs to the block called `name`.
 
         Raises:
             UnknownName: there is no such block.
@@ -201,7 +210,7 @@ class ParameterSpace:
         raise UnknownName("parameter block", name, [block.name for block in self.blocks])
 
     def index(self, name: str) -> int:
-        """The place in θ of the parameter called `name`.
+        """The index in θ of the parameter called `name`.
 
         Raises:
             UnknownName: there is no such parameter.
@@ -211,9 +220,13 @@ class ParameterSpace:
         return self.names.index(name)
 
     def check(self, theta: ArrayLike, name: str = "theta") -> Array:
-        """Returns θ as an array of shape (p,).
+        """Converts θ to a float array of shape (p,).
+
+        Args:
+            theta: the parameters.
+            name: of θ, for messages.
 
         Raises:
-            InvalidInput: the shape differs or an entry is not finite.
+            InvalidInput: the shape differs, or an entry is NaN or infinite.
         """
         return finite(name, theta, (len(self),), f"θ has {len(self)} parameters: see `names`.")

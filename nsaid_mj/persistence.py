@@ -1,14 +1,14 @@
 """Persistence of excitation: (2) for all parameters, (75) orthogonally to P(θ).
 
 (2) and (75) bound ‖∫ B w dτ‖ over a window from below for every unit w. Read literally, the
-integral is a vector of n numbers, linear in w: as soon as w has more dimensions than n there is a
+integral is a vector of n numbers, linear in w: as soon as w has more than n dimensions, there is a
 w for which it is 0, and neither condition can hold. The levels here are those of the Gramian,
 
-    ε₀ = min over ‖w‖ = 1 of (δ₀ ∫ ‖B w‖² dτ)^½ = (δ₀ λ_min(∫ BᵀB dτ))^½,
+    ε₀ = min over ‖w‖ = 1 of (δ₀ ∫ ‖B w‖² dτ)^½ = (δ₀ λ_min(∫ BᵀB dτ))^½.
 
-which by Cauchy–Schwarz bounds the literal norm over the window and every part of it from above,
-has the same unit, is positive exactly where no direction stays unexcited throughout the window,
-and is what the proof of Theorem 2 needs (some t_j in the window with ‖B w‖ > 0).
+By Cauchy–Schwarz they bound the literal norm over the window and any part of it from above. They
+have the same unit, are positive if and only if every direction is excited somewhere in the window,
+and are what the proof of Theorem 2 needs (some t_j in the window with ‖B w‖ > 0).
 B is taken in θ/scale coordinates.
 """
 
@@ -24,13 +24,13 @@ def level(window: Array, dt: float, basis: Array | None = None) -> float:
     """ε₀ of one window.
 
     Args:
-        window: (k, n, p) samples of the regressor times diag(scale) [N·m], dt apart.
-        dt: time between them [s].
-        basis: (p, d) orthonormal basis of the subspace that w is restricted to (P̄_⊥ for (75));
-            None is all of it (2).
+        window: (k, n, p) samples of the regressor times diag(scale) [N·m].
+        dt: time between samples [s].
+        basis: (p, d) orthonormal basis of the subspace to which w is restricted (P̄_⊥ for (75));
+            None is the whole space (2).
 
     Returns:
-        ε₀ [N·m·s], by singular values of the stack: 0 is told from 1e-15 of the largest.
+        ε₀ [N·m·s], from the stack's singular values, so that it resolves 1e-15 of the largest.
     """
     k, n, p = window.shape
     B = window.reshape(k * n, p)
@@ -42,16 +42,20 @@ def level(window: Array, dt: float, basis: Array | None = None) -> float:
 
 
 class PersistenceMonitor:
-    """Levels of (2) and (75) as the run goes on, from the identifier's own regressor.
+    """Levels of (2) and (75) during a run, from the identifier's own regressor.
 
-    The identifier knows no P(θ). By Courant and Fischer the (r+1)-th smallest eigenvalue of the
-    window's Gramian bounds the level on any subspace of dimension p − r from above, so that is
-    what it shows for (75); the summary has the exact one, after the fact.
+    As P(θ) is unknown during a run, the level of (75) is replaced by an upper bound: by Courant and
+    Fischer, the (r+1)-th smallest eigenvalue of the window's Gramian bounds the level on any
+    subspace of dimension p − r. The summary has the exact level.
 
     Args:
         p: number of parameters.
         r: dim P_s, from the structure under the prior.
         window: δ₀ [s].
+
+    Attributes:
+        level: ε₀ of (2) in the last complete window [N·m·s].
+        level_perp: upper bound of ε₀ of (75) in the last complete window [N·m·s].
 
     Raises:
         InvalidInput: the window is not positive.
@@ -64,7 +68,7 @@ class PersistenceMonitor:
         self.level, self.level_perp = 0.0, 0.0
 
     def add(self, W_s: Array, dt: float) -> None:
-        """Adds a sample W·diag(scale) (n, p) that stands for dt seconds."""
+        """Adds a sample W·diag(scale) (n, p) that represents dt seconds."""
         self._samples.append(np.sqrt(dt) * W_s)
         self._time += dt
         if self._time >= self._window * (1 - 1e-9):

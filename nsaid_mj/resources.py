@@ -1,4 +1,4 @@
-"""Where scenarios and assets lie: beside the package in a checkout, inside it in a wheel."""
+"""Paths of scenarios and assets (beside the package in a checkout, inside it in a wheel)."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def folder(name: str) -> Path:
-    """The folder `assets` or `scenarios`."""
+    """The path of the folder `assets` or `scenarios`."""
     packed = _PACKAGE / f"_{name}"
     return packed if packed.is_dir() else _PACKAGE.parent / name
 
 
 def asset(vehicle: str, file: str) -> Path:
-    """The path of a vehicle's asset."""
+    """The path of a file in a vehicle's asset folder, whether or not it exists."""
     return folder("assets") / vehicle / file
 
 
 class VehicleFiles(NamedTuple):
-    """Where a vehicle is described.
+    """The files that describe a vehicle.
 
     Attributes:
-        sheet: its numbers; the file exists.
-        model: what it looks like; the file may be missing.
+        sheet: vehicle.toml, its physical parameters; the file exists.
+        model: model.xml, its appearance in MuJoCo; the file may be missing.
     """
 
     sheet: Path
@@ -42,11 +42,11 @@ def vehicle_files(vehicle: str) -> VehicleFiles:
     """Finds a vehicle's files.
 
     Args:
-        vehicle: the name of a folder in assets, or the path of a TOML file or of its folder. A
-            model.xml lies beside it.
+        vehicle: the name of a folder in assets, or the path of a TOML file or of its folder.
+            model.xml is looked for beside the TOML file.
 
     Raises:
-        UnknownName: there is no such vehicle, with near matches.
+        UnknownName: there is no such vehicle; the message lists similar names.
         InvalidInput: the folder has no vehicle.toml.
     """
     names = {path.parent.name for path in folder("assets").glob("*/vehicle.toml")}
@@ -55,9 +55,11 @@ def vehicle_files(vehicle: str) -> VehicleFiles:
         path = path / "vehicle.toml"
         if not path.is_file():
             raise InvalidInput(
-                str(path), "a file with the vehicle's numbers", "no such file",
+                str(path),
+                "a file with the vehicle's numbers",
+                "no such file",
                 "docs/your_vehicle.md shows how to write one.",
-            )  # fmt: skip
+            )
     if path.suffix != ".toml" or not path.is_file():
         remedy = "Give a vehicle of your own by the path of its TOML file or of its folder."
         raise UnknownName("vehicle", vehicle, names, remedy)
@@ -76,7 +78,7 @@ def numbers(vehicle: str) -> dict[str, Any]:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Writes JSON, whole or not at all.
+    """Writes a value as JSON, atomically.
 
     Raises:
         ValueError: a number is NaN or infinite.
@@ -85,16 +87,17 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes text, whole or not at all."""
+    """Writes text as UTF-8, atomically."""
     with atomic_write(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """Gives a temporary path to write to; then syncs it and renames it to `path`.
+    """Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
 
-    A reader finds the old file or the whole new one. Where writing fails, nothing is left behind.
+    A reader sees either the old file or the complete new one. If writing fails, the temporary file
+    is deleted.
     """
     partial = path.with_name(f".{path.name}.part")
     try:

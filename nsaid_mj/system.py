@@ -1,10 +1,9 @@
 """The paper's class of systems: W(t, x, v, v̇) θ = 0.
 
-A `SecondOrderSystem` is structure only: it knows which columns multiply which parameter and holds
-no parameter's value. What differs from system to system is abstract here; what follows from it (the
-paper's W_M, W_C, F for batches, the mass matrix (8), the acceleration (29)) is final. A system that
-knows no more than W_M, W_C, F and its kinematics for one sample derives from
-`systems.general.GeneralSystem`.
+A `SecondOrderSystem` is structure only: it defines the regressors' columns and holds no parameter
+values. What differs between systems is abstract here; what follows from it (the paper's W_M, W_C, F
+for batches, the mass matrix (8), the acceleration (29)) is final. A system that defines only W_M,
+W_C, F and its kinematics for one sample derives from `systems.general.GeneralSystem`.
 
 Symbols: q (m,) position, v (n,) measured velocity, x = (q, v) (m+n,) the combined state (3),
 w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), a (n,)
@@ -25,14 +24,15 @@ from .parameters import Array, ParameterSpace, finite
 
 
 class Motion(Protocol):
-    """What a log of N samples alone decides of every RK4 stage, for any number of identifiers.
+    """All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
 
-    Compiled loops choose their stage by the motion's type; see `dynamics.motions`.
+    Any number of identifiers can share it. The type of the motion selects the code that compiled
+    loops run at every stage; see `dynamics.motions`.
 
     Attributes:
         t: (N,) times [s].
         v: (N, n) velocities at the samples.
-        vm: (N−1, n) velocities half-way between them.
+        vm: (N−1, n) velocities half-way between samples.
     """
 
     @property
@@ -66,11 +66,11 @@ class SecondOrderSystem(ABC):
         m: number of positions.
         n_u: number of commands.
         velocity_units: one SI unit for each velocity.
-        group: how many of the leading velocities are a body twist: 6 in space, 3 in the plane, 0
-            where all velocities are rates of numbers. See `numerics.spatial`.
-        mounts: (k, 3) where the force of every actuator parameter acts in the body's axes [m], NaN
-            where it makes none; None where there is nothing to draw.
-        motion_steps: steps whose motion is held in memory at once.
+        group: number of leading velocities that form a body twist: 6 in space, 3 in the plane, 0
+            if all velocities are rates of coordinates. See `numerics.spatial`.
+        mounts: (k, 3) point of application of every actuator parameter's force, in the body's
+            axes [m], NaN if it exerts no force; None if there is nothing to draw.
+        motion_steps: time steps whose motion is in memory at once.
     """
 
     group: int = 0
@@ -95,7 +95,7 @@ class SecondOrderSystem(ABC):
 
     @abstractmethod
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        """(n, p) with F θ = all forces: gravity, dissipation, actuation."""
+        """(n, p) with F θ the sum of all forces: gravity, dissipation, actuation."""
 
     @abstractmethod
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
@@ -111,7 +111,7 @@ class SecondOrderSystem(ABC):
 
     @abstractmethod
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """What an identifier needs at one sample (t, q, v, u), velocity w and estimate θ."""
+        """(29), (10, 31) and M̂'s pivot at a sample (t, q, v, u), for velocity w and estimate θ."""
 
     # -- along a log -----------------------------------------------------------------------------
 
@@ -125,29 +125,29 @@ class SecondOrderSystem(ABC):
 
         Args:
             log: N samples.
-            hermite: by the cubic through both positions and velocities; else by the mean of both
-                velocities, for positions too noisy to be differentiated.
+            hermite: cubic Hermite interpolation of positions and velocities; else the mean of both
+                velocities, for positions too noisy to differentiate.
         """
 
     @abstractmethod
     def motion(self, log: Log, hermite: bool) -> Motion:
-        """What a log alone decides of every stage of RK4; arguments are those of `midpoints`."""
+        """The log's `Motion`; arguments are those of `midpoints`."""
 
     @abstractmethod
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """The terms of the momentum balance behind a leak, along a log of N samples; unchecked.
+        """Terms of the filtered momentum balance along a log of N samples; unchecked.
 
         Args:
-            leak: its rate a [1/s].
+            leak: rate a of the filter [1/s]; see `identifiers.memory.momentum`.
             log: the samples.
-            q: (N−1, m) positions half-way between them.
-            v: (N−1, n) velocities there.
+            q: (N−1, m) positions half-way between samples.
+            v: (N−1, n) velocities half-way between samples.
 
         Returns:
-            (N, n, p) W_M(q, v) at the samples; and (N−1, n, p) a W_M(q, v) + F + the regressor of
-            Cᵀ v at start, middle and end of every step, its command held.
+            (N, n, p) W_M(q, v) at the samples; and three arrays (N−1, n, p), a W_M(q, v) + F + the
+            regressor of Cᵀ v at start, middle and end of every step, with the command held.
         """
 
     # -- kinematics ------------------------------------------------------------------------------
@@ -162,15 +162,15 @@ class SecondOrderSystem(ABC):
 
     @abstractmethod
     def J(self, q: Array) -> Array:
-        """(m, n) of the kinematics, where q̇ is this times v (3)."""
+        """(m, n) matrix of the kinematics q̇ = J v (3)."""
 
     @abstractmethod
     def position(self, coordinates: Array) -> Array:
-        """(..., m) q of position numbers (..., n), one for each velocity, as sensors give them."""
+        """(..., m) q of position coordinates (..., n), one per velocity, as sensors give them."""
 
     @abstractmethod
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws (q, v, u) of the size seen in operation, to probe the structure."""
+        """Draws a state and command (q, v, u) from the range of operation, to probe structure."""
 
     # -- what follows, for one sample or batches -------------------------------------------------
 
@@ -230,8 +230,10 @@ class SecondOrderSystem(ABC):
     def coriolis_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) C(x, θ), the matrix of (9)."""
         theta = self.space.check(theta)
-        columns = [self.W_C(x, np.broadcast_to(e, np.shape(x)[:-1] + e.shape)) @ theta
-                   for e in np.eye(self.n)]  # fmt: skip
+        columns = [
+            self.W_C(x, np.broadcast_to(e, np.shape(x)[:-1] + e.shape)) @ theta
+            for e in np.eye(self.n)
+        ]
         return np.stack(columns, axis=-1)
 
     def acceleration(self, t: Array | float, x: Array, w: Array, u: Array, theta: Array) -> Array:
@@ -242,7 +244,7 @@ class SecondOrderSystem(ABC):
         return np.asarray(a, dtype=np.float64)
 
     def evaluate(self, t: Array, x: Array, w: Array, u: Array, theta: Array) -> tuple[Array, Array]:
-        """The acceleration (29), and the regressor (10) at it, of N samples; unchecked.
+        """The acceleration (29) and the regressor (10) of N samples; unchecked.
 
         Args:
             t: (N,) times [s].
@@ -259,7 +261,7 @@ class SecondOrderSystem(ABC):
         thetas = np.broadcast_to(theta, (len(t), self.p))
         for k, row in enumerate(zip(t.tolist(), q, v, u, w, thetas, strict=True)):
             a[k], W[k], pivot = self.evaluate_at(*row)
-            if not pivot > 0:  # an identifier would stop here
+            if not pivot > 0:  # M is not positive definite: solve by LU
                 a[k] = self.acceleration(t[k], x[k], w[k], u[k], thetas[k])
                 W[k] = self._W(float(t[k]), q[k], v[k], w[k], a[k], u[k])
         return a, W
@@ -277,7 +279,7 @@ def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
                 "Give one row for each sample.",
             )
     if all(array.ndim == (length > 0) for array, length in zip(arrays, lengths, strict=True)):
-        return function(*arrays)  # one sample, as a controller asks a thousand times a second
+        return function(*arrays)  # fast path for a single sample, as in a control loop
     leading = [
         a.shape[:-1] if length else a.shape for a, length in zip(arrays, lengths, strict=True)
     ]
@@ -296,10 +298,10 @@ def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
 
 
 def checked(system: SecondOrderSystem, measurement: Measurement) -> Measurement:
-    """The measurement, of the right shapes and finite.
+    """Checks a measurement's shapes and that it is finite, and converts it to float arrays.
 
     Raises:
-        InvalidInput: a shape differs, or a value is NaN or infinite.
+        InvalidInput: a shape differs from the system's, or a value is NaN or infinite.
     """
     remedy = "A measurement is (t, q, v, u) in the system's own coordinates."
     t, q, v, u = measurement

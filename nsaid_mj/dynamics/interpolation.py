@@ -1,4 +1,4 @@
-"""The state half-way between two samples of a tree of joints."""
+"""Interpolation half-way between two samples of a tree of joints."""
 
 from __future__ import annotations
 
@@ -11,7 +11,19 @@ from .tree import BASE, CIRCLE
 
 @njit(cache=True)
 def tree_half_way(linkage, q0, v0, q1, v1, dt, hermite, q, v):
-    """Writes the state half-way between two samples into q (m,) and v (n,)."""
+    """Writes the state half-way between two samples into q (m,) and v (n,).
+
+    Args:
+        linkage: the tree.
+        q0: (m,) position at the first sample.
+        v0: (n,) velocity at the first sample.
+        q1: (m,) position at the second sample.
+        v1: (n,) velocity at the second sample.
+        dt: time between the samples [s].
+        hermite: cubic Hermite interpolation; else the mean of both velocities.
+        q: (m,) written.
+        v: (n,) written.
+    """
     joint = 0
     for at, kind in linkage[1][:, 1:]:
         if kind == BASE:
@@ -38,7 +50,7 @@ def tree_half_way(linkage, q0, v0, q1, v1, dt, hermite, q, v):
 
 @njit(cache=True)
 def tree_midpoints(linkage, t, q, v, hermite):
-    """(N−1, m) positions and (N−1, n) velocities half-way between a log's N samples."""
+    """(N−1, m) positions and (N−1, n) velocities half-way between N samples t, q, v of a tree."""
     steps = t.shape[0] - 1
     qm, vm = np.empty((steps, q.shape[1])), np.empty((steps, v.shape[1]))
     for k in range(steps):

@@ -1,13 +1,14 @@
-"""Trees of bodies that carry inertias of any kind, added mass too, by recursions as in `recursion`.
+"""Trees of bodies with general 6×6 inertias, such as added mass, by recursions as in `tree`.
 
-With V_i and W_i body i's twists under the velocities v and w, A_i = J_i a + J̇_i w and I_i its 6×6
-inertia, constant in its axes, body i asks for
+With V_i and W_i the twists of body i under the velocities v and w, A_i = J_i a + J̇_i w, and I_i its
+6×6 inertia, constant in its axes, body i requires the wrench
 
     f_i = I_i A_i − I_i^w [g, 0] − ad_{W_i}ᵀ I_i V_i,
 
-I_i^w the part of I_i that has weight and g gravity in its axes; Σ J_iᵀ f_i = M a + C(v) w − weight.
-Ṁ − 2C is skew: of each body J̇ᵀ I J − Jᵀ I J̇ is, and so is w ↦ ad_wᵀ h (Fossen's form, see
-`systems.rigid_body`). Where all I_i are rigid bodies', this C differs from that of `recursion`.
+with I_i^w the part of I_i that has weight and g gravity in its axes; and
+Σ J_iᵀ f_i = M a + C(v) w − weight. Ṁ − 2C is skew because for each body J̇ᵀ I J − Jᵀ I J̇ and
+w ↦ ad_wᵀ h are (Fossen's form, see `systems.rigid_body`). Even where all I_i are those of rigid
+bodies, this C differs from that of `tree`.
 """
 
 from __future__ import annotations
@@ -23,22 +24,25 @@ _W, _A, _F, _G, MOTION = 0, 6, 12, 18, 21  # columns of a motion
 
 
 @njit(cache=True)
-def loaded_work(loaded, n):
-    """Room for the bodies' motions, inertias and powers, M̂ and its factor, for every stage."""
+def loaded_workspace(loaded, n):
+    """Allocates the workspace of a stage: body motions, inertias, powers, M̂ and its factor."""
     bodies = loaded[0][1].shape[0]
     return (
-        np.empty((bodies, MOTION)), np.empty((bodies, 2, 6, 6)), np.empty((bodies, 2, 6, 6)),
-        np.zeros((n, n)), np.zeros((n, n)),
-    )  # fmt: skip
+        np.empty((bodies, MOTION)),
+        np.empty((bodies, 2, 6, 6)),
+        np.empty((bodies, 2, 6, 6)),
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+    )
 
 
 @njit(cache=True)
-def swing(linkage, state, v, w, motion):
-    """Writes W_i, A_i = J̇_i w and gravity, in the bodies' axes, of all bodies."""
+def write_twists(linkage, state, v, w, motion):
+    """Writes W_i, A_i = J̇_i w and gravity of all bodies, in the bodies' axes."""
     joints, numbers, gravity, _ = linkage
     put(motion, 0, _W, (w[0], w[1], w[2]), (w[3], w[4], w[5]))
     put(motion, 0, _A, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    _fall(motion, 0, back(state, 0, (gravity[0], gravity[1], gravity[2])))
+    _put_gravity(motion, 0, back(state, 0, (gravity[0], gravity[1], gravity[2])))
     for b in range(1, numbers.shape[0]):
         parent, rate = numbers[b, 0], v[5 + b]
         s_l, s_a = three(joints, b, AXIS), three(joints, b, AXIS + 3)
@@ -47,21 +51,24 @@ def swing(linkage, state, v, w, motion):
         a_l = add(a_l, scale(-rate, add(cross(s_a, w_l), cross(s_l, w_a))))  # Ẋ = −q̇ ad_S X
         a_a = add(a_a, scale(-rate, cross(s_a, w_a)))
         put(
-            motion, b, _W,
-            add(w_l, scale(w[5 + b], s_l)), add(w_a, scale(w[5 + b], s_a)),
-        )  # fmt: skip
+            motion,
+            b,
+            _W,
+            add(w_l, scale(w[5 + b], s_l)),
+            add(w_a, scale(w[5 + b], s_a)),
+        )
         put(motion, b, _A, a_l, a_a)
-        _fall(motion, b, back(state, b, three(motion, parent, _G)))
+        _put_gravity(motion, b, back(state, b, three(motion, parent, _G)))
 
 
 @njit(cache=True)
-def _fall(motion, b, g):
+def _put_gravity(motion, b, g):
     motion[b, _G], motion[b, _G + 1], motion[b, _G + 2] = g
 
 
 @njit(cache=True)
-def push(linkage, state, a, motion):
-    """Adds J_i a to all A_i; the bodies' forces are spoilt."""
+def add_accelerations(linkage, state, a, motion):
+    """Adds J_i a to A_i of all bodies; overwrites the force columns of `motion`."""
     joints, numbers = linkage[0], linkage[1]
     for b in range(numbers.shape[0]):
         a_l, a_a = (a[0], a[1], a[2]), (a[3], a[4], a[5])
@@ -72,14 +79,17 @@ def push(linkage, state, a, motion):
             a_a = add(a_a, scale(rate, three(joints, b, AXIS + 3)))
         put(motion, b, _F, a_l, a_a)
         put(
-            motion, b, _A,
-            add(three(motion, b, _A), a_l), add(three(motion, b, _A + 3), a_a),
-        )  # fmt: skip
+            motion,
+            b,
+            _A,
+            add(three(motion, b, _A), a_l),
+            add(three(motion, b, _A + 3), a_a),
+        )
 
 
 @njit(cache=True)
-def _load(loaded, state, theta, motion, inertias):
-    """Writes every body's force f_i, and into inertias[:, 0] their I_i."""
+def _write_forces(loaded, state, theta, motion, inertias):
+    """Writes every body's wrench f_i under θ (p,), and its I_i into inertias[:, 0]."""
     _, places, parameters, values = loaded
     inertias[:] = 0.0
     flat = inertias.reshape(-1)
@@ -99,33 +109,38 @@ def _load(loaded, state, theta, motion, inertias):
         w_l, w_a = three(motion, b, _W), three(motion, b, _W + 3)
         h_l, h_a = (h[0], h[1], h[2]), (h[3], h[4], h[5])
         put(
-            motion, b, _F,
+            motion,
+            b,
+            _F,
             add(three(motion, b, _F), cross(w_a, h_l)),
             add(three(motion, b, _F + 3), add(cross(w_l, h_l), cross(w_a, h_a))),
-        )  # fmt: skip
+        )
 
 
 @njit(cache=True)
-def _hand_down(state, b, parent, motion, inertias):
-    """Adds what body b carries, force and inertia, to what its parent carries."""
+def _add_to_parent(state, b, parent, motion, inertias):
+    """Adds the wrench and composite inertia of body b to its parent's, in the parent's axes."""
     p = three(state, b, AT)
     force = forth(state, b, three(motion, b, _F))
     moment = add(forth(state, b, three(motion, b, _F + 3)), cross(p, force))
     put(
-        motion, parent, _F,
-        add(three(motion, parent, _F), force), add(three(motion, parent, _F + 3), moment),
-    )  # fmt: skip
+        motion,
+        parent,
+        _F,
+        add(three(motion, parent, _F), force),
+        add(three(motion, parent, _F + 3), moment),
+    )
     own, turned, total = inertias[b, 0], inertias[b, 1], inertias[parent, 0]
-    _see(state, b, own, turned)
-    _see(state, b, turned, own)  # Xᵀ (Xᵀ I)ᵀ: I is symmetric
+    _transform_wrenches(state, b, own, turned)
+    _transform_wrenches(state, b, turned, own)  # Xᵀ (Xᵀ I)ᵀ: I is symmetric
     for i in range(6):
         for j in range(6):
             total[i, j] += own[i, j]
 
 
 @njit(cache=True)
-def _see(state, b, wrenches, seen):
-    """Writes the columns of `wrenches` (6, 6) on body b, as its parent sees them, as rows."""
+def _transform_wrenches(state, b, wrenches, seen):
+    """Writes the columns of `wrenches` (6, 6), transformed from body b to its parent, as rows."""
     p = three(state, b, AT)
     for j in range(6):
         force = forth(state, b, (wrenches[0, j], wrenches[1, j], wrenches[2, j]))
@@ -135,7 +150,7 @@ def _see(state, b, wrenches, seen):
 
 @njit(cache=True)
 def _gather(linkage, state, motion, inertias, M, force):
-    """Writes M's lower triangle and Σ J_iᵀ f_i, of the bodies alone."""
+    """Writes M's lower triangle and Σ J_iᵀ f_i (n,), without friction, motors and rotors."""
     joints, numbers = linkage[0], linkage[1]
     for b in range(numbers.shape[0] - 1, 0, -1):
         s_l, s_a, row = three(joints, b, AXIS), three(joints, b, AXIS + 3), 5 + b
@@ -155,7 +170,7 @@ def _gather(linkage, state, motion, inertias, M, force):
                     three(joints, ancestor, AXIS + 3), n
                 )
             below, ancestor = ancestor, numbers[ancestor, 0]
-        _hand_down(state, b, numbers[b, 0], motion, inertias)
+        _add_to_parent(state, b, numbers[b, 0], motion, inertias)
     for i in range(6):
         force[i] = motion[0, _F + i]
         for j in range(i + 1):
@@ -173,7 +188,7 @@ def _rows(inertia, i, s_l, s_a):
 
 @njit(cache=True)
 def _powers(state, motion, powers):
-    """Writes what every entry of an inertia, with weight or without, does on Δv's twist."""
+    """Writes the power on Δv's twist per unit of every entry of I_i, without and with weight."""
     for b in range(motion.shape[0]):
         w_l, w_a = three(motion, b, _W), three(motion, b, _W + 3)
         d_l = add(w_l, scale(-1.0, three(state, b, TWIST)))
@@ -191,17 +206,26 @@ def _powers(state, motion, powers):
 
 @njit(cache=True)
 def accelerate(loaded, state, v, u, F, v_hat, theta, work, a):
-    """Writes â of (29) into a; returns M̂'s smallest pivot, > 0 if it succeeded.
+    """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 if it succeeded.
 
-    `F` (n, k) holds the last k columns of F, of what else acts on the bodies.
+    Args:
+        loaded: the tree.
+        state: (b, ·) of `tree`, at the measured state.
+        v: (n,) measured velocity.
+        u: commands, the joints' first.
+        F: (n, k) the last k columns of F, the other forces on the bodies.
+        v_hat: (n,) velocity that C multiplies.
+        theta: (p,) estimate.
+        work: workspace of `loaded_workspace`.
+        a: (n,) written.
     """
     linkage = loaded[0]
     motion, inertias, _, M, L = work
     rotor, viscous, coulomb, gain = linkage[3]
     n, others = F.shape
     rest = theta[theta.shape[0] - others :]
-    swing(linkage, state, v, v_hat, motion)
-    _load(loaded, state, theta, motion, inertias)
+    write_twists(linkage, state, v, v_hat, motion)
+    _write_forces(loaded, state, theta, motion, inertias)
     _gather(linkage, state, motion, inertias, M, a)
     for k in range(n - 6):
         i = 6 + k
@@ -219,10 +243,11 @@ def accelerate(loaded, state, v, u, F, v_hat, theta, work, a):
 
 @njit(cache=True)
 def loaded_gradient(loaded, state, v, u, F, v_hat, theta, work, a, gradient):
-    """Writes â of (29) into a and Wᵀ Δv into gradient (p,); returns M̂'s smallest pivot.
+    """Writes â of (29) into a (n,) and Wᵀ Δv into gradient (p,); returns M̂'s smallest pivot.
 
-    W itself is not formed: Wᵀ Δv gathers, for every entry c θ_k of an I_i at (r, s), c times
-    (A_i − [g, 0])_s (W_i − V_i)_r − (V_i)_s [W_i, W_i − V_i]_r.
+    W itself is not formed: every entry c θ_k of an I_i at (r, s) contributes to Wᵀ Δv c times
+    (A_i − [g, 0])_s (W_i − V_i)_r − (V_i)_s [W_i, W_i − V_i]_r. The other arguments are those of
+    `accelerate`.
     """
     linkage, places, parameters, values = loaded
     motion, powers = work[0], work[2]
@@ -230,7 +255,7 @@ def loaded_gradient(loaded, state, v, u, F, v_hat, theta, work, a, gradient):
     pivot = accelerate(loaded, state, v, u, F, v_hat, theta, work, a)
     if not pivot > 0.0:
         return pivot
-    push(linkage, state, a, motion)
+    add_accelerations(linkage, state, a, motion)
     _powers(state, motion, powers)
     gradient[:] = 0.0
     flat = powers.reshape(-1)

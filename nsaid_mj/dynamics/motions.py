@@ -1,7 +1,8 @@
-"""What a log alone decides of every stage of RK4, for compiled loops: â of (29) and Wᵀ Δv.
+"""Motions: all parts of RK4's stages that depend on a log alone, and the stages themselves.
 
-Any number of identifiers may share a motion. Its kind is chosen by type when a loop is compiled: a
-tree of bodies, one body, a tree with added mass, or the tensors of any system.
+A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type, a tree
+of bodies, one body, a tree with added mass, or the tensors of any system, selects the code when a
+loop is compiled.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ..numerics.spatial import bracket, coadjoint
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .interpolation import tree_half_way
-from .loaded import loaded_gradient, loaded_work
+from .loaded import loaded_gradient, loaded_workspace
 from .structures import ConstantInertia, Linkage, LoadedTree
 from .tree import STATE, tree_gradient, tree_place, tree_work
 from .tree_lanes import LANES, lanes_gradient, lanes_work
@@ -51,7 +52,7 @@ class BodyMotion(NamedTuple):
 
     Attributes:
         inertia: of the body.
-        group: size of the body twist that its velocities are.
+        group: number of velocities that form a body twist: 6, 3 or 0.
         t: (N,) times [s].
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
@@ -67,7 +68,7 @@ class BodyMotion(NamedTuple):
 
 
 class LoadedMotion(NamedTuple):
-    """The motion of a tree whose bodies carry inertias of any kind, along N samples.
+    """The motion of a tree of bodies with general 6×6 inertias along N samples.
 
     Attributes:
         loaded: the tree.
@@ -93,13 +94,13 @@ class LoadedMotion(NamedTuple):
 class TensorMotion(NamedTuple):
     """The motion of any system along N samples, as the tensors of M, C and F.
 
-    Entry [j] of a tensor at one instant is W_M(q, e_j), or W_C(q, v, e_j): (n, n, p).
+    Entry [j] of a tensor (n, n, p) at one instant is W_M(q, e_j) or W_C(q, v, e_j).
 
     Attributes:
         t: (N,) times [s].
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        M: (2N−1, n, n, p) at the first sample, half-way to the second, at the second …
+        M: (2N−1, n, n, p) at the first sample, half-way to the second, at the second, and so on.
         C: (2N−1, n, n, p) at the same instants.
         F: (3, N−1, n, p) force regressor at start, middle and end of every step.
     """
@@ -138,7 +139,7 @@ class TreeBatch(NamedTuple):
 
 
 def force_regressors(system: SecondOrderSystem, log: Log, middle: Middle) -> Array:
-    """(3, N−1, n, p) F at start, middle and end of every step, the step's command held."""
+    """(3, N−1, n, p) F at start, middle and end of every step, with the step's command held."""
     t, held = log.t, log.u[:-1]
     return np.stack(
         [
@@ -157,7 +158,16 @@ def tree_batch(tree: TreeMotion) -> TreeBatch:
 
 @njit(cache=True, nogil=True)
 def tree_motion(linkage, hermite, t, q, v, u):
-    """The motion of a tree; `hermite` chooses the interpolation between samples."""
+    """The motion of a tree along N samples.
+
+    Args:
+        linkage: the tree.
+        hermite: cubic Hermite interpolation between samples; else linear.
+        t: (N,) times [s].
+        q: (N, m) positions.
+        v: (N, n) velocities.
+        u: (N, n_u) commands.
+    """
     steps, bodies = t.shape[0] - 1, linkage[1].shape[0]
     qm, vm = np.empty(q.shape[1]), np.empty((steps, v.shape[1]))
     states, middles = np.empty((steps + 1, bodies, STATE)), np.empty((steps, bodies, STATE))
@@ -174,13 +184,24 @@ def tree_motion(linkage, hermite, t, q, v, u):
 
 
 def stage_room(motion):
-    """Workspace of `stage`."""
+    """Allocates the workspace of `stage`."""
 
 
 def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
-    """Writes â (n,) of (29) and Wᵀ Δv (p,) at start, middle or end (0, 1, 2) of step k − 1 → k.
+    """Writes â of (29) and Wᵀ Δv at one stage of the step from sample k − 1 to k.
 
-    Returns M̂'s smallest pivot, > 0 if it succeeded.
+    Args:
+        motion: any of this module's.
+        at: 0, 1 or 2 for the step's start, middle or end.
+        k: index of the sample at the step's end.
+        v_hat: (n,) velocity that C multiplies.
+        theta: (p,) estimate.
+        work: workspace of `stage_room`.
+        a_hat: (n,) â; written.
+        gradient: (1, p) Wᵀ Δv; written.
+
+    Returns:
+        M̂'s smallest pivot, > 0 if it succeeded.
     """
 
 
@@ -197,7 +218,7 @@ def _stage_room(motion):
         return np.zeros((n, n)), np.zeros((n, n))
 
     def loaded(motion):
-        return loaded_work(motion.loaded, motion.v.shape[1])
+        return loaded_workspace(motion.loaded, motion.v.shape[1])
 
     def tensor(motion):
         n = motion.v.shape[1]
@@ -227,25 +248,49 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
         M, L = work
         v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
         return body_gradient(
-            entries, values, motion.group, motion.F[at, k - 1], v, v_hat, theta, M, L, a_hat,
+            entries,
+            values,
+            motion.group,
+            motion.F[at, k - 1],
+            v,
+            v_hat,
+            theta,
+            M,
+            L,
+            a_hat,
             gradient[0],
-        )  # fmt: skip
+        )
 
     def loaded(motion, at, k, v_hat, theta, work, a_hat, gradient):
         state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
         v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
         return loaded_gradient(
-            motion.loaded, state, v, motion.u[k - 1], motion.F[at, k - 1], v_hat, theta, work,
-            a_hat, gradient[0],
-        )  # fmt: skip
+            motion.loaded,
+            state,
+            v,
+            motion.u[k - 1],
+            motion.F[at, k - 1],
+            v_hat,
+            theta,
+            work,
+            a_hat,
+            gradient[0],
+        )
 
     def tensor(motion, at, k, v_hat, theta, work, a_hat, gradient):
         v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
         instant = 2 * (k - 1) + at
         return tensor_gradient(
-            motion.M[instant], motion.C[instant], motion.F[at, k - 1], v, v_hat, theta, work, a_hat,
+            motion.M[instant],
+            motion.C[instant],
+            motion.F[at, k - 1],
+            v,
+            v_hat,
+            theta,
+            work,
+            a_hat,
             gradient[0],
-        )  # fmt: skip
+        )
 
     def batch(motion, at, k, v_hat, theta, work, a_hat, gradient):
         tree, row, (room, pivots) = motion.tree, motion.pivots[k], work
@@ -272,8 +317,9 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
 def body_gradient(entries, values, group, F, v, v_hat, theta, M, L, a_hat, gradient):
     """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
 
-    With h = M̂ v and C w = −ad_wᵀ h, W need not be formed: Wᵀ Δv gathers, for every entry
-    M_ij = c θ_k, c (a_j Δv_i − v_j [v̂, Δv]_i).
+    As C w = −ad_wᵀ h with h = M̂ v, W need not be formed: every entry M_ij = c θ_k contributes
+    c (a_j Δv_i − v_j [v̂, Δv]_i) to Wᵀ Δv. `entries` (e, 3) and `values` (e,) are those of
+    `ConstantInertia`; M and L (n, n) are workspace.
     """
     n, p = F.shape
     M[:] = 0.0
@@ -302,7 +348,7 @@ def body_gradient(entries, values, group, F, v, v_hat, theta, M, L, a_hat, gradi
 def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
     """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
 
-    M and C (n, n, p) are tensors with W_M(a) = Σ_j a_j M[j] and W_C(w) = Σ_j w_j C[j].
+    M and C (n, n, p) are tensors with W_M(a) = Σ_j a_j M[j] and W_C(w) = Σ_j w_j C[j]; F is (n, p).
     """
     n, p = F.shape
     M_hat, C_hat, L = work

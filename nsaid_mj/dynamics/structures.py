@@ -1,4 +1,4 @@
-"""What compiled loops know of a system's structure: sparse inertias and trees of bodies."""
+"""Structures of systems for compiled loops: sparse inertias and trees of bodies."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ class ConstantInertia(NamedTuple):
     """M(θ) of a body in its own frame, sparse.
 
     Attributes:
-        entries: (e, 3) rows [i, j, k]: M_ij holds θ_k …
-        values: (e,) … times this.
+        entries: (e, 3) rows [i, j, k]: M_ij contains value · θ_k.
+        values: (e,) the values of these entries.
     """
 
     entries: Indices
@@ -20,16 +20,17 @@ class ConstantInertia(NamedTuple):
 
 
 class Linkage(NamedTuple):
-    """A tree of bodies on 1-DOF joints, the first on a free flyer or not, for `dynamics.tree`.
+    """A tree of bodies on 1-DOF joints, the first possibly on a free flyer, for `dynamics.tree`.
 
     Attributes:
-        joints: (b, 40) of every body's joint: nine numbers each of R₀, R_c and R_s, the body's axes
-            in its parent's being R₀ + R_c cos + R_s sin; its place [m], the way it slides, its
-            unit twist [v, ω], the speed at which Coulomb friction is developed [rad/s or m/s].
-        numbers: (b, 3) rows [parent or −1, where q holds the joint's number, kind of joint].
+        joints: (b, 40) the joint of every body: R₀, R_c and R_s (9 numbers each), which give the
+            body's axes in its parent's as R₀ + R_c cos + R_s sin; position in the parent's frame
+            (3) [m]; direction of sliding (3); unit twist [v, ω] (6); speed at which Coulomb
+            friction saturates [rad/s or m/s].
+        numbers: (b, 3) rows [parent or −1, index of the joint's coordinate in q, kind of joint].
         gravity: (3,) in the world's axes [m/s²].
-        columns: (4,) where rotor inertias, viscous and Coulomb friction and motor gains begin in θ;
-            the first two are equal where there are no rotors. The links begin at 0.
+        columns: (4,) first index in θ of rotor inertias, viscous friction, Coulomb friction and
+            motor gains; the first two are equal if there are no rotors. The links begin at 0.
     """
 
     joints: Array
@@ -39,16 +40,16 @@ class Linkage(NamedTuple):
 
 
 class LoadedTree(NamedTuple):
-    """A tree whose base floats and whose bodies carry inertias of any kind, for `dynamics.loaded`.
+    """A floating-base tree of bodies with general 6×6 inertias, for `dynamics.loaded`.
 
-    Entry (i, j) of a body's 6×6 inertia, in its own frame, is numbered 72 body + 6 i + j where it
-    only resists acceleration, as added mass does, and 36 more where it has weight.
+    Entry (i, j) of a body's inertia, in its own frame, has the number 72 body + 6 i + j if it only
+    resists acceleration, as added mass does, and 36 more if it also has weight.
 
     Attributes:
-        linkage: how the bodies hang together. Its `columns` say where the inertias end in θ.
-        places: (e,) what number an entry has …
-        parameters: (e,) that holds this parameter of θ …
-        values: (e,) … times this.
+        linkage: the tree. Its `columns` show where the inertias end in θ.
+        places: (e,) numbers of the nonzero entries, as above; an entry contains value · θ_k.
+        parameters: (e,) index k of the parameter in each.
+        values: (e,) the values of these entries.
     """
 
     linkage: Linkage

@@ -1,18 +1,19 @@
-"""Trees of rigid bodies by recursions from body to body, compiled, with no array in their loops.
+"""Trees of rigid bodies by recursions from body to body, compiled without arrays in their loops.
 
-Each body has its own axes. With V_i and W_i its twists [v, ω] under the velocities v and w, and
-A_i = X A_parent + S_i a_i + ½ (V_i × S_i w_i + W_i × S_i v_i) its acceleration, body i asks for
+All quantities are in body axes. With V_i and W_i the twists [v, ω] of body i under the velocities v
+and w, and A_i = X A_parent + S_i a_i + ½ (V_i × S_i w_i + W_i × S_i v_i) its acceleration, body i
+requires the wrench
 
     f_i = I_i A_i + ½ (V_i ×* I_i W_i + W_i ×* I_i V_i),
 
-and Σ J_iᵀ f_i = M a + C(v) w, C that of `Multibody`: what is quadratic in v, polarised, and where
-the base floats ½[v, w] added to its acceleration. With a* = a + ½ (ω_V × w + ω_W × v),
+and Σ J_iᵀ f_i = M a + C(v) w, with C that of `Multibody`: the polarised form of the terms quadratic
+in v. ½[v, w] is added to the acceleration of a floating base. With a* = a + ½ (ω_V × w + ω_W × v),
 
     f = m a* + α × h + ½ (ω_V × (ω_W × h) + ω_W × (ω_V × h)),
-    n = h × a* + Ī α + ½ (ω_V × Ī ω_W + ω_W × Ī ω_V),
+    n = h × a* + Ī α + ½ (ω_V × Ī ω_W + ω_W × Ī ω_V).
 
-no quotient of parameters: masses may be zero or negative. After Featherstone, Rigid Body Dynamics
-Algorithms (2008), ch. 5 and 6.
+No parameter is in a denominator, so masses may be zero or negative. After Featherstone, Rigid Body
+Dynamics Algorithms (2008), ch. 5 and 6.
 """
 
 from __future__ import annotations
@@ -165,13 +166,17 @@ def power(d, delta, a, alpha, omega, turning):
 
 @njit(cache=True)
 def tree_room(linkage):
-    """(b, ·) room for a state."""
+    """(b, STATE) allocates a state."""
     return np.empty((linkage[1].shape[0], STATE))
 
 
 @njit(cache=True)
 def tree_state(linkage, q, v):
-    """(b, ·) every body's rotation and place on its parent, its twist, and tanh of its rate."""
+    """(b, STATE) the state at q (m,) and v (n,).
+
+    For every body: rotation to and position in its parent's frame, its twist, and tanh(joint speed
+    / friction speed).
+    """
     state = tree_room(linkage)
     tree_place(linkage, q, v, state)
     return state
@@ -179,7 +184,7 @@ def tree_state(linkage, q, v):
 
 @njit(cache=True)
 def tree_place(linkage, q, v, state):
-    """Writes the state."""
+    """Writes the state (b, STATE) at q (m,) and v (n,); see `tree_state`."""
     joints, numbers, _, _ = linkage
     column = 0
     for b in range(numbers.shape[0]):
@@ -230,7 +235,7 @@ def carried(state, b, linear, angular):
 
 @njit(cache=True)
 def move(linkage, state, v, w, a, weight, motion):
-    """Writes W_i and A_i of all bodies; `weight` is 1 where A_i has gravity in it, 0 elsewhere."""
+    """Writes W_i and A_i of all bodies; with `weight` = 1 A_i includes gravity, with 0 not."""
     joints, numbers, gravity, _ = linkage
     column = 0
     for b in range(numbers.shape[0]):
@@ -270,7 +275,7 @@ def move(linkage, state, v, w, a, weight, motion):
 
 @njit(cache=True)
 def _push(linkage, state, a, motion):
-    """Adds to all A_i what the rates a of the velocities do; the bodies' forces are spoilt."""
+    """Adds J_i a to A_i of all bodies; overwrites the force columns of `motion`."""
     joints, numbers, _, _ = linkage
     column = 0
     for b in range(numbers.shape[0]):
@@ -296,7 +301,7 @@ def _push(linkage, state, a, motion):
 
 @njit(cache=True)
 def felt(state, motion, b):
-    """a*, α, ω_V and ω_W of a body."""
+    """a*, α, ω_V and ω_W of body b, each a vector in its axes."""
     omega, turning = three(state, b, TWIST + 3), three(motion, b, _W + 3)
     a = felt_acceleration(
         three(motion, b, _A), three(state, b, TWIST), omega, three(motion, b, _W), turning
@@ -318,7 +323,7 @@ def write_power(W, i, k, d, delta, a, alpha, omega, turning):
 
 @njit(cache=True)
 def add_power(W, i, k, d, delta, a, alpha):
-    """Adds the same to W[i, k : k + 10] for a body at rest: ω_V = ω_W = 0."""
+    """Adds the regressor of dᵀ f + δᵀ n for ω_V = ω_W = 0 to W[i, k : k + 10]."""
     h = add(cross(d, alpha), cross(a, delta))
     W[i, k] += dot(d, a)
     W[i, k + 1] += h[0]
@@ -334,7 +339,7 @@ def add_power(W, i, k, d, delta, a, alpha):
 
 @njit(cache=True)
 def joint_columns(numbers, b):
-    """First and last velocity of a body's joint."""
+    """Indices of the first and last velocity of body b's joint."""
     if numbers[0, 2] == BASE:
         return (0, 5) if b == 0 else (b + 5, b + 5)
     return b, b
@@ -345,7 +350,7 @@ def joint_columns(numbers, b):
 
 @njit(cache=True)
 def _load(theta, state, motion):
-    """Writes every body's force f_i and inertia under θ."""
+    """Writes every body's wrench f_i and inertia under θ (p,)."""
     for b in range(motion.shape[0]):
         k = 10 * b
         m, h = theta[k], (theta[k + 1], theta[k + 2], theta[k + 3])
@@ -385,7 +390,7 @@ def _hand_down(state, motion, b, parent):
 
 @njit(cache=True)
 def _gather(linkage, state, motion, M, force):
-    """Writes M's lower triangle and Σ J_iᵀ f_i, of the links alone."""
+    """Writes M's lower triangle and Σ J_iᵀ f_i (n,), without friction, motors and rotors."""
     joints, numbers, _, _ = linkage
     for b in range(numbers.shape[0] - 1, -1, -1):
         parent = numbers[b, 0]
@@ -423,13 +428,24 @@ def _gather(linkage, state, motion, M, force):
 
 @njit(cache=True)
 def tree_work(linkage, n):
-    """Room for motions of the bodies, M̂ and its Cholesky factor, used again by every stage."""
+    """Allocates the workspace of a stage: motions of the bodies, M̂ and its factor."""
     return np.empty((linkage[1].shape[0], MOTION)), np.zeros((n, n)), np.zeros((n, n))
 
 
 @njit(cache=True)
 def accelerate(linkage, state, v, w, u, theta, work, a):
-    """Writes â of (29) into a; returns M̂'s smallest pivot, > 0 if it succeeded."""
+    """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 if it succeeded.
+
+    Args:
+        linkage: the tree.
+        state: (b, STATE) at the measured state.
+        v: (n,) measured velocity.
+        w: (n,) velocity that C multiplies.
+        u: (n_u,) commands.
+        theta: (p,) estimate.
+        work: workspace of `tree_work`.
+        a: (n,) written.
+    """
     motion, M, L = work
     rotor, viscous, coulomb, gain = linkage[3]
     first, base = linkage[1].shape[0] - u.shape[0], v.shape[0] - u.shape[0]
@@ -452,8 +468,8 @@ def accelerate(linkage, state, v, w, u, theta, work, a):
 def tree_gradient(linkage, state, v, u, v_hat, theta, work, a, gradient):
     """Writes â of (29) into a and Wᵀ Δv into gradient (1, p); returns M̂'s smallest pivot.
 
-    W itself is not formed: body i's columns of Wᵀ Δv are those of its power on the twist J_i Δv,
-    which is W_i − V_i.
+    W itself is not formed: body i's part of Wᵀ Δv is the regressor of its wrench's power on the
+    twist J_i Δv = W_i − V_i. The other arguments are those of `accelerate`.
     """
     numbers, (rotor, viscous, coulomb, gain) = linkage[1], linkage[3]
     motion = work[0]
@@ -479,10 +495,10 @@ def tree_gradient(linkage, state, v, u, v_hat, theta, work, a, gradient):
 
 @njit(cache=True)
 def tree_torque(linkage, state, v, a, theta, work, torque):
-    """Writes M a + C v + g + f, all the motors must make, into torque (n,): inverse dynamics.
+    """Writes the inverse dynamics M a + C v + g + f, the motors' torques, into torque (n,).
 
-    `work` is room for every body's acceleration and force (b, 12). The base, if it floats, gets the
-    force that is missing there.
+    `work` (b, 12) is a workspace for the bodies' accelerations and forces. For a floating base the
+    first six entries are the wrench that would have to act on it.
     """
     joints, numbers, gravity, (rotor, viscous, coulomb, _) = linkage
     column = 0

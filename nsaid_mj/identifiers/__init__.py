@@ -1,6 +1,6 @@
 """Identifiers: one file per law, over one engine. numpy and numba only."""
 
-from .. import numerics as numerics  # where kernels are kept: before the first one
+from .. import numerics as numerics  # sets the cache folder before the first kernel is defined
 from .base import Confidence as Confidence
 from .base import Identifier as Identifier
 from .base import IdentifierConfig as IdentifierConfig

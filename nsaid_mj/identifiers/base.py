@@ -1,4 +1,4 @@
-"""What an identifier is: two pure functions over a state, and the ways a run can end."""
+"""Interfaces of identifiers and their memories, an identifier's state, and the ways a run ends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .memory.statistics import Memory
 
 
 class Status(Enum):
-    """How a run stands or ended, in words, with what to do about it."""
+    """How a run ended, in words, with the remedy."""
 
     completed = "completed", ""
     plant_diverged = (
@@ -44,7 +44,7 @@ class Status(Enum):
 
 
 class State(NamedTuple):
-    """An identifier's whole memory.
+    """The complete state of an identifier.
 
     Attributes:
         t: time [s].
@@ -52,9 +52,9 @@ class State(NamedTuple):
         theta_hat: (p,) estimate.
         pivot: smallest pivot of M̂'s Cholesky factorisation in the last step; > 0 where M̂ is
             positive definite.
-        status: `completed` as long as the estimate may go on.
-        memory: of past data, for laws that have one.
-        spent: what the memory's implicit steps have taken from the conserved quantity.
+        status: `completed` as long as identification may continue.
+        memory: statistics of past data; None for laws without a memory.
+        spent: total decrease of the conserved quantity in the memory's implicit steps.
     """
 
     t: float
@@ -67,13 +67,13 @@ class State(NamedTuple):
 
 
 class Estimates(NamedTuple):
-    """What an identifier has thought along a trajectory, one row for each measurement.
+    """An identifier's outputs along a log, one row for each of N measurements.
 
     Attributes:
         v_hat: (N, n) velocity of the identification plant.
         theta_hat: (N, p) estimate.
-        pivot: (N,) smallest pivot of M̂ in the step up to there.
-        spent: (N,) as in `State`.
+        pivot: (N,) smallest pivot of M̂ in the step that ends at the measurement.
+        spent: (N,) total decrease of the conserved quantity in the memory's implicit steps.
     """
 
     v_hat: Array
@@ -83,20 +83,20 @@ class Estimates(NamedTuple):
 
     @staticmethod
     def of(*states: State) -> Estimates:
-        """The states' own."""
+        """The estimates of some states, one row each."""
         rows = [(s.v_hat, s.theta_hat, s.pivot, s.spent) for s in states]
         return Estimates(*(np.array(column) for column in zip(*rows, strict=True)))
 
     def first(self, count: int) -> Estimates:
-        """Its first rows."""
+        """The first `count` rows."""
         return Estimates(*(part[:count] for part in self))
 
     def after(self, count: int) -> Estimates:
-        """All but its first rows."""
+        """All but the first `count` rows."""
         return Estimates(*(part[count:] for part in self))
 
     def padded(self, count: int) -> Estimates:
-        """As many rows: the last is repeated where there are fewer."""
+        """`count` rows, the last one repeated if there are fewer."""
         if len(self.pivot) == count:
             return self
         rows = np.minimum(np.arange(count), len(self.pivot) - 1)
@@ -104,12 +104,12 @@ class Estimates(NamedTuple):
 
 
 class Confidence(NamedTuple):
-    """What is known of how far off an estimate may be.
+    """Uncertainty of an estimate.
 
     Attributes:
-        covariance: (p, p) of θ̂, the scale held.
-        prior: (p, p) the same before any data.
-        blocks: (n,) independent samples in each row of the momentum balance.
+        covariance: (p, p) of θ̂ at a fixed common scale.
+        prior: (p, p) covariance before any data.
+        blocks: (n,) effective number of independent samples in each row of the momentum balance.
     """
 
     covariance: Array
@@ -122,9 +122,9 @@ class Identifier(ABC):
 
     Attributes:
         system: the structure it knows.
-        conserves: whether its conserved quantity exists.
-        cancelling: size of the terms that cancel in V's second term, beside V itself [J]; their
-            rounding bounds how exactly V is known.
+        conserves: whether the law has a conserved quantity.
+        cancelling: size of the terms that cancel in V's second term, besides V itself [J]; their
+            rounding errors bound the accuracy of V.
     """
 
     system: SecondOrderSystem
@@ -137,19 +137,20 @@ class Identifier(ABC):
 
     @abstractmethod
     def step(self, state: State, previous: Measurement, following: Measurement) -> State:
-        """The state at the following measurement; the command is held in between."""
+        """The state at the following measurement, with `previous.u` held in between."""
 
     @abstractmethod
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """Steps along a log that begins where the state stands.
+        """Steps along a log.
 
         Args:
-            state: at the first measurement; one that may not go on stays as it is.
+            state: at the log's first measurement; returned unchanged unless its status is
+                `completed`.
             log: N measurements.
 
         Returns:
-            The state at the last measurement, or where it may not go on; and the estimates from the
-            first measurement up to there, but not at a step that failed.
+            The state at the last measurement, or before the first step that failed; and the
+            estimates from the first measurement up to there.
         """
 
     @abstractmethod
@@ -162,56 +163,57 @@ class Identifier(ABC):
 
     @abstractmethod
     def implicit(self, t: Array) -> np.ndarray:
-        """(N−1,) between which of the times (N,) of a run lies an implicit step of a memory."""
+        """(N−1,) whether a memory's implicit step lies between consecutive times (N,) of a run."""
 
     @abstractmethod
     def slack(self, state: State, theta: Array) -> float:
-        """By how much V may rise in a step up to `state` because θ (p,) is not quite what data say.
+        """Bound on the rise of V [J] in a memory's step to `state`, under the true θ (p,).
 
-        0 for a law without a memory; sensors' noise and the quadrature's error make it more.
+        0 for a law without a memory. Otherwise sensor noise and quadrature error leave a residual
+        even at the true θ, so that V may rise.
         """
 
     @abstractmethod
     def confidence(self, state: State) -> Confidence | None:
-        """What is known of the estimate's error; None for a law that does not say."""
+        """The estimate's uncertainty; None for a law that does not provide it."""
 
 
 class DataMemory(ABC):
-    """What an identifier remembers of past data, and how that moves θ̂ every now and then.
+    """A memory of past data that updates θ̂ at regular intervals.
 
     Attributes:
-        every: steps between two of its updates of θ̂.
+        every: time steps between two updates of θ̂.
     """
 
     every: int
 
     @abstractmethod
     def begin(self, first: Measurement) -> Memory:
-        """The memory at a first measurement: of nothing."""
+        """The empty memory at a first measurement."""
 
     @abstractmethod
     def absorb(self, state: State, log: Log) -> State:
-        """The state with a log of at most `every` steps in its memory, and θ̂ updated if due."""
+        """The state after adding a log of at most `every` steps, with θ̂ updated if due."""
 
     @abstractmethod
     def slack(self, state: State, theta: Array) -> float:
-        """By how much an update up to `state` can raise V under the true θ (p,)."""
+        """Bound on the rise of V [J] in the update that led to `state`, under the true θ (p,)."""
 
     @abstractmethod
     def updates(self, t: Array) -> np.ndarray:
-        """(N−1,) between which of the times (N,) of a run an update lies."""
+        """(N−1,) whether an update lies between consecutive times (N,) of a run."""
 
     @abstractmethod
     def confidence(self, state: State) -> Confidence | None:
-        """What is known of the estimate's error; None as long as the memory says nothing."""
+        """The estimate's uncertainty; None while the memory has too few data."""
 
 
-Expected = Callable[[], Array]
+ExpectedGramian = Callable[[], Array]
 
 
 @config
 class IdentifierConfig(Config, ABC):
-    """An identifier as data; `build` makes the thing itself."""
+    """The configuration of an identifier; `build` makes the identifier."""
 
     _path = "identifier"
 
@@ -227,7 +229,7 @@ class IdentifierConfig(Config, ABC):
         prior: Array,
         dt: float,
         noise: SensorLevels = EXACT,
-        gramian: Expected | None = None,
+        gramian: ExpectedGramian | None = None,
     ) -> Identifier:
         """Makes the identifier.
 
@@ -235,7 +237,8 @@ class IdentifierConfig(Config, ABC):
             system: the structure it knows.
             prior: (p,) θ̂(0).
             dt: time between measurements [s].
-            noise: what the sensors are said to be off by.
-            gramian: gives (p, p) the expected mean of S Wᵀ M⁻¹ W S under the prior, for laws whose
-                gain is designed by it. It is costly, so it is asked for only where needed.
+            noise: assumed standard deviations of the sensors' noise.
+            gramian: computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with
+                S = diag(scale), for laws whose gain is designed from it. It is called only where
+                needed, as it is costly.
         """

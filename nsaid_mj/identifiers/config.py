@@ -1,4 +1,4 @@
-"""Nullspace adaptive identification as data: which law, and how its gain is designed."""
+"""Configuration of nullspace adaptive identification: the law, and the design of its gain."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..log import EXACT, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .base import Expected, Identifier, IdentifierConfig
+from .base import ExpectedGramian, Identifier, IdentifierConfig
 from .cone.law import cone_identifier
 from .memory.law import memory_identifier
 from .memory.statistics import MemoryConfig
@@ -27,19 +27,19 @@ class NullspaceAID(IdentifierConfig):
     Attributes:
         K: gain of the identification plant, K = K·I [1/s].
         gain: adaptation gain γ; Γ = γ diag(scale²) [1/J].
-        interpolation: the measured state half-way between samples: `hermite`, the cubic through
-            both positions and velocities, for exact encoders; `linear`, the mean of both
-            velocities, where differences of positions are noise; `auto` chooses by the sensors.
-        gamma: `scale`, Γ = γ diag(scale²); or `simulated`, Γ = rate·K·S H⁻¹ S with H the mean of
-            S Wᵀ M⁻¹ W S that a simulation under the prior expects, S = diag(scale).
-        rate: at which every direction converges where `gamma` is `simulated` [1/s]; those that
-            are excited less than `floor` of the best are slower.
-        floor: smallest eigenvalue of H that counts, as a share of the largest.
+        interpolation: between samples: `hermite`, the cubic through positions and velocities, for
+            exact encoders; `linear`, the mean of both velocities, where differences of positions
+            are dominated by noise; `auto` chooses by the sensors' noise.
+        gamma: `scale`, Γ = γ diag(scale²); or `simulated`, Γ = rate·K·S H⁻¹ S, with H the mean of
+            S Wᵀ M⁻¹ W S in a simulation under the prior, S = diag(scale).
+        rate: convergence rate of all directions where `gamma` is `simulated` [1/s]; directions
+            excited less than `floor` of the best are slower.
+        floor: lower bound of H's eigenvalues, as a share of the largest.
         law: `paper`, (45) with constant Γ; `cone`, Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹, which keeps θ̂
-            inside the cone of physical parameters and M̂ > 0; or `memory`, that and implicit steps
-            towards what past data say.
-        barrier: μ where the law is not `paper`, in units of Γ⁻¹ at the scale; 0 makes `cone` the
-            paper's law.
+            inside the cone of physical parameters and M̂ > 0; or `memory`, the law `cone` with
+            implicit steps that fit past data.
+        barrier: μ of the laws `cone` and `memory`, in units of Γ⁻¹ at the scale; with 0 `cone` is
+            the paper's law.
         memory: how past data are kept and used, where the law is `memory`.
     """
 
@@ -67,12 +67,12 @@ class NullspaceAID(IdentifierConfig):
         prior: Array,
         dt: float,
         noise: SensorLevels = EXACT,
-        gramian: Expected | None = None,
+        gramian: ExpectedGramian | None = None,
     ) -> Identifier:
-        """Makes the identifier with K = K·I and Γ as `gamma` says.
+        """Makes the identifier, with the gain K·I and Γ chosen by `gamma`.
 
         Raises:
-            InvalidInput: `gamma` is `simulated` and there is nothing to simulate with.
+            InvalidInput: `gamma` is `simulated` but no `gramian` is given, or it is 0.
         """
         K, Gamma = np.full(system.n, self.K), self._gain(system, gramian)
         hermite = noise.exact if self.interpolation == "auto" else self.interpolation == "hermite"
@@ -86,10 +86,10 @@ class NullspaceAID(IdentifierConfig):
 
     @property
     def in_cone(self) -> bool:
-        """Whether θ̂ must start, and stays, inside the cone of physical parameters."""
+        """Whether θ̂ must start inside the cone of physical parameters, and stays there."""
         return self.law != "paper" and self.barrier > 0
 
-    def _gain(self, system: SecondOrderSystem, gramian: Expected | None) -> Array:
+    def _gain(self, system: SecondOrderSystem, gramian: ExpectedGramian | None) -> Array:
         """(p,) or (p, p) Γ."""
         scale = system.space.scale
         if self.gamma == "scale":
@@ -101,19 +101,25 @@ class NullspaceAID(IdentifierConfig):
 
 
 def floored_inverse(gramian: Array, floor: float) -> Array:
-    """Inverse of a positive semidefinite matrix, its eigenvalues raised to floor·λ_max.
+    """Inverse of a positive semidefinite matrix, its eigenvalues raised to floor·λ_max at least.
 
-    Directions without any excitation are raised, too: nothing is to be learned along them, but
-    the estimate must be free to turn, and the prior's null directions are not quite the true ones.
+    Unexcited directions are raised, too: nothing can be learned along them, but the estimate must
+    be free to turn, since the nullspace under the prior differs slightly from the true one.
+
+    Args:
+        gramian: (p, p) the matrix.
+        floor: lower bound of the eigenvalues, as a share of the largest.
 
     Raises:
-        InvalidInput: it is 0.
+        InvalidInput: the matrix is 0.
     """
     values, vectors = np.linalg.eigh(gramian)
     if not values[-1] > 0:
         raise InvalidInput(
-            "gamma", "an excitation that moves something", "an expected Gramian of 0",
+            "gamma",
+            "an excitation that moves something",
+            "an expected Gramian of 0",
             "Drive the plant harder, or take --gamma scale.",
-        )  # fmt: skip
+        )
     inverse = (vectors / np.maximum(values, floor * values[-1])) @ vectors.T
     return 0.5 * (inverse + inverse.T)

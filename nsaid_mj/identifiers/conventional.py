@@ -1,8 +1,8 @@
 """Conventional adaptive identification: some parameters are taken as known.
 
-The same law with the known parameters held: W θ̂ = W_free θ̂_free − (the part taken as known), so
-(44) and (45) with Γ = 0 on the held ones is the textbook identifier whose τ(u) is a known signal.
-Holding the mass of (16) at 1 gives the identifier of the reduced form (17).
+With the known parameters held, W θ̂ = W_free θ̂_free − (a known signal). So (44) and (45) with Γ = 0
+on the held parameters is the textbook identifier with known forces τ(u). Holding the mass of (16)
+at 1 gives the identifier of the reduced form (17).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ..errors import InvalidInput, UnknownName
 from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
 from ..system import SecondOrderSystem
-from .base import Expected, Identifier, IdentifierConfig
+from .base import ExpectedGramian, Identifier, IdentifierConfig
 from .nullspace_aid import paper_identifier
 
 
@@ -25,7 +25,7 @@ class ConventionalAID(IdentifierConfig):
     Attributes:
         K: gain of the identification plant [1/s].
         gain: adaptation gain γ; Γ = γ diag(scale²) on the free parameters.
-        known: blocks or parameters held at their prior; "actuators" is every actuator block.
+        known: blocks or parameters held at their prior; "actuators" means all actuator blocks.
     """
 
     K: Positive = 20.0
@@ -43,9 +43,14 @@ class ConventionalAID(IdentifierConfig):
         prior: Array,
         dt: float,
         noise: SensorLevels = EXACT,
-        gramian: Expected | None = None,
+        gramian: ExpectedGramian | None = None,
     ) -> Identifier:
-        """Makes the identifier; `known` parameters stay at their prior."""
+        """Makes the identifier; the `known` parameters stay at their prior.
+
+        Raises:
+            UnknownName: a name in `known` is neither a block nor a parameter.
+            InvalidInput: all parameters are held, or none.
+        """
         held = known_mask(system.space, self.known)
         return paper_identifier(
             system,
@@ -59,7 +64,7 @@ class ConventionalAID(IdentifierConfig):
 
 
 def known_mask(space: ParameterSpace, known: tuple[str, ...]) -> np.ndarray:
-    """(p,) which parameters the names speak of.
+    """(p,) boolean mask of the parameters that are named.
 
     Raises:
         UnknownName: a name is neither a block nor a parameter.
@@ -78,7 +83,9 @@ def known_mask(space: ParameterSpace, known: tuple[str, ...]) -> np.ndarray:
             raise UnknownName("parameter or block", name, ["actuators", *blocks, *space.names])
     if held.all() or not held.any():
         raise InvalidInput(
-            "known", "some parameters but not all", f"{held.sum()} of {len(space)}",
+            "known",
+            "some parameters but not all",
+            f"{held.sum()} of {len(space)}",
             'Name what is known, e.g. ("actuators",).',
-        )  # fmt: skip
+        )
     return held

@@ -1,9 +1,9 @@
 """Metrics: what turns Wᵀ Δv into θ̂̇ (45), in Python and for compiled loops.
 
-A `Metric` is the Python side: its gain, what it conserves, its part of V. For compiled loops it
-becomes a tuple of numbers with a chart, the coordinates in which θ̂ moves: a `Flat` one is the
-paper's, with η = θ̂ and θ̂̇ = Γ Wᵀ Δv; a `Curved` one is the cone's, with a chart that cannot leave
-it. Which loop is compiled is chosen by the tuple's type.
+A `Metric` is the Python side: the gain, the conserved quantity, the metric's term of V. Compiled
+loops get a tuple of arrays with a chart, the coordinates in which θ̂ is integrated: `Flat` is the
+paper's law, with η = θ̂ and θ̂̇ = Γ Wᵀ Δv; `Curved` is the cone's, with a chart that cannot leave
+the cone. The type of the tuple selects the code that is compiled.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .cone.chart import chart_room, confine, from_chart_into, natural_rate_into,
 
 
 class Flat(NamedTuple):
-    """The paper's law.
+    """The paper's law, for compiled loops.
 
     Attributes:
         K: (n,) or (n, n) gain of the identification plant [1/s].
@@ -34,12 +34,12 @@ class Flat(NamedTuple):
 
 
 class Curved(NamedTuple):
-    """The law in the cone's metric Γ⁻¹ + μ ∇²b(θ̂).
+    """The law in the cone's metric Γ⁻¹ + μ ∇²b(θ̂), for compiled loops.
 
     Attributes:
         K: (n,) or (n, n) gain of the identification plant [1/s].
         cone: the cone.
-        pairing: `cone.coordinates` of it.
+        pairing: (e,) `barrier.coordinates` of the cone.
         stiffness: (p,) or (p, p) Γ⁻¹.
         mu: weight μ of the barrier [J].
     """
@@ -59,8 +59,8 @@ class Metric(ABC):
 
     Attributes:
         Gamma: (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part.
-        conserves: whether its conserved quantity exists.
-        cancelling: size of the terms that cancel in `divergence`, beside its value [J].
+        conserves: whether there is a conserved quantity.
+        cancelling: size of the terms that cancel in `divergence`, besides its value [J].
     """
 
     Gamma: Array
@@ -69,11 +69,11 @@ class Metric(ABC):
 
     @abstractmethod
     def law(self, K: Array) -> Law:
-        """The metric and the gain K of (44) as numbers for compiled loops."""
+        """The metric and the gain K, (n,) or (n, n), of (44) for compiled loops."""
 
     @abstractmethod
     def conserved(self, theta_hat: Array) -> Array:
-        """(...,) what (45) and (30) conserve, for estimates (..., p)."""
+        """(...,) the quantity conserved by (45) and (30), for estimates (..., p)."""
 
     @abstractmethod
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
@@ -81,12 +81,12 @@ class Metric(ABC):
 
 
 class ConstantMetric(Metric):
-    """The paper's: θ̂̇ = Γ Wᵀ Δv with a constant Γ.
+    """The paper's metric: θ̂̇ = Γ Wᵀ Δv with a constant Γ.
 
     Args:
         Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
             hold a parameter at its prior.
-        held: (p,) which parameters are held at their prior; their Γ must be 0.
+        held: (p,) mask of the parameters held at their prior; their Γ must be 0.
 
     Raises:
         InvalidInput: Γ is not positive definite on the parameters that move.
@@ -105,9 +105,9 @@ class ConstantMetric(Metric):
         return Flat(K, self.Gamma)
 
     def conserved(self, theta_hat: Array) -> Array:
-        """(...,) θ̂ᵀ Γ⁻¹ θ̂ over the parameters that move, constant under (45) by (30).
+        """(...,) θ̂ᵀ Γ⁻¹ θ̂ over the parameters that are not held.
 
-        Constant only where none is held: (30) says W θ̂ = 0 for the whole θ̂.
+        It is constant under (45) by (30), W θ̂ = 0, unless parameters are held: (30) needs all of θ̂.
         """
         theta = np.asarray(theta_hat)[..., self.moving]
         if self.Gamma.ndim == 1:
@@ -119,11 +119,11 @@ class ConstantMetric(Metric):
         return 0.5 * self.conserved(theta_hat - theta)
 
 
-# -- what a law's metric decides ------------------------------------------------------------------
+# -- compiled functions, selected by the law's type -----------------------------------------------
 
 
 def chart(law):
-    """What the law's chart works with: `scratch` of the functions below."""
+    """Allocates the chart's workspace, the argument `scratch` of the functions below."""
 
 
 def enter(law, theta, eta, scratch):
@@ -139,11 +139,11 @@ def adapt(law, eta, theta, gradient, rate, scratch):
 
 
 def hold(law, start, eta):
-    """Cuts the step from `start` (p,) to η (p,) back to where θ̂ is inside."""
+    """Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
 
 
 def sound(law, theta):
-    """Whether θ̂ (p,) is inside."""
+    """Whether θ̂ (p,) is inside its domain: the cone, or all of space."""
 
 
 @overload(chart)
@@ -216,10 +216,19 @@ def _sound(law, theta):
 
 
 def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None = None) -> Array:
-    """A gain given by its diagonal (size,) or whole (size, size), checked positive definite.
+    """Checks that a gain is positive definite.
+
+    Args:
+        name: of the gain, for messages.
+        value: (size,) its diagonal, or (size, size) all of it.
+        size: number of rows.
+        moving: (size,) mask of the diagonal's entries that must be > 0; None is all.
+
+    Returns:
+        The gain as a contiguous float array.
 
     Raises:
-        InvalidInput: the shape is wrong, it is not symmetric or not positive definite.
+        InvalidInput: the shape is wrong, or the gain is not symmetric or not positive definite.
     """
     gain = np.ascontiguousarray(value, dtype=np.float64)
     if gain.shape not in ((size,), (size, size)):

@@ -1,4 +1,4 @@
-"""The paper's identifier, (44) and (45), in any metric, with or without a memory."""
+"""The identifier of (44) and (45), in any metric, with or without a memory of past data."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .base import Confidence, DataMemory, Estimates, Identifier, State, Status
 from .metric import ConstantMetric, Flat, Metric, positive_gain
 from .rk4 import follow
 
-RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
-_FEWEST = 9  # identifiers for which a batch is faster than one after the other
+RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
+_FEWEST = 9  # identifiers from which on a batch, some lanes idle, is faster than a loop
 
 
 def paper_identifier(
@@ -39,7 +39,7 @@ def paper_identifier(
         prior: (p,) θ̂(0).
         dt: time between measurements [s].
         hermite: cubic Hermite interpolation between samples; else linear.
-        held: (p,) which parameters are held at their prior; their Γ must be 0.
+        held: (p,) mask of the parameters held at their prior; their Γ must be 0.
 
     Raises:
         InvalidInput: a shape or value is wrong, a gain is not positive definite, or K is too
@@ -97,21 +97,25 @@ class NullspaceIdentifier(Identifier):
             )
 
     def init(self, first: Measurement) -> State:
-        """v̂ = v, so that Δv(t₀) = 0 as (46) assumes, θ̂ the prior, and a memory of nothing."""
+        """The state with v̂ = v, so that Δv(t₀) = 0 as (46) assumes, θ̂ = prior and no past data.
+
+        Raises:
+            InvalidInput: the measurement has a wrong shape or is not finite.
+        """
         first = checked(self.system, first)
         memory = self.memory.begin(first) if self.memory else None
         theta = self.prior.copy()
         return State(first.t, first.v.copy(), theta, np.inf, Status.completed, memory)
 
     def step(self, state: State, previous: Measurement, following: Measurement) -> State:
-        """One RK4 step of (44, 45) from `previous` to `following`.
+        """One RK4 step of (44, 45) from `previous` to `following`, with `previous.u` held.
 
         Raises:
             InvalidInput: time does not increase, or a shape is wrong.
         """
         for sample in (previous, following):
             if tuple(map(np.shape, sample)) != ((), *((k,) for k in self._widths)):
-                checked(self.system, sample)  # says which
+                checked(self.system, sample)  # raises, and names the wrong part
         if not (following.t > previous.t and np.isfinite(following.t)):
             raise InvalidInput(
                 "t",
@@ -123,7 +127,7 @@ class NullspaceIdentifier(Identifier):
         return self.follow(state, Log.unchecked(*(np.array(part, np.float64) for part in pair)))[0]
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """RK4 steps of (44, 45) along a log, and the memory's updates where it has one.
+        """RK4 steps of (44, 45) along a log, with the memory's updates if there is one.
 
         Raises:
             InvalidInput: the log's widths are not the system's.
@@ -149,10 +153,11 @@ class NullspaceIdentifier(Identifier):
         """RK4 steps of (44, 45) along a log, without a memory's updates.
 
         Args:
-            state: at the first measurement; one that may not go on stays as it is.
+            state: at the log's first measurement; returned unchanged unless its status is
+                `completed`.
             log: N measurements.
-            motion: of that log, where it is known already: identifiers of one system that
-                interpolate alike may share it.
+            motion: of that log if already computed: identifiers of one system with the same
+                interpolation can share it.
 
         Raises:
             InvalidInput: the log's widths are not the system's.
@@ -173,11 +178,11 @@ class NullspaceIdentifier(Identifier):
         return _end(state, log, estimates, self._follow(log, estimates, motion))
 
     def motion(self, log: Log) -> Motion:
-        """What a log alone decides of this identifier's stages."""
+        """All parts of the RK4 stages along a log that do not depend on the estimate."""
         return self.system.motion(log, self.hermite)
 
     def _check(self, log: Log) -> None:
-        """Accepts a log of the system's widths."""
+        """Raises `InvalidInput` unless the log has the system's numbers of columns."""
         if not isinstance(log, Log):
             raise InvalidInput("log", "a Log", type(log).__name__, "Make one: Log(t, q, v, u).")
         for name, part, width in zip("qvu", log[1:], self._widths, strict=True):
@@ -195,7 +200,7 @@ class NullspaceIdentifier(Identifier):
         return self.system.m, self.system.n, self.system.n_u
 
     def _follow(self, log: Log, estimates: Estimates, motion: Motion | None) -> int:
-        """Writes the estimates from row 1 on; returns the row that failed, N where none did."""
+        """Writes the estimates from row 1 on; returns the row that failed, or N."""
         if motion is not None:
             return follow(self.law, motion, *estimates[:3])
         steps = self.system.motion_steps
@@ -211,31 +216,33 @@ class NullspaceIdentifier(Identifier):
         return self.metric.conserved(theta_hat)
 
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
-        """(...,) the second term of V (66), in the metric, at θ (p,) and estimates (..., p)."""
+        """(...,) the second term of V (66) in the metric, at θ (p,) and estimates (..., p)."""
         return self.metric.divergence(theta, theta_hat)
 
     def implicit(self, t: Array) -> np.ndarray:
-        """(N−1,) between which of the times (N,) of a run lies an update by the memory."""
+        """(N−1,) whether an update by the memory lies between consecutive times (N,) of a run."""
         if self.memory is None:
             return np.zeros(max(0, len(t) - 1), dtype=bool)
         return self.memory.updates(t)
 
     def slack(self, state: State, theta: Array) -> float:
-        """By how much an update of the memory can raise V under the true θ (p,); else 0."""
+        """Bound on the rise of V [J] in the memory's update to `state`, under the true θ (p,)."""
         return 0.0 if self.memory is None else self.memory.slack(state, theta)
 
     def confidence(self, state: State) -> Confidence | None:
-        """What the memory knows of the estimate's error; None without one."""
+        """The estimate's uncertainty according to the memory; None without one."""
         return None if self.memory is None else self.memory.confidence(state)
 
 
 def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
-    """The state that a log has led to, up to the row that failed (N where none did)."""
+    """The state and the estimates after a log whose row `failed` is the first invalid one, or N."""
     last = failed - 1
     state = state._replace(
-        t=float(log.t[last]), v_hat=estimates.v_hat[last].copy(),
-        theta_hat=estimates.theta_hat[last].copy(), pivot=float(estimates.pivot[last]),
-    )  # fmt: skip
+        t=float(log.t[last]),
+        v_hat=estimates.v_hat[last].copy(),
+        theta_hat=estimates.theta_hat[last].copy(),
+        pivot=float(estimates.pivot[last]),
+    )
     if failed < len(log.t):
         finite = all(np.isfinite(part[last : last + 2]).all() for part in log)
         status = Status.estimate_not_positive_definite if finite else Status.measurement_not_finite
@@ -246,13 +253,23 @@ def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[Sta
 def side_by_side(
     laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
 ) -> Iterator[tuple[State, Estimates]]:
-    """`along` of several identifiers of one system, to the bit.
+    """Runs `NullspaceIdentifier.along` for several identifiers of one system.
 
-    Those of a tree with the paper's law and diagonal gains are followed in batches, one SIMD lane
-    per identifier. A batch in which one fails is followed again, one after the other.
+    Identifiers of a tree with the paper's law and diagonal gains run in SIMD lanes, one lane per
+    identifier. If one of a batch fails, the batch is run again, one identifier at a time, so that
+    each ends where it does alone. The estimates are the same to the bit either way.
+
+    Args:
+        laws: the identifiers.
+        states: one for each, at the log's first measurement.
+        log: N measurements.
+        motion: of that log.
+
+    Yields:
+        State and estimates of every identifier, in order.
 
     Raises:
-        InvalidInput: as for `along`.
+        InvalidInput: the log's widths are not the system's.
     """
     for at in range(0, len(laws), LANES):
         group = laws[at : at + LANES], states[at : at + LANES]
@@ -277,7 +294,7 @@ def _fits_batch(
 def _batch(
     laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
 ) -> list[tuple[State, Estimates]] | None:
-    """`along` of at most `LANES` identifiers; None where one of them fails."""
+    """Runs `along` for at most `LANES` identifiers in SIMD lanes; None if one of them fails."""
     laws[0]._check(log)
     assert isinstance(motion, TreeMotion)
     count, batch = len(log.t), tree_batch(motion)

@@ -1,4 +1,4 @@
-"""RK4 of (44) and (45), compiled: one loop for every kind of motion, whatever the law's metric."""
+"""RK4 integration of (44) and (45), compiled: one loop for every kind of motion and metric."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .metric import adapt, chart, enter, hold, leave, sound
 
 @njit(cache=True)
 def room(law, n, p):
-    """Workspace of a step: its start, its stages' z = (v̂, η), RK4's total, a rate, θ̂."""
+    """Allocates the workspace of a step: start, stage z = (v̂, η), weighted sum, rate, θ̂, chart."""
     start, z, total, rate = np.zeros(n + p), np.zeros(n + p), np.zeros(n + p), np.zeros(n + p)
     return start, z, total, rate, np.zeros(p), chart(law)
 
 
 @njit(cache=True)
 def begin(law, work, v_hat, theta_hat):
-    """Sets out from v̂ (n,) and θ̂ (p,)."""
+    """Initialises a step's workspace at v̂ (n,) and θ̂ (p,)."""
     start, z, total, _, theta, scratch = work
     n = v_hat.shape[0]
     copy_into(v_hat, start[:n])
@@ -33,16 +33,16 @@ def begin(law, work, v_hat, theta_hat):
 
 @njit(cache=True)
 def advance(law, work, v, a_hat, gradient, weight, reach):
-    """Adds a stage's rates to RK4's total; z and θ̂ become the next stage's, at last the end's.
+    """Adds a stage's rates to the weighted sum; moves z and θ̂ to the next stage or the step's end.
 
     Args:
-        law: with K and its metric.
-        work: of `room`.
-        v: (n,) measured.
+        law: the gain K and the metric.
+        work: the workspace, of `work_room`.
+        v: (n,) measured velocity.
         a_hat: (n,) â of (29).
         gradient: (p,) Wᵀ Δv.
-        weight: of the stage in the step [s].
-        reach: to the next stage [s]; 0 after the last.
+        weight: weight of the stage in the step [s].
+        reach: time from the step's start to the next stage [s]; 0 after the last stage.
     """
     start, z, total, rate, theta, scratch = work
     n = v.shape[0]
@@ -69,17 +69,17 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 
 @njit(cache=True, nogil=True)
 def follow(law, motion, v_hats, theta_hats, pivots):
-    """Follows a motion of N samples.
+    """Integrates (44, 45) along a motion of N samples.
 
     Args:
-        law: with its gains.
-        motion: of a body or a tree.
-        v_hats: (N, n) estimates, written from row 1 on; row 0 is where they start.
-        theta_hats: (N, p) likewise.
-        pivots: (N,) M̂'s smallest pivot in the step up to there.
+        law: the gain K and the metric.
+        motion: any of `dynamics.motions`.
+        v_hats: (N, n) v̂, written from row 1 on; row 0 is the initial value.
+        theta_hats: (N, p) θ̂, written from row 1 on; row 0 is the initial value.
+        pivots: (N,) M̂'s smallest pivot in the step that ends at the row; written from row 1 on.
 
     Returns:
-        The row at which M̂ was not positive definite, or θ̂ outside; N where all went well.
+        The first row at which M̂ was not positive definite or θ̂ left its domain; N if none.
     """
     t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
     stages, work = stage_room(motion), room(law, n, p)

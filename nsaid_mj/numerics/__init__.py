@@ -1,7 +1,7 @@
 """Small compiled mathematics: linear algebra, rotations and poses. No robotics.
 
-Importing this room decides where compiled kernels are kept, see `kernels`; every room that defines
-kernels imports it before its first one.
+Importing this package sets the cache folder of compiled kernels, see `kernels`; every package that
+defines kernels imports it first.
 """
 
 from . import kernels as kernels

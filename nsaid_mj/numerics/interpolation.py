@@ -1,4 +1,4 @@
-"""The state half-way between two samples, which RK4's middle stages and Simpson's rule ask for."""
+"""Interpolation half-way between two samples, for RK4's middle stages and Simpson's rule."""
 
 from __future__ import annotations
 
@@ -10,9 +10,16 @@ from .spatial import bracket, planar_difference, planar_integrate, pose_differen
 
 @njit(cache=True)
 def body_half_way(group, q0, v0, q1, v1, dt, hermite):
-    """The pose and the velocity half-way between two samples of a body; see `half_way`.
+    """The pose (m,) and velocity (n,) half-way between two samples of a body; see `half_way`.
 
-    Where no velocity belongs to a twist (group 0) positions add.
+    Args:
+        group: 6 for poses in space, 3 for poses in the plane, 0 where positions add.
+        q0: (m,) pose at the first sample.
+        v0: (n,) velocity at the first sample.
+        q1: (m,) pose at the second sample.
+        v1: (n,) velocity at the second sample.
+        dt: time between the samples [s].
+        hermite: cubic Hermite interpolation; else the mean of both velocities.
     """
     if group == 0:
         half, v = half_way(q1 - q0, v0, v1, dt, hermite, group)
@@ -24,11 +31,20 @@ def body_half_way(group, q0, v0, q1, v1, dt, hermite):
 
 @njit(cache=True)
 def half_way(dq, v0, v1, dt, hermite, group):
-    """The tangent step to, and the velocity at, the middle of two samples dq (n,) apart.
+    """The tangent step (n,) to, and the velocity (n,) at, the middle between two samples.
 
-    The slope of the cubic through both positions and velocities is Simpson's rule solved for the
-    middle: exact to dt⁴, where the cubic itself is exact to dt³ only. Where the velocities are a
-    body twist, the cubic is that of the tangent step ξ, with v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] …
+    The velocity is the slope of the cubic through both positions and velocities. This is Simpson's
+    rule solved for the middle, exact to dt⁴, while the cubic itself is exact to dt³ only. Where the
+    velocities are a body twist, the cubic interpolates the tangent step ξ, with
+    v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] …
+
+    Args:
+        dq: (n,) tangent step from the first sample to the second.
+        v0: (n,) velocity at the first sample.
+        v1: (n,) velocity at the second sample.
+        dt: time between the samples [s].
+        hermite: cubic Hermite interpolation; else the velocity is the mean of both.
+        group: 6 or 3 where the leading velocities are a body twist, else 0.
     """
     once = bracket(group, dq, v1)
     slope1 = v1 + 0.5 * once + bracket(group, dq, once) / 12
@@ -42,7 +58,7 @@ def half_way(dq, v0, v1, dt, hermite, group):
 
 @njit(cache=True)
 def body_midpoints(group, t, q, v, hermite):
-    """(N−1, m) poses and (N−1, n) velocities half-way between a log's N samples of a body."""
+    """(N−1, m) poses and (N−1, n) velocities half-way between N samples t, q, v of a body."""
     steps = t.shape[0] - 1
     qm, vm = np.empty((steps, q.shape[1])), np.empty((steps, v.shape[1]))
     for k in range(steps):

@@ -1,9 +1,9 @@
-"""Compiled kernels: where they are kept between processes, and how long compiling takes.
+"""The cache of compiled kernels, and the time spent compiling.
 
-Numba's own default keeps compiled kernels beside the sources and checks only the file a kernel is
-defined in: after an update a caller runs with the old code of what it calls, or its index names
-modules that are gone. Here they go to a folder of the user's cache directory that is named by a
-digest of everything they are compiled from, so that nothing stale is ever found.
+By default numba caches compiled kernels beside the sources and checks only the file that defines a
+kernel: after an update, a caller may run with outdated code of its callees, or the index may name
+modules that no longer exist. Here the cache is a folder in the user's cache directory, named by a
+digest of everything that kernels are compiled from, so that no stale kernel is ever loaded.
 """
 
 from __future__ import annotations
@@ -30,19 +30,26 @@ from ..errors import NoKernelCache
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WITHOUT_KERNELS = (
-    "experiment", "evaluation", "recording", "reporting", "studies", "cli", "_assets", "_scenarios",
-)  # fmt: skip
-"""Rooms that define no kernel and that no kernel can depend on: they come later in the house."""
+    "experiment",
+    "evaluation",
+    "recording",
+    "reporting",
+    "studies",
+    "cli",
+    "_assets",
+    "_scenarios",
+)
+"""Subpackages that define no kernel and that no kernel can depend on, by the order of imports."""
 
-KEPT = 3  # folders of other digests that are left when a new one is made
-IN_USE = 86400.0  # what was used this recently is never deleted [s]
+KEPT = 3  # folders of other digests that survive when a new one is made
+IN_USE = 86400.0  # folders used more recently than this are never deleted [s]
 _FOLDER = "nsaid-mj"
 
 
 def digest(package: Path = PACKAGE) -> str:
-    """Sixteen hexadecimal digits of all that kernels are compiled from.
+    """Sixteen hexadecimal digits that identify everything kernels are compiled from.
 
-    These are the sources of the package and the versions of Python, numpy, numba and llvmlite.
+    That is the package's sources and the versions of Python, numpy, numba and llvmlite.
 
     Args:
         package: the package's folder.
@@ -53,9 +60,10 @@ def digest(package: Path = PACKAGE) -> str:
     for folder, inner, files in os.walk(package):
         top = Path(folder) == package
         inner[:] = sorted(
-            name for name in inner
+            name
+            for name in inner
             if name != "__pycache__" and not (top and name in WITHOUT_KERNELS)
-        )  # fmt: skip
+        )
         for name in sorted(files):
             if name.endswith(".py"):
                 path = os.path.join(folder, name)
@@ -66,17 +74,17 @@ def digest(package: Path = PACKAGE) -> str:
 
 
 def cache_home() -> Path:
-    """Where the folders of all digests lie.
+    """The folder that contains the folders of all digests.
 
-    In NUMBA_CACHE_DIR or else XDG_CACHE_HOME where one is set, otherwise in ~/.cache.
+    It is in NUMBA_CACHE_DIR if set, else in XDG_CACHE_HOME if set, else in ~/.cache.
 
     Raises:
-        OSError: no home directory is known.
+        OSError: the home directory cannot be determined.
     """
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(chosen).absolute() / _FOLDER
     base = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(base):  # a relative one is to be ignored, says the standard
+    if os.path.isabs(base):  # the XDG specification says to ignore relative paths
         return Path(base) / _FOLDER
     try:
         return Path.home() / ".cache" / _FOLDER
@@ -85,17 +93,17 @@ def cache_home() -> Path:
 
 
 def open_cache() -> Path:
-    """The folder for this version's kernels, made and marked as used now; old ones are deleted.
+    """Creates the folder of this version's kernels, or marks it as used, and deletes old folders.
 
-    Where it cannot be written, a temporary folder serves this process and its children, and a
-    warning says so.
+    If it is not writable, a temporary folder serves this process and its children, with a
+    `NoKernelCache` warning.
     """
     try:
         home = cache_home()
         folder = home / digest()
         new = not folder.is_dir()
         folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()  # it may exist and still not be writable
+        tempfile.TemporaryFile(dir=folder).close()  # raises if the folder is not writable
         os.utime(folder)
     except OSError as error:
         return _temporary(error)
@@ -105,7 +113,7 @@ def open_cache() -> Path:
 
 
 def _temporary(error: OSError) -> Path:
-    """A folder that is deleted when this process ends."""
+    """A cache folder that is deleted when this process ends; warns with the error's reason."""
     folder = Path(tempfile.mkdtemp(prefix="nsaid-mj-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)  # so that children share it, and do not warn
@@ -114,12 +122,12 @@ def _temporary(error: OSError) -> Path:
 
 
 def prune(home: Path, current: Path, now: float | None = None) -> None:
-    """Deletes all folders of other digests but the newest ones and those in use.
+    """Deletes the folders of other digests, except the newest ones and those recently used.
 
     Args:
-        home: where they lie.
+        home: the folder that contains them.
         current: the folder of this version.
-        now: the time [s since the epoch]; None asks the clock.
+        now: the current time [s since the epoch]; None reads the clock.
     """
     now = time.time() if now is None else now
     ages: list[tuple[float, Path]] = []
@@ -128,7 +136,7 @@ def prune(home: Path, current: Path, now: float | None = None) -> None:
             continue
         try:
             ages.append((now - folder.stat().st_mtime, folder))
-        except OSError:  # another process was quicker
+        except OSError:  # deleted by another process
             continue
     for age, folder in sorted(ages)[KEPT:]:
         if age > IN_USE:
@@ -136,20 +144,20 @@ def prune(home: Path, current: Path, now: float | None = None) -> None:
 
 
 FOLDER = open_cache()
-"""Where this process keeps its kernels."""
+"""The folder of this process's compiled kernels."""
 
 numba.config.CACHE_DIR = str(FOLDER)
 
 
 class _Stopwatch(event.Listener):
-    """Adds up the time that this process spends compiling, kernels within kernels once."""
+    """Accumulates the time this process spends compiling; nested compilations count once."""
 
     def __init__(self) -> None:
         self.total, self.depth, self.begin = 0.0, 0, 0.0
         self.watchers: list[Callable[[], None]] = []
 
     def on_start(self, _: event.Event) -> None:
-        """Called when numba begins to compile a kernel; a lock of numba's is held."""
+        """Called by numba, under its compiler lock, when it begins to compile a kernel."""
         if not self.depth:
             self.begin = time.perf_counter()
             for watcher in self.watchers:
@@ -157,7 +165,7 @@ class _Stopwatch(event.Listener):
         self.depth += 1
 
     def on_end(self, _: event.Event) -> None:
-        """Called when a kernel is compiled, or could not be."""
+        """Called by numba when a compilation ends, successfully or not."""
         self.depth -= 1
         if not self.depth:
             self.total += time.perf_counter() - self.begin
@@ -168,18 +176,18 @@ event.register("numba:compile", _STOPWATCH)
 
 
 def compile_seconds() -> float:
-    """How long this process has been compiling kernels up to now [s]; loading them is not in it."""
+    """Time this process has spent compiling kernels so far [s], without loading cached ones."""
     return _STOPWATCH.total
 
 
 def clock() -> float:
-    """A clock for measuring what a run costs [s]: it stands still while kernels are compiled."""
+    """A clock [s] that stops while kernels are compiled, to measure the cost of a run."""
     return time.perf_counter() - _STOPWATCH.total
 
 
 @contextmanager
 def on_compiling(call: Callable[[], None]) -> Iterator[None]:
-    """Calls `call` whenever a kernel begins to be compiled, from whatever thread compiles it."""
+    """Within the context, calls `call` when a compilation begins, in the thread that compiles."""
     _STOPWATCH.watchers.append(call)
     try:
         yield

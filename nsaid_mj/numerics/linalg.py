@@ -1,4 +1,4 @@
-"""Compiled linear algebra on the small matrices of one stage. No fastmath: NaN stays visible."""
+"""Compiled linear algebra for the small matrices of one stage. No fastmath, so NaN propagates."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from numba import njit
 
 @njit(cache=True)
 def cholesky(M, L):
-    """Factorises M = L Lᵀ, reading M's lower triangle; returns the smallest pivot.
+    """Factorises M = L Lᵀ into L (n, n), reading M's lower triangle; returns the smallest pivot.
 
-    The pivot is not > 0 (it may be NaN) where M is not positive definite, and L is then unfinished.
+    If M is not positive definite, the pivot is ≤ 0 or NaN, and L is incomplete.
     """
     n = M.shape[0]
     smallest = np.inf
@@ -34,8 +34,9 @@ def cholesky(M, L):
 def solve_positive(M, L, x):
     """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 
-    M = L D Lᵀ, without square roots and with one division in a row: below L's diagonal is L, on it
-    1/D, above it (L D)ᵀ. Where the pivot is not > 0, x is unfinished.
+    M = L D Lᵀ, without square roots and with one division per row. The array L (n, n) is a
+    workspace: it holds L below the diagonal, 1/D on it and (L D)ᵀ above it. If the pivot is not
+    > 0, x is incomplete.
     """
     n = M.shape[0]
     smallest = np.inf
@@ -69,7 +70,7 @@ def copy_into(source, target):
 
 @njit(cache=True)
 def times_into(gain, vector, product):
-    """Writes a gain, given by its diagonal (k,) or whole (k, k), times a vector (k,)."""
+    """Writes a gain times a vector (k,) into product (k,); the gain is (k, k) or its diagonal."""
     if gain.ndim == 1:
         for i in range(vector.shape[0]):
             product[i] = gain[i] * vector[i]
@@ -79,7 +80,17 @@ def times_into(gain, vector, product):
 
 @njit(cache=True)
 def evaluate(mass_tensor, W_C, F, theta):
-    """â of (29), W of (10, 31) and M̂'s smallest pivot, from M(x, θ) = mass_tensor · θ."""
+    """â (n,) of (29), W (n, p) of (10, 31) and M̂'s smallest pivot at one sample.
+
+    Args:
+        mass_tensor: (n, n, p) with M(x, θ) = mass_tensor · θ.
+        W_C: (n, p) regressor (9).
+        F: (n, p) force regressor.
+        theta: (p,) estimate.
+
+    Returns:
+        â, W and the pivot; if the pivot is not > 0, â is NaN and W lacks W_M.
+    """
     n, _, p = mass_tensor.shape
     M_hat = np.dot(mass_tensor.reshape(n * n, p), theta).reshape(n, n)  # (8)
     L = np.zeros((n, n))

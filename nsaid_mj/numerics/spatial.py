@@ -1,9 +1,9 @@
 """Poses and their tangents, compiled: rotations in space, poses in space and in the plane.
 
-A pose in space is [p, quaternion] (7,): the place of the body's frame in the world [m] and its
-attitude in x, y, z, w, body to world. A pose in the plane is [x, y, ψ] (3,). Velocities are body
-twists, [v, ω] (6,) or [u, v, r] (3,). Tangent steps are the twists that, held for one second, lead
-from one pose to the other (the group's exponential), as in Pinocchio's free flyer.
+A pose in space is [p, quaternion] (7,): the position of the body's frame in the world [m] and its
+attitude x, y, z, w, body to world. A pose in the plane is [x, y, ψ] (3,). Velocities are body
+twists, [v, ω] (6,) or [u, v, r] (3,). A tangent step is the twist that, held for one second, leads
+from one pose to the other (the group's exponential map), as in Pinocchio's free flyer.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-_SMALL = 1e-2  # [rad] below it three terms of the series are exact in double precision
+_SMALL = 1e-2  # angle below which three terms of the series are exact in double precision [rad]
 
 
 @njit(cache=True)
@@ -37,7 +37,7 @@ def rotation(quaternion):
 
 @njit(cache=True)
 def rotate(quaternion, vector):
-    """A body vector (3,) in the world's axes."""
+    """(3,) a vector in world axes, from its components in body axes (3,)."""
     x, y, z, w = quaternion
     a, b, c = vector
     i, j, k = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
@@ -48,14 +48,14 @@ def rotate(quaternion, vector):
 
 @njit(cache=True)
 def unrotate(quaternion, vector):
-    """A world vector (3,) in the body's axes."""
+    """(3,) a vector in body axes, from its components in world axes (3,)."""
     x, y, z, w = quaternion
     return rotate((-x, -y, -z, w), vector)
 
 
 @njit(cache=True)
 def product(one, other):
-    """(4,) the attitude `other` after `one`, normalised."""
+    """(4,) the quaternion product one ⊗ other, normalised."""
     a, b = one[:3], other[:3]
     q = np.empty(4)
     q[:3] = one[3] * b + other[3] * a + cross(a, b)
@@ -88,7 +88,7 @@ def rotation_vector(quaternion):
 
 @njit(cache=True)
 def pose_integrate(q, step):
-    """(7,) the pose reached from q (7,) by the tangent step (6,)."""
+    """(7,) the pose reached from pose q (7,) by a tangent step (6,)."""
     turn = step[3:].copy()
     square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
     angle = np.sqrt(square)
@@ -105,7 +105,7 @@ def pose_integrate(q, step):
 
 @njit(cache=True)
 def pose_difference(q0, q1):
-    """(6,) the tangent step that leads from pose q0 (7,) to q1, turning by π at most."""
+    """(6,) the tangent step from pose q0 (7,) to q1 (7,), with a rotation of at most π."""
     inverse = q0[3:].copy()
     inverse[:3] *= -1
     turn = rotation_vector(product(inverse, q1[3:]))
@@ -135,7 +135,7 @@ def pose_jacobian(q):
 
 @njit(cache=True)
 def planar_integrate(q, step):
-    """(3,) the pose in the plane reached from q (3,) by the tangent step (3,)."""
+    """(3,) the pose in the plane reached from q (3,) by a tangent step (3,)."""
     turn = step[2]
     square = turn * turn
     if abs(turn) > _SMALL:
@@ -150,7 +150,7 @@ def planar_integrate(q, step):
 
 @njit(cache=True)
 def planar_difference(q0, q1):
-    """(3,) the tangent step that leads from q0 (3,) to q1, the short way round."""
+    """(3,) the tangent step from pose q0 (3,) to q1 (3,), with a rotation of at most π."""
     turn = (q1[2] - q0[2] + np.pi) % (2 * np.pi) - np.pi
     square = turn * turn
     if abs(turn) > _SMALL:
@@ -165,7 +165,7 @@ def planar_difference(q0, q1):
 
 @njit(cache=True)
 def bracket(group, a, b):
-    """(n,) the Lie bracket [a, b] of two velocities (n,), of which the first `group` are a twist.
+    """(n,) the Lie bracket [a, b] of two velocities whose first `group` components are a twist.
 
     Args:
         group: 6 for rigid motions, 3 for planar ones, 0 where velocities commute.
@@ -188,7 +188,13 @@ def bracket(group, a, b):
 
 @njit(cache=True)
 def coadjoint(group, w, h):
-    """(n,) ad_wᵀ h: −C w of a body with momentum h = M v, both (n,); (C is Fossen's, skew)."""
+    """(n,) ad_wᵀ h, which is −C w of a body with momentum h = M v (n,) and Fossen's skew C.
+
+    Args:
+        group: 6 for rigid motions, 3 for planar ones, 0 where velocities commute.
+        w: (n,) velocity.
+        h: (n,) momentum.
+    """
     c = np.zeros(w.shape[0])
     if group == 6:
         c[0] = h[1] * w[5] - h[2] * w[4]

@@ -1,4 +1,4 @@
-"""Vectors of three numbers and rotations of nine, compiled: no array, so all stay in registers.
+"""Compiled 3-vectors and rotations without array allocation, so that they stay in registers.
 
 A vector is a tuple of three floats, a rotation (body to parent) a tuple of nine, row by row.
 """
@@ -10,13 +10,13 @@ from numba import njit
 
 @njit(cache=True)
 def three(x, b, i):
-    """x[b, i : i + 3]."""
+    """The vector x[b, i : i + 3]."""
     return x[b, i], x[b, i + 1], x[b, i + 2]
 
 
 @njit(cache=True)
 def put(x, b, i, one, other):
-    """Writes two vectors into x[b, i : i + 6]."""
+    """Writes two vectors into x[b, i : i + 6], such as the two halves of a twist."""
     x[b, i], x[b, i + 1], x[b, i + 2] = one
     x[b, i + 3], x[b, i + 4], x[b, i + 5] = other
 
@@ -29,7 +29,7 @@ def add(a, b):
 
 @njit(cache=True)
 def scale(s, a):
-    """A number s times a."""
+    """s a for a number s."""
     return s * a[0], s * a[1], s * a[2]
 
 
@@ -85,7 +85,7 @@ def back(x, b, a):
 
 @njit(cache=True)
 def symmetric(inertia, a):
-    """I a of I = (xx, xy, yy, xz, yz, zz)."""
+    """I a for a symmetric matrix I = (xx, xy, yy, xz, yz, zz)."""
     xx, xy, yy, xz, yz, zz = inertia
     return (
         xx * a[0] + xy * a[1] + xz * a[2],

@@ -1,3 +1,3 @@
 """The structure an identifier knows. Never imports mujoco, holds no true value."""
 
-from .. import numerics as numerics  # where kernels are kept: before the first one
+from .. import numerics as numerics  # sets the cache folder before the first kernel is defined

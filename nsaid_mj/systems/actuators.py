@@ -1,4 +1,4 @@
-"""Columns of F that actuators make: one unknown gain for each, geometry and curve known."""
+"""Columns of F of actuators: one unknown gain each, with known geometry and command curve."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..parameters import Array
 
 
 def wrenches(positions: Array, directions: Array) -> Array:
-    """(6, k) unit wrench at the body's origin of forces at `positions` along `directions`.
+    """(6, k) wrenches about the body's origin of unit forces at `positions` along `directions`.
 
     Args:
         positions: (k, 3) in the body's axes [m].
@@ -23,11 +23,15 @@ def thrusters(F, start, allocation, curve, u):
     """Thrust gain·curve(u) of every thruster; k columns.
 
     Args:
-        F: (6, p) to write into.
+        F: (6, p) force regressor; written.
         start: first column.
         allocation: (6, k) unit wrenches.
-        curve: (c,) coefficients of u, u³, u⁵ …, whose sum is 1: thrust at full command is the gain.
+        curve: (c,) coefficients of u, u³, u⁵ … with sum 1, so that the gain is the thrust at full
+            command.
         u: (k,) commands in [−1, 1].
+
+    Returns:
+        The column after the last one written.
     """
     for j in range(u.shape[0]):
         square, power, thrust = u[j] * u[j], u[j], 0.0
@@ -43,15 +47,17 @@ def thrusters(F, start, allocation, curve, u):
 def fins(F, start, allocation, v, angles):
     """Lift |u| (u δ − eᵀ(v + ω × r)) of every fin at r along e, then its drag (u δ)²; 2 k columns.
 
-    To first order u δ − eᵀ(v + ω × r) is u times the angle at which the fin meets the flow; u is
-    the body's v_x.
+    To first order u δ − eᵀ(v + ω × r) is u times the fin's angle of attack; u is the body's v_x.
 
     Args:
-        F: (6, p) to write into.
+        F: (6, p) force regressor; written.
         start: first column.
         allocation: (2, 6, k) unit wrenches of the lifts, and of the drags.
-        v: (6,) velocity.
-        angles: (k,) deflections δ [rad], positive where they lift along e.
+        v: (6,) body twist.
+        angles: (k,) deflections δ [rad]; a positive one lifts along e.
+
+    Returns:
+        The column after the last one written.
     """
     k = angles.shape[0]
     u = v[0]
@@ -70,14 +76,17 @@ def fins(F, start, allocation, v, angles):
 def propeller(F, start, v, u, slip):
     """Thrust |n| (n − slip v_x) along x, and torque |n| n about −x; 2 columns.
 
-    The first is a propeller's curve over its advance ratio, to first order.
+    The thrust is a propeller's curve over its advance ratio, to first order.
 
     Args:
-        F: (6, p) to write into.
+        F: (6, p) force regressor; written.
         start: first column.
-        v: (6,) velocity.
-        u: speed n of the shaft in shares of full speed, in [−1, 1].
-        slip: share of full thrust that is lost for each m/s at full speed of the shaft [s/m].
+        v: (6,) body twist.
+        u: speed n of the shaft relative to full speed, in [−1, 1].
+        slip: relative loss of full thrust per m/s of advance at full shaft speed [s/m].
+
+    Returns:
+        The column after the last one written.
     """
     F[0, start] = abs(u) * (u - slip * v[0])
     F[3, start + 1] = -abs(u) * u

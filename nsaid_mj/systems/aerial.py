@@ -13,7 +13,7 @@ from . import actuators
 from .rigid_body import RigidBody, inertial_block, of_a_body
 
 GRAVITY = 9.81
-"""Of the Earth [m/s²]: known, so that weight is a column of the mass."""
+"""Acceleration of gravity [m/s²]: known, so that weight is a column of the mass."""
 
 _UP = np.array([0.0, 0.0, 1.0])
 _LIFT, _ROTOR_DRAG, _BODY_DRAG, _THRUST, _TORQUE = 10, 11, 13, 16, 20  # first columns
@@ -21,7 +21,7 @@ _LIFT, _ROTOR_DRAG, _BODY_DRAG, _THRUST, _TORQUE = 10, 11, 13, 16, 20  # first c
 
 @dataclass(frozen=True)
 class AerialScales:
-    """What an engineer would guess of a quadrotor; it becomes the scale of θ.
+    """An engineer's guesses for a quadrotor, which become the scale of θ.
 
     Attributes:
         mass: [kg].
@@ -32,7 +32,7 @@ class AerialScales:
         body_drag: (3,) quadratic drag of the body [N·s²/m²].
         thrust: (4,) thrust of each rotor at full speed [N].
         torque: (4,) torque of each rotor about its axis at full speed [N·m].
-        speed: (6,) velocities of operation [m/s, rad/s], for the random probes of the structure.
+        speed: (6,) velocities of operation [m/s, rad/s], for random probes of the structure.
     """
 
     mass: float
@@ -51,14 +51,14 @@ class Quadrotor(RigidBody):
 
     θ = [m, m c (3), inertia (6), lift, rotor drag (2), body drag (3), thrust (4), torque (4)], all
     about the body's origin; axes are x forward, y left, z up. The command u_i ∈ [0, 1] is a rotor's
-    speed as a share of its largest. With v_i the velocity of rotor i in the body's axes, it makes
+    speed relative to its maximum. With v_i the velocity of rotor i in the body's axes, it produces
 
         thrust along z   k_i u_i² + lift (v_ix² + v_iy²)
         torque about z   s_i κ_i u_i²
         drag             −u_i diag(d_h, d_h, d_z) v_i
 
-    and the body −|v| diag(c) v at its origin. Drag on the rotors grows with their speed and is no
-    actuator's gain: it does not push a vehicle that stands still.
+    and the body −|v| diag(c) v at its origin. The drag on the rotors grows with their speed, but is
+    not an actuator's gain: it exerts no force on a vehicle at rest.
 
     Args:
         scales: guesses.
@@ -68,7 +68,7 @@ class Quadrotor(RigidBody):
 
     def __init__(self, scales: AerialScales, positions: Array, spin: Array):
         space = _space(scales)
-        mounts = np.vstack([positions, np.full((4, 3), np.nan)])  # a torque has no place
+        mounts = np.vstack([positions, np.full((4, 3), np.nan)])  # a torque acts at no point
         super().__init__(space, of_a_body(0, len(space)), 4, mounts)
         self.rotors = np.ascontiguousarray(positions, dtype=np.float64)
         self.spin = np.asarray(spin, dtype=np.float64)
@@ -83,7 +83,7 @@ class Quadrotor(RigidBody):
         return _each_forces(q, v, u, self.rotors, self.spin, self._lever, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws any pose within 10 m, velocities and rotor speeds of operation."""
+        """Draws a position within 10 m, any attitude, velocities and rotor speeds of operation."""
         q = self.position(np.r_[rng.uniform(-10, 10, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0.1, 1, 4)
 

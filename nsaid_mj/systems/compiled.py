@@ -1,7 +1,7 @@
-"""Trees of joints as in `multibody`, their regressors by the compiled recursions of `recursion`.
+"""Trees of joints as in `multibody`, with regressors by the recursions of `dynamics.tree`.
 
-Row j of a body's columns is the power of what the body asks for on J_i e_j, the twist that joint j
-gives it.
+Row j of a body's columns is the power of the wrench that the body requires on J_i e_j, the twist
+that joint j gives it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from .general import forces_by_sample
 from .multibody import JointScales, MotorTree
 
 AGREEMENT = 1e-10
-"""Largest difference from Pinocchio that is accepted, as a share of the largest entry."""
+"""Largest accepted difference from Pinocchio, relative to the largest entry."""
 
 _SAMPLES = 20  # random states at which both are compared
 
@@ -47,13 +47,13 @@ _SAMPLES = 20  # random states at which both are compared
 class CompiledMultibody(MotorTree):
     """A `MotorTree` whose regressors are compiled recursions: Pinocchio's numbers, much faster.
 
-    The kernels are built from the Pinocchio model, and held against Pinocchio's
+    The kernels use the tree of the Pinocchio model, and are compared with Pinocchio's
     `computeJointTorqueRegressor`, `crba` and `nonLinearEffects` when the system is made.
 
     Args:
-        model: kinematics and gravity; its inertias are not read and not kept.
+        model: kinematics and gravity; its inertias are discarded.
         scales: data-sheet guesses, which become the scale of θ.
-        friction_speed: (k,) joint speed at which Coulomb friction is developed [rad/s or m/s].
+        friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
 
     Raises:
         EnginesDisagree: the recursions and Pinocchio differ by more than `AGREEMENT`.
@@ -82,7 +82,7 @@ class CompiledMultibody(MotorTree):
         return tree_regressor(self.tree, q, v, w, a, u, self.p)
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample, for any θ."""
+        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
         return Stage(*tree_evaluate(self.tree, q, v, u, w, np.ascontiguousarray(theta)))
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
@@ -96,15 +96,15 @@ class CompiledMultibody(MotorTree):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """The terms of the momentum balance behind a leak, in one pass over the bodies."""
+        """Terms of the filtered momentum balance, in one pass over the bodies."""
         return tree_balance(self.tree, leak, *log[1:], q, v, self.p)
 
 
 def check_consistency(system: MotorTree) -> None:
-    """Holds the compiled recursions of a tree against Pinocchio at random states.
+    """Compares the compiled recursions of a tree with Pinocchio at random states.
 
-    Compared are the regressor of the links' torques, and, under random physical inertias, the mass
-    matrix and the bias forces.
+    The comparison covers the torque regressor of the links and, under random physical inertias, the
+    mass matrix and the bias forces.
 
     Raises:
         EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
@@ -152,7 +152,7 @@ def check_consistency(system: MotorTree) -> None:
 
 @njit(cache=True)
 def _reach(linkage, state, n, rates):
-    """(b·n, 6) J_i, or with `rates` the columns of dJ_i/dt in an inertial frame; body by body."""
+    """(b·n, 6) the columns of J_i, body by body; with `rates`, of dJ_i/dt in an inertial frame."""
     reach = np.empty((linkage[1].shape[0] * n, 6))
     write_reach(linkage, state, n, rates, reach)
     return reach
@@ -160,7 +160,17 @@ def _reach(linkage, state, n, rates):
 
 @njit(cache=True)
 def write_reach(linkage, state, n, rates, reach):
-    """Writes these, of every body the columns of its own joint and of those it hangs on only."""
+    """Writes the columns of J_i, or of dJ_i/dt in an inertial frame, of every body.
+
+    Only the columns of the body's own joint and of its ancestors' are written.
+
+    Args:
+        linkage: the tree.
+        state: (b, STATE) of `dynamics.tree`.
+        n: number of velocities.
+        rates: whether to write dJ_i/dt.
+        reach: (b·n, 6) row n·i + j is column j of body i; written.
+    """
     joints, numbers, _, _ = linkage
     for b in range(numbers.shape[0]):
         first, last = joint_columns(numbers, b)
@@ -175,9 +185,7 @@ def write_reach(linkage, state, n, rates, reach):
                     reach[row, i] = joints[b, AXIS + i]
             if rates:  # S turns with its body
                 s_l, s_a = three(reach, row, 0), three(reach, row, 3)
-                put(
-                    reach, row, 0, add(cross(v_a, s_l), cross(v_l, s_a)), cross(v_a, s_a)
-                )  # fmt: skip
+                put(reach, row, 0, add(cross(v_a, s_l), cross(v_l, s_a)), cross(v_a, s_a))
         parent = numbers[b, 0]
         ancestor = parent
         while ancestor >= 0:
@@ -191,7 +199,7 @@ def write_reach(linkage, state, n, rates, reach):
 
 @njit(cache=True)
 def _regressor(linkage, state, v, w, a, weight, W):
-    """Writes the links' columns of W_M a + W_C w, under `weight` times gravity."""
+    """Writes the links' columns of the regressor of M a + C w, plus `weight` times gravity's."""
     numbers, n = linkage[1], v.shape[0]
     motion, J = np.empty((numbers.shape[0], MOTION)), _reach(linkage, state, n, False)
     move(linkage, state, v, w, a, weight, motion)
@@ -209,7 +217,7 @@ def _regressor(linkage, state, v, w, a, weight, W):
 
 @njit(cache=True)
 def _joints(linkage, v, u, W):
-    """Writes the columns of friction and motors: −F."""
+    """Writes the columns of friction and motors of W (n, p), which are −F."""
     joints, _, _, (_, viscous, coulomb, gain) = linkage
     bodies, base, count = joints.shape[0], v.shape[0] - u.shape[0], u.shape[0]
     for k in range(count):
@@ -221,7 +229,7 @@ def _joints(linkage, v, u, W):
 
 @njit(cache=True)
 def _rotors(linkage, a, W):
-    """Writes the columns of the rotors' inertia."""
+    """Writes the columns of the rotors' inertias, of W (n, p)."""
     rotor, viscous = linkage[3][0], linkage[3][1]
     for k in range(viscous - rotor):
         W[a.shape[0] - (viscous - rotor) + k, rotor + k] = a[a.shape[0] - (viscous - rotor) + k]
@@ -257,7 +265,7 @@ def tree_regressor(linkage, q, v, w, a, u, p):
 
 @njit(cache=True)
 def tree_transport(linkage, q, v, p):
-    """(n, p) of C(x)ᵀ v = Ṁ v − C v: row j is Σ (dJ_ij/dt)ᵀ I_i V_i, taken in an inertial frame."""
+    """(n, p) regressor of Cᵀ v = Ṁ v − C v: row j is Σ (dJ_ij/dt)ᵀ I_i V_i in an inertial frame."""
     numbers, n = linkage[1], v.shape[0]
     W, state, still = np.zeros((n, p)), tree_state(linkage, q, v), (0.0, 0.0, 0.0)
     J_dot = _reach(linkage, state, n, True)
@@ -275,21 +283,32 @@ def tree_transport(linkage, q, v, p):
 
 @njit(cache=True)
 def tree_balance(linkage, leak, q, v, u, qm, vm, p):
-    """What `SecondOrderSystem.momentum_balance` returns."""
+    """The four arrays of `SecondOrderSystem.momentum_balance`, for a tree.
+
+    Args:
+        linkage: the tree.
+        leak: rate a of the filter [1/s].
+        q: (N, m) positions at the samples.
+        v: (N, n) velocities at the samples.
+        u: (N, n_u) commands.
+        qm: (N−1, m) positions half-way between samples.
+        vm: (N−1, n) velocities half-way between samples.
+        p: number of parameters.
+    """
     samples, n = v.shape
-    room = np.empty((linkage[1].shape[0] * n, 6)), np.empty((linkage[1].shape[0] * n, 6))
+    workspace = np.empty((linkage[1].shape[0] * n, 6)), np.empty((linkage[1].shape[0] * n, 6))
     state, drive, unused = tree_room(linkage), np.zeros((n, p)), np.zeros((n, p))
     momenta, half = np.zeros((samples, n, p)), np.zeros((samples - 1, n, p))
     start, end = np.empty(half.shape), np.empty(half.shape)
     for k in range(samples):
         drive[:] = 0.0
         tree_place(linkage, q[k], v[k], state)
-        _write_balance(linkage, leak, state, v[k], room, momenta[k], drive)
+        _write_balance(linkage, leak, state, v[k], workspace, momenta[k], drive)
         if k > 0:
             end[k - 1] = drive
             _write_command(linkage, u[k - 1], end[k - 1])
             tree_place(linkage, qm[k - 1], vm[k - 1], state)
-            _write_balance(linkage, leak, state, vm[k - 1], room, unused, half[k - 1])
+            _write_balance(linkage, leak, state, vm[k - 1], workspace, unused, half[k - 1])
             _write_command(linkage, u[k - 1], half[k - 1])
         if k < samples - 1:
             start[k] = drive
@@ -298,10 +317,13 @@ def tree_balance(linkage, leak, q, v, u, qm, vm, p):
 
 
 @njit(cache=True)
-def _write_balance(linkage, leak, state, v, room, momentum, drive):
-    """Adds W_M v to `momentum`, a W_M v + F + (the regressor of Cᵀ v), uncommanded, to `drive`."""
+def _write_balance(linkage, leak, state, v, workspace, momentum, drive):
+    """Adds W_M v to `momentum` and a W_M v + F + (the regressor of Cᵀ v) to `drive`, (n, p) each.
+
+    The motors' columns of F are left out; see `_write_command`.
+    """
     _, numbers, gravity, (rotor, viscous, coulomb, _) = linkage
-    n, bodies, (J, J_dot) = v.shape[0], numbers.shape[0], room
+    n, bodies, (J, J_dot) = v.shape[0], numbers.shape[0], workspace
     write_reach(linkage, state, n, False, J)
     write_reach(linkage, state, n, True, J_dot)
     falls = np.empty((bodies, 3))
@@ -320,9 +342,7 @@ def _write_balance(linkage, leak, state, v, room, momentum, drive):
                 d, delta = three(J, row, 0), three(J, row, 3)
                 add_power(momentum, j, 10 * b, d, delta, v_l, v_a)
                 add_power(drive, j, 10 * b, d, delta, a_l, a_a)
-                add_power(
-                    drive, j, 10 * b, three(J_dot, row, 0), three(J_dot, row, 3), v_l, v_a
-                )  # fmt: skip
+                add_power(drive, j, 10 * b, three(J_dot, row, 0), three(J_dot, row, 3), v_l, v_a)
             ancestor = numbers[ancestor, 0]
     joints = coulomb - viscous
     for k in range(joints):

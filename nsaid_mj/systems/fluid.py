@@ -1,6 +1,7 @@
-"""Columns of F that a fluid makes: drag along each axis, weight that buoyancy leaves, righting.
+"""Columns of F of a fluid: drag along each axis, net weight, righting moments, body lift.
 
-Every function writes into F (n, p) from column `start` on and returns the column after its last.
+Every function writes into F (n, p) from column `start` on and returns the column after the last one
+it writes.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ def restoring(F, start, z):
     """Net weight W − B [N] along −z of the world, and moments (r_B B − r_G W) [N·m]; 4 columns.
 
     Args:
-        F: (6, p) to write into.
+        F: (6, p) force regressor; written.
         start: first column.
-        z: (3,) upwards, in the body's axes.
+        z: (3,) upward unit vector in the body's axes.
     """
     F[0, start], F[1, start], F[2, start] = -z[0], -z[1], -z[2]
     at = start + 1  # the moment e_j × z of each component of r_B B − r_G W
@@ -48,10 +49,10 @@ def upright(F, start, attitude, up):
     """Net weight W − B [N], and r_B B − r_G W [N·m] along the body's z only; 2 columns.
 
     Args:
-        F: (6, p) to write into.
+        F: (6, p) force regressor; written.
         start: first column.
         attitude: (4,) quaternion x, y, z, w, body to world.
-        up: (3,) upwards in the world.
+        up: (3,) upward unit vector in the world's axes.
     """
     z = unrotate(attitude, up)
     F[0, start], F[1, start], F[2, start] = -z[0], -z[1], -z[2]

@@ -15,21 +15,21 @@ from .vehicle_manipulator import VehicleManipulator, link_blocks
 
 
 class FlyingArm(VehicleManipulator):
-    """A base with rotors, and an arm or none.
+    """A base with rotors, with or without an arm.
 
     θ = [base (10), links (10 k), joints, rotor thrust gains, rotor torque gains]. The command
-    u ∈ [0, 1] of a rotor is its speed as a share of its largest: it pushes along its axis with
-    gain·u², and twists the base about that axis with spin·gain·u².
+    u ∈ [0, 1] of a rotor is its speed relative to its maximum: its thrust along its axis is
+    gain·u², and its torque on the base about that axis spin·gain·u².
 
     Args:
-        model: Pinocchio's, its root a free flyer; its inertias are not read and not kept.
+        model: Pinocchio's, its root a free flyer; its inertias are discarded.
         joints: guesses of base, links and joints.
         thrust: (r,) guess of the rotors' thrust at full speed [N].
         torque: (r,) guess of the rotors' torque at full speed [N·m].
         speed: (6,) the base's velocities of operation [m/s, rad/s].
-        friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
+        friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
         positions: (r, 3) of the rotors on the base [m].
-        directions: (r, 3) in which they push, unit vectors.
+        directions: (r, 3) unit vectors along which they push.
         spins: (r,) ±1, the sense of the torque on the base about the direction.
     """
 
@@ -57,7 +57,7 @@ class FlyingArm(VehicleManipulator):
                 _gains("rotor torque gain", "torque", "N·m", torque),
             ],
             (np.full(rotors, 0.1), np.ones(rotors)),
-            np.vstack([positions, np.full((rotors, 3), np.nan)]),  # a torque has no place
+            np.vstack([positions, np.full((rotors, 3), np.nan)]),  # a torque acts at no point
             speed,
         )
         self.allocation = np.zeros((2, self.n, rotors))
@@ -78,7 +78,10 @@ def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
 
 @njit(cache=True)
 def _rotors(allocation, u):
-    """Thrust, then torque of every rotor at speed u (N, r); (2, n, r) unit wrenches."""
+    """(N, n, 2 r) wrench per gain of the rotors' thrusts, then torques, at speeds u (N, r).
+
+    `allocation` (2, n, r) holds the unit wrenches.
+    """
     kinds, n, rotors = allocation.shape
     F = np.empty((u.shape[0], n, kinds * rotors))
     for s in range(u.shape[0]):

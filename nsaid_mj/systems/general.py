@@ -1,4 +1,4 @@
-"""Systems that know no more than W_M, W_C, F and their kinematics, for one sample."""
+"""Systems defined only by W_M, W_C, F and their kinematics for one sample."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ DIFFERENCE = 1e-5
 """Step of central differences along v [s·(1 + |v|)]."""
 
 TENSOR_NUMBERS = 1_000_000
-"""Numbers in the tensors of M and C that are held at once: they stay in the processor's cache."""
+"""Numbers in the tensors of M and C that are in memory at once: they fit the processor's cache."""
 
 
 class GeneralSystem(SecondOrderSystem):
-    """A system whose every quantity follows from `_W_M`, `_W_C`, `_F` and its kinematics.
+    """A system that derives everything else from `_W_M`, `_W_C`, `_F` and its kinematics.
 
     A subclass supplies these three regressors, `integrate`, `difference`, `J`, `random_state`, and
-    the attributes of `SecondOrderSystem`. Position numbers are the position itself.
+    the attributes of `SecondOrderSystem`. Position coordinates are the position itself.
     """
 
     @cached_property
     def motion_steps(self) -> int:
-        """Steps whose motion is held in memory at once."""
+        """Time steps whose motion is in memory at once."""
         return tensor_steps(self)
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
@@ -44,7 +44,7 @@ class GeneralSystem(SecondOrderSystem):
         return (self._W_M(ahead, v) - self._W_M(behind, v)) / (2 * step) - self._W_C(q, v, v)
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """â of (29), W of (10, 31) and M̂'s smallest pivot, from the tensor of M."""
+        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
         W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
         return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
 
@@ -63,24 +63,24 @@ class GeneralSystem(SecondOrderSystem):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """The terms of the momentum balance behind a leak, sample by sample."""
+        """Terms of the filtered momentum balance, sample by sample."""
         return balance_by_sample(self, leak, log, q, v)
 
     def position(self, coordinates: Array) -> Array:
-        """(..., m) a copy of the position numbers (..., n), which are the position."""
+        """(..., m) a copy of the position coordinates (..., n), which are the position."""
         return np.array(coordinates, dtype=np.float64)
 
 
-# -- what any system can do with its regressors for one sample -------------------------------------
+# -- any system, from its regressors for one sample ------------------------------------------------
 
 
 def tensor_steps(system: SecondOrderSystem) -> int:
-    """Steps whose `TensorMotion` is held at once: two tensors at two instants for each."""
+    """Time steps whose `TensorMotion` is in memory at once: a step has 4 tensors (n, n, p)."""
     return max(1, TENSOR_NUMBERS // (4 * system.n**2 * system.p))
 
 
 def difference_step(v: Array) -> float:
-    """By what time central differences step along v (n,), good to about 1e-10 of Ṁ v [s]."""
+    """Step of central differences along v (n,) [s], for a relative error of Ṁ v of about 1e-10."""
     return DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))
 
 
@@ -117,7 +117,7 @@ def tensor_motion(system: SecondOrderSystem, log: Log, hermite: bool) -> TensorM
 def balance_by_sample(
     system: SecondOrderSystem, leak: float, log: Log, q: Array, v: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """What `SecondOrderSystem.momentum_balance` returns, sample by sample."""
+    """The four arrays of `SecondOrderSystem.momentum_balance`, sample by sample."""
     t, held = log.t, log.u[:-1]
     momenta = np.stack([system._W_M(*row) for row in zip(log.q, log.v, strict=True)])
     drive = leak * momenta

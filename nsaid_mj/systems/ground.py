@@ -10,24 +10,24 @@ from numba import njit
 from ..parameters import Array, Block, ParameterSpace
 from .rigid_body import RigidBody
 
-CREEP = 0.1  # [m/s] below it rolling resistance fades, so that it has no jump where u changes sign
+CREEP = 0.1  # speed scale of rolling resistance, which is continuous where u changes sign [m/s]
 
 
 @dataclass(frozen=True)
 class GroundScales:
-    """What an engineer would guess of a ground vehicle; it becomes the scale of θ.
+    """An engineer's guesses for a ground vehicle, which become the scale of θ.
 
     Attributes:
         mass: [kg].
-        moment: first moment of mass about mid-wheelbase, mass times the centre's place [kg·m].
+        moment: first moment of mass about mid-wheelbase, mass times x of the centre [kg·m].
         inertia: about the vertical through mid-wheelbase [kg·m²].
         stiffness: (2,) cornering stiffness of the front and of the rear axle [N/rad].
         drive: drive force at full command and standstill [N].
-        loss: drive force lost at full command for each metre per second [N·s/m].
+        loss: decrease of the drive force at full command per m/s of speed [N·s/m].
         rolling: rolling resistance [N].
         drag: aerodynamic drag [N·s²/m²].
-        speed: cruising speed [m/s], for the random probes of the structure.
-        grip: lateral acceleration of operation [m/s²], likewise.
+        speed: cruising speed [m/s], for random probes of the structure.
+        grip: lateral acceleration of operation [m/s²], for random probes of the structure.
     """
 
     mass: float
@@ -52,8 +52,8 @@ class GroundVehicle(RigidBody):
         front     −C_f α_f across the steered wheel,  α_f = atan2(v + l r, u) − δ
         rear      −C_r α_r along y,                   α_r = atan2(v − l r, u)
 
-    with l half the wheelbase. The model is meant for rolling forwards: at standstill a slip angle
-    has no meaning (Rajamani, Vehicle Dynamics and Control, 2012, chapter 2).
+    with l half the wheelbase. The model is for driving forwards: at standstill slip angles are
+    undefined (Rajamani, Vehicle Dynamics and Control, 2012, chapter 2).
 
     Args:
         scales: guesses.
@@ -80,7 +80,7 @@ class GroundVehicle(RigidBody):
         return _each_forces(v, u, self.wheelbase / 2, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws a pose, a speed from 0.4 to 1.6 of cruising, slip and yaw rate within the grip."""
+        """Draws a pose, 0.4 to 1.6 times the cruising speed, slip and yaw rate within the grip."""
         speed = self.speed * rng.uniform(0.4, 1.6)
         slip, bend = rng.uniform(-1, 1, 2)
         v = np.array([speed, 0.1 * speed * slip, self.grip / speed * bend])
@@ -112,14 +112,14 @@ def tyre(F, column, arm, steer, v):
     """Force −C α of one axle's linear tyres, across its wheels; one column.
 
     Args:
-        F: (3, p) to write into.
-        column: which.
-        arm: of the axle, forwards [m].
+        F: (3, p) force regressor; written.
+        column: index of the column.
+        arm: position of the axle along x [m].
         steer: angle of its wheels [rad].
         v: (3,) body twist.
 
     Returns:
-        The column after it.
+        The column after the one written.
     """
     slip = np.arctan2(v[1] + arm * v[2], v[0]) - steer
     F[0, column], F[1, column] = slip * np.sin(steer), -slip * np.cos(steer)

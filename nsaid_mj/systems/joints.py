@@ -1,9 +1,10 @@
-"""Coordinates of a tree of joints, on the ground or afloat.
+"""Coordinates of a tree of joints on a fixed or floating base.
 
-A joint's number is its angle [rad] or travel [m]. Position numbers are one for each velocity: where
-the tree's root is a free flyer, the base's place [m] and rotation vector [rad], then one number
-for each joint. q is Pinocchio's: the base's pose [p, quaternion] (7,), then an angle, a travel, or
-(cos, sin) for each joint. v is the base's twist [v, ω] in its own axes, then the joints' rates.
+A joint's coordinate is its angle [rad] or travel [m]. There is one position coordinate for each
+velocity: for a free-flyer root, the base's position [m] and rotation vector [rad], and then
+one coordinate per joint. q is Pinocchio's: the base's pose [p, quaternion] (7,), then an angle, a
+travel, or (cos, sin) for each joint. v is the base's twist [v, ω] in its own axes, then the joints'
+rates.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from ..parameters import Array
 from ..system import SecondOrderSystem
 from .rigid_body import SPATIAL_UNITS
 
-_UNLIMITED = np.pi  # a joint without limits is probed over one turn, or this many metres
-_PLACE, _TURN = 1.0, 1.8  # a base is probed within a metre, and at any attitude: 1.8 √3 < π
+_UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
+_PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
 
 
 class JointTree(SecondOrderSystem):
-    """A system that moves as a tree of 1-DOF joints does. Subclasses supply the regressors.
+    """A system with the kinematics of a tree of 1-DOF joints; subclasses supply the regressors.
 
     Args:
-        model: kinematics and gravity; its inertias are not read and not kept.
+        model: kinematics and gravity; its inertias are discarded.
 
     Attributes:
         model: Pinocchio's model without any inertia.
@@ -48,18 +49,18 @@ class JointTree(SecondOrderSystem):
         self.joints = list(self.model.joints)[first:]
         self.joint_names = list(self.model.names)[first:]
         self.body_names = body_names(self.model)
-        self._plain = self.m == self.n  # neither a base nor a continuous joint: positions add
+        self._plain = self.m == self.n  # no floating base and no continuous joint: positions add
 
     def integrate(self, q: Array, dq: Array) -> Array:
         """q ⊕ dq; continuous joints stay on the unit circle, the base's attitude on the sphere."""
         return q + dq if self._plain else pin.integrate(self.model, q, dq)
 
     def difference(self, q0: Array, q1: Array) -> Array:
-        """q1 ⊖ q0; for continuous joints and the base's attitude the short way round."""
+        """q1 ⊖ q0; the shorter rotation for continuous joints and the base's attitude."""
         return q1 - q0 if self._plain else pin.difference(self.model, q0, q1)
 
     def J(self, q: Array) -> Array:
-        """(m, n) with q̇ = J v (3): 1 for a joint's number, (−sin, cos) for a continuous joint."""
+        """(m, n) with q̇ = J v (3): 1 for a joint's coordinate, (−sin, cos) if it is continuous."""
         J = np.zeros((self.m, self.n))
         if self.group:
             J[:7, :6] = pose_jacobian(q)
@@ -72,7 +73,7 @@ class JointTree(SecondOrderSystem):
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
-        """(n,), (n,) range of the position numbers; a turn about 0 where the model states none."""
+        """(n,), (n,) range of the position coordinates; ±π where the model has no limits."""
         high = _UNLIMITED * np.ones(self.n)
         high[: self.group] = ([_PLACE] * 3 + [_TURN] * 3)[: self.group]
         low = -high
@@ -85,7 +86,7 @@ class JointTree(SecondOrderSystem):
         return low, high
 
     def position(self, coordinates: Array) -> Array:
-        """(..., m) position q of position numbers (..., n)."""
+        """(..., m) position q of position coordinates (..., n)."""
         if self._plain:
             return np.array(coordinates, dtype=np.float64)
         coordinates = np.asarray(coordinates, dtype=np.float64)
@@ -124,7 +125,7 @@ def body_names(model: pin.Model) -> list[str]:
     links = model.njoints - 1
     names = ["universe", *(["base"] if floats(model) else ())]
     names += [f"link {i + 1}" for i in range(links - (len(names) - 1))]
-    for frame in reversed(list(model.frames)):  # of links welded together, the first counts
+    for frame in reversed(list(model.frames)):  # the first of several links welded together counts
         if frame.type == pin.FrameType.BODY:
             names[frame.parentJoint] = frame.name
     return names[1:]

@@ -1,19 +1,19 @@
-"""Regressors of trees whose bodies carry inertias of any kind, compiled; see `loaded`."""
+"""Compiled regressors of trees of bodies with general 6×6 inertias; see `dynamics.loaded`."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from ..dynamics.loaded import MOTION, accelerate, loaded_work, push, swing
+from ..dynamics.loaded import MOTION, accelerate, add_accelerations, loaded_workspace, write_twists
 from ..dynamics.tree import SLIP, STATE, TWIST, tree_place
 from ..numerics.spatial import bracket
 from .compiled import write_reach
 
 
 @njit(cache=True)
-def placed(linkage, q, v):
-    """(N, b, ·) states of `recursion` at N samples."""
+def states_of(linkage, q, v):
+    """(N, b, STATE) states of `dynamics.tree` at N samples q (N, m), v (N, n)."""
     states = np.empty((v.shape[0], linkage[1].shape[0], STATE))
     for k in range(v.shape[0]):
         tree_place(linkage, q[k], v[k], states[k])
@@ -22,7 +22,7 @@ def placed(linkage, q, v):
 
 @njit(cache=True)
 def _reach(linkage, state, n, rates):
-    """(b, 6, n) J_i, or with `rates` its rates in an inertial frame."""
+    """(b, 6, n) J_i, or with `rates` dJ_i/dt in an inertial frame."""
     bodies = linkage[1].shape[0]
     rows = np.zeros((bodies * n, 6))
     write_reach(linkage, state, n, rates, rows)
@@ -31,9 +31,10 @@ def _reach(linkage, state, n, rates):
 
 @njit(cache=True)
 def _add(loaded, reach, x, W):
-    """Adds the columns of Σ J_iᵀ I_i x_i to Wᵀ (p, n), x (b, 2, 6) of inertias with weight or not.
+    """Adds the regressor of Σ J_iᵀ I_i x_i to W (p, n), transposed so that memory is contiguous.
 
-    Columns come as rows: what an entry adds to is then in one piece.
+    x (b, 2, 6) has two twists per body: [:, 0] multiplies inertias without weight, [:, 1] those
+    with weight.
     """
     _, places, parameters, values = loaded
     n = reach.shape[2]
@@ -46,8 +47,8 @@ def _add(loaded, reach, x, W):
 
 
 @njit(cache=True)
-def _both(twists):
-    """(b, 2, 6) the same of inertias with weight and without."""
+def _for_both_kinds(twists):
+    """(b, 2, 6) twists (b, 6), the same for inertias without and with weight."""
     x = np.empty((twists.shape[0], 2, 6))
     x[:, 0], x[:, 1] = twists, twists
     return x
@@ -59,14 +60,14 @@ def inertial(loaded, state, v, w, a, p):
     linkage, n = loaded[0], v.shape[0]
     rotor, viscous = linkage[3][:2]
     W, motion = np.zeros((p, n)), np.empty((state.shape[0], MOTION))
-    swing(linkage, state, v, w, motion)
-    push(linkage, state, a, motion)
+    write_twists(linkage, state, v, w, motion)
+    add_accelerations(linkage, state, a, motion)
     reach = _reach(linkage, state, n, False)
-    _add(loaded, reach, _both(motion[:, 6:12]), W)
+    _add(loaded, reach, _for_both_kinds(motion[:, 6:12]), W)
     for b in range(state.shape[0]):
         for j in range(n):
             reach[b, :, j] = -bracket(6, motion[b, :6], reach[b, :, j])
-    _add(loaded, reach, _both(state[:, TWIST : TWIST + 6]), W)
+    _add(loaded, reach, _for_both_kinds(state[:, TWIST : TWIST + 6]), W)
     for k in range(viscous - rotor):
         W[rotor + k, 6 + k] = a[6 + k]
     return np.ascontiguousarray(W.T)
@@ -74,10 +75,10 @@ def inertial(loaded, state, v, w, a, p):
 
 @njit(cache=True)
 def transport(loaded, state, n, p):
-    """(n, p) of C(x)ᵀ v = Ṁ v − C v = Σ (dJ_i/dt)ᵀ I_i V_i, taken in an inertial frame."""
+    """(n, p) regressor of C(x)ᵀ v = Ṁ v − C v = Σ (dJ_i/dt)ᵀ I_i V_i in an inertial frame."""
     W = np.zeros((p, n))
     reach = _reach(loaded[0], state, n, True)
-    _add(loaded, reach, _both(state[:, TWIST : TWIST + 6]), W)
+    _add(loaded, reach, _for_both_kinds(state[:, TWIST : TWIST + 6]), W)
     return np.ascontiguousarray(W.T)
 
 
@@ -88,7 +89,7 @@ def mass_tensor(loaded, state, n, p):
     tensor, reach = np.empty((n, n, p)), _reach(loaded[0], state, n, False)
     for j in range(n):
         W = np.zeros((p, n))
-        _add(loaded, reach, _both(reach[:, :, j]), W)
+        _add(loaded, reach, _for_both_kinds(reach[:, :, j]), W)
         tensor[j] = W.T
     for k in range(viscous - rotor):
         tensor[6 + k, 6 + k, rotor + k] = 1.0
@@ -96,7 +97,7 @@ def mass_tensor(loaded, state, n, p):
 
 
 @njit(cache=True)
-def _falls(linkage, state):
+def _gravity_in_bodies(linkage, state):
     """(b, 3) gravity in the bodies' axes [m/s²]."""
     _, numbers, gravity, _ = linkage
     falls = np.empty((state.shape[0], 3))
@@ -108,7 +109,7 @@ def _falls(linkage, state):
 
 @njit(cache=True)
 def _add_joints(linkage, state, v, u, F):
-    """Writes the columns of friction and motors."""
+    """Writes the columns of friction and motors into F (n, p)."""
     _, viscous, coulomb, gain = linkage[3]
     for k in range(v.shape[0] - 6):
         F[6 + k, viscous + k] = -v[6 + k]
@@ -118,12 +119,12 @@ def _add_joints(linkage, state, v, u, F):
 
 @njit(cache=True)
 def forces(loaded, states, v, u, p):
-    """(N, n, p) columns of weight, friction and motors."""
+    """(N, n, p) F's columns of weight, friction and motors at N samples; the others are 0."""
     samples, n = v.shape
     F, x = np.empty((samples, n, p)), np.zeros((states.shape[1], 2, 6))
     for s in range(samples):
         W = np.zeros((p, n))
-        x[:, 1, :3] = _falls(loaded[0], states[s])
+        x[:, 1, :3] = _gravity_in_bodies(loaded[0], states[s])
         _add(loaded, _reach(loaded[0], states[s], n, False), x, W)
         F[s] = W.T
         _add_joints(loaded[0], states[s], v[s], u[s], F[s])
@@ -132,21 +133,21 @@ def forces(loaded, states, v, u, p):
 
 @njit(cache=True)
 def evaluate(loaded, state, v, u, F, w, theta):
-    """â of (29), W of (10, 31) and M̂'s smallest pivot.
+    """â (n,) of (29), W (n, p) of (10, 31) and M̂'s smallest pivot; â is NaN if M̂ is not ≻ 0.
 
     Args:
         loaded: the tree.
-        state: (b, ·) of `recursion`.
+        state: (b, STATE) of `dynamics.tree`.
         v: (n,) velocity.
         u: (n_u,) command.
-        F: (n, p) of (4), all of it.
+        F: (n, p) force regressor of (4), all columns.
         w: (n,) velocity that C multiplies.
         theta: (p,) estimate.
     """
     n, p = F.shape
     joints_end = loaded[0][3][3] + n - 6
     rest, a = np.ascontiguousarray(F[:, joints_end:]), np.empty(n)
-    pivot = accelerate(loaded, state, v, u, rest, w, theta, loaded_work(loaded, n), a)
+    pivot = accelerate(loaded, state, v, u, rest, w, theta, loaded_workspace(loaded, n), a)
     if not pivot > 0.0:
         a[:] = 0.0
     W = inertial(loaded, state, v, w, a, p) - F
@@ -157,11 +158,22 @@ def evaluate(loaded, state, v, u, F, w, theta):
 
 @njit(cache=True)
 def balance(loaded, leak, states, middles, v, vm, u, p):
-    """What `SecondOrderSystem.momentum_balance` returns, but for what else acts on the bodies."""
+    """The four arrays of `SecondOrderSystem.momentum_balance`, without fluid and thrusters.
+
+    Args:
+        loaded: the tree.
+        leak: rate a of the filter [1/s].
+        states: (N, b, STATE) at the samples.
+        middles: (N−1, b, STATE) half-way between samples.
+        v: (N, n) velocities at the samples.
+        vm: (N−1, n) velocities half-way between samples.
+        u: (N−1, n_u) commands of the steps.
+        p: number of parameters.
+    """
     samples, n = v.shape
     momenta, half = np.zeros((samples, n, p)), np.zeros((samples - 1, n, p))
     start, end = np.zeros(half.shape), np.zeros(half.shape)
-    carried = loaded[0][3][1]  # only rotors and what the bodies carry come before friction
+    carried = loaded[0][3][1]  # number of inertial parameters: bodies and rotors precede friction
     momentum, drive = np.empty((carried, n)), np.empty((carried, n))
     for k in range(samples):
         _write_balance(loaded, leak, states[k], v[k], momentum, drive)
@@ -179,14 +191,14 @@ def balance(loaded, leak, states, middles, v, vm, u, p):
 
 @njit(cache=True)
 def _write_balance(loaded, leak, state, v, momentum, drive):
-    """Writes W_M v and a W_M v + weight + (the regressor of Cᵀ v), by columns as `_add` does."""
+    """Writes W_M v and a W_M v + weight + (the regressor of Cᵀ v), transposed, (p, n) each."""
     linkage, places, parameters, values = loaded
     n = v.shape[0]
     rotor, viscous = linkage[3][:2]
     J, J_dot = _reach(linkage, state, n, False), _reach(linkage, state, n, True)
-    x = _both(state[:, TWIST : TWIST + 6])
+    x = _for_both_kinds(state[:, TWIST : TWIST + 6])
     y = leak * x
-    y[:, 1, :3] += _falls(linkage, state)
+    y[:, 1, :3] += _gravity_in_bodies(linkage, state)
     momentum[:], drive[:] = 0.0, 0.0
     for e in range(places.shape[0]):
         at, k = places[e], parameters[e]

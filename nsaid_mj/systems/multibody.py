@@ -1,7 +1,7 @@
-"""Trees of revolute and prismatic joints (5), fixed or afloat, with a motor on every joint.
+"""Trees of revolute and prismatic joints (5), fixed or floating, with a motor on every joint.
 
-θ = ten inertial parameters of every link, the base first where it floats, then, for every joint,
-rotor inertia (where the robot has any), viscous and Coulomb friction, motor gain. Link inertias are
+θ = ten inertial parameters of every link, the floating base first if there is one; then, for every
+joint, rotor inertia (if modelled), viscous and Coulomb friction, motor gain. Link inertias are
 about the joint-frame origin in joint axes, in Pinocchio's order: m, m·c (3), Ixx, Ixy, Iyy, Ixz,
 Iyz, Izz.
 """
@@ -32,22 +32,22 @@ from .joints import JointTree
 from .rigid_body import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .tree import linkage_of
 
-_BASE_SPEED = 1.0  # a base that floats is probed at up to this [m/s, rad/s]
+_BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
 
 
 @dataclass(frozen=True)
 class JointScales:
-    """What a data sheet tells of a robot: one guess for each of its b bodies and k joints.
+    """Data-sheet guesses for the b bodies and k joints of a robot.
 
     Attributes:
-        mass: (b,) masses of the bodies, the base first where it floats [kg].
+        mass: (b,) masses of the bodies, a floating base first [kg].
         length: (b,) sizes of the bodies [m].
         viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
         coulomb: (k,) Coulomb friction [N·m or N].
         gain: (k,) motor gains [N·m or N per unit of command].
         speed: (k,) speeds of operation [rad/s or m/s].
         command: (k,) commands of operation [units of command].
-        rotor: (k,) reflected rotor inertias [kg·m² or kg]; None leaves them out of θ.
+        rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
     """
 
     mass: Array
@@ -72,12 +72,12 @@ class MotorTree(JointTree):
     recursions, which agree with Pinocchio's).
 
     Args:
-        model: kinematics and gravity; its inertias are not read and not kept.
+        model: kinematics and gravity; its inertias are discarded.
         scales: data-sheet guesses, which become the scale of θ.
-        friction_speed: (k,) joint speed at which Coulomb friction is developed [rad/s or m/s].
+        friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
 
     Attributes:
-        tree: its bodies, for `dynamics.tree`.
+        tree: the bodies and joints, for `dynamics.tree`.
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
@@ -124,12 +124,12 @@ class Multibody(MotorTree):
     # -- regressors ----------------------------------------------------------------------------
 
     def _weighted(self, q: Array, v: Array, a: Array) -> Array:
-        """(n, 10 b) Pinocchio's regressor; a single joint's, which it squeezes, too."""
+        """(n, 10 b) Pinocchio's regressor with gravity; (1, 10 b) for one joint, not squeezed."""
         regressor = pin.computeJointTorqueRegressor(self.model, self._data, q, v, a)
         return regressor if self.n > 1 else regressor.reshape(1, -1)
 
     def _torque_regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(n, 10 b) Pinocchio's regressor of a robot without weight."""
+        """(n, 10 b) Pinocchio's regressor without gravity."""
         regressor = pin.computeJointTorqueRegressor(self._weightless, self._data_0, q, v, a)
         return regressor if self.n > 1 else regressor.reshape(1, -1)
 
@@ -195,8 +195,8 @@ class Multibody(MotorTree):
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
         """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample.
 
-        W is Pinocchio's; â solves the same equations by `dynamics.tree`, since Pinocchio's own
-        algorithms for â store centres of mass, h/m, and so refuse links without mass.
+        W is Pinocchio's. â is computed by `dynamics.tree`, since Pinocchio's forward dynamics store
+        centres of mass h/m and so cannot handle massless links.
         """
         a_hat, pivot = _accelerate(self.tree, q, v, w, u, np.ascontiguousarray(theta))
         W = self._W(t, q, v, w, a_hat, u)
@@ -217,13 +217,13 @@ class Multibody(MotorTree):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """The terms of the momentum balance behind a leak, sample by sample."""
+        """Terms of the filtered momentum balance, sample by sample."""
         return balance_by_sample(self, leak, log, q, v)
 
 
 @njit(cache=True)
 def _accelerate(tree, q, v, w, u, theta):
-    """â (n,) of (29), 0 where M̂ is not ≻ 0; M̂'s smallest pivot."""
+    """â (n,) of (29), which is 0 if M̂ is not ≻ 0; and M̂'s smallest pivot."""
     a = np.empty(v.shape[0])
     state = tree_state(tree, q, v)
     pivot = accelerate(tree, state, v, w, u, theta, tree_work(tree, v.shape[0]), a)
@@ -259,7 +259,7 @@ def joint_block(
     scale: Array,
     actuator: bool = False,
 ) -> Block:
-    """One positive parameter for each joint; `units` of turning and of sliding ones."""
+    """A block of one positive parameter per joint; `units` for revolute and prismatic joints."""
     return Block(
         name,
         tuple(f"{letter}_{i + 1}" for i in range(len(tree.slides))),
@@ -272,7 +272,7 @@ def joint_block(
 
 
 def joint_blocks(tree: JointTree, s: JointScales) -> list[Block]:
-    """Rotor inertia where there is any, friction and motor gain of joints, if there are joints."""
+    """Blocks of the joints, if any: rotor inertia if modelled, friction, motor gain."""
     blocks = []
     if s.rotor is not None:
         blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), tree, s.rotor))

@@ -4,7 +4,7 @@ In body axes M is constant, and C follows from it: C(ν) w = −ad_wᵀ M ν (Ki
 Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2021, section 3.3.1).
 
 In space q is [p, quaternion] (7,) and ν = [v, ω] (6,), both in the body's axes; in the plane q is
-[x, y, ψ] (3,) and ν = [u, v, r] (3,). Position numbers, as sensors give them, are [p, rotation
+[x, y, ψ] (3,) and ν = [u, v, r] (3,). Position coordinates, as sensors give them, are [p, rotation
 vector] (6,) in space.
 """
 
@@ -42,17 +42,18 @@ INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 class RigidBody(SecondOrderSystem):
     """A body whose M is linear in θ and constant in its own frame.
 
-    A subclass supplies `_F`, `forces` and `random_state`. With h = M v, C w = −ad_wᵀ h, so that an
+    A subclass supplies `_F`, `forces` and `random_state`. As C w = −ad_wᵀ h with h = M v, an
     identifier need not form W_M and W_C.
 
     Args:
         space: names, units and scale of θ.
         mass_tensor: (n, n, p) with M(θ) = mass_tensor · θ, symmetric in its first two axes.
         n_u: number of commands.
-        mounts: (k, 3) for every actuator parameter, where its force acts, in the body's axes [m].
+        mounts: (k, 3) point of application of every actuator parameter's force, in the body's
+            axes [m].
 
     Attributes:
-        inertia: M, sparse.
+        inertia: M(θ), sparse.
     """
 
     inertia: ConstantInertia
@@ -79,7 +80,7 @@ class RigidBody(SecondOrderSystem):
         return -self._W_C(q, v, v)  # M is constant in the body, and C skew
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample."""
+        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
         return Stage(*evaluate(self._constant, self._W_C(q, v, w), self._F(t, q, v, u), theta))
 
     def midpoints(self, log: Log, hermite: bool) -> Middle:
@@ -95,7 +96,7 @@ class RigidBody(SecondOrderSystem):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """The terms of the momentum balance behind a leak, compiled but for F."""
+        """Terms of the filtered momentum balance, compiled but for F."""
         t, held, (entries, values), group = log.t, log.u[:-1], self.inertia, self.group
         momenta = np.zeros((*log.v.shape, self.p))
         drive = np.zeros((*log.v.shape, self.p))
@@ -114,11 +115,11 @@ class RigidBody(SecondOrderSystem):
         return np.stack([self._W_M(np.zeros(self.m), e) for e in np.eye(self.n)])
 
     def integrate(self, q: Array, dq: Array) -> Array:
-        """The pose reached by the twist dq held for one second."""
+        """(m,) the pose reached from q by the twist dq held for one second."""
         return pose_integrate(q, dq) if self.n == 6 else planar_integrate(q, dq)
 
     def difference(self, q0: Array, q1: Array) -> Array:
-        """The twist that, held for one second, leads from q0 to q1, the short way round."""
+        """(n,) the twist that, held for one second, leads from q0 to q1; the shorter rotation."""
         return pose_difference(q0, q1) if self.n == 6 else planar_difference(q0, q1)
 
     def J(self, q: Array) -> Array:
@@ -129,7 +130,7 @@ class RigidBody(SecondOrderSystem):
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def position(self, coordinates: Array) -> Array:
-        """(..., m) pose of position numbers (..., n)."""
+        """(..., m) pose of position coordinates (..., n)."""
         coordinates = np.asarray(coordinates, dtype=np.float64)
         if self.n == 3:
             return coordinates.copy()
@@ -144,7 +145,7 @@ class RigidBody(SecondOrderSystem):
 
 @njit(cache=True)
 def momentum(entries, values, p, v):
-    """(n, p) regressor of M v."""
+    """(n, p) regressor of M v, for the `ConstantInertia` (entries, values) of M."""
     W = np.zeros((v.shape[0], p))
     for e in range(values.shape[0]):
         i, j, k = entries[e]
@@ -156,7 +157,7 @@ def momentum(entries, values, p, v):
 def write_drive(entries, values, group, leak, v, momenta, drive):
     """Adds M v to `momenta` (N, n, p) and a M v + Cᵀ v to `drive`, as regressors, for v (N, n).
 
-    Of Cᵀ v = −C v = ad_vᵀ M v, entry M_ij = c θ_k adds c v_j ad_vᵀ e_i.
+    As Cᵀ v = −C v = ad_vᵀ M v, every entry M_ij = c θ_k contributes c v_j ad_vᵀ e_i to Cᵀ v.
     """
     n = v.shape[1]
     push, unit = np.empty((n, n)), np.zeros(n)
@@ -176,7 +177,7 @@ def write_drive(entries, values, group, leak, v, momenta, drive):
 
 @njit(cache=True)
 def turned(group, w, W):
-    """(n, p) regressor of −ad_wᵀ h, from that of the momentum h."""
+    """(n, p) regressor of C w = −ad_wᵀ h, from the regressor W (n, p) of the momentum h."""
     result = np.empty(W.shape)
     for k in range(W.shape[1]):
         result[:, k] = -coadjoint(group, w, np.ascontiguousarray(W[:, k]))
@@ -227,5 +228,5 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
 
 
 def inertial_labels(body: str) -> tuple[str, ...]:
-    """What people call a body's ten inertial parameters: m·cx is its first moment along x."""
+    """Labels of a body's ten inertial parameters; m·cx is the first moment of mass along x."""
     return tuple(f"{label} of {body}" for label in INERTIAL_LABELS)

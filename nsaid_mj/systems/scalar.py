@@ -16,20 +16,19 @@ from ..system import SecondOrderSystem, Stage
 class ScalarVehicle(SecondOrderSystem):
     """m v̇ = −d v|v| − g + a u (16), θ = [m, d, g, a].
 
-    x = (depth rate integrated, i.e. height z [m], upward velocity v [m/s]); u is the thruster
-    command in [−1, 1]; g is the weight that buoyancy leaves [N]. M does not depend on x, so
-    C = 0. Normalising by m gives the reduced form (17): hold `mass` at 1 with
-    `ConventionalAID(known=("mass",))`.
+    x = (height z [m], upward velocity v [m/s]); u is the thruster command in [−1, 1]; g is the
+    weight minus buoyancy [N]. M does not depend on x, so C = 0. Normalising by m gives the reduced
+    form (17): hold `mass` at 1 with `ConventionalAID(known=("mass",))`.
 
     Args:
         scale: (4,) guess of m [kg], d [N·s²/m²], g [N], a [N].
-        speed: speed of operation [m/s], for the random probes of the structure.
+        speed: speed of operation [m/s], for random probes of the structure.
     """
 
     n, m, n_u = 1, 1, 1
     velocity_units = ("m/s",)
     inertia = ConstantInertia(np.zeros((1, 3), dtype=np.intp), np.ones(1))
-    mounts = np.zeros((1, 3))  # where the thrusters' force acts, for what draws it [m]
+    mounts = np.zeros((1, 3))  # point of application of the thrust, for drawing [m]
 
     def __init__(self, scale: Array, speed: float = 1.0):
         m, d, g, a = np.asarray(scale, dtype=np.float64)[:, None]
@@ -62,7 +61,7 @@ class ScalarVehicle(SecondOrderSystem):
         return np.zeros((1, 4))
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample."""
+        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
         W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
         return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
 
@@ -85,7 +84,7 @@ class ScalarVehicle(SecondOrderSystem):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """The terms of the momentum balance behind a leak; C = 0."""
+        """Terms of the filtered momentum balance, where C = 0."""
         t, held = log.t, log.u[:-1]
         momenta, half = np.zeros((len(t), 1, 4)), np.zeros((len(v), 1, 4))
         momenta[:, 0, :1], half[:, 0, :1] = log.v, leak * v
@@ -106,7 +105,7 @@ class ScalarVehicle(SecondOrderSystem):
         return np.eye(1)
 
     def position(self, coordinates: Array) -> Array:
-        """(..., 1) a copy of the position numbers, which are the position."""
+        """(..., 1) a copy of the position coordinates, which are the position."""
         return np.array(coordinates, dtype=np.float64)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:

@@ -15,14 +15,14 @@ _LINEAR = np.ones(1)
 
 @dataclass(frozen=True)
 class FreeFlyerScales:
-    """What an engineer would guess of a free-flyer; it becomes the scale of θ.
+    """An engineer's guesses for a free-flyer, which become the scale of θ.
 
     Attributes:
         mass: [kg].
         offset: of the centre of mass from the body's origin [m].
         inertia: (3,) moments of inertia [kg·m²].
         thrust: (k,) thrust of each nozzle, fully open [N].
-        speed: (6,) velocities of operation [m/s, rad/s], for the random probes of the structure.
+        speed: (6,) velocities of operation [m/s, rad/s], for random probes of the structure.
     """
 
     mass: float
@@ -41,7 +41,7 @@ class FreeFlyer(RigidBody):
     Args:
         scales: guesses.
         positions: (k, 3) of the nozzles [m].
-        directions: (k, 3) in which they push, unit vectors.
+        directions: (k, 3) unit vectors along which they push.
     """
 
     def __init__(self, scales: FreeFlyerScales, positions: Array, directions: Array):
@@ -66,12 +66,12 @@ class FreeFlyer(RigidBody):
         return F
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """As in the base class, at once."""
+        """(N, n, p) F for N samples, vectorised."""
         F = np.zeros((len(u), 6, self.p))
         F[:, :, 10:] = self._allocation * u[:, None]
         return F
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws any pose within a metre, velocities and commands of operation."""
+        """Draws a position within 1 m, any attitude, velocities and commands of operation."""
         q = self.position(np.r_[rng.uniform(-1, 1, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0, 1, self.n_u)

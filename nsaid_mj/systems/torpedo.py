@@ -21,20 +21,20 @@ _MASS = (
 
 @dataclass(frozen=True)
 class TorpedoScales:
-    """What an engineer would guess of a torpedo-shaped vehicle; it becomes the scale of θ.
+    """An engineer's guesses for a torpedo-shaped vehicle, which become the scale of θ.
 
     Attributes:
         inertia: (4,) M_11, M_22 [kg], M_44, M_55 [kg·m²], added mass included.
         coupling: (2,) M_26, M_15 [kg·m].
         drag: (4,) along, across [N·s²/m²], rolling, turning [N·m·s²/rad²].
         lift: (2,) of the body: force [N·s²/m²], moment [N·s²/m].
-        net_weight: weight that buoyancy leaves [N].
+        net_weight: weight minus buoyancy [N].
         righting: moment of weight and buoyancy [N·m].
         propeller: (2,) thrust [N] and torque [N·m] at full command at rest.
         fin_lift: (k,) [N·s²/m² for each rad].
         fin_drag: (k,) [N·s²/m² for each rad²].
         speed: (6,) velocities of operation [m/s, rad/s]; the first is that under way.
-        limit: largest deflection of a fin [rad].
+        limit: largest deflection of a fin [rad], for random probes of the structure.
     """
 
     inertia: Array
@@ -59,14 +59,14 @@ class TorpedoVehicle(RigidBody):
 
     Commands are the fins' deflections [rad], then the propeller's speed in [−1, 1]. The propeller's
     curve is known, its gains are not. Lift and drag go by the vehicle's own u, as in Prestero
-    (2001); stall is not in it.
+    (2001); stall is not modelled.
 
     Args:
         scales: guesses.
         positions: (k, 3) of the fins [m].
         lifts: (k, 3) unit vectors along which positive deflections lift.
-        propeller: (3,) where it is [m].
-        slip: share of its full thrust that it loses for each m/s [s/m].
+        propeller: (3,) position of the propeller [m].
+        slip: relative loss of full thrust per m/s of advance at full shaft speed [s/m].
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class TorpedoVehicle(RigidBody):
     ):
         space = _space(scales)
         k = len(positions)
-        nowhere = np.full(3, np.nan)  # a torque has no place
+        nowhere = np.full(3, np.nan)  # a torque acts at no point
         mounts = np.vstack([propeller, nowhere, positions, positions])
         super().__init__(space, _mass_tensor(len(space)), k + 1, mounts)
         astern = np.tile([-1.0, 0.0, 0.0], (k, 1))
@@ -96,7 +96,7 @@ class TorpedoVehicle(RigidBody):
         return _each_forces(q, v, u, self.allocation, self.slip, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws a pose within 10 m and 0.5 rad of upright, under way, and commands of operation."""
+        """Draws a position within 10 m, attitude near upright, forward motion and commands."""
         q = self.position(np.r_[rng.uniform(-10, 10, 3), 0.5 * rng.standard_normal(3)])
         v = self.speed * np.r_[rng.uniform(0.4, 1.2), rng.uniform(-1, 1, 5)]
         fins = self.limit * rng.uniform(-1, 1, self.n_u - 1)
@@ -123,7 +123,7 @@ def _each_forces(q, v, u, allocation, slip, p):
 
 
 def _mass_tensor(p: int) -> Array:
-    """(6, 6, p) of a body of revolution about x: six numbers for M."""
+    """(6, 6, p) mass tensor of a body of revolution about x, whose M has six parameters."""
     tensor = np.zeros((6, 6, p))
     for i, j, k, value in _MASS:
         tensor[i, j, k] = tensor[j, i, k] = value

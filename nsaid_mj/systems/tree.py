@@ -1,4 +1,4 @@
-"""From Pinocchio's models of trees, and what their bodies carry, to the numbers of recursions."""
+"""Converts Pinocchio's models, and the inertias of their bodies, to `dynamics.structures`."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ def linkage_of(model: pin.Model, friction_speed: Array, columns: Indices) -> Lin
 
     Args:
         model: the tree; inertias are not read.
-        friction_speed: (k,) of the joints [rad/s or m/s].
-        columns: (4,) as in `Linkage`.
+        friction_speed: (k,) joint speeds at which Coulomb friction saturates [rad/s or m/s].
+        columns: (4,) first indices in θ, as in `Linkage`.
     """
     data, moving = model.createData(), list(model.joints)[1:]
     pin.computeJointJacobians(model, data, pin.neutral(model))
     placements = list(model.jointPlacements)[1:]
     joints = np.zeros((len(moving), recursion.WIDTH))
-    numbers = np.array([
-        [parent - 1, joint.idx_q, recursion.BASE]
-        for parent, joint in zip(list(model.parents)[1:], moving, strict=True)
-    ])  # fmt: skip
+    numbers = np.array(
+        [
+            [parent - 1, joint.idx_q, recursion.BASE]
+            for parent, joint in zip(list(model.parents)[1:], moving, strict=True)
+        ]
+    )
     first = len(joints) - len(friction_speed)
     for b in range(first, len(joints)):
         joint, R = moving[b], placements[b].rotation
@@ -39,8 +41,10 @@ def linkage_of(model: pin.Model, friction_speed: Array, columns: Indices) -> Lin
         held = along if turns else np.eye(3)
         across = np.array([np.cross(turn, e) for e in np.eye(3)]).T
         for start, part in (
-            (recursion.FIXED, held), (recursion.COSINE, np.eye(3) - held), (recursion.SINE, across),
-        ):  # fmt: skip
+            (recursion.FIXED, held),
+            (recursion.COSINE, np.eye(3) - held),
+            (recursion.SINE, across),
+        ):
             joints[b, start : start + 9] = (R @ part).ravel()
         joints[b, recursion.PLACE : recursion.PLACE + 3] = placements[b].translation
         joints[b, recursion.TRAVEL : recursion.TRAVEL + 3] = R @ slide
@@ -52,12 +56,12 @@ def linkage_of(model: pin.Model, friction_speed: Array, columns: Indices) -> Lin
 
 
 class Carried(NamedTuple):
-    """An inertia that a body carries.
+    """A 6×6 inertia attached to a body.
 
     Attributes:
-        body: which.
+        body: index of the body.
         tensor: (6, 6, s) with I = tensor · (the next s parameters), in the body's axes.
-        weighs: whether it has weight, too.
+        weighs: whether the inertia also has weight.
     """
 
     body: int
@@ -66,7 +70,7 @@ class Carried(NamedTuple):
 
 
 def loaded(linkage: Linkage, inertias: list[Carried]) -> LoadedTree:
-    """A tree with inertias that follow each other in θ, from its beginning."""
+    """A tree with inertias, whose parameters are consecutive in θ, from index 0 on."""
     places, parameters, values, start = [], [], [], 0
     for body, tensor, weighs in inertias:
         i, j, k = at = np.nonzero(tensor)

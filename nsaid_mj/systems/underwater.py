@@ -18,16 +18,16 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class UnderwaterScales:
-    """What an engineer would guess of an underwater vehicle; it becomes the scale of θ.
+    """An engineer's guesses for an underwater vehicle, which become the scale of θ.
 
     Attributes:
         mass: (6,) diagonal of M, added mass included [kg, kg·m²].
         linear: (6,) linear drag [N·s/m, N·m·s/rad].
         quadratic: (6,) quadratic drag [N·s²/m², N·m·s²/rad²].
-        net_weight: weight that buoyancy leaves [N].
+        net_weight: weight minus buoyancy [N].
         righting: moment of weight and buoyancy [N·m].
         thrust: (k,) thrust of each thruster at full command [N].
-        speed: (6,) velocities of operation [m/s, rad/s], for the random probes of the structure.
+        speed: (6,) velocities of operation [m/s, rad/s], for random probes of the structure.
     """
 
     mass: Array
@@ -48,7 +48,7 @@ class UnderwaterVehicle(RigidBody):
     Args:
         scales: guesses.
         positions: (k, 3) of the thrusters [m].
-        directions: (k, 3) in which they push, unit vectors.
+        directions: (k, 3) unit vectors along which they push.
         curve: coefficients of u, u³, u⁵ … of the command curve; their sum is 1.
     """
 
@@ -67,7 +67,7 @@ class UnderwaterVehicle(RigidBody):
         return _each_forces(q, v, u, self._allocation, self._curve, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws any pose within 10 m, velocities and commands of operation."""
+        """Draws a position within 10 m, any attitude, velocities and commands of operation."""
         q = self.position(np.r_[rng.uniform(-10, 10, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(-1, 1, self.n_u)
 
@@ -113,14 +113,14 @@ def mass_block(diagonal: Array) -> Block:
 
 
 def _mass_label(i: int, j: int) -> str:
-    """What an entry of M is called; added mass is part of it."""
+    """The label of entry (i, j) of M; "effective" because it includes added mass."""
     if i == j:
         return f"effective {AXES[i]} {'mass' if i < 3 else 'inertia'}"
     return f"{AXES[i]}–{AXES[j]} coupling of M"
 
 
 def per_axis(name: str, letter: str, units: tuple[str, str], scale: Array) -> Block:
-    """A block of six, one for each axis; a truth of 0 is possible, so any sign is."""
+    """A block of six, one per axis; free of sign, since a true value may be 0."""
     return Block(
         name,
         tuple(f"{letter}_{axis}" for axis in AXES),

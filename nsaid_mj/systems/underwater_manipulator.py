@@ -25,7 +25,7 @@ STRIPS = 4
 
 @dataclass(frozen=True)
 class Cylinders:
-    """What is known of the k links' shapes: slender cylinders, in the links' own axes.
+    """Known shapes of the k links: slender cylinders, in the links' own axes.
 
     Attributes:
         centres: (k, 3) [m].
@@ -40,7 +40,7 @@ class Cylinders:
 
 @dataclass(frozen=True)
 class LinkFluidScales:
-    """What an engineer would guess of the links in water; it becomes the scale of θ.
+    """An engineer's guesses for the links in water, which become the scale of θ.
 
     Attributes:
         added: (k,) added mass of a link that moves across its axis [kg].
@@ -54,23 +54,23 @@ class LinkFluidScales:
 
 
 class UnderwaterManipulator(VehicleManipulator):
-    """An underwater vehicle (see `UnderwaterVehicle`) whose arm moves water, too.
+    """An underwater vehicle (see `UnderwaterVehicle`) with an arm in water.
 
     θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
     (6), quadratic drag (6), net weight, righting moments (3), links' drag (k), links' buoyancy (k),
-    thrust]. A link is a cylinder about its axis e. Its added mass m_A lies evenly along the axis
-    and moves across it only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is −c |v_⊥| v_⊥ ds; buoyancy acts
-    at the middle.
+    thrust]. A link is a cylinder about its axis e. Its added mass m_A is distributed evenly along
+    the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
+    −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
 
     Args:
-        model: Pinocchio's, its root a free flyer; its inertias are not read and not kept.
+        model: Pinocchio's, its root a free flyer; its inertias are discarded.
         joints: guesses of the links and joints; the base's mass and length are not used.
         base: guesses of the base in water.
         links: guesses of the links in water.
         cylinders: the links' shapes.
-        friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
+        friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
         positions: (t, 3) of the thrusters on the base [m].
-        directions: (t, 3) in which they push, unit vectors.
+        directions: (t, 3) unit vectors along which they push.
         curve: coefficients of u, u³, u⁵ … of the command curve; their sum is 1.
     """
 
@@ -115,11 +115,23 @@ class UnderwaterManipulator(VehicleManipulator):
         self.curve = np.asarray(curve, dtype=np.float64)
 
     def applied(self, states: Array, u: Array) -> Array:
-        """As in the base class: water, but added mass, and thrusters."""
+        """(N, n, ·) columns of F of drag, net weight, righting, buoyancy and thrusters.
+
+        Args:
+            states: (N, b, STATE) of `dynamics.tree`.
+            u: (N, n_u) commands.
+        """
         return _water(
-            self.loaded.linkage, states, u[:, len(self.joints) :], self.cylinders.centres,
-            self.cylinders.axes, self._points, self._weights, self.allocation, self.curve,
-        )  # fmt: skip
+            self.loaded.linkage,
+            states,
+            u[:, len(self.joints) :],
+            self.cylinders.centres,
+            self.cylinders.axes,
+            self._points,
+            self._weights,
+            self.allocation,
+            self.curve,
+        )
 
 
 def _per_link(name: str, letter: str, unit: str, scale: Array, links: list[str]) -> Block:
@@ -151,7 +163,7 @@ def strips(cylinders: Cylinders) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def _water(linkage, states, u, centres, axes, points, weights, allocation, curve):
-    """(N, n, ·) all that water does to base and links but added mass, then the thrusters."""
+    """(N, n, ·) columns of F of drag and buoyancy of base and links, then of the thrusters."""
     samples, bodies, _ = states.shape
     links = bodies - 1
     F = np.zeros((samples, 6 + links, 16 + 2 * links + u.shape[1]))
@@ -175,7 +187,7 @@ def _water(linkage, states, u, centres, axes, points, weights, allocation, curve
 
 @njit(cache=True)
 def _drag(state, b, axis, points, weights):
-    """Force and moment of −|v_⊥| v_⊥ on every strip of a cylinder, body b."""
+    """Force and moment of −|v_⊥| v_⊥ summed over the strips of the cylinder of body b."""
     linear, angular = three(state, b, TWIST), three(state, b, TWIST + 3)
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for s in range(weights.shape[0]):

@@ -1,7 +1,7 @@
-"""Vehicles that carry an arm (4–6): what they share in water and in air.
+"""Vehicles with an arm (4–6): the common part of those in water and in air.
 
-θ = the inertia of the base, then of every link; friction and motor gain of every joint; what the
-fluid does; the gains of the thrusters. The base has x forward, y left, z up; link inertias are
+θ = the inertia of the base, then of every link; friction and motor gain of every joint; fluid
+forces; the gains of the thrusters. The base has x forward, y left, z up; link inertias are
 about the joint-frame origin in joint axes, in Pinocchio's order. Commands are the joints' first,
 then the thrusters'.
 """
@@ -29,23 +29,23 @@ from .tree import Carried, linkage_of, loaded
 
 
 class VehicleManipulator(JointTree):
-    """M(q, θ) v̇ + C(x, θ) v = weight, friction, motors, and what a subclass adds.
+    """M(q, θ) v̇ + C(x, θ) v = weight + friction + motors + the forces that a subclass adds.
 
     Args:
-        model: Pinocchio's, its root a free flyer; its inertias are not read and not kept.
+        model: Pinocchio's, its root a free flyer; its inertias are discarded.
         inertias: of the bodies, in the order of θ.
         blocks: of these inertias.
         joints: guesses of the joints' friction, rotors and motors.
-        friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
-        vehicle: further blocks: what the fluid does, and the thrusters' gains.
+        friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
+        vehicle: further blocks: fluid forces, and the thrusters' gains.
         thrust_limits: (t,), (t,) range of the thrusters' commands.
-        mounts: (·, 3) where the force of every actuator parameter in `vehicle` acts on the base
-            [m], NaN where it makes no force.
+        mounts: (·, 3) point on the base where the force of every actuator parameter in `vehicle`
+            acts [m], NaN if it exerts no force.
         speed: (6,) the base's velocities of operation [m/s, rad/s].
 
     Attributes:
-        mounts: (k, 3) where the force of every actuator parameter acts in the base's frame [m],
-            NaN where it makes none on it.
+        mounts: (k, 3) point of application of every actuator parameter's force in the base's
+            frame [m], NaN if it exerts none on the base.
         command_limits: (n_u,), (n_u,) range of the commands of operation.
     """
 
@@ -92,7 +92,7 @@ class VehicleManipulator(JointTree):
 
     def _state(self, q: Array, v: Array) -> Array:
         """(b, ·) of `dynamics.tree`."""
-        return loads.placed(self.loaded.linkage, q[None], v[None])[0]
+        return loads.states_of(self.loaded.linkage, q[None], v[None])[0]
 
     def _W_M(self, q: Array, a: Array) -> Array:
         still = np.zeros(self.n)
@@ -113,7 +113,7 @@ class VehicleManipulator(JointTree):
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
         """(N, n, p) F for N samples, compiled."""
-        return self._forces(loads.placed(self.loaded.linkage, q, v), v, u)
+        return self._forces(loads.states_of(self.loaded.linkage, q, v), v, u)
 
     def _forces(self, states: Array, v: Array, u: Array) -> Array:
         F = loads.forces(self.loaded, states, v, u, self.p)
@@ -123,9 +123,9 @@ class VehicleManipulator(JointTree):
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
-        """The terms of the momentum balance behind a leak, compiled."""
+        """Terms of the filtered momentum balance, compiled."""
         linkage, held = self.loaded.linkage, log.u[:-1]
-        states, middles = loads.placed(linkage, log.q, log.v), loads.placed(linkage, q, v)
+        states, middles = loads.states_of(linkage, log.q, log.v), loads.states_of(linkage, q, v)
         terms = loads.balance(self.loaded, leak, states, middles, log.v, v, held, self.p)
         for F, those in zip(terms[1:], (states[:-1], middles, states[1:]), strict=True):
             F[:, :, self._vehicle :] = self.applied(those, held)
@@ -157,7 +157,7 @@ class VehicleManipulator(JointTree):
 
 @njit(cache=True)
 def pull(linkage, state, b, force, moment, F, column):
-    """Adds to F[:, column] (n,) what a wrench on body b does, in its axes."""
+    """Adds the generalised force of a wrench on body b, in its axes, to F[:, column] (n,)."""
     joints, numbers, _, _ = linkage
     while b > 0:
         F[5 + b, column] += dot(three(joints, b, AXIS), force)

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.control import HoverAndReach, SwimAndReach
-from nsaid_mj.dynamics.loaded import loaded_gradient, loaded_work
+from nsaid_mj.dynamics.loaded import loaded_gradient, loaded_workspace
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.setup import draw_prior, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
@@ -268,12 +268,12 @@ def possible(name: str, system) -> np.ndarray:
 def test_a_stage_is_that_of_the_regressors(name):
     system = SYSTEMS[name]()
     tree = system.loaded
-    work, a, gradient = loaded_work(tree, system.n), np.empty(system.n), np.empty(system.p)
+    work, a, gradient = loaded_workspace(tree, system.n), np.empty(system.n), np.empty(system.p)
     for seed in range(10):
         x, w, _, u, _ = draw(system, seed)
         q, v = system.split(x)
         theta = possible(name, system)
-        states = loads.placed(tree.linkage, q[None], v[None])
+        states = loads.states_of(tree.linkage, q[None], v[None])
         for sign in (1, -1):
             pivot = loaded_gradient(
                 tree, states[0], v, u, system.applied(states, u[None])[0], w, sign * theta, work,

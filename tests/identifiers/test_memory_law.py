@@ -84,7 +84,7 @@ def remembered(name: str, seconds: float = 3.0) -> Memory:
     law = build(name, inside(log, 1), interval=1e6)
     memory = follow(law, log.rows)[-1].memory
     assert memory is not None
-    return law.memory.recorder.take(memory)
+    return law.memory.recorder.absorb_blocks(memory)
 
 
 # -- an implicit step ----------------------------------------------------------------------------
@@ -121,7 +121,7 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
             found = quotient(memory.means, log.plant.system.space)
             assert found is not None
             cost, _ = found.weighted(theta, memory)
-            ahead, seen = law.memory.settle(theta, memory)
+            ahead, seen = law.memory.implicit_step(theta, memory)
             assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
             old, new = (reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
                         for x in (theta, ahead))  # fmt: skip
@@ -208,9 +208,9 @@ def test_what_no_row_observes_stays_where_it_was(levels):
     rows = log.rows if levels.exact else noisy(log, NOISE, 1).rows
     memory = follow(build("double_pendulum", law.prior, levels, interval=1e6), rows)[-1].memory
     assert memory is not None
-    memory, theta, moved = law.memory.recorder.take(memory), law.prior, 0.0
+    memory, theta, moved = law.memory.recorder.absorb_blocks(memory), law.prior, 0.0
     for _ in range(5):
-        ahead, _ = law.memory.settle(theta, memory)
+        ahead, _ = law.memory.implicit_step(theta, memory)
         moved = max(moved, float(np.abs((ahead - theta) / space.scale).max()))
         theta = ahead
     turn = (law.metric.mirror(theta)[0] - law.metric.mirror(law.prior)[0]) @ free

@@ -140,7 +140,7 @@ def test_the_means_are_those_of_a_list_of_blocks(name, horizon):
     symmetric = 0.5 * (lagged + lagged.transpose(0, 2, 1))
     np.testing.assert_allclose(kept.means.lagged, symmetric, rtol=1e-10, atol=1e-14 * size)
     np.testing.assert_allclose(kept.means.last, listed[-1], rtol=1e-9)
-    assert kept.means.noise is None and kept.shaken is None
+    assert kept.means.noise is None and kept.perturbed is None
 
 
 @pytest.mark.parametrize("horizon", [0.0, 0.7])
@@ -204,10 +204,10 @@ def test_noise_of_positions_or_of_velocities_alone_is_noise():
     for levels in (SensorLevels(position=1e-3), SensorLevels(velocity=1e-2)):
         own = recorder(log, levels=levels)
         *_, kept = remember(own, log)
-        kept = own.take(kept)
+        kept = own.absorb_blocks(kept)
         assert kept.means.noise is not None and np.abs(kept.means.noise[0]).max() > 0
     *_, kept = remember(recorder(log), log)
-    assert kept.means.noise is None and kept.shaken is None
+    assert kept.means.noise is None and kept.perturbed is None
 
 
 # -- pure, bounded, robust -----------------------------------------------------------------------

@@ -125,7 +125,7 @@ if len(sys.argv) == 1:
     folder, child = (Path(line) for line in told.stdout.split())
     assert child.is_relative_to(folder)
     assert folder.is_relative_to(scratch)
-    assert told.stderr.count("NoKernelCache: compiled kernels cannot be kept") == 1
+    assert told.stderr.count("NoKernelCache: compiled kernels cannot be cached") == 1
     assert "Traceback" not in told.stderr
     assert not list(scratch.iterdir())
 

@@ -1,10 +1,10 @@
-"""The cone of physical parameters: its barrier, its metric, and draws from it.
+"""The cone of physical parameters: its barrier, its metric, and random draws from it.
 
 Every block with a geometry is a convex cone: numbers > 0; the ten inertial parameters of a link
 whose pseudo-inertia P(φ) ≻ 0 (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018); the upper triangle of
-an SPD matrix; fewer numbers than that, if its entries are tied: Σ θ_l E_l ≻ 0, a linear matrix
-inequality. The barrier b = −Σ log det P(φ_i) − Σ log det M − Σ log θ_j grows without bound at its
-edge, and b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
+an SPD matrix; or, where its entries are tied, fewer numbers with Σ θ_l E_l ≻ 0, a linear matrix
+inequality. The barrier b = −Σ log det P(φ_i) − Σ log det M − Σ log θ_j grows without bound towards
+the boundary, and b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
 """
 
 from __future__ import annotations
@@ -17,22 +17,24 @@ from numba import njit
 from ...numerics.linalg import cholesky
 from ...parameters import Array, Block, Indices, ParameterSpace
 
-compiled = njit(cache=True, error_model="numpy")  # divisions by 0 are inf or NaN, and stay visible
+compiled = njit(cache=True, error_model="numpy")  # division by 0 gives inf or NaN, no exception
 
 
 class Cone(NamedTuple):
-    """The blocks of θ that are cones, for compiled code; their matrices P(θ) sparse.
+    """The blocks of θ that are cones, for compiled code, with their matrices P(θ) sparse.
 
     Attributes:
-        positive: (a,) indices of the parameters that are > 0.
+        positive: (a,) indices of the parameters that must be > 0.
         blocks: (b, 5) rows [start, end, k, first, last]: θ_start … θ_end−1 are the parameters of a
-            k × k matrix, k (k + 1)/2 unless they are tied, and it is entries first … last − 1.
-        entries: (e, 3) rows [i, j, l], i ≥ j, ordered by l: P_ij holds θ_l …
-        values: (e,) … times this.
-        weights: (e,) these, twice off the diagonal: tr(X E_l) = Σ weights X_ij if X is symmetric.
+            k × k matrix (k (k + 1)/2 of them unless they are tied), which consists of the entries
+            first … last − 1.
+        entries: (e, 3) rows [i, j, l], i ≥ j, ordered by l: entry P_ij contains value · θ_l.
+        values: (e,) the values of these entries.
+        weights: (e,) the values, doubled off the diagonal: tr(X E_l) = Σ weights X_ij for a
+            symmetric X.
         links: (l,) first parameters of the blocks that are pseudo-inertias.
-        others: (b − l,) indices of the blocks that are not.
-        degree: ν, the number of `positive` and the sum of all k.
+        others: (b − l,) indices of the other blocks.
+        degree: ν, the number of `positive` parameters plus the sum of all k.
     """
 
     positive: Indices
@@ -78,7 +80,7 @@ def cone_of(space: ParameterSpace) -> Cone:
 
 
 def _basis(block: Block) -> list[tuple[int, int, int, float]]:
-    """Entries [i, j, l] and values of a block's matrix, ordered by l."""
+    """Rows (i, j, l, value) of a block's matrix, ordered by l."""
     if block.geometry == "pseudo_inertia":
         return _PSEUDO_INERTIA
     if block.geometry == "tied":
@@ -99,16 +101,16 @@ _PSEUDO_INERTIA = [
 
 @compiled
 def tied(cone, block):
-    """Whether a block's matrix has fewer parameters than a symmetric one has entries."""
+    """Whether a block has fewer parameters than its symmetric matrix has distinct entries."""
     start, end, k, _, _ = cone.blocks[block]
     return end - start < k * (k + 1) // 2
 
 
 def coordinates(cone: Cone) -> Array:
-    """(e,) the way back: θ_l is the sum of its entries' P_ij, each times this; 0 if tied."""
+    """(e,) weights that recover θ from P: θ_l = Σ weight · P_ij over its entries; 0 where tied."""
     pairing = np.zeros(len(cone.values))
     for block, (start, _, k, first, last) in enumerate(cone.blocks):
-        if tied.py_func(cone, block):  # an import that asks must not compile
+        if tied.py_func(cone, block):  # uncompiled: called while modules are imported
             continue
         own = slice(first, last)
         i, j, at = cone.entries[own].T
@@ -120,7 +122,7 @@ def coordinates(cone: Cone) -> Array:
 
 @compiled
 def matrix(cone, block, theta):
-    """(k, k) lower triangle of a block's P."""
+    """(k, k) lower triangle of a block's P at θ (p,)."""
     start, _, k, first, last = cone.blocks[block]
     P = np.empty((k, k))
     matrix_into(cone.entries[first:last], cone.values[first:last], start, theta[start:], P, k)
@@ -129,9 +131,15 @@ def matrix(cone, block, theta):
 
 @compiled
 def matrix_into(entries, values, start, theta, P, k):
-    """Writes the lower triangle of a block's P into (k, k); the rest of it becomes 0.
+    """Writes the lower triangle of a block's P into P (k, k), with zeros above the diagonal.
 
-    `entries`, `values` are the block's own, `theta` its parameters, θ_start the first.
+    Args:
+        entries: (e, 3) the block's rows [i, j, l].
+        values: (e,) the block's values.
+        start: index of the block's first parameter in θ.
+        theta: the block's parameters.
+        P: (k, k) or larger; written.
+        k: order of the matrix.
     """
     P[:k, :k] = 0.0
     for e in range(entries.shape[0]):
@@ -148,7 +156,15 @@ def read(cone, block, P, pairing, theta):
 
 @compiled
 def read_into(entries, pairing, start, P, theta):
-    """Writes a block's parameters from the lower triangle of its P; arguments as above."""
+    """Writes a block's parameters from the lower triangle of its P.
+
+    Args:
+        entries: (e, 3) the block's rows [i, j, l].
+        pairing: (e,) the block's part of `coordinates`.
+        start: index of the block's first parameter in θ.
+        P: (k, k) or larger.
+        theta: the block's parameters; written.
+    """
     theta[:] = 0.0
     for e in range(entries.shape[0]):
         theta[entries[e, 2] - start] += pairing[e] * P[entries[e, 0], entries[e, 1]]
@@ -156,7 +172,7 @@ def read_into(entries, pairing, start, P, theta):
 
 @compiled
 def factor(cone, block, theta):
-    """(k, k) Cholesky factor of a block's P; NaN where it is not positive definite."""
+    """(k, k) Cholesky factor of a block's P at θ (p,); NaN if P is not positive definite."""
     L = matrix(cone, block, theta)
     if not cholesky(L, L) > 0:
         L[:] = np.nan
@@ -165,7 +181,7 @@ def factor(cone, block, theta):
 
 @compiled
 def inverse(L):
-    """(k, k) P⁻¹ of P = L Lᵀ."""
+    """(k, k) P⁻¹ for P = L Lᵀ."""
     X, S = L.copy(), np.empty(L.shape)
     for i in range(L.shape[0]):
         X[i, i] = 1 / L[i, i]
@@ -175,9 +191,9 @@ def inverse(L):
 
 @compiled
 def inverse_into(L, X, S, k):
-    """Writes P⁻¹ of P = L Lᵀ into S (k, k) and L⁻¹ into X (k, k), which may be L itself.
+    """Writes P⁻¹ for P = L Lᵀ into S (k, k) and L⁻¹ into X (k, k), which may be L itself.
 
-    Here and below a factor holds the inverses of its diagonal.
+    In this and all `_in_place` functions a factor stores the reciprocals of its diagonal.
     """
     for j in range(k):
         X[j, j] = L[j, j]
@@ -196,7 +212,7 @@ def inverse_into(L, X, S, k):
 
 @compiled
 def inside(cone, theta):
-    """Whether θ (p,) is inside: every number > 0 and every matrix positive definite."""
+    """Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite."""
     for j in cone.positive:
         if not theta[j] > 0:
             return False
@@ -216,7 +232,7 @@ def inside(cone, theta):
 
 @compiled
 def barrier(cone, theta):
-    """b(θ); infinite outside."""
+    """b(θ) at θ (p,); infinite outside the cone."""
     total = 0.0
     for j in cone.positive:
         if not theta[j] > 0:
@@ -233,7 +249,7 @@ def barrier(cone, theta):
 
 @compiled
 def block_gradient(cone, block, S, gradient):
-    """Writes a block's −tr(P⁻¹E_l) into ∇b (p,), from S = P⁻¹."""
+    """Writes a block's part −tr(P⁻¹E_l) of ∇b into gradient (p,), from S = P⁻¹."""
     start, end, _, first, last = cone.blocks[block]
     gradient[start:end] = 0.0
     for e in range(first, last):
@@ -243,9 +259,15 @@ def block_gradient(cone, block, S, gradient):
 
 @compiled
 def hessian_into(entries, weights, start, S, hessian, c):
-    """Writes the lower triangle of a block's tr(P⁻¹E_l P⁻¹E_m) into (c, c), from S = P⁻¹.
+    """Writes the lower triangle of a block's part tr(P⁻¹E_l P⁻¹E_m) of ∇²b, from S = P⁻¹.
 
-    `entries`, `weights` are the block's own, θ_start its first parameter.
+    Args:
+        entries: (e, 3) the block's rows [i, j, l].
+        weights: (e,) the block's weights.
+        start: index of the block's first parameter in θ.
+        S: (k, k) P⁻¹.
+        hessian: (c, c) or larger; written.
+        c: number of the block's parameters.
     """
     hessian[:c, :c] = 0.0
     for e in range(entries.shape[0]):
@@ -260,7 +282,10 @@ def hessian_into(entries, weights, start, S, hessian, c):
 
 @compiled
 def gradient_and_hessian(cone, theta):
-    """∇b (p,) and ∇²b (p, p), block diagonal: −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m); NaN outside."""
+    """∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
+
+    Their entries are −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m).
+    """
     p = theta.shape[0]
     gradient, hessian = np.zeros(p), np.zeros((p, p))
     for j in cone.positive:
@@ -285,10 +310,10 @@ def metric_solve(cone, theta, stiffness, mu, gradient):
 
     Args:
         cone: the cones.
-        theta: (p,) θ inside; the result is NaN where it is not.
+        theta: (p,) θ inside the cone; outside, the result is NaN.
         stiffness: (p, p) Γ⁻¹.
         mu: weight μ of the barrier.
-        gradient: (p,) what to raise.
+        gradient: (p,) the gradient.
     """
     metric, x = stiffness + mu * gradient_and_hessian(cone, theta)[1], gradient.copy()
     factor_in_place(metric, x.shape[0])
@@ -298,12 +323,12 @@ def metric_solve(cone, theta, stiffness, mu, gradient):
 
 @compiled
 def factor_in_place(A, n):
-    """Turns the lower triangle of A (n, n) into its Cholesky factor; NaN where A is not ≻ 0.
+    """Overwrites the lower triangle of A (n, n) by its Cholesky factor; NaN if A is not ≻ 0.
 
-    No decision is taken, so that the code can be emitted for many at once: the root of a pivot < 0
-    is NaN, and so is what follows from a pivot 0.
+    There are no branches, so that the code vectorises over many matrices: the root of a pivot < 0
+    is NaN, and so is everything after a pivot of 0.
     """
-    for j in range(n):  # by columns: the entries of one do not wait for each other
+    for j in range(n):  # by columns: the entries of one column are independent
         pivot = A[j, j]
         for m in range(j):
             pivot -= A[j, m] * A[j, m]
@@ -332,17 +357,18 @@ def solve_in_place(L, x, n):
 def drawn_inside(
     space: ParameterSpace, theta: Array, error: float, rng: np.random.Generator
 ) -> Array:
-    """(p,) parameters off θ by about ±error, inside the cone whatever the error.
+    """(p,) random parameters that differ from θ by about ±error, inside the cone for any error.
 
-    Numbers are multiplied by e^u, u within ±error; a matrix P becomes A P Aᵀ in balanced units,
-    with e^{±error/2} on A's diagonal and ±error/4 off it; blocks without a sign move by ±error of
-    their size. Of a tied matrix the diagonal is drawn as numbers, and what is off it as if it had
-    no sign; the latter is then reduced until, in balanced units, the smallest eigenvalue is at
-    least e^{−error} of what it was. A θ on the cone's edge is first moved inside.
+    Positive numbers are multiplied by e^u, with u in ±error; a matrix P becomes A P Aᵀ after
+    scaling to unit diagonal, with e^{±error/2} on A's diagonal and ±error/4 off it; free blocks
+    change by ±error of their size. In a tied matrix, diagonal parameters are drawn as positive
+    numbers and the others as free ones; the latter are then reduced until the smallest eigenvalue
+    of the scaled matrix is at least e^{−error} of its former value. A θ on the cone's boundary is
+    first moved inside.
 
     Args:
         space: names, scale and geometry.
-        theta: (p,) where to draw about.
+        theta: (p,) parameters to draw about.
         error: largest relative error.
         rng: source of the errors.
     """
@@ -374,7 +400,7 @@ def drawn_inside(
 def _draw_tied(
     cone: Cone, block: int, scale: Array, error: float, rng: np.random.Generator, theta: Array
 ) -> None:
-    """Draws a tied block of θ (p,), in place; see `drawn_inside`."""
+    """Overwrites a tied block of θ (p,) by a random draw; see `drawn_inside`."""
     start, end, _, first, last = cone.blocks[block]
     row, column, at = cone.entries[first:last].T
     on, off = np.unique(at[row == column]), np.unique(at[row != column])
@@ -383,13 +409,13 @@ def _draw_tied(
     u = error * rng.uniform(-1, 1, end - start)
     theta[off] += np.maximum(np.abs(theta[off]), 0.1 * scale[off]) * u[off - start]
     theta[on] *= np.exp(u[on - start])
-    gap = 1 - _smallest(cone, block, theta)  # in proportion to what is off the diagonal
+    gap = 1 - _smallest(cone, block, theta)  # proportional to the off-diagonal parameters
     if gap > 1 - kept:
         theta[off] *= (1 - kept) / gap
 
 
 def _smallest(cone: Cone, block: int, theta: Array) -> float:
-    """Smallest eigenvalue of a block's P whose diagonal is made 1."""
+    """Smallest eigenvalue of a block's P after scaling it to unit diagonal."""
     P = matrix(cone, block, theta)
     balance = 1 / np.sqrt(P.diagonal())
     return float(np.linalg.eigvalsh(P * np.outer(balance, balance))[0])

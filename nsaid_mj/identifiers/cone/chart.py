@@ -1,10 +1,10 @@
 """A chart of the cone: (44) and (45) are integrated in coordinates that cannot leave it.
 
-η is the logarithm of a number, and of a matrix its Cholesky factor with the logarithms of its
-diagonal: any η is inside. Blocks without a sign are their own chart.
+η is the logarithm of a positive number, or the Cholesky factor of a matrix with the logarithms of
+its diagonal: any η is inside the cone. Free blocks are their own chart.
 
-So are tied matrices, for a Cholesky factor leaves the span of their E_l: there not any η is inside.
-Instead `confine` holds a step to a Dikin ellipsoid, which lies inside the cone.
+Tied matrices are their own chart, too, because a Cholesky factor leaves the span of their E_l. For
+them not every η is inside; instead `confine` limits a step to a Dikin ellipsoid inside the cone.
 
 An arm's links are many and equal in size: one SIMD lane each, by the formulas of other blocks.
 """
@@ -48,10 +48,10 @@ def chart_room(cone):
 
 @compiled
 def confine(cone, start, eta):
-    """Cuts the step from `start` (p,) to η (p,) back, in every tied block, to where it is inside.
+    """Shortens the step from `start` (p,) to η (p,), in place, where it would leave a tied block.
 
-    The block is then inside after any step: P ⪰ (1 − 0.9) P(start). A step that is cut is shorter
-    than RK4's, so that V may rise and the conserved quantity drift.
+    After any step P ⪰ (1 − 0.9) P(start), so the block is inside the cone. As a shortened step is
+    not RK4's, V may rise and the conserved quantity may drift.
     """
     for block in cone.others:
         if not tied(cone, block):
@@ -70,7 +70,7 @@ def confine(cone, start, eta):
 
 @compiled
 def to_chart_into(cone, theta, eta, room):
-    """Writes η (p,) of a θ (p,) inside; NaN in every block that is outside."""
+    """Writes η (p,) of θ (p,), with NaN in every block that is outside the cone."""
     eta[:] = theta
     for j in cone.positive:
         eta[j] = np.log(theta[j]) if theta[j] > 0 else np.nan
@@ -105,7 +105,7 @@ def to_chart_into(cone, theta, eta, room):
 
 @compiled
 def to_chart(cone, theta):
-    """(p,) η of a θ inside; NaN in every block that is outside."""
+    """(p,) η of θ (p,), with NaN in every block that is outside the cone."""
     eta = np.empty(theta.shape[0])
     to_chart_into(cone, theta, eta, chart_room(cone))
     return eta
@@ -113,7 +113,7 @@ def to_chart(cone, theta):
 
 @compiled
 def from_chart(cone, eta, pairing):
-    """(p,) θ of any η; `pairing` is `coordinates(cone)`."""
+    """(p,) θ of η (p,); `pairing` is `coordinates(cone)`."""
     theta = np.empty(eta.shape[0])
     from_chart_into(cone, eta, pairing, theta, chart_room(cone))
     return theta
@@ -121,7 +121,7 @@ def from_chart(cone, eta, pairing):
 
 @compiled
 def natural_rate(cone, eta, theta, stiffness, mu, gradient):
-    """(p,) η̇."""
+    """(p,) η̇ of the cone's law; arguments are those of `natural_rate_into`."""
     rate = np.empty(eta.shape[0])
     natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, chart_room(cone))
     return rate
@@ -148,10 +148,7 @@ def scatter(links, rows, vector):
 
 @compiled
 def unpack(eta, sign, L, k):
-    """Writes the Cholesky factor that a block's η holds into (k, k).
-
-    For sign = −1 its diagonal is inverted.
-    """
+    """Writes the Cholesky factor of a block's η into L (k, k); sign = −1 inverts its diagonal."""
     at = 0
     for i in range(k):
         for j in range(i):
@@ -171,7 +168,7 @@ def gather_factors(links, eta, sign, rows):
 
 @compiled
 def squared_into(L, P, k):
-    """Writes the lower triangle of L Lᵀ, here with L's own diagonal, into P (k, k)."""
+    """Writes the lower triangle of L Lᵀ into P (k, k); L's diagonal is stored as it is."""
     for i in range(k):
         for j in range(i + 1):
             total = L[i, 0] * L[j, 0]
@@ -182,7 +179,7 @@ def squared_into(L, P, k):
 
 @compiled
 def from_chart_into(cone, eta, pairing, theta, room):
-    """Writes θ (p,) of any η (p,); `pairing` is `coordinates(cone)`."""
+    """Writes θ (p,) of η (p,); `pairing` is `coordinates(cone)`."""
     theta[:] = eta
     for j in cone.positive:
         theta[j] = np.exp(eta[j])
@@ -203,7 +200,7 @@ def from_chart_into(cone, eta, pairing, theta, room):
 
 @compiled
 def rate_in_place(L, rate, k):
-    """Turns a Ṗ (k, k) into what η̇ holds: the recursion of Cholesky's factor, differentiated."""
+    """Overwrites Ṗ (k, k) by η̇'s matrix, by differentiating the Cholesky recursion."""
     for i in range(k):
         for j in range(i):
             total = rate[i, j] - L[i, j] * rate[j, j]
@@ -220,7 +217,7 @@ def rate_in_place(L, rate, k):
 
 @compiled
 def chart_rate(cone, eta, theta_rate):
-    """(p,) η̇ of a rate θ̇ at η."""
+    """(p,) η̇ for a rate θ̇ (p,) at η (p,)."""
     rate = theta_rate.copy()
     for j in cone.positive:
         rate[j] = theta_rate[j] * np.exp(-eta[j])
@@ -236,7 +233,7 @@ def chart_rate(cone, eta, theta_rate):
 
 @compiled
 def pack(L, eta, k):
-    """Writes the lower triangle of L (k, k) row by row, as η holds it."""
+    """Writes the lower triangle of L (k, k) into η, row by row."""
     at = 0
     for i in range(k):
         for j in range(i + 1):
@@ -246,9 +243,19 @@ def pack(L, eta, k):
 
 @compiled
 def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room):
-    """Writes η̇ (p,) at η and its θ, where θ̇ = (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
+    """Writes η̇ (p,) for θ̇ = (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
 
-    Every matrix that has a chart is factored by η. Γ⁻¹ is given by its diagonal or whole.
+    No matrix with a chart needs to be factorised, since η contains its Cholesky factor.
+
+    Args:
+        cone: the cones.
+        eta: (p,) η.
+        theta: (p,) θ of η.
+        stiffness: (p,) or (p, p) Γ⁻¹.
+        mu: weight μ of the barrier.
+        gradient: (p,) Wᵀ Δv.
+        rate: (p,) η̇; written.
+        room: workspace of `chart_room`.
     """
     if stiffness.ndim == 2:
         rate[:] = chart_rate(cone, eta, metric_solve(cone, theta, stiffness, mu, gradient))

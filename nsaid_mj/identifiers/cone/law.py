@@ -1,9 +1,10 @@
 """(44) and (45) in the metric of the cone of physical parameters: M̂ ≻ 0 without (46).
 
-Γ is replaced by the inverse Hessian of ψ(θ) = ½ θᵀ Γ⁻¹ θ + μ b(θ), b the barrier of the cone. With
-the Bregman divergence D_ψ(θ‖θ̂) in place of ½ Δθᵀ Γ⁻¹ Δθ, V̇ = −Δvᵀ M K Δv as in Theorem 1, and θ̂
-cannot leave the cone, where b is infinite. As b is logarithmically homogeneous, ∇²b θ = −∇b, and
-(30) conserves ½ θ̂ᵀ Γ⁻¹ θ̂ − μ b(θ̂). Proofs: docs/theory.md.
+Γ is replaced by the inverse Hessian of ψ(θ) = ½ θᵀ Γ⁻¹ θ + μ b(θ), with b the barrier of the cone.
+With the Bregman divergence D_ψ(θ‖θ̂) in place of ½ Δθᵀ Γ⁻¹ Δθ, V̇ = −Δvᵀ M K Δv as in Theorem 1,
+and θ̂ cannot leave the cone, as b grows without bound towards its boundary. Since b is
+logarithmically homogeneous, ∇²b θ = −∇b, and by (30) ½ θ̂ᵀ Γ⁻¹ θ̂ − μ b(θ̂) is conserved. Proofs are
+in docs/theory.md.
 """
 
 from __future__ import annotations
@@ -51,12 +52,13 @@ class ConeMetric(Metric):
     Args:
         space: of the parameters.
         Gamma: (p,) or (p, p) positive definite adaptation gain.
-        prior: (p,) θ̂(0), inside the cone; the conserved quantity is measured from it.
+        prior: (p,) θ̂(0), inside the cone; the offset of the conserved quantity refers to it.
         mu: weight μ of the barrier [J]; > 0.
 
     Attributes:
-        mu: weight of the barrier.
+        mu: weight μ of the barrier [J].
         cone: the cone.
+        stiffness: (p, p) Γ⁻¹/μ.
 
     Raises:
         InvalidInput: Γ is not positive definite, μ is not > 0, or the prior is outside the cone.
@@ -79,24 +81,24 @@ class ConeMetric(Metric):
                 "prior",
                 "parameters a real body could have",
                 "an estimate outside the cone",
-                "Draw it with cone.drawn_inside, or take law='paper', which takes any.",
+                "Draw it with cone.barrier.drawn_inside, or use law='paper', which accepts any.",
             )
         self._offset = barrier(self.cone, prior)
         self.cancelling = self.mu * (2 * abs(self._offset) + self.cone.degree)
         self.stiffness = (stiffness if whole else np.diag(stiffness)) / self.mu
 
     def law(self, K: Array) -> Curved:
-        """K and the metric for compiled loops."""
+        """K (n,) or (n, n) and the metric, for compiled loops."""
         return Curved(K, self.cone, self._pairing, self._inverse_gain, self.mu)
 
     def conserved(self, theta_hat: Array) -> Array:
-        """(...,) θ̂ᵀ Γ⁻¹ θ̂ − 2 μ (b(θ̂) − b(θ̂₀)): the constant metric's for μ = 0."""
+        """(...,) θ̂ᵀ Γ⁻¹ θ̂ − 2 μ (b(θ̂) − b(θ̂₀)) of estimates (..., p)."""
         quadratic = self._flat.conserved(theta_hat)
         b = np.apply_along_axis(lambda theta: barrier(self.cone, theta), -1, theta_hat)
         return quadratic - 2 * self.mu * (b - self._offset)
 
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
-        """(...,) D_ψ(θ‖θ̂) = ψ(θ) − ψ(θ̂) − ∇ψ(θ̂)·(θ − θ̂)."""
+        """(...,) D_ψ(θ‖θ̂) = ψ(θ) − ψ(θ̂) − ∇ψ(θ̂)·(θ − θ̂), at θ (p,) and estimates (..., p)."""
         quadratic = 0.5 * self._flat.conserved(theta - theta_hat)
         own = barrier(self.cone, theta)
 
@@ -107,7 +109,7 @@ class ConeMetric(Metric):
         return quadratic + self.mu * np.apply_along_axis(gap, -1, theta_hat)
 
     def potential(self, theta: Array) -> float:
-        """ψ(θ)/μ."""
+        """ψ(θ)/μ at θ (p,)."""
         return float(0.5 * theta @ self.stiffness @ theta + barrier(self.cone, theta))
 
     def mirror(self, theta: Array) -> tuple[Array, Array]:

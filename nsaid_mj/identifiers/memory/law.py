@@ -1,12 +1,13 @@
-"""(44) and (45) in the metric of the cone, and a memory: θ̂ converges to what was ever excited.
+"""(44) and (45) in the metric of the cone, with a memory of past data.
 
-To (45) a term −κ (∇²ψ)⁻¹ ∇R(θ̂) is added, R the quotient of remembered data. It acts by implicit
-steps, every now and then: θ⁺ makes
+A term −κ (∇²ψ)⁻¹ ∇R(θ̂) is added to (45), with R the cost of remembered data (`cost`), so that θ̂
+converges in every direction that was ever excited. The term acts by implicit steps at intervals h:
+θ⁺ is a stationary point of
 
-    κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ] + D_ψ(θ‖θ̂)
+    κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ] + D_ψ(θ‖θ̂),
 
-stationary, D_ψ the Bregman divergence of ψ(θ) = ½ θᵀΓ⁻¹θ + μ b(θ) and θ̂₀ the prior. Without the
-anchor (w = 0) V falls at any step size, by the three-point identity (docs/theory.md).
+with D_ψ the Bregman divergence of ψ(θ) = ½ θᵀΓ⁻¹θ + μ b(θ), and θ̂₀ the prior. Without the anchor
+(w = 0) V decreases for any step size, by the three-point identity (docs/theory.md).
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ from ..nullspace_aid import NullspaceIdentifier
 from .cost import Quotient, inverse, quotient
 from .statistics import Memory, MemoryConfig, Recorder, Trusted
 
-_REACH = 0.5  # of a Newton step in the metric: a Dikin ellipsoid lies inside the cone up to 1
-_NEWTON, _HALVINGS = 30, 8  # at most, in one implicit step
-_CLOSE = 1e-3  # a Newton step this short is judged by its slope
-_DONE = 1e-7  # … and this short ends it
-_HINT = 1e-6  # weight of the prior, at least, in what is said of the unobservable
+_REACH = 0.5  # longest Newton step in the metric; the Dikin ellipsoid of radius 1 is in the cone
+_NEWTON, _HALVINGS = 30, 8  # iterations, at most, in one implicit step
+_CLOSE = 1e-3  # length below which a Newton step is scaled by the gradient, not the objective
+_DONE = 1e-7  # length of a Newton step at which the iteration ends
+_HINT = 1e-6  # least weight of the prior in the covariance: unobservable directions need one
 
 
 def memory_identifier(
@@ -41,7 +42,7 @@ def memory_identifier(
     config: MemoryConfig | None = None,
     levels: SensorLevels = EXACT,
 ) -> NullspaceIdentifier:
-    """The identifier of (44, 45) in the cone's metric, with implicit steps down a memory's cost.
+    """The identifier of (44, 45) in the cone's metric, with implicit steps on a memory's cost.
 
     Args:
         system: the structure.
@@ -51,8 +52,8 @@ def memory_identifier(
         dt: time between measurements [s].
         mu: weight μ of the barrier [J]; > 0.
         hermite: cubic Hermite interpolation between samples; else linear.
-        config: of the memory.
-        levels: of the sensors' noise.
+        config: how past data are kept and used; None is `MemoryConfig()`.
+        levels: standard deviations of the sensors' noise.
 
     Raises:
         InvalidInput: a shape or value is wrong, the prior is outside the cone, or the system has no
@@ -64,20 +65,20 @@ def memory_identifier(
 
 
 class ImplicitMemory(DataMemory):
-    """A memory of past data, and implicit steps of θ̂ down its cost in the cone's metric.
+    """A memory of past data, and implicit steps of θ̂ on its cost, in the cone's metric.
 
     Args:
         system: the structure.
-        metric: of the cone.
+        metric: the cone's.
         prior: (p,) θ̂(0), inside the cone.
         dt: time between measurements [s].
         hermite: cubic Hermite interpolation between samples; else linear.
         config: how past data are kept and used.
-        levels: of the sensors' noise.
+        levels: standard deviations of the sensors' noise.
 
     Attributes:
-        anchor: weight of the divergence from the prior beside the data.
-        recorder: which keeps the data.
+        anchor: weight w of the divergence from the prior relative to the data.
+        recorder: updates the statistics of the data.
 
     Raises:
         InvalidInput: the system has no actuator.
@@ -95,7 +96,10 @@ class ImplicitMemory(DataMemory):
     ):
         if not len(system.space.actuators):
             raise InvalidInput(
-                "law", "a system with actuators", "none", "The memory measures in shares of them."
+                "law",
+                "a system with actuators",
+                "none",
+                "The memory measures residuals relative to the actuators' effort.",
             )
         self.system, self.metric, self.config = system, metric, config
         self.anchor = config.weight(levels)
@@ -105,31 +109,37 @@ class ImplicitMemory(DataMemory):
         self._mirror_prior, self._metric_prior = metric.mirror(prior)
 
     def begin(self, first: Measurement) -> Memory:
-        """The memory at a first measurement: of nothing."""
+        """The empty memory at a first measurement."""
         return self.recorder.begin(first)
 
     def absorb(self, state: State, log: Log) -> State:
-        """The state with a log in its memory and, if it is time, after an implicit step."""
+        """The state with a log added to its memory, after an implicit step if one is due."""
         assert state.memory is not None
         memory = self.recorder.follow(state.memory, log)
         if memory.step % self.every:
             return state._replace(memory=memory)
-        memory, changed = self.recorder.doubt(memory, log.at(-1))
+        memory, changed = self.recorder.check_consistency(memory, log.at(-1))
         theta, spent = state.theta_hat, state.spent
-        if changed:  # an actuator has
+        if changed:  # an actuator's gain: back to the estimate before the change
             assert memory.trusted is not None
             theta = memory.trusted.theta
             conserved = self.metric.conserved
             spent += float(conserved(state.theta_hat) - conserved(theta))
         elif not memory.alarmed:
-            theta, memory = self.settle(theta, memory)
+            theta, memory = self.implicit_step(theta, memory)
             spent += self._cost(state.theta_hat, theta)
         return state._replace(theta_hat=theta, memory=memory, spent=spent)
 
-    def settle(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
-        """(p,) θ⁺ after an implicit step from θ̂, and the memory with its view of what comes next.
+    def implicit_step(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
+        """One implicit step from an estimate, by Newton's method.
 
-        θ̂ itself where the memory says nothing yet.
+        Args:
+            theta: (p,) θ̂.
+            memory: the statistics of the data.
+
+        Returns:
+            (p,) θ⁺, which is θ̂ while no actuator has had an effect; and the memory with the view
+            that weighs later blocks.
         """
         remembered = quotient(memory.means, self.system.space)
         if remembered is None:
@@ -146,11 +156,11 @@ class ImplicitMemory(DataMemory):
             gradient = uphill(theta, slope)
             way = -_solve(pace * cost.curvature(theta) + (1 + anchor) * metric, gradient)
             length = float(np.sqrt(way @ metric @ way))
-            if not length > _DONE:  # NaN too: what was reached stands
+            if not length > _DONE:  # or NaN: the last iterate stands
                 break
             if length > _CLOSE:
                 way = self._shortened(cost, dual, theta, min(1.0, _REACH / length) * way)
-            else:  # the objective cannot tell any more, its slope can
+            else:  # differences of the objective are rounding errors here, its gradient is exact
                 ahead = uphill(theta + way, self.metric.mirror(theta + way)[0]) @ way
                 way = way / (1 + max(0.0, float(ahead / -(gradient @ way))))
             theta = theta + way
@@ -161,13 +171,13 @@ class ImplicitMemory(DataMemory):
         return theta, memory._replace(scores=memory.scores._replace(view=view), trusted=trusted)
 
     def _cost(self, before: Array, after: Array) -> float:
-        """What an implicit step takes from the conserved quantity: 2 D_ψ(θ⁺‖θ̂), if unanchored."""
+        """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
         if self.anchor:
             return float(self.metric.conserved(before) - self.metric.conserved(after))
         return 2 * float(self.metric.divergence(after, before))
 
     def slack(self, state: State, theta: Array) -> float:
-        """½ κ h R(θ) max_j θ_j/θ̂_j over the actuators, the most that a step can raise V by."""
+        """Bound on the rise of V in a step: ½ κ h R(θ) max_j θ_j/θ̂_j over the actuators j."""
         memory = state.memory
         remembered = None if memory is None else quotient(memory.means, self.system.space)
         if memory is None or remembered is None:
@@ -179,24 +189,24 @@ class ImplicitMemory(DataMemory):
         return max(0.0, 0.5 * pace * cost.value(theta) * largest)
 
     def updates(self, t: Array) -> np.ndarray:
-        """Whether an implicit step lies in (t_k, t_k+1] of times (N,) on the run's grid."""
+        """(N−1,) whether an implicit step lies in (t_k, t_k+1] of the times (N,) of a run."""
         number = np.floor(np.round(t / self._dt) / self.every)
         return np.diff(number) > 0
 
     def confidence(self, state: State) -> Confidence | None:
-        """What is known of the estimate's error; None as long as the memory says nothing.
+        """The covariance of the estimate's error; None before the first scores.
 
-        θ̂ − θ* has about the covariance H⁻¹ (S + w ∇²ψ/μ) H⁻¹, H the curvature of what is least at
-        θ̂ and S the scatter of the blocks' scores, in which rows and neighbouring blocks may be
-        correlated (White, Econometrica 48, 1980; Newey and West, 1987). Few blocks leave some
-        directions of S empty, so what independent ones would have is added; and so is the
-        square of the bias that noise gives where it enters a regressor beyond first order.
+        θ̂ − θ* has approximately the sandwich covariance H⁻¹ (S + w ∇²ψ/μ) H⁻¹, with H the Hessian
+        of the minimised cost at θ̂ and S the covariance of the sum of the blocks' scores, robust to
+        correlation between rows and neighbouring blocks (White, Econometrica 48, 1980; Newey and
+        West, 1987). As few blocks leave S rank-deficient, the covariance of independent residuals
+        is added; so is the square of the bias that noise causes beyond first order.
         """
         memory, theta = state.memory, state.theta_hat
         if memory is None or memory.scores.view is None or not memory.scores.count:
             return None
         cost = quotient(memory.means, self.system.space)
-        assert cost is not None  # there was a view
+        assert cost is not None  # the memory has a view, so an implicit step has had a cost
         _, metric = self.metric.mirror(theta)
         prior = max(self.anchor, _HINT) * metric
         cost, view = cost.weighted(theta, memory)
@@ -212,7 +222,7 @@ class ImplicitMemory(DataMemory):
         )
 
     def _shortened(self, cost: Quotient, dual: Array, theta: Array, way: Array) -> Array:
-        """The first of way, way/2, way/4 … that lowers what an implicit step makes least; or 0."""
+        """(p,) the first of way, way/2, way/4 … that decreases the objective; 0 if none does."""
         before = self._objective(cost, dual, theta)
         for _ in range(_HALVINGS):
             if self._objective(cost, dual, theta + way) <= before + 1e-12 * abs(before):
@@ -221,9 +231,9 @@ class ImplicitMemory(DataMemory):
         return 0 * way
 
     def _objective(self, cost: Quotient, dual: Array, theta: Array) -> float:
-        """κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ]/μ + D_ψ(θ‖θ̂)/μ, less what does not depend on θ.
+        """κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ]/μ + D_ψ(θ‖θ̂)/μ, up to a constant.
 
-        `dual` is ∇ψ(θ̂)/μ + κ h w ∇ψ(θ̂₀)/μ.
+        `dual` (p,) is ∇ψ(θ̂)/μ + κ h w ∇ψ(θ̂₀)/μ.
         """
         psi = self.metric.potential(theta)
         total = self._pace * cost.value(theta) + (1 + self._pace * self.anchor) * psi
@@ -231,6 +241,6 @@ class ImplicitMemory(DataMemory):
 
 
 def _solve(matrix: Array, right: Array) -> Array:
-    """(p,) solves with a positive definite matrix whose entries differ by many orders of size."""
+    """(p,) solution with a positive definite matrix, scaled to unit diagonal for conditioning."""
     scale = 1 / np.sqrt(np.diag(matrix))
     return np.linalg.solve(matrix * np.outer(scale, scale), right * scale) * scale

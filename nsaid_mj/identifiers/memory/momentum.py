@@ -1,13 +1,13 @@
-"""The momentum balance behind a leak: rows Y with Y θ = 0 for every true θ, without accelerations.
+"""The filtered momentum balance: rows Y with Y θ = 0 for every true θ, without accelerations.
 
-With Ṁ − 2C skew, d/dt(M v) = F θ + Cᵀ v. Behind a leak of rate a the balance needs no acceleration:
-with
+With Ṁ − 2C skew, d/dt(M v) = F θ + Cᵀ v. A first-order filter of rate a, the leak, removes the
+derivative: with
 
     ż = −a z + a W_M(q, v) + F + (the regressor of Cᵀ v),    z(t₀) = W_M(q, v)(t₀),
 
-Y = W_M(q, v) − z has Ẏ θ = −a Y θ, so Y θ = 0 for every true θ. It is the momentum balance over a
-window that fades with e^{−a t} (docs/theory.md). Sensor noise enters Y through W_M(q, v) nearly
-undifferentiated; means over short blocks make it smaller still.
+Y = W_M(q, v) − z satisfies Ẏ θ = −a Y θ, so Y θ = 0 for every true θ. It is the momentum balance
+over a window with exponential weights e^{−a t} (docs/theory.md). Sensor noise enters Y through
+W_M(q, v) almost undifferentiated; averaging over short blocks reduces it further.
 """
 
 from __future__ import annotations
@@ -21,30 +21,30 @@ from ...log import Log, Middle, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 
-_PAYBACK = 0.1  # in which velocities make up for what positions say they have missed [s]
-_PIECE = 64  # steps whose regressors are held at once: they stay in the processor's cache
+_CORRECTION_TIME = 0.1  # time constant with which drift corrections enter the velocities [s]
+_PIECE = 64  # steps whose regressors are in memory at once: they fit the processor's cache
 
 
 class Balance(NamedTuple):
-    """The momentum balance at a sample, and how far its block is filled.
+    """The momentum balance at a sample, and the block that is being filled.
 
     Attributes:
-        lag: (n, p) z.
-        track: (m,) the position that velocities and positions agree on best.
-        owed: (n,) by how much the velocities' integral is still behind it [rad or m].
-        total: (n, p) sum of Y over the block that is being filled.
-        filled: number of samples in it.
+        lag: (n, p) filter state z.
+        filtered: (m,) position estimated from measured positions and velocities.
+        pending: (n,) correction of that position not yet added to the velocities [rad or m].
+        total: (n, p) sum of Y over the current block.
+        filled: number of samples in the current block.
     """
 
     lag: Array
-    track: Array
-    owed: Array
+    filtered: Array
+    pending: Array
     total: Array
     filled: int
 
 
 class Rows:
-    """Makes rows of a log: two pure functions over a `Balance`.
+    """Computes block means of Y along a log, by pure functions of a `Balance`.
 
     Args:
         system: the structure.
@@ -58,32 +58,32 @@ class Rows:
         self, system: SecondOrderSystem, window: float, block: int, dt: float, levels: SensorLevels
     ):
         self.system, self.leak, self.block = system, 1 / window, block
-        self.trust = steady_gain(levels, dt)
+        self.gain = steady_gain(levels, dt)
 
     def begin(self, q: Array, v: Array) -> Balance:
         """The balance at a first sample q (m,), v (n,): Y = 0."""
         lag = self.system._W_M(q, v)
         return Balance(lag, q, np.zeros(self.system.n), np.zeros_like(lag), 0)
 
-    def anew(self, balance: Balance, q: Array, v: Array) -> Balance:
-        """The balance at a sample, with nothing of the past behind the leak."""
+    def restart(self, balance: Balance, q: Array, v: Array) -> Balance:
+        """The balance at a sample q (m,), v (n,), its filter state and current block reset."""
         lag = self.system._W_M(q, v)
         return balance._replace(lag=lag, total=np.zeros_like(lag), filled=0)
 
     def follow(self, balance: Balance, log: Log, middle: Middle) -> tuple[Balance, Array]:
-        """Goes along a log that begins where the balance stands.
+        """Advances the balance along a log.
 
         Args:
-            balance: at the first measurement.
+            balance: at the log's first measurement.
             log: N measurements.
             middle: the states half-way between them.
 
         Returns:
-            The balance at the last measurement; and (k, n, p) the means of the blocks that were
-            filled on the way.
+            The balance at the last measurement; and (k, n, p) the means of Y over the k blocks
+            completed on the way.
         """
-        if self.trust:
-            balance, middle = self._made_up(balance, log, middle)
+        if self.gain:
+            balance, middle = self._drift_corrected(balance, log, middle)
         lag, total, filled = balance.lag.copy(), balance.total.copy(), balance.filled
         rows = np.empty(((filled + len(log.t) - 1) // self.block, *lag.shape))
         made = 0
@@ -96,44 +96,57 @@ class Rows:
             )
         return balance._replace(lag=lag, total=total, filled=filled), rows
 
-    def _made_up(self, balance: Balance, log: Log, middle: Middle) -> tuple[Balance, Middle]:
-        """Velocities half-way, corrected little by little (a steady Kalman filter).
+    def _drift_corrected(
+        self, balance: Balance, log: Log, middle: Middle
+    ) -> tuple[Balance, Middle]:
+        """Corrects the drift of integrated velocities by the positions.
 
-        Velocities' noise adds up in the integral of what is proportional to them, a position's does
-        not: so that integral is made to follow the positions.
+        Velocity noise accumulates in the integrals of terms proportional to v, position noise does
+        not. A steady-state Kalman filter estimates the position from both, and its updates are
+        added to the velocities half-way between samples over `_CORRECTION_TIME`.
+
+        Args:
+            balance: at the log's first measurement.
+            log: N measurements.
+            middle: the states half-way between them.
+
+        Returns:
+            The balance with the filter at the last measurement; and the corrected states.
         """
-        system, track, owed, v = self.system, balance.track, balance.owed, middle.v.copy()
+        system, v = self.system, middle.v.copy()
+        filtered, pending = balance.filtered, balance.pending
         for k in range(len(log.t) - 1):
             dt = log.t[k + 1] - log.t[k]
-            ahead = system.integrate(track, 0.5 * dt * (log.v[k] + log.v[k + 1]))
-            missed = self.trust * system.difference(ahead, log.q[k + 1])
-            track = system.integrate(ahead, missed)
-            paid = min(1.0, dt / _PAYBACK) * owed
-            v[k] += 1.5 / dt * paid  # Simpson's rule counts the middle two thirds
-            owed = owed + missed - paid
-        return balance._replace(track=track, owed=owed), middle._replace(v=v)
+            predicted = system.integrate(filtered, 0.5 * dt * (log.v[k] + log.v[k + 1]))
+            update = self.gain * system.difference(predicted, log.q[k + 1])
+            filtered = system.integrate(predicted, update)
+            correction = min(1.0, dt / _CORRECTION_TIME) * pending
+            v[k] += 1.5 / dt * correction  # Simpson's rule weighs the middle by two thirds
+            pending = pending + update - correction
+        return balance._replace(filtered=filtered, pending=pending), middle._replace(v=v)
 
 
 @njit(cache=True)
 def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, made):
-    """Steps ż by Simpson's rule and takes the means of blocks.
+    """Integrates z by Simpson's rule and averages Y over blocks, in place.
 
     Args:
         leak: a [1/s].
         block: samples in a block.
         t: (N,) times [s].
-        momenta: (N, n, p), and
-        start: (N−1, n, p), and
-        half: (N−1, n, p), and
-        end: (N−1, n, p) as in `SecondOrderSystem.momentum_balance`.
-        lag: (n, p) z, which is moved.
-        total: (n, p) sum of Y over the block that is being filled, likewise.
-        filled: samples in it.
-        rows: (k, n, p) means of whole blocks, written from
-        made: on.
+        momenta: (N, n, p) W_M(q, v); this and the next three are the terms that
+            `SecondOrderSystem.momentum_balance` returns.
+        start: (N−1, n, p) right-hand side at the start of every step.
+        half: (N−1, n, p) right-hand side half-way.
+        end: (N−1, n, p) right-hand side at the end.
+        lag: (n, p) z; updated.
+        total: (n, p) sum of Y over the current block; updated.
+        filled: samples in the current block.
+        rows: (k, n, p) buffer for the means of completed blocks.
+        made: rows of the buffer already in use.
 
     Returns:
-        How many rows are made; samples in the block that is being filled.
+        The number of rows in use, and of samples in the current block.
     """
     n, p = lag.shape
     for k in range(t.shape[0] - 1):
@@ -155,7 +168,15 @@ def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, m
 
 
 def steady_gain(levels: SensorLevels, dt: float) -> float:
-    """Gain of the steady Kalman filter of a position that noisy velocities carry on; 0 if exact."""
+    """Steady-state Kalman gain of a position predicted from noisy velocities.
+
+    Args:
+        levels: standard deviations of the sensors' noise.
+        dt: time between measurements [s].
+
+    Returns:
+        A gain in [0, 1]; 0 where velocities are exact.
+    """
     if levels.velocity == 0:
         return 0.0
     if levels.position == 0:

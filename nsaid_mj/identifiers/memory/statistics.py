@@ -1,10 +1,11 @@
-"""What a motion has told about θ so far, in bounded space.
+"""Statistics of all past data about θ, in constant memory.
 
-Of every row i of the momentum balance (`balance`), in means over short blocks, the memory keeps the
-Gramian G_i (p, p).
+Every row i of the momentum balance (`momentum`), averaged over short blocks, enters a Gramian
+G_i (p, p).
 
-Noise makes G_i too large by the Gramian N_i of its own effect on Y, to first order. N_i is had by
-watching the same motion a second time, through measurements with as much noise again.
+To first order, sensor noise biases G_i upwards by the Gramian N_i of its own effect on Y. N_i is
+estimated by processing the same motion a second time, with an independent draw of noise of the
+same level added to the measurements.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from ...system import SecondOrderSystem
 from .momentum import Balance, Rows
 
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)
-_DETERMINED = 3  # rows for each parameter before their residuals say how large they are
-_FRESH = 16  # blocks that wait for being taken into the means, at most
-_JUDGED = 50  # blocks, at least, before an estimate is old enough to be contradicted
-_DRAWS = 32749  # of noise, used again and again: a prime, so that no block repeats soon
+_DETERMINED = 3  # rows per parameter before the residuals' variance can be estimated
+_FRESH = 16  # blocks buffered before they enter the means, at most
+_JUDGED = 50  # blocks, at least, before residuals can contradict an estimate
+_DRAWS = 32749  # noise samples, used cyclically: a prime, so that no block repeats soon
 
 
 @config
@@ -34,19 +35,19 @@ class MemoryConfig(Config):
     Attributes:
         window: time constant 1/a of the leak in the momentum balance [s].
         block: time over which its rows are averaged [s].
-        interval: between two implicit steps [s].
-        pace: κ/μ, at which a direction converges of which the data say as much as the barrier
-            does [1/s]; directions that are better seen are faster.
-        anchor: weight of the divergence from the prior beside the data; 1 counts the prior as one
-            measurement with an error of its own size. None is 1 where sensors are noisy, and 0
-            where they are exact: what such data do not tell stays where it is. With noisy sensors
-            0 or a weak one is not advised: in directions that nothing moves noise alone then pulls
-            the estimate, and with it its scale, which the anchor would have held.
-        horizon: time constant of forgetting [s]; 0 remembers all.
-        surprise: how many times what was expected the squared residuals must be, in two intervals
-            one after the other, for an actuator to count as changed: the estimate goes back to
-            where it was before, and of all that was known then only what was known of the
-            actuators is forgotten. 0 is never.
+        interval: time between two implicit steps [s].
+        pace: κ/μ [1/s], the rate at which a direction converges in which the data carry as much
+            information as the barrier; better observed directions converge faster.
+        anchor: weight of the divergence from the prior relative to the data; 1 counts the prior as
+            one measurement whose error is as large as the prior itself. None is 1 with noisy
+            sensors and 0 with exact ones, where unexcited directions simply stay where they are.
+            With noisy sensors 0 or a small weight is not recommended: along unexcited directions
+            noise alone then moves the estimate, and its scale, which the anchor would hold.
+        horizon: time constant of forgetting [s]; 0 never forgets.
+        surprise: ratio of squared residuals to their expected value that, exceeded in two
+            consecutive intervals, is taken as a change of an actuator: the estimate returns to
+            its value before the change, and of the information gathered until then only that
+            about the actuators is discarded. 0 disables the test.
     """
 
     _path = "identifier.memory"
@@ -65,17 +66,17 @@ class MemoryConfig(Config):
 
 
 class Means(NamedTuple):
-    """Means over blocks, the newest first in weight where something is forgotten.
+    """Means over blocks, with exponential forgetting if there is a horizon.
 
     Attributes:
-        fade: share of a block's weight that is left one block later.
-        blocks: number of blocks, less what is forgotten.
+        fade: factor by which a block's weight decreases per block.
+        blocks: effective number of blocks, the sum of their weights.
         gramian: (n, p, p) mean over the blocks of every row's Yᵀ Y.
-        lagged: (n, p, p) mean of Yᵀ Y′, Y′ the block before, made symmetric.
-        last: (n, p) the last whole block.
-        noise: (2, n, p, p) `gramian` and `lagged` of what noise does to a block; None where sensors
-            are exact.
-        stirred: (n, p) what it has done to the last block.
+        lagged: (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block.
+        last: (n, p) the last completed block.
+        noise: (2, n, p, p) `gramian` and `lagged` of the effect of noise on a block; None where
+            sensors are exact.
+        last_effect: (n, p) effect of noise on the last block.
     """
 
     fade: float
@@ -84,10 +85,12 @@ class Means(NamedTuple):
     lagged: Array
     last: Array
     noise: Array | None
-    stirred: Array
+    last_effect: Array
 
     def of_innovations(self, rho: Array, own: Array, lagged: Array, last: Array) -> Array:
-        """The mean square of Y − ρ Y′, whose mean square Y′² is that of Y without the last block.
+        """The mean square of the innovation Y − ρ Y′, from sufficient statistics.
+
+        The mean of Y′² is that of Y² without the last block.
 
         Args:
             rho: (n,) correlation of neighbouring blocks.
@@ -100,12 +103,12 @@ class Means(NamedTuple):
         return (1 + again) * own - 2 * r * lagged - again / max(self.blocks, 1.0) * last
 
     def innovations(self, rho: Array) -> Array:
-        """(n, p, p) mean of (Y − ρ Y′)ᵀ (Y − ρ Y′), ρ (n,) the correlation of neighbours."""
+        """(n, p, p) mean of (Y − ρ Y′)ᵀ (Y − ρ Y′), with ρ (n,) the correlation of neighbours."""
         last = self.last[:, :, None] * self.last[:, None, :]
         return self.of_innovations(rho, self.gramian, self.lagged, last)
 
-    def gathered(self, rho: Array, share: Array) -> Array:
-        """(p, p) sum of the innovations of all rows, each times its share (n,)."""
+    def weighted_sum(self, rho: Array, share: Array) -> Array:
+        """(p, p) sum over the rows of `innovations`, weighted by `share` (n,)."""
         again = share * rho**2 / self.fade
         last = (again / max(self.blocks, 1.0))[:, None] * self.last
         return (
@@ -114,22 +117,24 @@ class Means(NamedTuple):
             - self.last.T @ last
         )
 
-    def gathered_noise(self, rho: Array, share: Array) -> Array:
-        """(p, p) what noise has made of that."""
+    def weighted_noise(self, rho: Array, share: Array) -> Array:
+        """(p, p) contribution of noise to `weighted_sum`, with the same arguments."""
         assert self.noise is not None
         own, lagged = self.noise
         whole = np.tensordot(share * (1 + rho**2), own, 1)
         return np.asarray(whole - np.tensordot(2 * share * rho, lagged, 1), dtype=np.float64)
 
     @staticmethod
-    def none(n: int, p: int, fade: float, noisy: bool) -> Means:
-        """Means of no block."""
+    def empty(n: int, p: int, fade: float, noisy: bool) -> Means:
+        """The means before any block."""
         flat, cube = np.zeros((n, p)), np.zeros((n, p, p))
         noise = np.zeros((2, n, p, p)) if noisy else None
         return Means(fade, 0.0, cube, cube, flat, noise, flat)
 
-    def with_blocks(self, rows: Array, before: Array, stirs: Array, earlier: Array) -> Means:
-        """The means with further blocks; arguments are those of `Scores.with_blocks`."""
+    def with_blocks(
+        self, rows: Array, before: Array, effects: Array, effects_before: Array
+    ) -> Means:
+        """The means after further blocks; arguments are those of `Scores.with_blocks`."""
         if not len(rows):
             return self
         weights = self.fade ** np.arange(len(rows))[::-1]
@@ -144,23 +149,29 @@ class Means(NamedTuple):
             half += old / blocks * kept
             return half
 
-        noise, stirred = self.noise, self.stirred
+        noise, last_effect = self.noise, self.last_effect
         if noise is not None:
-            noise = np.stack([mean(noise[0], stirs, stirs), mean(noise[1], stirs, earlier)])
-            stirred = stirs[-1]
+            lagged = mean(noise[1], effects, effects_before)
+            noise = np.stack([mean(noise[0], effects, effects), lagged])
+            last_effect = effects[-1]
         return Means(
-            self.fade, blocks, mean(self.gramian, rows, rows), mean(self.lagged, rows, before),
-            rows[-1], noise, stirred,
-        )  # fmt: skip
+            self.fade,
+            blocks,
+            mean(self.gramian, rows, rows),
+            mean(self.lagged, rows, before),
+            rows[-1],
+            noise,
+            last_effect,
+        )
 
 
 class View(NamedTuple):
-    """An estimate, and how it weighs what comes in after it.
+    """An estimate, and the weights of the residuals it will leave in later blocks.
 
     Attributes:
         theta: (p,) the estimate.
-        rho: (n,) correlation of its residuals in neighbouring blocks, for every row.
-        share: (n,) one over the variance of what is new in them.
+        rho: (n,) correlation of its residuals between neighbouring blocks, for every row.
+        share: (n,) inverse variance of the residuals' innovations.
     """
 
     theta: Array
@@ -169,16 +180,17 @@ class View(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """How the blocks have contradicted the estimates that were there before them.
+    """Scores of the blocks: gradients of ½ residual² under the estimate that preceded them.
 
     Attributes:
-        view: of the last estimate that was made; None where there is none yet.
-        latest: (4, p) gradients of the last blocks' squared residuals, halved, under it.
-        meat: (p, p) mean of their outer products, neighbours together.
-        bias: (p,) mean of what more noise does to a score: the sensors' noise has done as much.
-        count: number of blocks in both, less what is forgotten.
-        recent: mean square of the residuals of the blocks since the last view, over what it
-            expected; and how many they are.
+        view: of the last estimate; None before the first.
+        latest: (4, p) scores of the last blocks.
+        meat: (p, p) mean of the scores' outer products, summed over neighbouring blocks: the
+            middle of the sandwich covariance.
+        bias: (p,) mean effect of added noise on a score, which estimates that of the sensors'.
+        count: effective number of blocks in `meat` and `bias`.
+        recent: mean squared residual of the blocks since the last view, relative to what the view
+            predicts; and the number of these blocks.
     """
 
     view: View | None
@@ -189,56 +201,60 @@ class Scores(NamedTuple):
     recent: tuple[float, int]
 
     @staticmethod
-    def none(p: int) -> Scores:
-        """Of no block."""
+    def empty(p: int) -> Scores:
+        """The scores before any block."""
         return Scores(
             None, np.zeros((_NEIGHBOURS, p)), np.zeros((p, p)), np.zeros(p), 0.0, (0.0, 0)
         )
 
     def with_blocks(
-        self, fade: float, rows: Array, before: Array, stirs: Array, earlier: Array
+        self, fade: float, rows: Array, before: Array, effects: Array, effects_before: Array
     ) -> Scores:
-        """The scores with further blocks; rows and neighbouring blocks may correlate.
+        """The scores after k further blocks; rows and neighbouring blocks may be correlated.
 
         Args:
-            fade: as in `Means`.
+            fade: factor by which a block's weight decreases per block.
             rows: (k, n, p) the blocks.
-            before: (k, n, p) the ones before them.
-            stirs: (k, n, p) what noise has done to the blocks.
-            earlier: (k, n, p) … and to the ones before.
+            before: (k, n, p) the block preceding each.
+            effects: (k, n, p) effect of noise on the blocks.
+            effects_before: (k, n, p) effect of noise on the preceding blocks.
         """
         k, (mean, number) = len(rows), self.recent
         if self.view is None or not k:
             return self
         theta, rho, share = self.view
-        new, stir = rows - rho[:, None] * before, stirs - rho[:, None] * earlier
+        new, effect = rows - rho[:, None] * before, effects - rho[:, None] * effects_before
         residual = new @ theta
         scores = _summed(share * residual, new)
-        biases = _summed(share * (stir @ theta), new) + _summed(share * residual, stir)
+        biases = _summed(share * (effect @ theta), new) + _summed(share * residual, effect)
         known = np.concatenate([self.latest, scores])
         together = sum((known[i : i + k] for i in range(1, _NEIGHBOURS + 1)), np.zeros_like(scores))
         weights, old = fade ** np.arange(k)[::-1], fade**k * self.count
         count = old + float(weights.sum())
         outer = (weights[:, None] * together).T @ together / _NEIGHBOURS
+        squares = float(np.sum(np.mean(share * residual**2, axis=1)))
         return Scores(
-            self.view, known[k:], (old * self.meat + outer) / count,
-            (old * self.bias + weights @ biases) / count, count,
-            ((number * mean + float(np.sum(np.mean(share * residual**2, axis=1)))) / (number + k),
-             number + k),
-        )  # fmt: skip
+            view=self.view,
+            latest=known[k:],
+            meat=(old * self.meat + outer) / count,
+            bias=(old * self.bias + weights @ biases) / count,
+            count=count,
+            recent=((number * mean + squares) / (number + k), number + k),
+        )
 
 
 def _summed(share: Array, rows: Array) -> Array:
-    """(k, p) sums of the rows (k, n, p) of blocks, each times its share (k, n)."""
+    """(k, p) sums over the rows (k, n, p) of blocks, weighted by `share` (k, n)."""
     return np.matmul(share[:, None], rows)[:, 0]
 
 
 class Trusted(NamedTuple):
-    """An estimate that no later data have contradicted yet.
+    """An estimate that later data have not contradicted.
 
     Attributes:
         theta: (p,) the estimate.
-        plant: (p, p) the curvature of R there, whatever the actuators' gains: its Schur complement.
+        plant: (p, p) curvature of R there with the actuators' gains eliminated: the Schur
+            complement.
     """
 
     theta: Array
@@ -246,26 +262,27 @@ class Trusted(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What is kept of all data up to a sample.
+    """The statistics of all data up to a sample.
 
     Attributes:
-        step: number of the sample.
-        balance: the momentum balance there.
-        shaken: the same balance seen through more noise; None where sensors are exact.
-        fresh: (k, n, p) blocks that are not in the means yet.
-        stirs: (k, n, p) what noise has done to them; 0 where sensors are exact.
+        step: index of the sample.
+        balance: the momentum balance at the sample.
+        perturbed: the balance of the measurements with added noise; None where sensors are exact.
+        fresh: (k, n, p) blocks not yet in the means.
+        effects: (k, n, p) effect of noise on these blocks; 0 where sensors are exact.
         means: over the blocks.
         scores: of the blocks.
-        alarmed: whether the interval before has surprised.
+        alarmed: whether the preceding interval contradicted the estimate.
         trusted: the last estimate before any alarm.
-        kept: (p, p) what was known of all but the actuators when they were doubted last.
+        kept: (p, p) information about all parameters but the actuators' that survived the last
+            detected change of an actuator; None before the first.
     """
 
     step: int
     balance: Balance
-    shaken: Balance | None
+    perturbed: Balance | None
     fresh: Array
-    stirs: Array
+    effects: Array
     means: Means
     scores: Scores
     alarmed: bool = False
@@ -274,14 +291,19 @@ class Memory(NamedTuple):
 
 
 class Recorder:
-    """Keeps a `Memory` up to date: pure functions.
+    """Updates a `Memory` from measurements, by pure functions.
 
     Args:
         system: the structure.
         config: window, block, interval and horizon.
         dt: time between measurements [s].
         levels: of the sensors' noise.
-        hermite: how the state between samples is had; see `NullspaceAID.interpolation`.
+        hermite: cubic Hermite interpolation between samples; else linear.
+
+    Attributes:
+        every: samples between two implicit steps.
+        block: samples in a block.
+        fade: factor by which a block's weight decreases per block.
     """
 
     def __init__(
@@ -301,79 +323,93 @@ class Recorder:
 
     @cached_property
     def _draws(self) -> Array:
-        """(draws, 2, n) noise of positions and of velocities."""
+        """(draws, 2, n) noise of positions and velocities, in their units."""
         unit = np.random.default_rng(0).standard_normal((_DRAWS, 2, self.system.n))
         return unit * np.array(self.levels)[:, None]
 
     def begin(self, first: Measurement) -> Memory:
-        """A memory at the first measurement: of nothing."""
+        """The empty memory at a first measurement."""
         n, p, exact = self.system.n, self.system.p, self.levels.exact
-        shaken = None if exact else self.rows.begin(*self._shake(0, first.q, first.v))
+        perturbed = None if exact else self.rows.begin(*self._perturb(0, first.q, first.v))
         nothing = np.zeros((0, n, p))
         return Memory(
-            0, self.rows.begin(first.q, first.v), shaken, nothing, nothing,
-            Means.none(n, p, self.fade, not exact), Scores.none(p),
-        )  # fmt: skip
+            0,
+            self.rows.begin(first.q, first.v),
+            perturbed,
+            nothing,
+            nothing,
+            Means.empty(n, p, self.fade, not exact),
+            Scores.empty(p),
+        )
 
     def follow(self, memory: Memory, log: Log) -> Memory:
-        """The memory at the end of a log that begins where the memory stands.
+        """The memory at the end of a log that begins at the memory's sample.
 
-        Blocks are taken into the means at the end of every interval, or of every 16, together.
+        Blocks enter the means together, at the end of every interval or after 16 of them.
         """
         at = 0
         while at < len(log.t) - 1:
             steps = min(period - memory.step % period for period in self._periods)
-            memory = self._go(memory, log.part(at, at + steps + 1))
+            memory = self._advance(memory, log.part(at, at + steps + 1))
             if any(memory.step % period == 0 for period in self._periods):
-                memory = self.take(memory)
+                memory = self.absorb_blocks(memory)
             at += steps
         return memory
 
-    def _go(self, memory: Memory, log: Log) -> Memory:
+    def _advance(self, memory: Memory, log: Log) -> Memory:
         middle = self.system.midpoints(log, self.hermite)
         balance, rows = self.rows.follow(memory.balance, log, middle)
-        shaken, stirs = memory.shaken, np.zeros_like(rows)
-        if shaken is not None:
-            shaken, twins = self.rows.follow(shaken, *self._shaken(memory.step, log, middle))
-            stirs = twins - rows
+        perturbed, effects = memory.perturbed, np.zeros_like(rows)
+        if perturbed is not None:
+            noisier = self._perturbed(memory.step, log, middle)
+            perturbed, noisier_rows = self.rows.follow(perturbed, *noisier)
+            effects = noisier_rows - rows
         return memory._replace(
-            step=memory.step + len(log.t) - 1, balance=balance, shaken=shaken,
-            fresh=np.concatenate([memory.fresh, rows]), stirs=np.concatenate([memory.stirs, stirs]),
-        )  # fmt: skip
+            step=memory.step + len(log.t) - 1,
+            balance=balance,
+            perturbed=perturbed,
+            fresh=np.concatenate([memory.fresh, rows]),
+            effects=np.concatenate([memory.effects, effects]),
+        )
 
-    def take(self, memory: Memory) -> Memory:
-        """Takes what is fresh into means and scores.
+    def absorb_blocks(self, memory: Memory) -> Memory:
+        """Merges the buffered blocks into means and scores.
 
-        A score needs so many blocks before it that their residuals say how large they are.
+        Blocks count in the scores only once enough others precede them to estimate the residuals'
+        variance.
         """
-        means, fresh, stirs = memory.means, memory.fresh, memory.stirs
+        means, fresh, effects = memory.means, memory.fresh, memory.effects
         before = np.concatenate([means.last[None], fresh])[:-1]
-        earlier = np.concatenate([means.stirred[None], stirs])[:-1]
+        effects_before = np.concatenate([means.last_effect[None], effects])[:-1]
         (n, p), blocks, first = means.last.shape, means.blocks, 0
         while first < len(fresh) and blocks * n < _DETERMINED * p:
             blocks, first = self.fade * blocks + 1, first + 1
         scores = memory.scores.with_blocks(
-            self.fade, *(part[first:] for part in (fresh, before, stirs, earlier))
+            self.fade, *(part[first:] for part in (fresh, before, effects, effects_before))
         )
         return memory._replace(
-            fresh=fresh[:0], stirs=fresh[:0], scores=scores,
-            means=means.with_blocks(fresh, before, stirs, earlier),
+            fresh=fresh[:0],
+            effects=fresh[:0],
+            scores=scores,
+            means=means.with_blocks(fresh, before, effects, effects_before),
             kept=None if memory.kept is None else self.fade ** len(fresh) * memory.kept,
-        )  # fmt: skip
+        )
 
-    def doubt(self, memory: Memory, here: Measurement) -> tuple[Memory, bool]:
-        """The memory at the end of an interval, alarmed if the interval contradicts it.
+    def check_consistency(self, memory: Memory, here: Measurement) -> tuple[Memory, bool]:
+        """Tests an interval's residuals against the estimate that preceded them.
 
-        If the interval before did as well, and from the same view, the data are forgotten.
-        What stays is what had been known, before the first of them, of all but the actuators. The
-        balance begins anew: behind the leak there is motion under the old gains.
+        An interval whose squared residuals exceed `surprise` times their expected value raises an
+        alarm. After a second one in a row, under the same view, an actuator counts as changed and
+        the data are discarded; only the information about the other parameters from before the
+        first alarm is kept. The momentum balance restarts, since its filter still holds motion
+        under the old gains.
 
         Args:
             memory: at the interval's end.
             here: the last measurement.
 
         Returns:
-            The memory; and whether data have been forgotten.
+            The memory; and whether data were discarded.
         """
         scores, (n, p) = memory.scores, memory.means.last.shape
         alarmed = bool(0 < self.surprise < scores.recent[0])
@@ -381,27 +417,35 @@ class Recorder:
             sure = scores.count >= max(_JUDGED, _DETERMINED * p / n)
             scores = scores._replace(recent=(0.0, 0))
             return memory._replace(scores=scores, alarmed=alarmed and sure), False
-        shaken = memory.shaken
-        if shaken is not None:
-            shaken = self.rows.anew(shaken, *self._shake(memory.step, here.q, here.v))
-        return Memory(
-            memory.step, self.rows.anew(memory.balance, here.q, here.v), shaken,
-            memory.fresh, memory.stirs, Means.none(n, p, self.fade, shaken is not None),
-            Scores.none(p), trusted=memory.trusted, kept=memory.trusted.plant,
-        ), True  # fmt: skip
+        perturbed = memory.perturbed
+        if perturbed is not None:
+            perturbed = self.rows.restart(perturbed, *self._perturb(memory.step, here.q, here.v))
+        changed = Memory(
+            memory.step,
+            self.rows.restart(memory.balance, here.q, here.v),
+            perturbed,
+            memory.fresh,
+            memory.effects,
+            Means.empty(n, p, self.fade, perturbed is not None),
+            Scores.empty(p),
+            trusted=memory.trusted,
+            kept=memory.trusted.plant,
+        )
+        return changed, True
 
-    def _shaken(self, step: int, log: Log, middle: Middle) -> tuple[Log, Middle]:
-        """The log with as much noise again, and the states half-way between its samples."""
+    def _perturbed(self, step: int, log: Log, middle: Middle) -> tuple[Log, Middle]:
+        """The log with added noise, and the states half-way between its samples."""
         system = self.system
-        q, v = (np.array(part) for part in zip(
-            *(self._shake(step + k, *row) for k, row in enumerate(zip(log.q, log.v, strict=True))),
-            strict=True,
-        ))  # fmt: skip
-        half = [system.integrate(there, system.difference(here, mid))
-                for there, here, mid in zip(q, log.q, middle.q, strict=False)]  # fmt: skip
+        samples = enumerate(zip(log.q, log.v, strict=True))
+        states = [self._perturb(step + k, *sample) for k, sample in samples]
+        q, v = (np.array(part) for part in zip(*states, strict=True))
+        half = [
+            system.integrate(there, system.difference(here, mid))
+            for there, here, mid in zip(q, log.q, middle.q, strict=False)
+        ]
         return Log.unchecked(log.t, q, v, log.u), Middle(np.array(half), 0.5 * (v[:-1] + v[1:]))
 
-    def _shake(self, step: int, q: Array, v: Array) -> tuple[Array, Array]:
-        """A measured state with as much noise again."""
+    def _perturb(self, step: int, q: Array, v: Array) -> tuple[Array, Array]:
+        """A measured state q (m,), v (n,) with added noise of the sensors' level."""
         position, velocity = self._draws[step % _DRAWS]
         return self.system.integrate(q, position), v + velocity
