@@ -21,15 +21,13 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from nsaid_mj import Scenario
 from nsaid_mj.bounds import shown
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput, NsaidError, UnknownName
 from nsaid_mj.experiment.fields import field_at, field_paths, with_fields
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import prepare
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.resources import scenarios
 
 NAN, INF = float("nan"), float("inf")
@@ -74,12 +72,13 @@ def places(name: str) -> list[str]:
 
 
 def check(scenario: Scenario, build: bool) -> None:
-    """Asserts that a scenario is sound; makes all that a run needs before its first step."""
+    """Asserts that a scenario survives JSON; with `build`, makes plant, identifiers and driver."""
     assert Scenario.from_json(scenario.to_json()) == scenario
     assert scenario.steps >= 2 and len(scenario.hash) == 12
     if build:
-        plant, prior, _ = prepare(scenario)
-        scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
+        setup = Setup.of(scenario)
+        setup.identifiers()
+        setup.driver()
 
 
 def replaced(scenario: Scenario, values: dict[str, Any]) -> Scenario:

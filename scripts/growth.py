@@ -28,11 +28,12 @@ import numpy as np
 import pinocchio as pin
 from machine import machine
 
-from nsaid_mj import ArmPlant, Measurement, NullspaceAID
+from nsaid_mj import ArmPlant, Measurement, NullspaceAID, Scenario
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.identifiers import State
 from nsaid_mj.log import Log
+from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import nominal_scales
 from nsaid_mj.plants.world.robots import Base, load_robot
 from nsaid_mj.plants.world.tree import tree_spec
@@ -258,16 +259,28 @@ def growth(folder: Path) -> None:
 
 
 class Watch(Observer):
-    """Writes down the process's resident memory every minute of the run."""
+    """Records the process's resident memory once a minute of simulated time.
+
+    Attributes:
+        rows: simulated time [s] and resident memory [MB] of every sample.
+    """
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, float]] = []
 
-    def see(self, measurement: Measurement, *_: Any) -> None:
-        """Looks, once in a minute."""
+    def start(self, scenario: Scenario, plant: Plant) -> None:
+        """Does nothing: the first sample is that of the first stretch."""
+
+    def see(
+        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
+    ) -> None:
+        """Records the memory if a minute has passed since the last sample."""
         if measurement.t >= 60 * len(self.rows) - DT:
             pages = int(Path("/proc/self/statm").read_text().split()[1])
             self.rows.append((measurement.t, pages * PAGE))
+
+    def stop(self) -> None:
+        """Does nothing."""
 
 
 def an_hour(name: str, law: str) -> None:

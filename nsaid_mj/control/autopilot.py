@@ -118,6 +118,9 @@ class _Autopilot(Driver):
         u[-1] = np.clip(u[-1], _SLOWEST, 1)
         return u
 
+    def compiled(self, t: Array) -> None:
+        return None
+
 
 def _balance(thrust: float, drag: float, slip: float, n: float) -> float:
     """The speed [m/s] at which drag u² is the thrust at the propeller's command n > 0."""

@@ -23,14 +23,17 @@ class Driver(ABC):
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(n_u,) the command from t until the next sample, from the measured state."""
 
+    @abstractmethod
     def compiled(self, t: Array) -> Array | Tracking | None:
-        """What compiled code needs to say the same as `command`, at times t (k,) [s].
+        """The control law in a form that compiled code evaluates, bit for bit as `command` does.
+
+        Args:
+            t: (k,) sample times [s].
 
         Returns:
-            (k, n_u) commands where measurements do not matter; the numbers of `computed_torque`;
-            None where only `command` knows.
+            (k, n_u) the commands at t, if the driver is open loop; the parameters of
+            `computed_torque`, if that is its law; None if only `command` can evaluate it.
         """
-        return None
 
 
 @config

@@ -82,3 +82,6 @@ class _PoseHold(Driver):
         wanted = self._omega**2 * error - 2 * self._omega * v
         u = self._bias + self._dither(t) + self._allocation @ wanted
         return np.clip(u, self._low, 1.0)
+
+    def compiled(self, t: Array) -> None:
+        return None

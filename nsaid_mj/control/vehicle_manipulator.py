@@ -89,6 +89,9 @@ class _SwimAndReach(Driver):
         torque = joint_torque(self._system, self._prior, t, q, v, thrust, self._wanted(t, q, v))
         return np.concatenate([np.clip(torque / self._gain, -1, 1), thrust])
 
+    def compiled(self, t: Array) -> None:
+        return None
+
     def _wanted(self, t: float, q: Array, v: Array) -> Array:
         """(k,) acceleration of the joints that leads back to the path."""
         position, rate, acceleration = self._path(t)
@@ -199,6 +202,9 @@ class _HoverAndReach(Driver):
         push = rest + effect.T @ np.linalg.solve(effect @ effect.T, missing)
         push[len(system.joints) :] = np.sqrt(np.clip(push[len(system.joints) :], 0.01, 1.0))
         return push
+
+    def compiled(self, t: Array) -> None:
+        return None
 
     def _wanted(self, t: float, q: Array, v: Array) -> Array:
         """(n,) accelerations that lead back to the path; the base's sideways ones are not used."""
