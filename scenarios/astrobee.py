@@ -6,7 +6,9 @@ scenario = Scenario(
     plant=AstrobeePlant(),
     excitation=PoseHold(),
     identifier=NullspaceAID(
-        K=1.0, gain=100.0, floor=1e-3,
+        K=1.0,
+        gain=100.0,
+        floor=1e-3,
         memory=MemoryConfig(window=2.0),  # it moves by centimetres: noise needs a longer look
     ),
     initial_error=0.3,
@@ -14,7 +16,7 @@ scenario = Scenario(
     dt=0.016,  # the robot's own controller speaks at 62.5 Hz
     pe_window=20.0,
     held_out=30.0,
-)  # fmt: skip
+)
 
 if __name__ == "__main__":
     main(scenario)

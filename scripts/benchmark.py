@@ -35,15 +35,24 @@ BLOCKS = 15
 STEPS = 4000  # of a closed loop, in a block
 LAWS = ("paper", "cone", "memory")
 VEHICLES = (
-    "scalar_rov", "bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i",
-    "astrobee", "borinot", "uvms",
-)  # fmt: skip
+    "scalar_rov",
+    "bluerov2",
+    "remus100",
+    "hummingbird",
+    "crazyflie",
+    "f1tenth",
+    "bmw320i",
+    "astrobee",
+    "borinot",
+    "uvms",
+)
 
 
 def seven_joints(backend: Backend) -> Scenario:
     """An arm of 7 joints and 91 parameters: without rotor inertias, its wrist's friction small."""
-    arm = ArmPlant("xarm7", armature=0.0, damping=3e-3, friction=3e-3, friction_speed=0.3,
-                   backend=backend)  # fmt: skip
+    arm = ArmPlant(
+        "xarm7", armature=0.0, damping=3e-3, friction=3e-3, friction_speed=0.3, backend=backend
+    )
     return replace(load("ur5"), plant=arm, dt=1e-3)
 
 
@@ -68,10 +77,13 @@ class Row:
         ratios = np.array(self.ours) / np.array(self.theirs)
         low, median, high = np.percentile(ratios, [25, 50, 75]).tolist()
         return {
-            "what": self.what, "ratio": median, "quartiles": [low, high], "bar": self.bar,
+            "what": self.what,
+            "ratio": median,
+            "quartiles": [low, high],
+            "bar": self.bar,
             "ours_us": 1e6 * float(np.median(self.ours)),
             "theirs_us": 1e6 * float(np.median(self.theirs)),
-        }  # fmt: skip
+        }
 
 
 def alternating(
@@ -149,16 +161,23 @@ def loops() -> list[Row]:
     ):
         alone = plant_alone(scenario)
         for law in laws:
-            rows.append(alternating(
-                f"closed loop / MuJoCo RK4 alone: {name}, {law}", closed_loop(scenario, law),
-                alone, bar if law == "paper" else None,
-            ))  # fmt: skip
+            rows.append(
+                alternating(
+                    f"closed loop / MuJoCo RK4 alone: {name}, {law}",
+                    closed_loop(scenario, law),
+                    alone,
+                    bar if law == "paper" else None,
+                )
+            )
         for other in laws[:-1]:
-            rows.append(alternating(
-                f"closed loop with memory / with the {other}'s law alone: {name}",
-                closed_loop(scenario, "memory"), closed_loop(scenario, other),
-                1.5 if other == "paper" else None,
-            ))  # fmt: skip
+            rows.append(
+                alternating(
+                    f"closed loop with memory / with the {other}'s law alone: {name}",
+                    closed_loop(scenario, "memory"),
+                    closed_loop(scenario, other),
+                    1.5 if other == "paper" else None,
+                )
+            )
     return rows
 
 
@@ -213,18 +232,28 @@ def identifiers() -> list[Row]:
         what = f"identifier RK4 step / one Pinocchio torque regressor: 91 parameters, {law}"
         bar = 4.0 if law == "paper" else None
         rows.append(alternating(what, following(scenario, law), regressor, bar))
-    rows.append(alternating(
-        "the same, sample by sample from Python: paper", step_by_step(scenario, "paper"), regressor
-    ))  # fmt: skip
+    rows.append(
+        alternating(
+            "the same, sample by sample from Python: paper",
+            step_by_step(scenario, "paper"),
+            regressor,
+        )
+    )
     for law in LAWS:
         what = f"identifier RK4 step / one Pinocchio torque regressor of 91 parameters: ur5, {law}"
         rows.append(alternating(what, following(compiled("ur5"), law), regressor))
     rows += [
-        alternating("the same, sample by sample from Python: ur5, paper",
-                    step_by_step(compiled("ur5"), "paper"), regressor),
-        alternating("the same, along a log on Pinocchio's regressors: ur5, paper",
-                    following(load("ur5"), "paper", 500), regressor),
-    ]  # fmt: skip
+        alternating(
+            "the same, sample by sample from Python: ur5, paper",
+            step_by_step(compiled("ur5"), "paper"),
+            regressor,
+        ),
+        alternating(
+            "the same, along a log on Pinocchio's regressors: ur5, paper",
+            following(load("ur5"), "paper", 500),
+            regressor,
+        ),
+    ]
     arm = load("ur5").plant.build(1e-3, 0)
     arm.model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     arm.reset(np.zeros(6), np.zeros(6))
@@ -253,8 +282,10 @@ def main() -> None:
     wide = []
     for name in ("xarm7", "ur5", "bluerov2"):
         wide.append(cost(name, "paper"))
-        print(f"{wide[-1]['us_per_run_and_step']:6.2f} µs per run and step: {wide[-1]['what']}",
-              flush=True)  # fmt: skip
+        print(
+            f"{wide[-1]['us_per_run_and_step']:6.2f} µs per run and step: {wide[-1]['what']}",
+            flush=True,
+        )
     if len(sys.argv) > 1:
         document = {"machine": where, "blocks": BLOCKS, "rows": told, "monte_carlo": wide}
         Path(sys.argv[1]).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
@@ -264,8 +295,11 @@ def tell(row: dict[str, Any]) -> None:
     """One line."""
     low, high = row["quartiles"]
     bar = f" (bar {row['bar']:g})" if row["bar"] else ""
-    print(f"{row['ratio']:6.2f} ({low:.2f} … {high:.2f}){bar}  {row['what']}  "
-          f"[{row['ours_us']:.1f} µs / {row['theirs_us']:.2f} µs]", flush=True)  # fmt: skip
+    print(
+        f"{row['ratio']:6.2f} ({low:.2f} … {high:.2f}){bar}  {row['what']}  "
+        f"[{row['ours_us']:.1f} µs / {row['theirs_us']:.2f} µs]",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

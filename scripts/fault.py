@@ -81,8 +81,10 @@ def main() -> None:
         cells = []
         for runs in found.values():
             at = [int(np.argmin(np.abs(t - since))) for t, _, _ in runs]
-            cells += [told([float(part[which][k]) for part, k in zip(runs, at, strict=True)])
-                      for which in (1, 2)]  # fmt: skip
+            cells += [
+                told([float(part[which][k]) for part, k in zip(runs, at, strict=True)])
+                for which in (1, 2)
+            ]
         print(f"| {since:g} s | " + " | ".join(cells) + " |")
     print(f"\n| | others at most | all gains within {100 * ENOUGH:g} % from |\n|---|---|---|")
     for sensors, runs in found.items():
@@ -90,8 +92,10 @@ def main() -> None:
             far = np.flatnonzero(np.maximum(own, others) > ENOUGH)
             known = t[far[-1] + 1] if far[-1] + 1 < len(t) else np.inf
             peak = int(np.argmax(others))
-            print(f"| {sensors}, seed {seed} | {100 * others[peak]:.2g} % at {t[peak]:.1f} s "
-                  f"| {known:.1f} s |")  # fmt: skip
+            print(
+                f"| {sensors}, seed {seed} | {100 * others[peak]:.2g} % at {t[peak]:.1f} s "
+                f"| {known:.1f} s |"
+            )
 
 
 if __name__ == "__main__":

@@ -46,11 +46,18 @@ def cases(only: str) -> Iterator[tuple[str, Scenario]]:
                 for sensors in ("ideal", "noisy"):
                     name = "-".join(filter(None, (path.stem, backend, law, sensors)))
                     if only in name:
-                        yield name, replace(
-                            found, plant=plant, identifier=replace(found.identifier, law=law),
-                            sensors=sensors, held_out=max(2 * found.dt, 0.1), record_every=1,
-                            duration=max(SECONDS, STEPS * found.dt),
-                        )  # fmt: skip
+                        yield (
+                            name,
+                            replace(
+                                found,
+                                plant=plant,
+                                identifier=replace(found.identifier, law=law),
+                                sensors=sensors,
+                                held_out=max(2 * found.dt, 0.1),
+                                record_every=1,
+                                duration=max(SECONDS, STEPS * found.dt),
+                            ),
+                        )
 
 
 def columns_of(scenario: Scenario) -> dict[str, Any]:

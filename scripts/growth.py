@@ -48,9 +48,15 @@ import matplotlib.pyplot as plt
 DT = 1e-3
 JOINTS = (1, 2, 3, 4, 5, 6, 7, 10, 14, 19, 26, 38)
 ROBOTS: tuple[tuple[str, Base], ...] = (
-    ("ur5", "held"), ("solo12", "held"), ("solo12", "free"), ("solo8", "held"),
-    ("panda", "held"), ("g1", "held"), ("talos", "held"), ("talos", "free"),
-)  # fmt: skip
+    ("ur5", "held"),
+    ("solo12", "held"),
+    ("solo12", "free"),
+    ("solo8", "held"),
+    ("panda", "held"),
+    ("g1", "held"),
+    ("talos", "held"),
+    ("talos", "free"),
+)
 VEHICLES = ("scalar_rov", "f1tenth", "astrobee", "hummingbird", "bluerov2", "remus100")
 LEAST = 7  # joints from which on an exponent is fitted: below, a call costs more than a joint
 ROUNDS = 7  # through all sizes, so that a busy minute of the machine does not strike one alone
@@ -71,12 +77,17 @@ def chain(joints: int) -> pin.Model:
     for k in range(joints):
         i = 1 + k % arm.nq
         limits = (
-            [getattr(arm, name)[i - 1]] for name in (
-                "upperEffortLimit", "upperVelocityLimit", "lowerPositionLimit", "upperPositionLimit"
+            [getattr(arm, name)[i - 1]]
+            for name in (
+                "upperEffortLimit",
+                "upperVelocityLimit",
+                "lowerPositionLimit",
+                "upperPositionLimit",
             )
-        )  # fmt: skip
-        model.addJoint(k, arm.joints[i], arm.jointPlacements[i], f"joint{k + 1}",
-                       *map(np.array, limits))  # fmt: skip
+        )
+        model.addJoint(
+            k, arm.joints[i], arm.jointPlacements[i], f"joint{k + 1}", *map(np.array, limits)
+        )
         model.appendBodyToJoint(k + 1, arm.inertias[i], pin.SE3.Identity())
     return model
 
@@ -175,18 +186,22 @@ def vehicle(name: str) -> tuple[SecondOrderSystem, dict[str, Timed]]:
 def everything() -> list[tuple[dict[str, Any], dict[str, Timed]]]:
     """What is timed: the beginning of its row, and the actions."""
     made = [("chain", f"chain of {k}", tree(chain(k))) for k in JOINTS]
-    made += [("robot", f"{name}, {base}", tree(load_robot(name, base).model))
-             for name, base in ROBOTS]  # fmt: skip
+    made += [
+        ("robot", f"{name}, {base}", tree(load_robot(name, base).model)) for name, base in ROBOTS
+    ]
     made += [("vehicle", name, vehicle(name)) for name in VEHICLES]
-    return [({"kind": kind, "name": name, "n": system.n, "p": system.p}, actions)
-            for kind, name, (system, actions) in made]  # fmt: skip
+    return [
+        ({"kind": kind, "name": name, "n": system.n, "p": system.p}, actions)
+        for kind, name, (system, actions) in made
+    ]
 
 
 def exponent(rows: list[dict[str, Any]], of: str, against: str, least: int) -> float:
     """The slope of the line through the chains' medians from a size on, in logarithms."""
     some = [row for row in rows if row["kind"] == "chain" and row["n"] >= least]
-    x, y = (np.log([row[key] if key in "np" else row[key][1] for row in some])
-            for key in (against, of))  # fmt: skip
+    x, y = (
+        np.log([row[key] if key in "np" else row[key][1] for row in some]) for key in (against, of)
+    )
     return float(np.polyfit(x, y, 1)[0])
 
 
@@ -199,31 +214,47 @@ def draw_growth(rows: list[dict[str, Any]], path: Path) -> None:
         for name, (colour, mark, what) in STYLES.items():
             power = exponent(rows, name, against, LEAST)
             for kind, look in (
-                ("chain", {"marker": mark, "lw": 1.4,
-                           "label": f"{what}: ∝ {against}$^{{{power:.2f}}}$"}),
+                (
+                    "chain",
+                    {"marker": mark, "lw": 1.4, "label": f"{what}: ∝ {against}$^{{{power:.2f}}}$"},
+                ),
                 ("robot", {"marker": mark, "ls": "", "mfc": "white"}),
                 ("vehicle", {"marker": "x", "ls": ""}),
-            ):  # fmt: skip
+            ):
                 some = [row for row in rows if row["kind"] == kind and name in row]
                 if some:
                     low, median, high = np.array([row[name] for row in some]).T
-                    axis.errorbar([row[against] for row in some], median,
-                                  yerr=[median - low, high - median], color=colour, ms=5.5,
-                                  elinewidth=0.8, capsize=2, **look)  # fmt: skip
+                    axis.errorbar(
+                        [row[against] for row in some],
+                        median,
+                        yerr=[median - low, high - median],
+                        color=colour,
+                        ms=5.5,
+                        elinewidth=0.8,
+                        capsize=2,
+                        **look,
+                    )
         axis.set_xscale("log")
         axis.set_yscale("log")
         axis.set_xlabel(label, fontsize=11)
         axis.grid(alpha=0.3, which="both")
-        axis.legend(frameon=False, fontsize=11, loc="upper center", bbox_to_anchor=(0.5, -0.1),
-                    title=f"exponents of the chains with n ≥ {LEAST}")  # fmt: skip
+        axis.legend(
+            frameon=False,
+            fontsize=11,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.1),
+            title=f"exponents of the chains with n ≥ {LEAST}",
+        )
     axes[0].set_xticks(ticks := [1, 2, 3, 5, 7, 10, 14, 20, 30, 38], map(str, ticks))
     axes[1].set_xticks(ticks := [5, 10, 20, 50, 100, 200, 500], map(str, ticks))
     for axis in axes:
         axis.minorticks_off()
         axis.yaxis.set_major_formatter("{x:g}")
     axes[0].set_ylabel("time per step [µs]", fontsize=11)
-    figure.suptitle("Serial chains, p = 13 n (lines), robots held or floating (open marks), "
-                    "vehicles (crosses)", fontsize=13)  # fmt: skip
+    figure.suptitle(
+        "Serial chains, p = 13 n (lines), robots held or floating (open marks), vehicles (crosses)",
+        fontsize=13,
+    )
     save(figure, path)
 
 
@@ -249,8 +280,13 @@ def growth(folder: Path) -> None:
     powers = {
         f"{name} against {x}": exponent(rows, name, x, LEAST) for name in STYLES for x in "np"
     }
-    document = {"machine": here, "unit": "µs per step: quartile, median, quartile",
-                "exponents": powers, "exponents_from_n": LEAST, "rows": rows}  # fmt: skip
+    document = {
+        "machine": here,
+        "unit": "µs per step: quartile, median, quartile",
+        "exponents": powers,
+        "exponents_from_n": LEAST,
+        "rows": rows,
+    }
     (folder / "growth.json").write_text(json.dumps(document, indent=1) + "\n")
     draw_growth(rows, folder / "growth.png")
 
@@ -292,9 +328,19 @@ def an_hour(name: str, law: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         ended = run(scenario, Path(folder), watch)
         size = (Path(folder) / "record.arrow").stat().st_size
-    print(json.dumps({"scenario": name, "law": law, "status": ended.ending.status.words,
-                      "wall_s": ended.cost.wall, "steps": ended.cost.steps, "record_bytes": size,
-                      "rows": watch.rows}))  # fmt: skip
+    print(
+        json.dumps(
+            {
+                "scenario": name,
+                "law": law,
+                "status": ended.ending.status.words,
+                "wall_s": ended.cost.wall,
+                "steps": ended.cost.steps,
+                "record_bytes": size,
+                "rows": watch.rows,
+            }
+        )
+    )
 
 
 def memory(folder: Path, names: list[str]) -> None:
@@ -308,8 +354,11 @@ def memory(folder: Path, names: list[str]) -> None:
         later = t >= 600
         slope = float(np.polyfit(t[later] / 3600, size[later], 1)[0])
         found[-1]["slope_MB_per_hour"] = slope
-        print(f"{name}: {found[-1]['status']}, {slope:+.2f} MB/h after the first ten minutes, "
-              f"{size[later].min():.1f} to {size[later].max():.1f} MB", flush=True)  # fmt: skip
+        print(
+            f"{name}: {found[-1]['status']}, {slope:+.2f} MB/h after the first ten minutes, "
+            f"{size[later].min():.1f} to {size[later].max():.1f} MB",
+            flush=True,
+        )
     document = {"machine": here, "unit": "s, MB resident", "runs": found}
     (folder / "memory.json").write_text(json.dumps(document, indent=1) + "\n")
     draw_memory(found, folder / "memory.png")
@@ -320,9 +369,16 @@ def draw_memory(found: list[dict[str, Any]], path: Path) -> None:
     figure, axis = plt.subplots(figsize=(9, 4.4), layout="constrained")
     for run_, (colour, mark, _) in zip(found, STYLES.values(), strict=False):
         t, size = np.array(run_["rows"]).T
-        axis.plot(t / 60, size, color=colour, marker=mark, ms=4, lw=1.2,
-                  label=f"{run_['scenario']}, law {run_['law']}: "
-                        f"{run_['slope_MB_per_hour']:+.2f} MB/h after 10 min")  # fmt: skip
+        axis.plot(
+            t / 60,
+            size,
+            color=colour,
+            marker=mark,
+            ms=4,
+            lw=1.2,
+            label=f"{run_['scenario']}, law {run_['law']}: "
+            f"{run_['slope_MB_per_hour']:+.2f} MB/h after 10 min",
+        )
     axis.set_ylim(0, 1.25 * max(size for run_ in found for _, size in run_["rows"]))
     axis.set_xlim(0, 60)
     axis.set_xlabel("simulated time [min]")

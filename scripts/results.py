@@ -19,8 +19,14 @@ from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.resources import scenarios
 
-WORST = ("theta_perp_ratio_initial", "theta_perp_ratio", "force_residual_ratio",
-         "actuator_ratio_error", "conserved_drift", "lyapunov_violations")  # fmt: skip
+WORST = (
+    "theta_perp_ratio_initial",
+    "theta_perp_ratio",
+    "force_residual_ratio",
+    "actuator_ratio_error",
+    "conserved_drift",
+    "lyapunov_violations",
+)
 
 
 def worst(name: str, changes: dict[str, Any], seeds: tuple[int, ...], typical: bool) -> str:
@@ -65,10 +71,24 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2", help="0,1,2 or 0:10")
     chosen = parser.parse_args()
     first, _, end = chosen.seeds.partition(":")
-    seeds = (tuple(range(int(first), int(end))) if end
-             else tuple(int(seed) for seed in chosen.seeds.split(",")))  # fmt: skip
-    heads = ["scenario", "n, p, r", "run", "‖θ̄_P⊥‖/‖θ̂‖ at first", "at the end", "force residual",
-             "gains' shares", "conserved drift", "V rises", "95 % covers", "real time"]  # fmt: skip
+    seeds = (
+        tuple(range(int(first), int(end)))
+        if end
+        else tuple(int(seed) for seed in chosen.seeds.split(","))
+    )
+    heads = [
+        "scenario",
+        "n, p, r",
+        "run",
+        "‖θ̄_P⊥‖/‖θ̂‖ at first",
+        "at the end",
+        "force residual",
+        "gains' shares",
+        "conserved drift",
+        "V rises",
+        "95 % covers",
+        "real time",
+    ]
     print("| " + " | ".join(heads) + " |\n|" + "---|" * len(heads))
     for name in chosen.names or scenarios():
         print(worst(name, vars(chosen), seeds, chosen.median), flush=True)

@@ -35,9 +35,21 @@ from nsaid_mj.reporting import finish
 from nsaid_mj.resources import scenarios
 
 SCENARIOS = (
-    "ur5", "double_pendulum", "wrong_gains", "scalar_rov", "bluerov2", "remus100", "uvms",
-    "hummingbird", "crazyflie", "borinot", "f1tenth", "bmw320i", "rover", "astrobee",
-)  # fmt: skip
+    "ur5",
+    "double_pendulum",
+    "wrong_gains",
+    "scalar_rov",
+    "bluerov2",
+    "remus100",
+    "uvms",
+    "hummingbird",
+    "crazyflie",
+    "borinot",
+    "f1tenth",
+    "bmw320i",
+    "rover",
+    "astrobee",
+)
 PAGE_ONLY = ("double_pendulum", "wrong_gains")  # no picture of the robot alone
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 SIZE = (1600, 1000)
@@ -72,10 +84,19 @@ def photograph(recording: Path, picture: Path, at: float, page: str = "", close:
         shot = Path(folder) / "shot.png"
         with log.open("wb") as stream:
             viewer = subprocess.Popen(
-                [*program(), "--headless", *listening(port), "--window-size",
-                 "{}x{}".format(*SIZE), "--hide-welcome-screen", str(recording.resolve())],
-                stdin=subprocess.DEVNULL, stdout=stream, stderr=stream,
-            )  # fmt: skip
+                [
+                    *program(),
+                    "--headless",
+                    *listening(port),
+                    "--window-size",
+                    "{}x{}".format(*SIZE),
+                    "--hide-welcome-screen",
+                    str(recording.resolve()),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=stream,
+            )
         try:
             client = connect(viewer, port)
             show(client, at, page)

@@ -21,8 +21,16 @@ from nsaid_mj.studies.montecarlo import Course, identify, simulate
 from nsaid_mj.studies.sweep import seed_of
 from nsaid_mj.studies.sweep_results import Row
 
-VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
-            "scalar_rov")  # fmt: skip
+VEHICLES = (
+    "bluerov2",
+    "remus100",
+    "hummingbird",
+    "crazyflie",
+    "f1tenth",
+    "bmw320i",
+    "astrobee",
+    "scalar_rov",
+)
 ENOUGH = 0.01  # theta_perp_ratio
 
 
@@ -57,8 +65,10 @@ def near(found: Row) -> bool:
 
 def line(name: str, results: list[Row]) -> str:
     """One row of the table."""
-    first, last = (np.array([found[key] for found in results])
-                   for key in ("theta_perp_ratio_initial", "theta_perp_ratio"))  # fmt: skip
+    first, last = (
+        np.array([found[key] for found in results])
+        for key in ("theta_perp_ratio_initial", "theta_perp_ratio")
+    )
     lost = [found["status"] != Status.completed.words for found in results]
     far = sum(not near(found) for found in results)
     drift = max(found["conserved_drift"] for found in results)
@@ -90,12 +100,15 @@ def main() -> None:
     with ProcessPoolExecutor(2) as pool:  # the memory's steps are Python's: threads would wait
         waiting = {
             pool.submit(study, name, int(seed), chosen.starts, chosen.seconds, chosen.error): name
-            for name in names for seed in chosen.seeds.split(",")
-        }  # fmt: skip
+            for name in names
+            for seed in chosen.seeds.split(",")
+        }
         for done in as_completed(waiting):
             results.setdefault(waiting[done], []).extend(done.result())
-    print("| scenario | starts | lost | > 0.01 | ratio at first, median | "
-          f"after {chosen.seconds:g} s, median | … worst | conserved drift, worst |")  # fmt: skip
+    print(
+        "| scenario | starts | lost | > 0.01 | ratio at first, median | "
+        f"after {chosen.seconds:g} s, median | … worst | conserved drift, worst |"
+    )
     print("|" + "---|" * 8)
     for name in names:
         print(line(name, results[name]))

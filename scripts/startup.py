@@ -53,10 +53,14 @@ def startups(runs: int) -> list[dict[str, Any]]:
         times = [[seconds(command, folder) for command in COMMANDS] for _ in range(runs + 1)]
     low, median, high = np.percentile(times[1:], [25, 50, 75], axis=0)
     return [
-        {"what": f"nsaid {command}", "seconds": float(m), "quartiles": [float(a), float(b)],
-         "runs": runs}
+        {
+            "what": f"nsaid {command}",
+            "seconds": float(m),
+            "quartiles": [float(a), float(b)],
+            "runs": runs,
+        }
         for command, m, a, b in zip(COMMANDS, median, low, high, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def sweeps(runs: int) -> list[dict[str, Any]]:
@@ -74,9 +78,15 @@ def sweeps(runs: int) -> list[dict[str, Any]]:
             run = (took[1] - took[0]) / (LONG - SHORT)
             times.append((took[0] - SHORT * run, run))
         fixed, run = np.median(times, axis=0)
-        rows.append({"what": f"nsaid sweep {sweep} --jobs 1", "fixed_s": float(fixed),
-                     "run_s": float(run), "run_without_loop_s": float(run - np.median(loops)),
-                     "runs": runs})  # fmt: skip
+        rows.append(
+            {
+                "what": f"nsaid sweep {sweep} --jobs 1",
+                "fixed_s": float(fixed),
+                "run_s": float(run),
+                "run_without_loop_s": float(run - np.median(loops)),
+                "runs": runs,
+            }
+        )
     return rows
 
 
@@ -92,8 +102,10 @@ def main() -> None:
         low, high = row["quartiles"]
         print(f"{row['seconds']:6.2f} s ({low:.2f} … {high:.2f})  {row['what']}")
     for row in repeated:
-        print(f"{row['fixed_s']:6.2f} s once, {row['run_s']:.3f} s a run, "
-              f"{row['run_without_loop_s']:.3f} s beside its time loop  {row['what']}")  # fmt: skip
+        print(
+            f"{row['fixed_s']:6.2f} s once, {row['run_s']:.3f} s a run, "
+            f"{row['run_without_loop_s']:.3f} s beside its time loop  {row['what']}"
+        )
     if chosen.file:
         found = {"machine": here, "rows": rows, "sweeps": repeated}
         chosen.file.write_text(json.dumps(found, indent=2) + "\n")

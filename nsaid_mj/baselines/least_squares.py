@@ -158,8 +158,9 @@ def choose_cutoff(problem: Problem, log: Log, W: Array, rate: float) -> float:
         if score < best:
             best, chosen = score, cutoff
     if not chosen:
-        raise InvalidInput("log", "a log long enough to be filtered", f"{len(W) / rate:.3g} s",
-                           "Record longer.")  # fmt: skip
+        raise InvalidInput(
+            "log", "a log long enough to be filtered", f"{len(W) / rate:.3g} s", "Record longer."
+        )
     return chosen
 
 
@@ -191,8 +192,10 @@ class _Windows:
         self.start = np.arange(count) * self.width
         middle = self.start + self.width // 2 + 1
         x = np.hstack([log.q, log.v])[middle]
-        self.columns = [system.W_M(x, np.broadcast_to(e, (count, system.n))) * system.space.scale
-                        for e in np.eye(system.n)]  # fmt: skip
+        self.columns = [
+            system.W_M(x, np.broadcast_to(e, (count, system.n))) * system.space.scale
+            for e in np.eye(system.n)
+        ]
 
     def errors(self, theta_s: Array, first: int, last: int) -> Array:
         """(k, n) errors of the predicted changes of v, in windows within [first, last)."""

@@ -101,9 +101,12 @@ class _Search:
         try:
             with redirect_stdout(io.StringIO()):  # its optimiser prints every iteration
                 _, result = self._toolbox.optimize(
-                    self._model.parameters, self._residual, "scipy_parallel_fd", verbose=False,
+                    self._model.parameters,
+                    self._residual,
+                    "scipy_parallel_fd",
+                    verbose=False,
                     x_scale="jac",
-                )  # fmt: skip
+                )
         except _OutOfTime:
             return "stopped by the clock"
         self.best = result.x
@@ -166,15 +169,20 @@ class _Model:
         for name in self._names:
             self.parameters.add(
                 toolbox.body_inertia_param(
-                    self._spec, self.compiled, name, toolbox.InertiaType.Pseudo,
+                    self._spec,
+                    self.compiled,
+                    name,
+                    toolbox.InertiaType.Pseudo,
                     modifier=give_inertia,
                 )
-            )  # fmt: skip
+            )
         for kind, value in joints.items():
             low, high = (factor * value for factor in _RANGE)
-            self.parameters.add(toolbox.Parameter(
-                kind, value, low, high, modifier=lambda _, p: self._set(p.name, p.value)
-            ))  # fmt: skip
+            self.parameters.add(
+                toolbox.Parameter(
+                    kind, value, low, high, modifier=lambda _, p: self._set(p.name, p.value)
+                )
+            )
 
     def _give_inertia(self, spec: Any, parameter: Any) -> None:
         name = parameter.name.removesuffix("_inertia")
@@ -212,15 +220,17 @@ class _Model:
         for k in range(0, len(log.t) - samples, samples):
             part = slice(k, k + samples + 1)
             times = log.t[part] - log.t[k]
-            found.append(toolbox.SystemTrajectory(
-                model=self.compiled,
-                control=toolbox.TimeSeries(times, log.u[part], control),
-                sensordata=toolbox.TimeSeries(
-                    times, np.hstack([angles[part], log.v[part]]), qpos | qvel
-                ),
-                initial_state=toolbox.create_initial_state(self.compiled, q[k], v[k]),
-                state=None,
-            ))  # fmt: skip
+            found.append(
+                toolbox.SystemTrajectory(
+                    model=self.compiled,
+                    control=toolbox.TimeSeries(times, log.u[part], control),
+                    sensordata=toolbox.TimeSeries(
+                        times, np.hstack([angles[part], log.v[part]]), qpos | qvel
+                    ),
+                    initial_state=toolbox.create_initial_state(self.compiled, q[k], v[k]),
+                    state=None,
+                )
+            )
         return found
 
     def _angles(self, q: Array) -> Array:

@@ -60,8 +60,9 @@ class DepthHeadingAutopilot(DriverConfig):
             InvalidInput: the system is no torpedo, or a band of frequencies is empty.
         """
         if not isinstance(system, TorpedoVehicle):
-            raise InvalidInput("excitation", "a torpedo to steer", type(system).__name__,
-                               "Use MultisineCommand.")  # fmt: skip
+            raise InvalidInput(
+                "excitation", "a torpedo to steer", type(system).__name__, "Use MultisineCommand."
+            )
         return _Autopilot(self, system, prior, rng)
 
 
@@ -88,8 +89,9 @@ class _Autopilot(Driver):
         self._inertia, self._righting = prior[place("M_55")], prior[place("righting_z")]
         lift = system.allocation[0, 3:] * prior[system.space["fin lift"]]
         self._share = np.linalg.pinv(lift)[:, 1:]  # no roll; [rad/(N·m)] at 1 m/s
-        self._cruise = _balance(prior[place("thrust")], prior[place("dq_along")], system.slip,
-                                config.propeller)  # fmt: skip
+        self._cruise = _balance(
+            prior[place("thrust")], prior[place("dq_along")], system.slip, config.propeller
+        )
 
     def start(self) -> tuple[Array, Array]:
         place, velocity = np.zeros(6), np.zeros(6)

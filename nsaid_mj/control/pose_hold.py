@@ -50,9 +50,11 @@ class PoseHold(DriverConfig):
         """
         if system.n != 6 or len(system.space.actuators) != system.n_u:
             raise InvalidInput(
-                "excitation", "a body in space with one gain for each command",
-                type(system).__name__, "Use MultisineCommand.",
-            )  # fmt: skip
+                "excitation",
+                "a body in space with one gain for each command",
+                type(system).__name__,
+                "Use MultisineCommand.",
+            )
         bound = np.repeat([self.travel, self.turn], 3)
         reference = Multisine(6, 0.2 / self.period, 1 / self.period, 3, 1.0, rng)
         dither = Multisine(system.n_u, self.low, self.high, self.tones, self.dither, rng)

@@ -50,9 +50,11 @@ class SwimAndReach(DriverConfig):
         """
         if not isinstance(system, UnderwaterManipulator):
             raise InvalidInput(
-                "excitation", "an underwater vehicle with an arm", type(system).__name__,
+                "excitation",
+                "an underwater vehicle with an arm",
+                type(system).__name__,
                 "Use MultisineCommand or FourierTracking.",
-            )  # fmt: skip
+            )
         thrusters = system.n_u - len(system.joints)
         signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
         low, high = (bound[6:] for bound in system.limits)

@@ -157,8 +157,10 @@ class Arm(Plant):
     @cached_property
     def truth(self) -> Array:
         """(p,) the true θ."""
-        links = [self.robot.model.inertias[i].toDynamicParameters()
-                 for i in range(1, self.robot.model.njoints)]  # fmt: skip
+        links = [
+            self.robot.model.inertias[i].toDynamicParameters()
+            for i in range(1, self.robot.model.njoints)
+        ]
         h = self._hidden
         rotor = [h.rotor] if h.rotor is not None else []
         return np.concatenate([*links, *rotor, h.viscous, h.coulomb, h.gain])

@@ -117,8 +117,9 @@ class Rover(Plant):
         """World poses of the geoms at q (k, 3); no wheel's angle is in q, so wheels stand still."""
         places, attitudes = body_poses(q)
         translations = places[:, None] + np.einsum("kab,gb->kga", attitudes, self._places)
-        quaternions = [[pin.Quaternion(R @ own).coeffs() for own in self._attitudes]
-                       for R in attitudes]  # fmt: skip
+        quaternions = [
+            [pin.Quaternion(R @ own).coeffs() for own in self._attitudes] for R in attitudes
+        ]
         return translations, np.array(quaternions).reshape(len(q), len(self._places), 4)
 
     def _settled(self) -> Array:
@@ -141,8 +142,9 @@ class Rover(Plant):
         spread = place[:, :2] - [centre, 0.0]
         turned = data.ximat[1:].reshape(-1, 3, 3)
         own = np.einsum("bi,bi->b", turned[:, 2] ** 2, model.body_inertia[1:])
-        front, rear = (d["guess"]["speed"] * _stiffness(model, data, axle)
-                       for axle in ("front", "rear"))  # fmt: skip
+        front, rear = (
+            d["guess"]["speed"] * _stiffness(model, data, axle) for axle in ("front", "rear")
+        )
         torque = model.wrap_prm[:2].sum()
         return Car(
             mass=float(mass.sum()),

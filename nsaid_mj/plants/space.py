@@ -51,9 +51,11 @@ class Nozzles(Table):
     def _fits(self) -> Self:
         if len(self.positions) != len(self.directions):
             raise InvalidInput(
-                "nozzles.directions", f"one for each of {len(self.positions)} positions",
-                len(self.directions), "Give every nozzle its position and its direction.",
-            )  # fmt: skip
+                "nozzles.directions",
+                f"one for each of {len(self.positions)} positions",
+                len(self.directions),
+                "Give every nozzle its position and its direction.",
+            )
         check_unit_vectors("nozzles.directions", np.array(self.directions))
         return self
 

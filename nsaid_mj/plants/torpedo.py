@@ -118,16 +118,20 @@ class TorpedoSheet(Sheet):
         ):
             if abs(value) < 1e-9:
                 raise InvalidInput(
-                    key, "a number that is not 0 (of the centre of gravity, its z)", value,
+                    key,
+                    "a number that is not 0 (of the centre of gravity, its z)",
+                    value,
                     "It is a parameter to be identified, and needs a scale.",
-                )  # fmt: skip
+                )
         shift = self.mass * height**2
         check_inertia([self.inertia[0] - shift, self.inertia[1] - shift, self.inertia[2]])
         if not self.propeller.K_T[0] > self.propeller.K_T[1]:
             raise InvalidInput(
-                "propeller.K_T", "a coefficient that falls with the advance ratio",
-                self.propeller.K_T, "Give first the one at standstill.",
-            )  # fmt: skip
+                "propeller.K_T",
+                "a coefficient that falls with the advance ratio",
+                self.propeller.K_T,
+                "Give first the one at standstill.",
+            )
         return self
 
 
@@ -227,11 +231,19 @@ class Torpedo:
         fins = np.column_stack([self.positions, self.lifts, self.fin_lift, self.fin_drag])
         return np.concatenate(
             [
-                [len(fins), float(lagged)], self.rigid.ravel(), self.added.ravel(),
-                inverse.ravel(), self.drag, self.lift, [self.net_weight, self.righting],
-                self.propeller, [self.slip], self.flow, fins.ravel(),
+                [len(fins), float(lagged)],
+                self.rigid.ravel(),
+                self.added.ravel(),
+                inverse.ravel(),
+                self.drag,
+                self.lift,
+                [self.net_weight, self.righting],
+                self.propeller,
+                [self.slip],
+                self.flow,
+                fins.ravel(),
             ]
-        )  # fmt: skip
+        )
 
     @property
     def gain_places(self) -> list[list[int]]:
@@ -307,10 +319,15 @@ def theta_of(true: Torpedo) -> Array:
     M = true.rigid + true.added
     return np.concatenate(
         [
-            [M[0, 0], M[1, 1], M[3, 3], M[5, 5], M[1, 5], M[0, 4]], true.drag, true.lift,
-            [true.net_weight, true.righting], true.propeller, true.fin_lift, true.fin_drag,
+            [M[0, 0], M[1, 1], M[3, 3], M[5, 5], M[1, 5], M[0, 4]],
+            true.drag,
+            true.lift,
+            [true.net_weight, true.righting],
+            true.propeller,
+            true.fin_lift,
+            true.fin_drag,
         ]
-    )  # fmt: skip
+    )
 
 
 def nominal_numbers(sheet: TorpedoSheet) -> Torpedo:

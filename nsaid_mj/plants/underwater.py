@@ -73,15 +73,19 @@ class Thrusters(Table):
     def _fits(self) -> Self:
         if len(self.positions) != len(self.directions):
             raise InvalidInput(
-                "thrusters.directions", f"one for each of {len(self.positions)} positions",
-                len(self.directions), "Give every thruster its position and its direction.",
-            )  # fmt: skip
+                "thrusters.directions",
+                f"one for each of {len(self.positions)} positions",
+                len(self.directions),
+                "Give every thruster its position and its direction.",
+            )
         for ring in self.rings:
             if len(ring.angles) != len(ring.turns):
                 raise InvalidInput(
-                    "thrusters.rings.turns", f"one for each of {len(ring.angles)} angles",
-                    len(ring.turns), "Give every thruster of the ring both.",
-                )  # fmt: skip
+                    "thrusters.rings.turns",
+                    f"one for each of {len(ring.angles)} angles",
+                    len(ring.turns),
+                    "Give every thruster of the ring both.",
+                )
         count = len(self.positions) + sum(len(ring.angles) for ring in self.rings)
         if not 1 <= count <= LIMIT:
             raise InvalidInput(
@@ -90,9 +94,11 @@ class Thrusters(Table):
         check_unit_vectors("thrusters.directions", self.placed("direction"))
         if not sum(self.curve) > 1e-9:
             raise InvalidInput(
-                "thrusters.curve", "a thrust > 0 N at full command, the sum of all coefficients",
-                sum(self.curve), "Turn the directions round where thrusters push backwards.",
-            )  # fmt: skip
+                "thrusters.curve",
+                "a thrust > 0 N at full command, the sum of all coefficients",
+                sum(self.curve),
+                "Turn the directions round where thrusters push backwards.",
+            )
         return self
 
     def placed(self, what: str) -> Array:
@@ -128,14 +134,18 @@ class UnderwaterSheet(Sheet):
         check_inertia(self.inertia)
         if abs(self.net_weight) < 1e-9:
             raise InvalidInput(
-                "ballast", "a net weight that is not 0 N", self.net_weight,
+                "ballast",
+                "a net weight that is not 0 N",
+                self.net_weight,
                 "A neutral vehicle has none to identify: add some ballast, 1 will do.",
-            )  # fmt: skip
+            )
         if abs(self.buoyancy_centre[2]) < 1e-9:
             raise InvalidInput(
-                "buoyancy_centre", "a z that is not 0 m", self.buoyancy_centre,
+                "buoyancy_centre",
+                "a z that is not 0 m",
+                self.buoyancy_centre,
                 "Without it there is no righting moment: −0.01 is 1 cm above the centre of mass.",
-            )  # fmt: skip
+            )
         return self
 
     @property

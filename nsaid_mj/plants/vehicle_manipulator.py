@@ -168,12 +168,22 @@ class UvmsPlant(PlantConfig):
         links = [inertia.toDynamicParameters() for inertia in list(model.inertias)[2:]]
         truth = np.concatenate(
             [
-                (true.rigid + true.added)[np.triu_indices(6)], *links, forces.cylinder_added,
-                rotor, forces.viscous, forces.coulomb, forces.gain, true.linear, true.quadratic,
-                [true.net_weight], true.righting, forces.cylinder_drag, forces.cylinder_buoyancy,
+                (true.rigid + true.added)[np.triu_indices(6)],
+                *links,
+                forces.cylinder_added,
+                rotor,
+                forces.viscous,
+                forces.coulomb,
+                forces.gain,
+                true.linear,
+                true.quadratic,
+                [true.net_weight],
+                true.righting,
+                forces.cylinder_drag,
+                forces.cylinder_buoyancy,
                 true.thrust,
             ]
-        )  # fmt: skip
+        )
         spec = tree_spec(model, dt)
         _dress(spec, arm)
         vehicle = VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
@@ -343,9 +353,16 @@ class FlyingArmPlant(PlantConfig):
         joints, rng = nominal_scales(robot.model, ArmPlant()), np.random.default_rng(seed)
         friction_speed = ArmPlant().friction_speed
         system = FlyingArm(
-            robot.model, joints, guessed(thrust), guessed(torque), np.array(d["speed"]),
-            friction_speed, positions, directions, spins,
-        )  # fmt: skip
+            robot.model,
+            joints,
+            guessed(thrust),
+            guessed(torque),
+            np.array(d["speed"]),
+            friction_speed,
+            positions,
+            directions,
+            spins,
+        )
         rotor = np.zeros(0) if joints.rotor is None else hidden(joints.rotor, self.spread, rng)
         thrust, torque = hidden(thrust, self.spread, rng), hidden(torque, self.spread / 4, rng)
         still, square = np.zeros(6), np.zeros(9)

@@ -62,9 +62,11 @@ class Vehicle(Plant):
             raise
         except ValueError as error:
             raise InvalidInput(
-                f"vehicle {spec.modelname}", "a body that MuJoCo can simulate", error,
+                f"vehicle {spec.modelname}",
+                "a body that MuJoCo can simulate",
+                error,
                 "Check mass and inertia in its vehicle.toml.",
-            ) from error  # fmt: skip
+            ) from error
         self.body = PoseMap(self.model, "pose") if system.n == 6 else PlanarMap(self.model)
         self.reading = self.body.reading
         self.reset(np.zeros(system.n), np.zeros(system.n))
@@ -160,9 +162,11 @@ def _looks(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
     if not path.is_file():
         if size is None:
             raise InvalidInput(
-                str(path), "a model.xml, or `size = [length, width, height]` in "
-                f"{files.sheet.name}", "neither", "Add one of the two: a box will do.",
-            )  # fmt: skip
+                str(path),
+                f"a model.xml, or `size = [length, width, height]` in {files.sheet.name}",
+                "neither",
+                "Add one of the two: a box will do.",
+            )
         half = " ".join(f"{0.5 * length:.9g}" for length in size)
         joints = _PLANAR if planar else _FREE
         return mujoco.MjSpec.from_string(_BOX.format(name="box", joints=joints, size=half))
@@ -183,19 +187,25 @@ def _looks(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
     )
     if [(joint.name, joint.type) for joint in spec.joints] != wanted:
         raise InvalidInput(
-            str(path), f"the joints {_PLANAR if planar else _FREE}",
-            [joint.name for joint in spec.joints], "Copy them from here.",
-        )  # fmt: skip
+            str(path),
+            f"the joints {_PLANAR if planar else _FREE}",
+            [joint.name for joint in spec.joints],
+            "Copy them from here.",
+        )
     if len(spec.actuators):
         raise InvalidInput(
-            str(path), "no actuators", [a.name for a in spec.actuators],
+            str(path),
+            "no actuators",
+            [a.name for a in spec.actuators],
             f"They are made from {files.sheet.name}.",
-        )  # fmt: skip
+        )
     if strange := [geom.name for geom in spec.geoms if geom.type not in DRAWN]:
         raise InvalidInput(
-            str(path), "boxes, cylinders, capsules, ellipsoids and spheres", strange,
+            str(path),
+            "boxes, cylinders, capsules, ellipsoids and spheres",
+            strange,
             "Meshes are not drawn: take one of these in their place.",
-        )  # fmt: skip
+        )
     return spec
 
 

@@ -47,9 +47,11 @@ class Fault(Config):
         if self.actuator > system.n_u or not found[self.actuator - 1].size:
             weak = [str(k) for k, gains in enumerate(found, 1) if gains.size]
             raise InvalidInput(
-                "fault.actuator", f"one with a gain in θ: {', '.join(weak)}", self.actuator,
+                "fault.actuator",
+                f"one with a gain in θ: {', '.join(weak)}",
+                self.actuator,
                 "Commands are counted from 1.",
-            )  # fmt: skip
+            )
         return found[self.actuator - 1]
 
 

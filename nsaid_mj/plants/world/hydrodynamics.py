@@ -69,11 +69,19 @@ class Hydrodynamics:
         thrusters = np.hstack([self.positions, self.directions, self.thrust[:, None]])
         return np.concatenate(
             [
-                [len(thrusters), float(lagged)], self.rigid.ravel(), self.added.ravel(),
-                inverse.ravel(), self.linear, self.quadratic, [self.net_weight], self.righting,
-                self.flow, self.curve, thrusters.ravel(),
+                [len(thrusters), float(lagged)],
+                self.rigid.ravel(),
+                self.added.ravel(),
+                inverse.ravel(),
+                self.linear,
+                self.quadratic,
+                [self.net_weight],
+                self.righting,
+                self.flow,
+                self.curve,
+                thrusters.ravel(),
             ]
-        )  # fmt: skip
+        )
 
     @property
     def gain_places(self) -> list[list[int]]:

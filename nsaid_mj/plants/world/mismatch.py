@@ -60,9 +60,11 @@ class Mismatch(Config):
         for name in fields:
             if getattr(self, name) != getattr(Mismatch(), name):
                 raise InvalidInput(
-                    f"mismatch.{name}", f"the default, for {plant}", getattr(self, name),
+                    f"mismatch.{name}",
+                    f"the default, for {plant}",
+                    getattr(self, name),
                     "Leave it out: this plant has nothing it could act on.",
-                )  # fmt: skip
+                )
 
     def apply(self, spec: Any) -> None:
         """Gives every actuator of a MuJoCo specification the lag, as a state that RK4 integrates.
@@ -75,9 +77,11 @@ class Mismatch(Config):
         dt = spec.option.timestep
         if self.lag and dt > 2.5 * self.lag:  # RK4 is unstable beyond 2.785
             raise InvalidInput(
-                "mismatch.lag", f"0, or at least {dt / 2.5:g} s at steps of {dt:g} s", self.lag,
+                "mismatch.lag",
+                f"0, or at least {dt / 2.5:g} s at steps of {dt:g} s",
+                self.lag,
                 "Leave it out, or take a smaller dt.",
-            )  # fmt: skip
+            )
         if self.lag:
             for actuator in spec.actuators:
                 actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER

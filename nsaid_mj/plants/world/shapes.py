@@ -59,8 +59,9 @@ def of_geom(model: Any, i: int) -> VisualMesh:
         if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             vertices = vertices * size
     red, green, blue, alpha = model.geom_rgba[i].tolist()
-    return VisualMesh(model.geom(i).name or f"geom {i}", vertices, triangles,
-                      (red, green, blue, alpha))  # fmt: skip
+    return VisualMesh(
+        model.geom(i).name or f"geom {i}", vertices, triangles, (red, green, blue, alpha)
+    )
 
 
 def _profile(kind: int, size: Array) -> tuple[Array, Array]:

@@ -141,9 +141,11 @@ def check_inertia(moments: Sequence[float]) -> None:
     """
     if 2 * max(moments) >= sum(moments):
         raise InvalidInput(
-            "inertia", "moments each less than the sum of the other two", list(moments),
+            "inertia",
+            "moments each less than the sum of the other two",
+            list(moments),
             "No body has these: check units and order.",
-        )  # fmt: skip
+        )
 
 
 def check_unit_vectors(key: str, vectors: Array) -> None:

@@ -101,16 +101,32 @@ class TreeForces:
         """
         counts = len(self.thrust), len(self.links), len(self.gain)
         header = [
-            model.nv, *counts, float(lagged), model.body(self.base).id, *self.flow, *self.curve,
-            self.friction_speed, self.buoyancy, *self.righting, *self.linear, *self.quadratic,
+            model.nv,
+            *counts,
+            float(lagged),
+            model.body(self.base).id,
+            *self.flow,
+            *self.curve,
+            self.friction_speed,
+            self.buoyancy,
+            *self.righting,
+            *self.linear,
+            *self.quadratic,
             *self.added.ravel(),
-        ]  # fmt: skip
+        ]
         ids = [model.body(name).id for name in self.links]
         thrusters = np.column_stack([self.positions, self.directions, self.thrust, self.torque])
         cylinders = np.column_stack(
-            [ids, self.centres, self.axes, self.lengths, self.cylinder_added, self.cylinder_drag,
-             self.cylinder_buoyancy]
-        )  # fmt: skip
+            [
+                ids,
+                self.centres,
+                self.axes,
+                self.lengths,
+                self.cylinder_added,
+                self.cylinder_drag,
+                self.cylinder_buoyancy,
+            ]
+        )
         joints = np.column_stack([motors, self.viscous, self.coulomb, self.gain])
         return np.concatenate([header, thrusters.ravel(), cylinders.ravel(), joints.ravel()])
 
