@@ -30,7 +30,7 @@ class Tracking(NamedTuple):
 
 
 @njit(cache=True)
-def tracking_room(tracking):
+def tracking_workspace(tracking):
     """Working space of `computed_torque`, used again by every call."""
     bodies = tracking.linkage.numbers.shape[0]
     state = tree_room(tracking.linkage)
@@ -38,20 +38,20 @@ def tracking_room(tracking):
 
 
 @njit(cache=True)
-def computed_torque(tracking, t, q, v, room, u):
+def computed_torque(tracking, t, q, v, workspace, u):
     """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,)."""
     linkage, theta, series, omega = tracking
-    wanted, a, state, work = room
+    desired, a, state, work = workspace
     numbers, gain = linkage.numbers, linkage.columns[3]
-    fourier(series, t, wanted)
+    fourier(series, t, desired)
     for i in range(v.shape[0]):
         at = numbers[i, 1]
         if numbers[i, 2] == CIRCLE:  # the short way round
-            c, s = np.cos(wanted[i, 0]), np.sin(wanted[i, 0])
+            c, s = np.cos(desired[i, 0]), np.sin(desired[i, 0])
             error = np.arctan2(s * q[at] - c * q[at + 1], c * q[at] + s * q[at + 1])
         else:
-            error = wanted[i, 0] - q[at]
-        a[i] = wanted[i, 2] + 2 * omega * (wanted[i, 1] - v[i]) + omega**2 * error
+            error = desired[i, 0] - q[at]
+        a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
     tree_place(linkage, q, v, state)
     tree_torque(linkage, state, v, a, theta, work, u)
     for i in range(v.shape[0]):

@@ -29,7 +29,7 @@ class Driving(DriverConfig):
 
     Attributes:
         speed: cruising speed [m/s].
-        variation: largest deviation of the wanted speed, as a share of cruising.
+        variation: largest deviation of the desired speed, as a share of cruising.
         pace_low: lowest frequency of the speed [Hz].
         pace_high: highest frequency of the speed [Hz].
         grip: bound of the lateral acceleration that steering asks for [m/s²].
@@ -80,7 +80,7 @@ class _Driver(Driver):
         self._pace = Multisine(1, config.pace_low, config.pace_high, tones, config.variation, rng)
 
     def start(self) -> tuple[Array, Array]:
-        return np.zeros(3), np.array([self._wanted(0.0), 0.0, 0.0])
+        return np.zeros(3), np.array([self._desired(0.0), 0.0, 0.0])
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         return np.array([self._drive(t, float(v[0])), self._steer(t, q, v)])
@@ -88,18 +88,18 @@ class _Driver(Driver):
     def compiled(self, t: Array) -> None:
         return None
 
-    def _wanted(self, t: float) -> float:
+    def _desired(self, t: float) -> float:
         """Speed [m/s]."""
         return self._config.speed * (1 + float(self._pace(t)[0]))
 
     def _drive(self, t: float, speed: float) -> float:
-        """The drive that the prior thinks will close the gap to the wanted speed."""
-        force = self._m * _LOOP * (self._wanted(t) - speed)
+        """The drive that the prior thinks will close the gap to the desired speed."""
+        force = self._m * _LOOP * (self._desired(t) - speed)
         force += self._c_0 + self._c_D * abs(speed) * speed
         return float(np.clip(force / max(self._k_d - self._k_v * speed, 0.1 * self._k_d), -1, 1))
 
     def _steer(self, t: float, q: Array, v: Array) -> float:
-        """The angle that bends the path as wanted: L κ, and as much again for what r lacks of u κ.
+        """The angle that bends the path as desired: L κ, and as much again for what r lacks of u κ.
 
         A car whose rear tyres are the softer ones would swerve off by itself at high speed.
         """
@@ -110,5 +110,5 @@ class _Driver(Driver):
             side = np.sin(bearing)
             share += 4 * away * (side if np.cos(bearing) > 0 else np.sign(side))
         curvature = self._config.grip * np.clip(share, -1, 1) / speed**2
-        wanted = np.arctan(self._system.wheelbase * (2 * curvature - v[2] / speed))
-        return float(np.clip(wanted, -self._system.steering, self._system.steering))
+        desired = np.arctan(self._system.wheelbase * (2 * curvature - v[2] / speed))
+        return float(np.clip(desired, -self._system.steering, self._system.steering))

@@ -81,8 +81,8 @@ class _PoseHold(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         error = self._system.difference(q, self._system.position(self._reference(t)))
-        wanted = self._omega**2 * error - 2 * self._omega * v
-        u = self._bias + self._dither(t) + self._allocation @ wanted
+        desired = self._omega**2 * error - 2 * self._omega * v
+        u = self._bias + self._dither(t) + self._allocation @ desired
         return np.clip(u, self._low, 1.0)
 
     def compiled(self, t: Array) -> None:

@@ -79,7 +79,7 @@ class QuadrotorFlight(DriverConfig):
         return _Flight(self, system, prior, rng)
 
 
-class _Believed(NamedTuple):
+class _BodyModel(NamedTuple):
     """What the controller takes a quadrotor for.
 
     Attributes:
@@ -97,7 +97,7 @@ class _Believed(NamedTuple):
     yaw: float
 
 
-class _Aims(NamedTuple):
+class _Loops(NamedTuple):
     """What the controller is after.
 
     Attributes:
@@ -121,9 +121,9 @@ class _Flight(Driver):
     ):
         self._path = _Path(config, rng)
         self._dither = Multisine(4, config.low, config.high, _TONES, config.dither, rng)
-        self._believed = _believe(system, prior)
+        self._model = _body_model(system, prior)
         loops = config.attitude_bandwidth * np.array([1.0, 1.0, _HEADING])
-        self._aims = _Aims(
+        self._loops = _Loops(
             2 * np.pi * config.bandwidth,
             2 * np.pi * loops,
             float(np.tan(config.tilt)),
@@ -147,7 +147,7 @@ class _Flight(Driver):
         )
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        squares = _mix(q, v, self._path(t), t - self._t, self._sums, self._aims, self._believed)
+        squares = _mix(q, v, self._path(t), t - self._t, self._sums, self._loops, self._model)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
 
@@ -183,7 +183,7 @@ class _Path:
         return path
 
 
-def _believe(system: Quadrotor, theta: Array) -> _Believed:
+def _body_model(system: Quadrotor, theta: Array) -> _BodyModel:
     """What a controller needs of θ."""
     mass, centre = float(theta[0]), theta[1:4] / theta[0]
     Ixx, Ixy, Iyy, Ixz, Iyz, Izz = theta[4:10]
@@ -197,11 +197,11 @@ def _believe(system: Quadrotor, theta: Array) -> _Believed:
     x, y, _ = np.abs(arm).mean(axis=0)
     tilt = _TILT_TRIM * mass * GRAVITY
     trim = np.array([tilt * y, tilt * x, yaw]) / np.diag(inertia)
-    return _Believed(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
+    return _BodyModel(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
 
 
 @njit(cache=True)
-def _mix(q, v, path, dt, sums, aims, believed):
+def _mix(q, v, path, dt, sums, loops, model):
     """(4,) squares of the rotors' speeds that lead back to the path.
 
     Args:
@@ -210,20 +210,20 @@ def _mix(q, v, path, dt, sums, aims, believed):
         path: (4, 4) place [m] and heading [rad] to be at, and three derivatives.
         dt: time since the last command [s].
         sums: (6,) integrals of the errors of place [m·s] and attitude [rad·s], kept here.
-        aims: what the controller is after.
-        believed: what it takes the quadrotor for.
+        loops: what the controller is after.
+        model: what it takes the quadrotor for.
     """
     place, velocity, acceleration, jerk = path
     R = rotation(q[3:])
 
-    # the acceleration wanted, gravity taken off: its direction is where z should point
-    w, holding = aims.place, _TRIM * aims.place**3
+    # the acceleration desired, gravity taken off: its direction is where z should point
+    w, holding = loops.place, _TRIM * loops.place**3
     off = place[:3] - q[:3]
     sums[:3] = _bounded(sums[:3] + dt * off, _PLACE_TRIM / holding)
     a = acceleration[:3] + w**2 * off + 2 * w * (velocity[:3] - np.dot(R, v[:3]))
     a += holding * sums[:3]
     a[2] = min(max(a[2] + GRAVITY, _FALL), _RISE)
-    a[:2] *= min(1.0, aims.slope * a[2] / max(np.sqrt(a[0] ** 2 + a[1] ** 2), 1e-9))
+    a[:2] *= min(1.0, loops.slope * a[2] / max(np.sqrt(a[0] ** 2 + a[1] ** 2), 1e-9))
     size = np.sqrt(np.sum(a * a))
     z = a / size
     y = cross(z, np.array([np.cos(place[3]), np.sin(place[3]), 0.0]))
@@ -237,25 +237,25 @@ def _mix(q, v, path, dt, sums, aims, believed):
         turn[:2] /= max(np.sqrt(turn[0] ** 2 + turn[1] ** 2), 1e-9)
     rate = cross(z, jerk[:3]) / size
     rate[2] += velocity[3]
-    w3, holding3 = aims.attitude, _TRIM * aims.attitude**3
-    sums[3:] = _bounded(sums[3:] + dt * turn, believed.trim / holding3)
+    w3, holding3 = loops.attitude, _TRIM * loops.attitude**3
+    sums[3:] = _bounded(sums[3:] + dt * turn, model.trim / holding3)
     alpha = w3**2 * turn + 2 * w3 * (np.dot(R.T, rate) - v[3:]) + holding3 * sums[3:]
 
-    weight = believed.mass * GRAVITY
-    lift = believed.mass * np.sum(a * R[:, 2])
-    torque = np.dot(believed.inertia, alpha) + cross(v[3:], np.dot(believed.inertia, v[3:]))
+    weight = model.mass * GRAVITY
+    lift = model.mass * np.sum(a * R[:, 2])
+    torque = np.dot(model.inertia, alpha) + cross(v[3:], np.dot(model.inertia, v[3:]))
     wrench = np.array(
         [
             min(max(lift, _LIFT[0] * weight), _LIFT[1] * weight),
             torque[0],
             torque[1],
-            min(max(torque[2], -believed.yaw), believed.yaw),
+            min(max(torque[2], -model.yaw), model.yaw),
         ]
     )
-    squares = np.dot(believed.mixer, wrench)
-    squares -= max(0.0, squares.max() - aims.most)  # attitude comes before height
-    squares += max(0.0, aims.least - squares.min())
-    return np.minimum(squares, aims.most)
+    squares = np.dot(model.mixer, wrench)
+    squares -= max(0.0, squares.max() - loops.most)  # attitude comes before height
+    squares += max(0.0, loops.least - squares.min())
+    return np.minimum(squares, loops.most)
 
 
 @njit(cache=True)

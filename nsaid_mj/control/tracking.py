@@ -9,7 +9,7 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.multibody import MotorTree
-from .computed_torque import Tracking, computed_torque, tracking_room
+from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory
 
@@ -68,7 +68,7 @@ class _ComputedTorque(Driver):
     ):
         self._trajectory = trajectory
         self._tracking = Tracking(system.tree, prior, trajectory.series, omega)
-        self._room = tracking_room(self._tracking)
+        self._workspace = tracking_workspace(self._tracking)
 
     def start(self) -> tuple[Array, Array]:
         position, velocity, _ = self._trajectory(0.0)
@@ -76,7 +76,7 @@ class _ComputedTorque(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         u = np.empty(len(v))
-        computed_torque(self._tracking, t, q, v, self._room, u)
+        computed_torque(self._tracking, t, q, v, self._workspace, u)
         return u
 
     def compiled(self, t: Array) -> Tracking:

@@ -88,13 +88,13 @@ class _SwimAndReach(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         thrust = self._signal(t)
-        torque = joint_torque(self._system, self._prior, t, q, v, thrust, self._wanted(t, q, v))
+        torque = joint_torque(self._system, self._prior, t, q, v, thrust, self._desired(t, q, v))
         return np.concatenate([np.clip(torque / self._gain, -1, 1), thrust])
 
     def compiled(self, t: Array) -> None:
         return None
 
-    def _wanted(self, t: float, q: Array, v: Array) -> Array:
+    def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(k,) acceleration of the joints that leads back to the path."""
         position, rate, acceleration = self._path(t)
         numbers = np.concatenate([np.zeros(6), position])
@@ -200,7 +200,7 @@ class _HoverAndReach(Driver):
         M = system.mass_matrix(np.concatenate([q, v]), prior)
         effect = np.linalg.solve(M, self._inputs)[self._rows]
         rest[len(system.joints) :] = self._dither(t)
-        missing = (self._wanted(t, q, v) - free)[self._rows] - effect @ rest
+        missing = (self._desired(t, q, v) - free)[self._rows] - effect @ rest
         push = rest + effect.T @ np.linalg.solve(effect @ effect.T, missing)
         push[len(system.joints) :] = np.sqrt(np.clip(push[len(system.joints) :], 0.01, 1.0))
         return push
@@ -208,7 +208,7 @@ class _HoverAndReach(Driver):
     def compiled(self, t: Array) -> None:
         return None
 
-    def _wanted(self, t: float, q: Array, v: Array) -> Array:
+    def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(n,) accelerations that lead back to the path; the base's sideways ones are not used."""
         step, self._then = t - self._then, t
         position, rate, acceleration = self._path(t)
@@ -222,13 +222,13 @@ class _HoverAndReach(Driver):
         numbers = np.concatenate([np.zeros(6), position[4:]])
         error[6:] = self._system.difference(q, self._system.position(numbers))[6:]
         owed += step * error
-        wanted, w = np.zeros(self._system.n), self._turn
+        desired, w = np.zeros(self._system.n), self._turn
         pull[2] -= self._g
-        wanted[:3] = unrotate(q[3:7], pull) - cross(v[3:6], v[:3])
+        desired[:3] = unrotate(q[3:7], pull) - cross(v[3:6], v[:3])
         moving = np.r_[0.0, 0.0, rate[3], rate[4:]] - v[3:]
-        wanted[3:] = 2 * w * moving + w**2 * error[3:] + 0.3 * w**3 * owed[3:]
-        wanted[6:] += acceleration[4:]
-        return wanted
+        desired[3:] = 2 * w * moving + w**2 * error[3:] + 0.3 * w**3 * owed[3:]
+        desired[6:] += acceleration[4:]
+        return desired
 
     def _attitude_error(self, attitude: Array, pull: Array, heading: float) -> Array:
         """(3,) rotation vector, in the body's axes, to the heading with z along `pull`."""
@@ -236,9 +236,9 @@ class _HoverAndReach(Driver):
         z[2] = max(z[2], 0.5)  # at most 60° of tilt
         z /= np.linalg.norm(z)
         tilt = np.array([-z[1], z[0], 0.0, 1.0 + z[2]])  # turns the world's z into z
-        wanted = product(tilt / np.linalg.norm(tilt), quaternion_of(np.array([0, 0, heading])))
+        desired = product(tilt / np.linalg.norm(tilt), quaternion_of(np.array([0, 0, heading])))
         inverse = attitude * np.array([-1.0, -1.0, -1.0, 1.0])
-        return rotation_vector(product(inverse, wanted))
+        return rotation_vector(product(inverse, desired))
 
 
 def inputs(system: FlyingArm, theta: Array) -> Array:
@@ -260,14 +260,14 @@ def joint_torque(
     q: Array,
     v: Array,
     thrust: Array,
-    wanted: Array,
+    desired: Array,
 ) -> Array:
-    """(k,) torque with which the joints accelerate as wanted (k,) while the base floats, under θ.
+    """(k,) torque with which the joints accelerate as desired (k,) while the base floats, under θ.
 
     The joints' accelerations are those without motors plus (M⁻¹)_jj τ.
     """
     u = np.concatenate([np.zeros(len(system.joints)), thrust])
     free = system.evaluate_at(t, q, v, u, v, theta).a
     M = system.mass_matrix(np.concatenate([q, v]), theta)
-    torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], wanted - free[6:])
+    torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], desired - free[6:])
     return np.asarray(torque, dtype=np.float64)

@@ -22,7 +22,7 @@ from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
 from .world.robots import Base, Robot, load_robot
 from .world.shapes import VisualMesh
-from .world.tree import Looks, tree_spec
+from .world.tree import RobotVisuals, tree_spec
 
 Backend = Literal["compiled", "pinocchio"]
 """Where a robot's regressors come from: compiled recursions, or Pinocchio; they agree."""
@@ -178,15 +178,15 @@ class Arm(Plant):
 
     def visuals(self) -> list[VisualMesh]:
         """The robot's own meshes, where its description has any."""
-        return self._looks.visuals()
+        return self._visuals.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m)."""
-        return self._looks.poses(q)
+        return self._visuals.poses(q)
 
     @cached_property
-    def _looks(self) -> Looks:
-        return Looks(self.robot)
+    def _visuals(self) -> RobotVisuals:
+        return RobotVisuals(self.robot)
 
     def _compare_engines(self, samples: int = 5) -> None:
         """M and bias forces of both engines at random states."""

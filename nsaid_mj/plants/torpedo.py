@@ -15,7 +15,7 @@ from ..errors import InvalidInput
 from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle
-from .underwater import into_mujocos_water
+from .underwater import use_mujoco_fluid
 from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.hydrodynamics import motion_in_water, passive_wrench
@@ -387,7 +387,7 @@ def _in_water(
     spec.nuserdata = SIZE
     acting = true
     if mismatch.fluid == "ellipsoid":
-        into_mujocos_water(spec, mismatch)
+        use_mujoco_fluid(spec, mismatch)
         for geom in spec.body(BODY).geoms:
             geom.fluid_ellipsoid = int(geom.name == "hull")  # the fins keep their own lift
         acting = replace(true, added=np.zeros((6, 6)), drag=np.zeros(4), lift=np.zeros(2))

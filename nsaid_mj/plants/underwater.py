@@ -234,7 +234,7 @@ def body_in_water(
     spec.nuserdata = SIZE
     acting = true
     if mismatch.fluid == "ellipsoid":
-        into_mujocos_water(spec, mismatch)
+        use_mujoco_fluid(spec, mismatch)
         still = np.zeros(6)
         acting = replace(true, added=np.zeros((6, 6)), linear=still, quadratic=still)
     return Vehicle(
@@ -256,7 +256,7 @@ def theta_of(true: Hydrodynamics) -> Array:
     )
 
 
-def into_mujocos_water(spec: Any, mismatch: Mismatch) -> None:
+def use_mujoco_fluid(spec: Any, mismatch: Mismatch) -> None:
     """Gives a specification MuJoCo's own fluid forces, on every geom as an ellipsoid."""
     spec.option.density, spec.option.viscosity = 1000.0, 1e-3
     spec.option.wind = mismatch.flow

@@ -27,7 +27,7 @@ from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
 from .world.robots import load_robot
 from .world.shapes import VisualMesh
-from .world.tree import GeomLooks, Looks, tree_spec
+from .world.tree import GeomVisuals, RobotVisuals, tree_spec
 from .world.tree_forces import TreeForces, tree_forces
 
 BASE = "base"
@@ -36,7 +36,7 @@ BASE = "base"
 _LINK_COLOR, _JOINT_COLOR = [0.85, 0.55, 0.15, 1.0], [0.20, 0.22, 0.25, 1.0]
 
 
-class Drawn(Protocol):
+class Visuals(Protocol):
     """What draws a vehicle."""
 
     def visuals(self) -> list[VisualMesh]:
@@ -58,7 +58,7 @@ class VehicleWithArm(Plant):
         rotor: (k,) true reflected rotor inertias of the joints [kg·m² or kg].
         forces: the true numbers of what acts.
         spec: MuJoCo's specification of the model, of `tree_spec`.
-        looks: what draws it; None for the specification's geoms.
+        visuals: what draws it; None for the specification's geoms.
         mismatch: what the structure does not know.
     """
 
@@ -72,7 +72,7 @@ class VehicleWithArm(Plant):
         rotor: Array,
         forces: TreeForces,
         spec: Any,
-        looks: Drawn | None,
+        visuals: Visuals | None,
         mismatch: Mismatch,
     ):
         self.system, self._truth, self.passive = system, truth, tree_forces()
@@ -85,7 +85,7 @@ class VehicleWithArm(Plant):
         self.joints = joint_map(self.model, names)
         self._numbers = forces.numbers(self.model, self.joints.motors, mismatch.lag > 0)
         self.gain_places = forces.gain_places
-        self._looks = GeomLooks(self.model, system.model) if looks is None else looks
+        self._visuals = GeomVisuals(self.model, system.model) if visuals is None else visuals
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
 
     @property
@@ -103,11 +103,11 @@ class VehicleWithArm(Plant):
 
     def visuals(self) -> list[VisualMesh]:
         """The meshes of base and links."""
-        return self._looks.visuals()
+        return self._visuals.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m)."""
-        return self._looks.poses(q)
+        return self._visuals.poses(q)
 
 
 # -- an underwater vehicle with an arm -----------------------------------------------------------
@@ -185,7 +185,7 @@ class UvmsPlant(PlantConfig):
             ]
         )
         spec = tree_spec(model, dt)
-        _dress(spec, arm)
+        _add_visual_geoms(spec, arm)
         vehicle = VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
         return vehicle.failing(self.fault)
 
@@ -277,8 +277,8 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     )
 
 
-def _dress(spec: Any, arm: dict[str, Any]) -> None:
-    """Gives the bodies their looks: the BlueROV2's geoms, and cylinders."""
+def _add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
+    """Gives the bodies their visuals: the BlueROV2's geoms, and cylinders."""
     hull = vehicle_spec("bluerov2", 1.0, 1.0, np.zeros(3), np.eye(3)).compile()
     for i in range(hull.ngeom):
         spec.body(BASE).add_geom(
@@ -398,5 +398,5 @@ class FlyingArmPlant(PlantConfig):
         )
         spec = tree_spec(robot.model, dt)
         return VehicleWithArm(
-            system, truth, robot.model, rotor, forces, spec, Looks(robot), self.mismatch
+            system, truth, robot.model, rotor, forces, spec, RobotVisuals(robot), self.mismatch
         ).failing(self.fault)

@@ -140,7 +140,7 @@ def vehicle_spec(
     Raises:
         InvalidInput: there is no model.xml and no size, or the model.xml is not of one body.
     """
-    spec = _looks(vehicle, size, planar)
+    spec = _visual_spec(vehicle, size, planar)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
     spec.option.density, spec.option.viscosity = 0.0, 0.0
@@ -155,7 +155,7 @@ def vehicle_spec(
     return spec
 
 
-def _looks(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
+def _visual_spec(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
     """The specification of a vehicle's model.xml, or of a box."""
     files = vehicle_files(vehicle)
     path = files.model

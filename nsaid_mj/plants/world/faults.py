@@ -29,7 +29,7 @@ class Fault(Config):
     actuator: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1
     time: NonNegative = 0.0
 
-    def told(self, system: SecondOrderSystem) -> str:
+    def in_words(self, system: SecondOrderSystem) -> str:
         """The fault in words, "" where there is none."""
         if not self.loss:
             return ""

@@ -38,7 +38,7 @@ class Mismatch(Config):
         """The delay in steps of dt [s]."""
         return round(self.delay / dt)
 
-    def told(self, dt: float) -> list[str]:
+    def in_words(self, dt: float) -> list[str]:
         """What is on at steps of dt [s], in words; empty where the structure fits."""
         words = []
         if self.lag:

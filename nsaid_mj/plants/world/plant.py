@@ -89,9 +89,9 @@ class Plant(ABC):
         mismatch.apply(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self._sound = self.model.actuator_gainprm.copy()
+        self._initial_gainprm = self.model.actuator_gainprm.copy()
         self.delay = mismatch.steps(self.dt)
-        self.mismatches = (*self.mismatches, *mismatch.told(self.dt))
+        self.mismatches = (*self.mismatches, *mismatch.in_words(self.dt))
 
     @property
     def dt(self) -> float:
@@ -136,9 +136,9 @@ class Plant(ABC):
             as_at: keep the actuators as they are at this time of a run [s]; None lets them weaken.
         """
         mujoco.mj_resetData(self.model, self.data)
-        self._late = deque([np.zeros(self.system.n_u)] * self.delay)
+        self._delayed_commands = deque([np.zeros(self.system.n_u)] * self.delay)
         self._place(position, velocity)
-        self.model.actuator_gainprm[:] = self._sound
+        self.model.actuator_gainprm[:] = self._initial_gainprm
         self._next_strike = self._strikes if as_at is None else np.inf
         if as_at is not None and self.struck(as_at):
             self._weaken()
@@ -231,14 +231,14 @@ class Plant(ABC):
         steady = not self.delay and self.t + steps * self.dt < self._next_strike
         law = driver.compiled(t) if steady else None
         if law is None or self.reading is None:
-            return self._ask(driver, last, t, sensors)
+            return self._drive_stepwise(driver, last, t, sensors)
         log = Log.unchecked(t, *(np.empty((len(t), len(part))) for part in last[1:]))
         for column, first in zip(log, last, strict=True):
             column[0] = first
         errors = sensors.errors(steps, self.system.n)
         return log.first(drive(law, World.of(self.model, self.data), self.reading, errors, log))
 
-    def _ask(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
+    def _drive_stepwise(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
         """Drives step by step, asking the driver at every time t (k,); t[0] is that of `last`."""
         rows, warnings = [last], warnings_of(self.data)
         for now in t[1:]:
@@ -257,8 +257,8 @@ class Plant(ABC):
     def step(self, u: Array) -> None:
         """Holds the command u (n_u,) for one step of RK4."""
         if self.delay:
-            self._late.append(np.array(u, dtype=np.float64))
-            u = self._late.popleft()
+            self._delayed_commands.append(np.array(u, dtype=np.float64))
+            u = self._delayed_commands.popleft()
         if self.t > self._next_strike:
             self._weaken()
         self.data.ctrl[:] = u

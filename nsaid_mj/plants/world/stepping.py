@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numba import njit, types
 
-from ...control.computed_torque import Tracking, computed_torque, tracking_room
+from ...control.computed_torque import Tracking, computed_torque, tracking_workspace
 from ...log import Log
 from ...parameters import Array
 from .callbacks import CFunction
@@ -96,11 +96,11 @@ def play(world, reading, errors, log):
 @njit(cache=True, nogil=True)
 def track(tracking, world, reading, errors, log):
     """Drives with the commands of `computed_torque`."""
-    numbers, room = np.empty(log.v.shape[1]), tracking_room(tracking)
+    numbers, workspace = np.empty(log.v.shape[1]), tracking_workspace(tracking)
     for k in range(1, log.t.shape[0]):
         q, v, u = log.q[k], log.v[k], log.u[k]
         _advance(world, reading, errors, k - 1, log.u[k - 1], numbers, q, v)
-        computed_torque(tracking, log.t[k], q, v, room, u)
+        computed_torque(tracking, log.t[k], q, v, workspace, u)
         if not sound(world.warnings, q, v, u):
             return k + 1
     return log.t.shape[0]

@@ -57,7 +57,7 @@ def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
     body.iquat, body.inertia = _wxyz(axes), moments
 
 
-class Looks:
+class RobotVisuals:
     """A robot's own meshes, where its description has any.
 
     Args:
@@ -97,7 +97,7 @@ class Looks:
         return translations, quaternions
 
 
-class GeomLooks:
+class GeomVisuals:
     """The geoms of a MuJoCo model whose bodies have the names of a Pinocchio model's joints.
 
     Args:
