@@ -1,4 +1,4 @@
-"""What a driver is: where the plant starts, and the command at every sample."""
+"""The interface of a driver: the initial state, and the command at every sample."""
 
 from __future__ import annotations
 
@@ -13,15 +13,21 @@ from .computed_torque import Tracking
 
 
 class Driver(ABC):
-    """Chooses the command from time and measured state."""
+    """A controller: computes the command from time and measured state."""
 
     @abstractmethod
     def start(self) -> tuple[Array, Array]:
-        """(n,) position numbers and (n,) velocities to start from."""
+        """Resets the controller; (n,) position numbers and (n,) velocities of the initial state."""
 
     @abstractmethod
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n_u,) the command from t until the next sample, from the measured state."""
+        """(n_u,) command that is held from t [s] until the next sample.
+
+        Args:
+            t: time of the sample [s].
+            q: (m,) measured position.
+            v: (n,) measured velocity.
+        """
 
     @abstractmethod
     def compiled(self, t: Array) -> Array | Tracking | None:
@@ -38,7 +44,7 @@ class Driver(ABC):
 
 @config
 class DriverConfig(Config, ABC):
-    """A driver as data; `build` makes the thing itself."""
+    """A driver's parameters, as part of a scenario; `build` makes the driver."""
 
     _path = "excitation"
 
@@ -47,7 +53,7 @@ class DriverConfig(Config, ABC):
         """Makes the driver.
 
         Args:
-            system: the structure.
-            prior: (p,) what is believed of θ beforehand.
-            rng: source of the excitation.
+            system: the structure of the plant.
+            prior: (p,) θ̂(0), the model that the controller uses.
+            rng: source of frequencies, phases and coefficients.
         """
