@@ -181,7 +181,9 @@ def _visual_spec(vehicle: str, size: Sequence[float] | None, planar: bool) -> An
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise InvalidInput(str(path), "a model that MuJoCo reads", error, "Mend it.") from error
+        raise InvalidInput(
+            str(path), "a model that MuJoCo can load", error, "Correct it."
+        ) from error
     bodies = [body.name for body in spec.bodies]
     if bodies != ["world", BODY]:
         raise InvalidInput(
