@@ -1,4 +1,4 @@
-"""BMW 320i: load, tyres, drive and resistances of a car on a test ground are unknown."""
+"""BMW 320i: a car on a test ground with unknown load, tyres, drive and resistances."""
 
 from nsaid_mj import BMW320iPlant, Driving, NullspaceAID, Scenario, main
 

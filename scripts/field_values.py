@@ -1,11 +1,12 @@
-"""Puts random values into random fields of the packed scenarios and counts how the tries end.
+"""Fuzzes the fields of the included scenarios with random values and counts the outcomes.
 
     python scripts/field_values.py [--tries 2285] [--seed 0] [--build]
 
 A try replaces one to three fields by `dataclasses.replace`, in the scenario's JSON, or by flags. It
-must end in a scenario that survives JSON, or in an `InvalidInput` or `UnknownName`; a command line
-may also exit with code 2. With --build a valid scenario must also give a plant, a driver and
-identifiers, or a typed error. Anything else counts as untyped, and is printed.
+must end in a scenario that survives a round trip through JSON, or in an `InvalidInput` or
+`UnknownName`; a command line may also exit with code 2. With --build, a valid scenario must also
+give a plant, a driver and identifiers, or a typed error. Any other outcome counts as untyped and is
+printed.
 """
 
 from __future__ import annotations
@@ -59,13 +60,13 @@ TYPED = (InvalidInput, UnknownName)
 
 @cache
 def packed(name: str) -> Scenario:
-    """A packed scenario."""
+    """An included scenario, loaded once."""
     return load(name)
 
 
 @cache
 def places(name: str) -> list[str]:
-    """Dotted names of a scenario's fields, and of the parts they are in."""
+    """Dotted names of a scenario's fields and of its nested parts."""
     leaves = field_paths(packed(name))
     parts = {path.rpartition(".")[0] for path in leaves} - {""}
     return [*leaves, *sorted(parts)]
@@ -87,7 +88,7 @@ def replaced(scenario: Scenario, values: dict[str, Any]) -> Scenario:
 
 
 def rewritten(scenario: Scenario, values: dict[str, Any]) -> Scenario:
-    """A scenario with fields replaced in its JSON; what JSON cannot write is replaced by a list."""
+    """A scenario with fields replaced in its JSON; values that JSON cannot hold become a list."""
     tree = json.loads(scenario.to_json())
     for path, value in values.items():
         *parents, last = path.split(".")
@@ -126,7 +127,7 @@ WAYS: dict[str, Callable[[Scenario, dict[str, Any]], Scenario | None]] = {
 
 
 def outcome(way: str, name: str, values: dict[str, Any], build: bool = False) -> str:
-    """How a try ends: `valid`, `refused`, or what is raised that should not be."""
+    """The outcome of a try: `valid`, `refused`, `not built`, or the unexpected error in words."""
     try:
         scenario = WAYS[way](packed(name), values)
         if scenario is not None:
@@ -141,7 +142,7 @@ def outcome(way: str, name: str, values: dict[str, Any], build: bool = False) ->
 
 
 def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
-    """A way, a scenario and values for some of its fields."""
+    """A random way to set fields, a scenario's name, and values for some of its fields."""
     way, name = rng.choice(list(WAYS)), rng.choice(list(scenarios()))
     found = places(name)
     chosen = rng.sample(found, rng.choice((1, 1, 1, 2, 3)))
@@ -149,7 +150,7 @@ def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
     values = {}
     for path in chosen:
         kind = rng.random()
-        if kind < 0.1:  # the value itself, of another scenario's field
+        if kind < 0.1:  # a valid value of some scenario's field
             other = rng.choice(list(scenarios()))
             values[path] = field_at(packed(other), rng.choice(places(other)))
         elif kind < 0.2:
@@ -162,7 +163,7 @@ def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
 
 
 def main() -> int:
-    """Prints how the tries end; returns the exit code."""
+    """Prints the counts of all outcomes; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--tries", type=int, default=2285)
     parser.add_argument("--seed", type=int, default=0)
@@ -175,8 +176,8 @@ def main() -> int:
         known = end in ("valid", "refused", "not built")
         ends[f"{way}, {end}" if known else "untyped"] += 1
         if not known:
-            told = ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
-            print(f"{way}, {name}, {told}: {end}", flush=True)
+            changes = ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
+            print(f"{way}, {name}, {changes}: {end}", flush=True)
     for end, count in sorted(ends.items()):
         print(f"{count:5} {end}")
     print(f"{ends['untyped']} of {chosen.tries} end untyped")

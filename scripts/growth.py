@@ -1,12 +1,13 @@
-"""How time and memory grow.
+"""Measures how computing time grows with the system's size, and memory with a run's duration.
 
     python scripts/growth.py [FOLDER]             time per step against size: growth.png, .json
     python scripts/growth.py --hour [FOLDER]      memory over an hour of a run: memory.png, .json
 
-Time: serial chains of 1 to 38 joints (xarm7s end to end), robots held and floating, and vehicles,
-on a smooth motion. `compiled` is the identifier alone, along a log in one call; the same
-from Python, step by step, is beside it, and Pinocchio's backend, the memory and MuJoCo's own step.
-No θ explains that motion, which makes the memory's solutions several times as long as in a run.
+Time: serial chains of 1 to 38 joints (xarm7s end to end), fixed-base and floating robots, and
+vehicles, along a smooth motion. `compiled` is the identifier alone, along a log in one call; it is
+compared with calls from Python at every time step, Pinocchio's backend, the law `memory`, and
+MuJoCo's own step. No θ explains this motion, so the memory's solver takes several times longer than
+in a run.
 """
 
 import argparse
@@ -58,8 +59,8 @@ ROBOTS: tuple[tuple[str, Base], ...] = (
     ("talos", "free"),
 )
 VEHICLES = ("scalar_rov", "f1tenth", "astrobee", "hummingbird", "bluerov2", "remus100")
-LEAST = 7  # joints from which on an exponent is fitted: below, a call costs more than a joint
-ROUNDS = 7  # through all sizes, so that a busy minute of the machine does not strike one alone
+LEAST = 7  # smallest chain in the fit of exponents: below, the overhead of a call dominates
+ROUNDS = 7  # passes through all sizes, so that load on the machine affects all of them
 BLOCK_SECONDS = 0.03
 PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6  # of memory [MB]
 STYLES = {
@@ -72,7 +73,7 @@ STYLES = {
 
 
 def chain(joints: int) -> pin.Model:
-    """A serial chain: the joints and links of xarm7s, one arm on the end of the other."""
+    """A serial chain of the joints and links of xarm7s, mounted end to end."""
     arm, model = load_robot("xarm7").model, pin.Model()
     for k in range(joints):
         i = 1 + k % arm.nq
@@ -93,7 +94,7 @@ def chain(joints: int) -> pin.Model:
 
 
 def motion(system: SecondOrderSystem, steps: int) -> Log:
-    """A smooth motion whose velocities are those of its positions, to dt²."""
+    """A smooth motion whose velocities match its positions to order dt²."""
     rng, samples = np.random.default_rng(0), []
     q, v, _ = system.random_state(rng)
     w, phase = rng.uniform(1, 5, system.n), rng.uniform(0, 6, system.n)
@@ -104,7 +105,7 @@ def motion(system: SecondOrderSystem, steps: int) -> Log:
 
 
 def truth(model: pin.Model, system: SecondOrderSystem) -> np.ndarray:
-    """(p,) the description's own inertias, and its joints as guessed."""
+    """(p,) θ with the description's inertias and the nominal joint parameters."""
     theta = system.space.scale.copy()
     links = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
     theta[: 10 * len(links)] = np.concatenate(links)
@@ -112,10 +113,14 @@ def truth(model: pin.Model, system: SecondOrderSystem) -> np.ndarray:
 
 
 class Timed:
-    """An action of so many steps, timed block by block.
+    """Times an action block by block.
+
+    Args:
+        action: what is timed; it is called twice for warming up.
+        steps: time steps in one call of the action.
 
     Attributes:
-        times: per step of every block [µs].
+        times: time per step in every block [µs].
     """
 
     def __init__(self, action: Callable[[], object], steps: int):
@@ -126,7 +131,7 @@ class Timed:
         self._repeats = max(1, int(BLOCK_SECONDS / (time.perf_counter() - begin)))
 
     def block(self) -> None:
-        """Times one more block."""
+        """Times another block."""
         begin = time.perf_counter()
         for _ in range(self._repeats):
             self._action()
@@ -136,7 +141,7 @@ class Timed:
 def identifying(
     system: SecondOrderSystem, law: Literal["paper", "memory"], prior: np.ndarray, at_once: bool
 ) -> Timed:
-    """Steps of an identifier along a log, in one call or called one by one."""
+    """An identifier's time steps along a log, in one call (`at_once`) or one call per step."""
     log = motion(system, 500 if at_once else 20)
     identifier = NullspaceAID(law=law, gain=1e-6).build(system, prior, DT)
     start, samples = identifier.init(log.at(0)), log.rows
@@ -156,7 +161,7 @@ def identifying(
 
 
 def ours(system: SecondOrderSystem, prior: np.ndarray) -> dict[str, Timed]:
-    """An identifier of a system, timed in three ways."""
+    """The identifier of a system, timed in three ways."""
     return {
         "compiled": identifying(system, "paper", prior, True),
         "python": identifying(system, "paper", prior, False),
@@ -165,7 +170,7 @@ def ours(system: SecondOrderSystem, prior: np.ndarray) -> dict[str, Timed]:
 
 
 def tree(model: pin.Model) -> tuple[SecondOrderSystem, dict[str, Timed]]:
-    """A tree of joints, and all of STYLES on it."""
+    """The system of a tree of joints, and timers for all of STYLES."""
     scales = nominal_scales(model, ArmPlant(armature=0.0))
     speed = np.full(len(scales.gain), 0.05)
     system, slow = (kind(model, scales, speed) for kind in (CompiledMultibody, Multibody))
@@ -178,13 +183,13 @@ def tree(model: pin.Model) -> tuple[SecondOrderSystem, dict[str, Timed]]:
 
 
 def vehicle(name: str) -> tuple[SecondOrderSystem, dict[str, Timed]]:
-    """A vehicle of the project, and our part of STYLES on it."""
+    """The system of an included vehicle, and timers for the identifier's part of STYLES."""
     plant = load(name).plant.build(DT, 0)
     return plant.system, ours(plant.system, plant.truth)
 
 
 def everything() -> list[tuple[dict[str, Any], dict[str, Timed]]]:
-    """What is timed: the beginning of its row, and the actions."""
+    """All systems: the first columns of their rows, and their timers."""
     made = [("chain", f"chain of {k}", tree(chain(k))) for k in JOINTS]
     made += [
         ("robot", f"{name}, {base}", tree(load_robot(name, base).model)) for name, base in ROBOTS
@@ -197,7 +202,7 @@ def everything() -> list[tuple[dict[str, Any], dict[str, Timed]]]:
 
 
 def exponent(rows: list[dict[str, Any]], of: str, against: str, least: int) -> float:
-    """The slope of the line through the chains' medians from a size on, in logarithms."""
+    """Exponent of a power law fitted to the medians of chains with n ≥ `least`."""
     some = [row for row in rows if row["kind"] == "chain" and row["n"] >= least]
     x, y = (
         np.log([row[key] if key in "np" else row[key][1] for row in some]) for key in (against, of)
@@ -206,7 +211,7 @@ def exponent(rows: list[dict[str, Any]], of: str, against: str, least: int) -> f
 
 
 def draw_growth(rows: list[dict[str, Any]], path: Path) -> None:
-    """Time per step against degrees of freedom and against parameters."""
+    """Plots the time per step against degrees of freedom and against parameters."""
     figure, axes = plt.subplots(1, 2, figsize=(12.5, 7.4), sharey=True, layout="constrained")
     for axis, against, label in zip(
         axes, "np", ("degrees of freedom n", "parameters p"), strict=True
@@ -259,13 +264,13 @@ def draw_growth(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def save(figure: Any, path: Path) -> None:
-    """Writes a picture."""
+    """Writes a figure and closes it."""
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
 def growth(folder: Path) -> None:
-    """Measures and draws the time per step."""
+    """Measures and plots the time per step."""
     here, found, rows = machine(), everything(), []
     for _ in range(ROUNDS):
         for _, actions in found:
@@ -275,8 +280,8 @@ def growth(folder: Path) -> None:
         for name, action in actions.items():
             row[name] = np.percentile(action.times, [25, 50, 75]).tolist()
         rows.append(row)
-        told = ", ".join(f"{name} {row[name][1]:.1f}" for name in actions)
-        print(f"{row['name']}: n {row['n']}, p {row['p']}; µs per step: {told}")
+        medians = ", ".join(f"{name} {row[name][1]:.1f}" for name in actions)
+        print(f"{row['name']}: n {row['n']}, p {row['p']}; µs per step: {medians}")
     powers = {
         f"{name} against {x}": exponent(rows, name, x, LEAST) for name in STYLES for x in "np"
     }
@@ -320,7 +325,7 @@ class Watch(Observer):
 
 
 def an_hour(name: str, law: str) -> None:
-    """Runs a scenario for an hour of its time; prints (t [s], MB) as JSON. In its own process."""
+    """Runs a scenario for an hour of simulated time; prints its memory over time as JSON."""
     scenario = load(name)
     identifier = replace(scenario.identifier, law=law)
     scenario = replace(scenario, identifier=identifier, duration=3600.0, record_every=100)
@@ -344,7 +349,7 @@ def an_hour(name: str, law: str) -> None:
 
 
 def memory(folder: Path, names: list[str]) -> None:
-    """Runs scenarios for an hour each, in processes of their own, and draws their memory."""
+    """Runs scenarios for an hour each, in separate processes, and plots their memory."""
     here, found = machine(), []
     for name in names:
         words = [sys.executable, __file__, "--one", name]
@@ -365,7 +370,7 @@ def memory(folder: Path, names: list[str]) -> None:
 
 
 def draw_memory(found: list[dict[str, Any]], path: Path) -> None:
-    """Resident memory against simulated time."""
+    """Plots the resident memory against simulated time."""
     figure, axis = plt.subplots(figsize=(9, 4.4), layout="constrained")
     for run_, (colour, mark, _) in zip(found, STYLES.values(), strict=False):
         t, size = np.array(run_["rows"]).T
@@ -390,10 +395,10 @@ def draw_memory(found: list[dict[str, Any]], path: Path) -> None:
 
 
 def main() -> None:
-    """Does what its flags say."""
+    """Measures time or, with --hour, memory."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folder", type=Path, nargs="?", default=Path("docs"))
-    parser.add_argument("--hour", action="store_true", help="memory, not time")
+    parser.add_argument("--hour", action="store_true", help="measure memory instead of time")
     parser.add_argument("--scenarios", nargs="+", default=["bluerov2", "scalar_rov"])
     parser.add_argument("--one", help=argparse.SUPPRESS)
     chosen = parser.parse_args()

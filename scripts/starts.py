@@ -1,9 +1,9 @@
-"""How the law `memory` fares from many starts, drawn at e^{±error} on every block of the cone.
+"""How the law `memory` converges from many priors, drawn within e^{±error} on every block of θ.
 
 `python scripts/starts.py [NAME …] [--starts 25] [--seeds 100,101] [--seconds 20] [--json FILE]`
 
-For every scenario and seed the motion is simulated once, its driver built with the scenario's own
-prior; every start then identifies the same measurements. Vehicles by default.
+For every scenario and seed the motion is simulated once, with a driver based on the scenario's own
+prior; identification from every start then uses these measurements. The default is all vehicles.
 """
 
 import argparse
@@ -35,7 +35,7 @@ ENOUGH = 0.01  # theta_perp_ratio
 
 
 def motion(name: str, seed: int, seconds: float) -> Course:
-    """Drives a scenario's plant, its driver built with the scenario's own prior."""
+    """Simulates a scenario's plant with a driver based on the scenario's own prior."""
     scenario = load(name)
     assert isinstance(scenario.identifier, NullspaceAID)
     law = replace(scenario.identifier, law="memory")
@@ -46,7 +46,7 @@ def motion(name: str, seed: int, seconds: float) -> Course:
 
 
 def start(scenario: Scenario, index: int, error: float) -> Scenario:
-    """The scenario whose prior is a start at e^{±error} of the truth."""
+    """The scenario with its prior drawn within e^{±error} of the truth, by start index."""
     seed = seed_of(scenario.seed, index)
     return replace(scenario, seed=seed, initial_error=error, gain_error=None)
 
@@ -59,7 +59,7 @@ def study(name: str, seed: int, starts: int, seconds: float, error: float) -> li
 
 
 def near(found: Row) -> bool:
-    """Whether a start came as near the true set as it should."""
+    """Whether identification from a start converged to within ENOUGH of the true set."""
     return found["status"] == Status.completed.words and found["theta_perp_ratio"] <= ENOUGH
 
 
@@ -78,7 +78,7 @@ def line(name: str, results: list[Row]) -> str:
 
 
 def failures(results: list[Row]) -> Iterator[str]:
-    """What did not meet the bar, with the seeds to see it again."""
+    """Starts that did not converge, with the seeds that reproduce them."""
     for found in sorted(results, key=lambda found: (found["motion"], found["run"])):
         if not near(found):
             what = "{scenario} seed {motion} start {run}: {status} at {status_time:.2f} s, "
@@ -90,14 +90,14 @@ def main() -> None:
     """Prints the table and the failures, and writes all results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--starts", type=int, default=25, help="for every seed")
+    parser.add_argument("--starts", type=int, default=25, help="number for every seed")
     parser.add_argument("--seeds", default="100,101,102,103,104")
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--error", type=float, default=1.0)
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     names, results = chosen.names or VEHICLES, {}
-    with ProcessPoolExecutor(2) as pool:  # the memory's steps are Python's: threads would wait
+    with ProcessPoolExecutor(2) as pool:  # the memory's steps hold the GIL
         waiting = {
             pool.submit(study, name, int(seed), chosen.starts, chosen.seconds, chosen.error): name
             for name in names
