@@ -6,15 +6,19 @@ scenario = Scenario(
     plant=AstrobeePlant(),
     excitation=PoseHold(),
     identifier=NullspaceAID(
-        K=1.0, gain=100.0, floor=1e-3,
-        memory=MemoryConfig(window=2.0),  # it moves by centimetres: noise needs a longer look
+        K=1.0,
+        gain=100.0,
+        floor=1e-3,
+        memory=MemoryConfig(
+            window=2.0
+        ),  # it moves by centimetres: noise calls for longer averaging
     ),
     initial_error=0.3,
     duration=300.0,
-    dt=0.016,  # the robot's own controller speaks at 62.5 Hz
+    dt=0.016,  # the robot's own controller runs at 62.5 Hz
     pe_window=20.0,
     held_out=30.0,
-)  # fmt: skip
+)
 
 if __name__ == "__main__":
     main(scenario)

@@ -5,8 +5,15 @@ from nsaid_mj import NullspaceAID, QuadrotorFlight, QuadrotorPlant, Scenario, ma
 scenario = Scenario(
     plant=QuadrotorPlant(vehicle="crazyflie"),
     excitation=QuadrotorFlight(
-        radius=6.0, speed=5.0, climb=2.5, yaw_rate=8.0, tilt=0.6, attitude_bandwidth=3.0,
-        dither=0.2, low=3.0, high=9.0,
+        radius=6.0,
+        speed=5.0,
+        climb=2.5,
+        yaw_rate=8.0,
+        tilt=0.6,
+        attitude_bandwidth=3.0,
+        dither=0.2,
+        low=3.0,
+        high=9.0,
     ),
     identifier=NullspaceAID(K=20.0, gain=100.0, rate=2.0, floor=2e-3),
     initial_error=0.3,
@@ -15,7 +22,7 @@ scenario = Scenario(
     pe_window=20.0,
     held_out=30.0,
     record_every=4,
-)  # fmt: skip
+)
 
 if __name__ == "__main__":
     main(scenario)

@@ -1,4 +1,4 @@
-"""F1TENTH: a race car of a tenth of the size; load, tyres, drive and resistances are unknown."""
+"""F1TENTH: a race car at one tenth scale with unknown load, tyres, drive and resistances."""
 
 from nsaid_mj import Driving, F1TenthPlant, NullspaceAID, Scenario, main
 

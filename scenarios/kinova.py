@@ -1,4 +1,4 @@
-"""Kinova Jaco: six slow motors of unknown gain, three of them on joints that turn for ever."""
+"""Kinova Jaco: six slow motors of unknown gain, three of them on continuous joints."""
 
 from nsaid_mj import ArmPlant, FourierTracking, NullspaceAID, Scenario, main
 

@@ -8,7 +8,7 @@ scenario = Scenario(
     identifier=NullspaceAID(K=20.0, gain=0.3, rate=2.0),
     initial_error=0.3,
     duration=60.0,
-    dt=2e-3,  # the robot's own interface speaks at 500 Hz
+    dt=2e-3,  # the robot's own interface runs at 500 Hz
 )
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Motor gains assumed 20 % wrong: ruin for conventional identification, nothing to NS-AID."""
+"""Motor gains assumed 20 % wrong: conventional identification fails, NS-AID is not affected."""
 
 from nsaid_mj import ArmPlant, ConventionalAID, FourierTracking, NullspaceAID, Scenario, main
 

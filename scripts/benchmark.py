@@ -1,10 +1,10 @@
-"""`make bench`: what a step costs, as ratios measured inside one process.
+"""`make bench`: the cost of a time step, as ratios measured within one process.
 
     python scripts/benchmark.py [FILE.json]
 
-Blocks of steps of both sides alternate, and the median of the blocks' ratios is told with its
-quartiles, so that a machine whose clock drifts changes neither side alone. All runs are real ones:
-the scenarios' plants, drivers and gains, and `experiment.run` with its record on disk.
+Blocks of time steps of both sides alternate, and the median and quartiles of the blocks' ratios are
+printed, so that drift of the machine's clock affects both sides. The runs are complete: the
+scenarios' plants, drivers and gains, and `experiment.run` with its record on disk.
 """
 
 import json
@@ -32,52 +32,71 @@ from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import Backend
 
 BLOCKS = 15
-STEPS = 4000  # of a closed loop, in a block
+STEPS = 4000  # time steps of a closed loop in a block
 LAWS = ("paper", "cone", "memory")
 VEHICLES = (
-    "scalar_rov", "bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i",
-    "astrobee", "borinot", "uvms",
-)  # fmt: skip
+    "scalar_rov",
+    "bluerov2",
+    "remus100",
+    "hummingbird",
+    "crazyflie",
+    "f1tenth",
+    "bmw320i",
+    "astrobee",
+    "borinot",
+    "uvms",
+)
 
 
 def seven_joints(backend: Backend) -> Scenario:
-    """An arm of 7 joints and 91 parameters: without rotor inertias, its wrist's friction small."""
-    arm = ArmPlant("xarm7", armature=0.0, damping=3e-3, friction=3e-3, friction_speed=0.3,
-                   backend=backend)  # fmt: skip
+    """An arm of 7 joints and 91 parameters: no rotor inertias, low friction for its light wrist."""
+    arm = ArmPlant(
+        "xarm7", armature=0.0, damping=3e-3, friction=3e-3, friction_speed=0.3, backend=backend
+    )
     return replace(load("ur5"), plant=arm, dt=1e-3)
 
 
-def compiled(name: str) -> Scenario:
-    """A packed scenario of an arm on compiled recursions."""
+def arm_on(name: str, backend: Backend) -> Scenario:
+    """The scenario of an arm, with a backend."""
     scenario = load(name)
     assert isinstance(scenario.plant, ArmPlant)
-    return replace(scenario, plant=replace(scenario.plant, backend="compiled"))
+    return replace(scenario, plant=replace(scenario.plant, backend=backend))
 
 
 @dataclass
 class Row:
-    """One comparison."""
+    """A comparison of two costs.
+
+    Attributes:
+        what: the two sides, in words.
+        ours: seconds per step in every block.
+        theirs: seconds per step in every block.
+        bar: largest ratio that is acceptable, or None.
+    """
 
     what: str
     ours: list[float]
     theirs: list[float]
     bar: float | None = None
 
-    def told(self) -> dict[str, Any]:
-        """As in benchmark.json."""
+    def summary(self) -> dict[str, Any]:
+        """Median ratio, quartiles and costs, as in benchmark.json."""
         ratios = np.array(self.ours) / np.array(self.theirs)
         low, median, high = np.percentile(ratios, [25, 50, 75]).tolist()
         return {
-            "what": self.what, "ratio": median, "quartiles": [low, high], "bar": self.bar,
+            "what": self.what,
+            "ratio": median,
+            "quartiles": [low, high],
+            "bar": self.bar,
             "ours_us": 1e6 * float(np.median(self.ours)),
             "theirs_us": 1e6 * float(np.median(self.theirs)),
-        }  # fmt: skip
+        }
 
 
 def alternating(
     what: str, ours: Callable[[], float], theirs: Callable[[], float], bar: float | None = None
 ) -> Row:
-    """Both sides' seconds per step, in alternating blocks after one of each that does not count."""
+    """Times both sides in alternating blocks, after one warm-up block of each."""
     ours()
     theirs()
     pairs = [(ours(), theirs()) for _ in range(BLOCKS)]
@@ -85,7 +104,7 @@ def alternating(
 
 
 def seconds(action: Callable[[], object], repeats: int) -> Callable[[], float]:
-    """Mean time of an action [s]."""
+    """A block that measures the mean time of an action [s]."""
 
     def block() -> float:
         begin = time.perf_counter()
@@ -100,7 +119,7 @@ def seconds(action: Callable[[], object], repeats: int) -> Callable[[], float]:
 
 
 def closed_loop(scenario: Scenario, law: str) -> Callable[[], float]:
-    """A run's loop: plant, controller, identifier, excitation's levels, record on disk."""
+    """A block that runs the whole loop: plant, driver, identifier, excitation levels, record."""
     identifier = replace(scenario.identifier, law=law)
     scenario = replace(scenario, identifier=identifier, duration=STEPS * scenario.dt)
 
@@ -114,7 +133,7 @@ def closed_loop(scenario: Scenario, law: str) -> Callable[[], float]:
 
 
 def plant_alone(scenario: Scenario) -> Callable[[], float]:
-    """MuJoCo's RK4 on the same motion, asked step by step, as a user's loop would."""
+    """A block of MuJoCo's RK4 along the scenario's motion, stepped from Python as a user would."""
     plant, driver, log = driven(replace(scenario, duration=STEPS * scenario.dt))
 
     def block() -> float:
@@ -131,7 +150,7 @@ def plant_alone(scenario: Scenario) -> Callable[[], float]:
 
 
 def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
-    """A scenario's plant, its driver, and what is measured."""
+    """A scenario's plant, its driver, and the log of its run."""
     setup = Setup.of(scenario)
     plant, driver = setup.plant, setup.driver()
     with plant.running():
@@ -139,26 +158,33 @@ def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
 
 
 def loops() -> list[Row]:
-    """Closed loops over MuJoCo alone, and what the memory adds."""
+    """Closed loops compared with MuJoCo alone, and the law `memory` with the other laws."""
     rows = []
     for name, scenario, laws, bar in (
         ("7 joints, 91 parameters, compiled", seven_joints("compiled"), LAWS, 2.0),
         ("7 joints, 91 parameters, Pinocchio", seven_joints("pinocchio"), LAWS[:1], 10.0),
         ("bluerov2", load("bluerov2"), LAWS, 3.0),
-        ("ur5, compiled", compiled("ur5"), LAWS, None),
+        ("ur5, compiled", arm_on("ur5", "compiled"), LAWS, None),
     ):
         alone = plant_alone(scenario)
         for law in laws:
-            rows.append(alternating(
-                f"closed loop / MuJoCo RK4 alone: {name}, {law}", closed_loop(scenario, law),
-                alone, bar if law == "paper" else None,
-            ))  # fmt: skip
+            rows.append(
+                alternating(
+                    f"closed loop / MuJoCo RK4 alone: {name}, {law}",
+                    closed_loop(scenario, law),
+                    alone,
+                    bar if law == "paper" else None,
+                )
+            )
         for other in laws[:-1]:
-            rows.append(alternating(
-                f"closed loop with memory / with the {other}'s law alone: {name}",
-                closed_loop(scenario, "memory"), closed_loop(scenario, other),
-                1.5 if other == "paper" else None,
-            ))  # fmt: skip
+            rows.append(
+                alternating(
+                    f"closed loop with memory / with the {other}'s law alone: {name}",
+                    closed_loop(scenario, "memory"),
+                    closed_loop(scenario, other),
+                    1.5 if other == "paper" else None,
+                )
+            )
     return rows
 
 
@@ -166,7 +192,7 @@ def loops() -> list[Row]:
 
 
 def following(scenario: Scenario, law: str, steps: int = 2000) -> Callable[[], float]:
-    """An identifier along a log, as a run has it: stretches of half a second."""
+    """A block in which an identifier follows a log in stretches of half a second, as in a run."""
     scenario = replace(
         scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
     )
@@ -185,7 +211,7 @@ def following(scenario: Scenario, law: str, steps: int = 2000) -> Callable[[], f
 
 
 def step_by_step(scenario: Scenario, law: str, steps: int = 200) -> Callable[[], float]:
-    """The same, sample by sample from Python, as beside a robot."""
+    """A block in which an identifier is called from Python at every sample, as on a robot."""
     scenario = replace(
         scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
     )
@@ -203,7 +229,7 @@ def step_by_step(scenario: Scenario, law: str, steps: int = 200) -> Callable[[],
 
 
 def identifiers() -> list[Row]:
-    """Identifiers over one Pinocchio regressor, and vehicles' over a UR5 in MuJoCo."""
+    """Identifiers compared with one Pinocchio regressor, or with a MuJoCo step of a UR5."""
     scenario, rows = seven_joints("compiled"), []
     robot: Any = scenario.plant.build(scenario.dt, 0)
     model, data, zero = robot.robot.model, robot.robot.model.createData(), np.zeros(7)
@@ -213,18 +239,28 @@ def identifiers() -> list[Row]:
         what = f"identifier RK4 step / one Pinocchio torque regressor: 91 parameters, {law}"
         bar = 4.0 if law == "paper" else None
         rows.append(alternating(what, following(scenario, law), regressor, bar))
-    rows.append(alternating(
-        "the same, sample by sample from Python: paper", step_by_step(scenario, "paper"), regressor
-    ))  # fmt: skip
+    rows.append(
+        alternating(
+            "the same, sample by sample from Python: paper",
+            step_by_step(scenario, "paper"),
+            regressor,
+        )
+    )
     for law in LAWS:
         what = f"identifier RK4 step / one Pinocchio torque regressor of 91 parameters: ur5, {law}"
-        rows.append(alternating(what, following(compiled("ur5"), law), regressor))
+        rows.append(alternating(what, following(arm_on("ur5", "compiled"), law), regressor))
     rows += [
-        alternating("the same, sample by sample from Python: ur5, paper",
-                    step_by_step(compiled("ur5"), "paper"), regressor),
-        alternating("the same, along a log on Pinocchio's regressors: ur5, paper",
-                    following(load("ur5"), "paper", 500), regressor),
-    ]  # fmt: skip
+        alternating(
+            "the same, sample by sample from Python: ur5, paper",
+            step_by_step(arm_on("ur5", "compiled"), "paper"),
+            regressor,
+        ),
+        alternating(
+            "the same, along a log on Pinocchio's regressors: ur5, paper",
+            following(arm_on("ur5", "pinocchio"), "paper", 500),
+            regressor,
+        ),
+    ]
     arm = load("ur5").plant.build(1e-3, 0)
     arm.model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     arm.reset(np.zeros(6), np.zeros(6))
@@ -242,30 +278,35 @@ def identifiers() -> list[Row]:
 
 
 def main() -> None:
-    """Prints a table; writes JSON where a file is named."""
+    """Prints a table; also writes JSON if a file is named."""
     where = machine()
     print(", ".join(f"{key} {value}" for key, value in where.items()), flush=True)
-    told = []
+    summaries = []
     for part in (loops, identifiers):
         for row in part():
-            told.append(row.told())
-            tell(told[-1])
+            summaries.append(row.summary())
+            print_summary(summaries[-1])
     wide = []
     for name in ("xarm7", "ur5", "bluerov2"):
         wide.append(cost(name, "paper"))
-        print(f"{wide[-1]['us_per_run_and_step']:6.2f} µs per run and step: {wide[-1]['what']}",
-              flush=True)  # fmt: skip
+        print(
+            f"{wide[-1]['us_per_run_and_step']:6.2f} µs per run and step: {wide[-1]['what']}",
+            flush=True,
+        )
     if len(sys.argv) > 1:
-        document = {"machine": where, "blocks": BLOCKS, "rows": told, "monte_carlo": wide}
+        document = {"machine": where, "blocks": BLOCKS, "rows": summaries, "monte_carlo": wide}
         Path(sys.argv[1]).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
 
 
-def tell(row: dict[str, Any]) -> None:
-    """One line."""
+def print_summary(row: dict[str, Any]) -> None:
+    """Prints a comparison in one line."""
     low, high = row["quartiles"]
     bar = f" (bar {row['bar']:g})" if row["bar"] else ""
-    print(f"{row['ratio']:6.2f} ({low:.2f} … {high:.2f}){bar}  {row['what']}  "
-          f"[{row['ours_us']:.1f} µs / {row['theirs_us']:.2f} µs]", flush=True)  # fmt: skip
+    print(
+        f"{row['ratio']:6.2f} ({low:.2f} … {high:.2f}){bar}  {row['what']}  "
+        f"[{row['ours_us']:.1f} µs / {row['theirs_us']:.2f} µs]",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""How the law `memory` follows an actuator that weakens in mid-run: errors of the gains over time.
+"""How the law `memory` tracks an actuator fault during a run: gain errors over time.
 
 `python scripts/fault.py [--scenario bluerov2] [--loss 0.4] [--actuator 3] [--time 60]
 [--seconds 10] [--seeds 0,1,2]`; takes half a minute.
 
-No scale is known, so a gain is judged by its share: k̂/k over the mean of k̂/k of the gains that did
-not weaken, less 1. Of the others it is the largest. Medians of the seeds, the worst in brackets;
-then the largest errors of the others over all that time, seed by seed.
+The common scale of θ is unobservable, so the error of a gain is relative: k̂/k over the mean of k̂/k
+of the healthy gains, minus 1. The first table has the error of the faulty gain and the largest of
+the healthy ones: medians of the seeds, the worst seed in brackets. The second table has, for every
+seed, the largest error of the healthy gains after the fault.
 """
 
 import argparse
@@ -28,7 +29,7 @@ ENOUGH = 0.01
 
 
 def failing(name: str, fault: Fault, seconds: float) -> Scenario:
-    """A scenario whose actuator weakens, with `seconds` [s] to go."""
+    """A scenario with a fault that runs for another `seconds` [s] after it."""
     scenario = load(name)
     assert isinstance(scenario.identifier, NullspaceAID)
     return replace(
@@ -41,7 +42,7 @@ def failing(name: str, fault: Fault, seconds: float) -> Scenario:
 
 
 def errors(done: SimulatedRun) -> tuple[Array, Array, Array]:
-    """(N,) times since the fault [s], the largest error of its gains, and of the others."""
+    """(N,) times since the fault [s], (N,) largest errors of the faulty and of the other gains."""
     plant, t = done.plant, done.record["t"]
     since, k = plant.struck(t), plant.system.space.actuators
     weak = np.isin(k, plant.fault.gains(plant.system))
@@ -50,19 +51,19 @@ def errors(done: SimulatedRun) -> tuple[Array, Array, Array]:
     return t[since] - t[since][0], error[:, weak].max(axis=1), error[:, ~weak].max(axis=1)
 
 
-def told(values: list[float]) -> str:
-    """Median and worst, in per cent."""
+def median_and_worst(values: list[float]) -> str:
+    """Median and largest value, in per cent."""
     return f"{100 * np.median(values):.2g} % ({100 * max(values):.2g} %)"
 
 
 def main() -> None:
-    """Prints the tables."""
+    """Runs all seeds and prints the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scenario", default="bluerov2")
     parser.add_argument("--loss", type=float, default=0.4)
     parser.add_argument("--actuator", type=int, default=3, help="1 is the first command's")
-    parser.add_argument("--time", type=float, default=60.0, help="of the fault [s]")
-    parser.add_argument("--seconds", type=float, default=10.0, help="after it [s]")
+    parser.add_argument("--time", type=float, default=60.0, help="time of the fault [s]")
+    parser.add_argument("--seconds", type=float, default=10.0, help="duration after the fault [s]")
     parser.add_argument("--seeds", default="0,1,2")
     chosen = parser.parse_args()
     fault = Fault(loss=chosen.loss, actuator=chosen.actuator, time=chosen.time)
@@ -81,8 +82,10 @@ def main() -> None:
         cells = []
         for runs in found.values():
             at = [int(np.argmin(np.abs(t - since))) for t, _, _ in runs]
-            cells += [told([float(part[which][k]) for part, k in zip(runs, at, strict=True)])
-                      for which in (1, 2)]  # fmt: skip
+            cells += [
+                median_and_worst([float(part[which][k]) for part, k in zip(runs, at, strict=True)])
+                for which in (1, 2)
+            ]
         print(f"| {since:g} s | " + " | ".join(cells) + " |")
     print(f"\n| | others at most | all gains within {100 * ENOUGH:g} % from |\n|---|---|---|")
     for sensors, runs in found.items():
@@ -90,8 +93,10 @@ def main() -> None:
             far = np.flatnonzero(np.maximum(own, others) > ENOUGH)
             known = t[far[-1] + 1] if far[-1] + 1 < len(t) else np.inf
             peak = int(np.argmax(others))
-            print(f"| {sensors}, seed {seed} | {100 * others[peak]:.2g} % at {t[peak]:.1f} s "
-                  f"| {known:.1f} s |")  # fmt: skip
+            print(
+                f"| {sensors}, seed {seed} | {100 * others[peak]:.2g} % at {t[peak]:.1f} s "
+                f"| {known:.1f} s |"
+            )
 
 
 if __name__ == "__main__":

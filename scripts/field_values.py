@@ -1,11 +1,12 @@
-"""Puts random values into random fields of the packed scenarios and counts how the tries end.
+"""Fuzzes the fields of the included scenarios with random values and counts the outcomes.
 
     python scripts/field_values.py [--tries 2285] [--seed 0] [--build]
 
 A try replaces one to three fields by `dataclasses.replace`, in the scenario's JSON, or by flags. It
-must end in a scenario that survives JSON, or in an `InvalidInput` or `UnknownName`; a command line
-may also exit with code 2. With --build a valid scenario must also give a plant, a driver and
-identifiers, or a typed error. Anything else counts as untyped, and is printed.
+must end in a scenario that survives a round trip through JSON, or in an `InvalidInput` or
+`UnknownName`; a command line may also exit with code 2. With --build, a valid scenario must also
+give a plant, a driver and identifiers, or a typed error. Any other outcome counts as untyped and is
+printed.
 """
 
 from __future__ import annotations
@@ -21,15 +22,13 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from nsaid_mj import Scenario
 from nsaid_mj.bounds import shown
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput, NsaidError, UnknownName
 from nsaid_mj.experiment.fields import field_at, field_paths, with_fields
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import prepare
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.resources import scenarios
 
 NAN, INF = float("nan"), float("inf")
@@ -61,25 +60,26 @@ TYPED = (InvalidInput, UnknownName)
 
 @cache
 def packed(name: str) -> Scenario:
-    """A packed scenario."""
+    """An included scenario, loaded once."""
     return load(name)
 
 
 @cache
 def places(name: str) -> list[str]:
-    """Dotted names of a scenario's fields, and of the parts they are in."""
+    """Dotted names of a scenario's fields and of its nested parts."""
     leaves = field_paths(packed(name))
     parts = {path.rpartition(".")[0] for path in leaves} - {""}
     return [*leaves, *sorted(parts)]
 
 
 def check(scenario: Scenario, build: bool) -> None:
-    """Asserts that a scenario is sound; makes all that a run needs before its first step."""
+    """Asserts that a scenario survives JSON; with `build`, makes plant, identifiers and driver."""
     assert Scenario.from_json(scenario.to_json()) == scenario
     assert scenario.steps >= 2 and len(scenario.hash) == 12
     if build:
-        plant, prior, _ = prepare(scenario)
-        scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
+        setup = Setup.of(scenario)
+        setup.identifiers()
+        setup.driver()
 
 
 def replaced(scenario: Scenario, values: dict[str, Any]) -> Scenario:
@@ -88,7 +88,7 @@ def replaced(scenario: Scenario, values: dict[str, Any]) -> Scenario:
 
 
 def rewritten(scenario: Scenario, values: dict[str, Any]) -> Scenario:
-    """A scenario with fields replaced in its JSON; what JSON cannot write is replaced by a list."""
+    """A scenario with fields replaced in its JSON; values that JSON cannot hold become a list."""
     tree = json.loads(scenario.to_json())
     for path, value in values.items():
         *parents, last = path.split(".")
@@ -127,7 +127,7 @@ WAYS: dict[str, Callable[[Scenario, dict[str, Any]], Scenario | None]] = {
 
 
 def outcome(way: str, name: str, values: dict[str, Any], build: bool = False) -> str:
-    """How a try ends: `valid`, `refused`, or what is raised that should not be."""
+    """The outcome of a try: `valid`, `refused`, `not built`, or the unexpected error in words."""
     try:
         scenario = WAYS[way](packed(name), values)
         if scenario is not None:
@@ -142,7 +142,7 @@ def outcome(way: str, name: str, values: dict[str, Any], build: bool = False) ->
 
 
 def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
-    """A way, a scenario and values for some of its fields."""
+    """A random way to set fields, a scenario's name, and values for some of its fields."""
     way, name = rng.choice(list(WAYS)), rng.choice(list(scenarios()))
     found = places(name)
     chosen = rng.sample(found, rng.choice((1, 1, 1, 2, 3)))
@@ -150,7 +150,7 @@ def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
     values = {}
     for path in chosen:
         kind = rng.random()
-        if kind < 0.1:  # the value itself, of another scenario's field
+        if kind < 0.1:  # a valid value of some scenario's field
             other = rng.choice(list(scenarios()))
             values[path] = field_at(packed(other), rng.choice(places(other)))
         elif kind < 0.2:
@@ -163,7 +163,7 @@ def drawn(rng: random.Random) -> tuple[str, str, dict[str, Any]]:
 
 
 def main() -> int:
-    """Prints how the tries end; returns the exit code."""
+    """Prints the counts of all outcomes; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--tries", type=int, default=2285)
     parser.add_argument("--seed", type=int, default=0)
@@ -176,8 +176,8 @@ def main() -> int:
         known = end in ("valid", "refused", "not built")
         ends[f"{way}, {end}" if known else "untyped"] += 1
         if not known:
-            told = ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
-            print(f"{way}, {name}, {told}: {end}", flush=True)
+            changes = ", ".join(f"{path} = {shown(value)}" for path, value in values.items())
+            print(f"{way}, {name}, {changes}: {end}", flush=True)
     for end, count in sorted(ends.items()):
         print(f"{count:5} {end}")
     print(f"{ends['untyped']} of {chosen.tries} end untyped")

@@ -1,16 +1,16 @@
-"""Hashes what runs record: a change of the code's shape must change no number.
+"""Checks that refactoring leaves all recorded numbers unchanged, by hashes of short runs.
 
-Runs every scenario for a short while with the laws paper, cone and memory, under ideal and noisy
-sensors, arms on both backends, and prints one hash for each run over the columns of record.arrow.
+Runs every scenario briefly with the laws paper, cone and memory, with ideal and noisy sensors, arms
+on both backends, and prints for each run one hash over the columns of record.arrow.
 
     python scripts/gate.py --save runs/gate          # before: hashes and columns
     python scripts/gate.py --against runs/gate       # after: the same hashes, or by how much not
 
-Metadata of the record do not count. Runs on Pinocchio's regressors, whose sums may be reordered,
-pass when no column differs by more than 1e-9 of its largest value, or by 1e-7 where the memory has
-no anchor (exact sensors): its implicit steps amplify rounding along directions that the data hardly
-show. All others must be equal to the bit. Bits depend on the processor and on the versions of
-numpy and numba: save and compare on one machine.
+The record's metadata are not hashed. Runs on Pinocchio's regressors, whose sums may be reordered,
+pass if no column differs by more than 1e-9 of its largest value, or by 1e-7 if the memory has no
+anchor (ideal sensors), because its implicit steps then amplify rounding in weakly excited
+directions. All other runs must be bit-identical. Results depend on the processor and on the
+versions of numpy and numba: save and compare on one machine.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ import nsaid_mj
 from nsaid_mj import Record, Scenario
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
-STEPS, SECONDS = 300, 1.5  # of a run: the longer of the two
-TOLERANCE, UNANCHORED = 1e-9, 1e-7  # of a column's largest value, on Pinocchio's regressors
+STEPS, SECONDS = 300, 1.5  # duration of a run: the longer of the two
+TOLERANCE, UNANCHORED = 1e-9, 1e-7  # relative to a column's largest value, Pinocchio's backend
 
 
 def cases(only: str) -> Iterator[tuple[str, Scenario]]:
-    """Every run by name."""
+    """The name and scenario of every run whose name contains `only`."""
     for path in sorted(SCENARIOS.glob("[!_]*.py")):
         found = runpy.run_path(str(path))["scenario"]
         arm = any(field.name == "backend" for field in fields(found.plant))
@@ -46,15 +46,22 @@ def cases(only: str) -> Iterator[tuple[str, Scenario]]:
                 for sensors in ("ideal", "noisy"):
                     name = "-".join(filter(None, (path.stem, backend, law, sensors)))
                     if only in name:
-                        yield name, replace(
-                            found, plant=plant, identifier=replace(found.identifier, law=law),
-                            sensors=sensors, held_out=max(2 * found.dt, 0.1), record_every=1,
-                            duration=max(SECONDS, STEPS * found.dt),
-                        )  # fmt: skip
+                        yield (
+                            name,
+                            replace(
+                                found,
+                                plant=plant,
+                                identifier=replace(found.identifier, law=law),
+                                sensors=sensors,
+                                held_out=max(2 * found.dt, 0.1),
+                                record_every=1,
+                                duration=max(SECONDS, STEPS * found.dt),
+                            ),
+                        )
 
 
 def columns_of(scenario: Scenario) -> dict[str, Any]:
-    """The columns that a run records."""
+    """Runs a scenario; returns the columns of its record."""
     with tempfile.TemporaryDirectory() as folder:
         nsaid_mj.run(scenario, Path(folder))
         return dict(Record.read(Path(folder)).columns)
@@ -83,7 +90,7 @@ def difference(columns: dict[str, Any], kept: Any) -> float:
 
 
 def main() -> int:
-    """Saves, or compares; returns the exit code."""
+    """Saves or compares; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--save", type=Path, metavar="FOLDER", help="keep hashes and columns")
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="compare with these")

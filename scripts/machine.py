@@ -1,4 +1,4 @@
-"""On what machine, and with which versions, something was measured."""
+"""The machine and the software versions of a measurement."""
 
 import os
 import platform
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def machine() -> dict[str, str | int | float]:
-    """Processor, how many there are, their load while measuring began, and versions."""
+    """Processor, number of cores, current load, and versions."""
     cpuinfo, processor = Path("/proc/cpuinfo"), platform.processor()
     if cpuinfo.is_file():
         lines = cpuinfo.read_text(encoding="utf-8").splitlines()

@@ -1,4 +1,4 @@
-"""The tables of docs/results.md: every scenario, seeds 0 to 2, worst of them, as Markdown.
+"""Generates the tables of docs/results.md: the worst of seeds 0 to 2 of every scenario.
 
 `python scripts/results.py [--law memory --duration 30] [--sensors noisy] [--gamma simulated]
 [--seeds 10,11] [NAME …]`; takes some minutes.
@@ -19,12 +19,18 @@ from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.resources import scenarios
 
-WORST = ("theta_perp_ratio_initial", "theta_perp_ratio", "force_residual_ratio",
-         "actuator_ratio_error", "conserved_drift", "lyapunov_violations")  # fmt: skip
+WORST = (
+    "theta_perp_ratio_initial",
+    "theta_perp_ratio",
+    "force_residual_ratio",
+    "actuator_ratio_error",
+    "conserved_drift",
+    "lyapunov_violations",
+)
 
 
 def worst(name: str, changes: dict[str, Any], seeds: tuple[int, ...], typical: bool) -> str:
-    """One row: the worst (or the median) of the seeds, and the fastest run's real-time factor."""
+    """One row: worst or median figures of the seeds, and the fastest run's real-time factor."""
     scenario = load(name)
     law = scenario.identifier
     if isinstance(law, NullspaceAID):
@@ -49,26 +55,44 @@ def worst(name: str, changes: dict[str, Any], seeds: tuple[int, ...], typical: b
     first = summaries[0]
     speed = max(s["real_time_factor"] for s in summaries)
     cells = [f"`{name}`", f"{first['n']}, {first['p']}, {first['r']}", f"{scenario.duration:g} s"]
-    told = [f"{np.mean(covered):.2f}"] if covered else ["–"]
-    return "| " + " | ".join([*cells, *figures, *told, f"{speed:.0f} ×"]) + " |"
+    coverage = [f"{np.mean(covered):.2f}"] if covered else ["–"]
+    return "| " + " | ".join([*cells, *figures, *coverage, f"{speed:.0f} ×"]) + " |"
 
 
 def main() -> None:
-    """Prints the table."""
+    """Runs all scenarios and prints the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--gamma", choices=("scale", "simulated"), default="scale")
     parser.add_argument("--law", choices=("paper", "cone", "memory"), default="paper")
     parser.add_argument("--sensors", choices=("ideal", "noisy"), default="ideal")
-    parser.add_argument("--duration", type=float, help="[s]; the scenario's own otherwise")
-    parser.add_argument("--median", action="store_true", help="of the seeds, not the worst")
-    parser.add_argument("--seeds", default="0,1,2", help="0,1,2 or 0:10")
+    parser.add_argument(
+        "--duration", type=float, help="of every run [s] (default: the scenario's own)"
+    )
+    parser.add_argument(
+        "--median", action="store_true", help="print medians of the seeds instead of the worst"
+    )
+    parser.add_argument("--seeds", default="0,1,2", help="as 0,1,2 or 0:10")
     chosen = parser.parse_args()
     first, _, end = chosen.seeds.partition(":")
-    seeds = (tuple(range(int(first), int(end))) if end
-             else tuple(int(seed) for seed in chosen.seeds.split(",")))  # fmt: skip
-    heads = ["scenario", "n, p, r", "run", "‖θ̄_P⊥‖/‖θ̂‖ at first", "at the end", "force residual",
-             "gains' shares", "conserved drift", "V rises", "95 % covers", "real time"]  # fmt: skip
+    seeds = (
+        tuple(range(int(first), int(end)))
+        if end
+        else tuple(int(seed) for seed in chosen.seeds.split(","))
+    )
+    heads = [
+        "scenario",
+        "n, p, r",
+        "run",
+        "‖θ̄_P⊥‖/‖θ̂‖ at first",
+        "at the end",
+        "force residual",
+        "gains' shares",
+        "conserved drift",
+        "V rises",
+        "95 % covers",
+        "real time",
+    ]
     print("| " + " | ".join(heads) + " |\n|" + "---|" * len(heads))
     for name in chosen.names or scenarios():
         print(worst(name, vars(chosen), seeds, chosen.median), flush=True)

@@ -1,4 +1,4 @@
-"""Pictures for the README, from real recordings: runs scenarios and photographs the viewer.
+"""Makes the pictures of the README: runs scenarios and takes screenshots of the viewer.
 
     python scripts/screenshots.py                       # the default scenarios, into docs/
     python scripts/screenshots.py ur5 --duration 20
@@ -6,7 +6,7 @@
 
 NAME.png is the recording's first page, NAME_close.png the robot alone.
 
-The viewer needs a Vulkan driver; without a graphics card, Debian's mesa-vulkan-drivers is one.
+The viewer needs a Vulkan driver; without a graphics card, install Debian's mesa-vulkan-drivers.
 """
 
 from __future__ import annotations
@@ -35,33 +35,45 @@ from nsaid_mj.reporting import finish
 from nsaid_mj.resources import scenarios
 
 SCENARIOS = (
-    "ur5", "double_pendulum", "wrong_gains", "scalar_rov", "bluerov2", "remus100", "uvms",
-    "hummingbird", "crazyflie", "borinot", "f1tenth", "bmw320i", "rover", "astrobee",
-)  # fmt: skip
+    "ur5",
+    "double_pendulum",
+    "wrong_gains",
+    "scalar_rov",
+    "bluerov2",
+    "remus100",
+    "uvms",
+    "hummingbird",
+    "crazyflie",
+    "borinot",
+    "f1tenth",
+    "bmw320i",
+    "rover",
+    "astrobee",
+)
 PAGE_ONLY = ("double_pendulum", "wrong_gains")  # no picture of the robot alone
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 SIZE = (1600, 1000)
-MENU = 33  # height of the viewer's own menu, which is cut off [pixels]
+MENU = 33  # height of the viewer's own menu, which is cropped [pixels]
 CLOSE, CLOSE_SIZE = (300, 100, 1300, 850), (1024, 640)
-DRAWN = 1.0  # until the viewer has drawn what it was told [s]
-LARGEST = 300_000  # of a picture [bytes]
-PATIENCE = 60.0  # for the viewer [s]
-TOASTS = 10.0  # until the viewer's messages of its start have gone [s]
+DRAWN = 1.0  # time for the viewer to redraw [s]
+LARGEST = 300_000  # size of a picture [bytes]
+PATIENCE = 60.0  # timeout of the viewer [s]
+TOASTS = 10.0  # time until the viewer's start-up notifications disappear [s]
 
 
 class PhotographError(NsaidError):
-    """The viewer could not be photographed."""
+    """No screenshot of the viewer could be taken."""
 
 
 def photograph(recording: Path, picture: Path, at: float, page: str = "", close: bool = False):
-    """Opens a recording without a window and stores what a user would see.
+    """Opens a recording in a headless viewer and saves a screenshot.
 
     Args:
         recording: the .rrd file.
         picture: the PNG to write.
-        at: where the time cursor stands [s].
+        at: position of the time cursor [s].
         page: the tab to open, "" for the first one.
-        close: stores the robot alone, smaller, as picture's neighbour "…_close.png" too.
+        close: whether to also save the robot alone, smaller, as "…_close.png".
 
     Raises:
         PhotographError: the viewer does not start, cannot render, or does not load the file.
@@ -72,10 +84,19 @@ def photograph(recording: Path, picture: Path, at: float, page: str = "", close:
         shot = Path(folder) / "shot.png"
         with log.open("wb") as stream:
             viewer = subprocess.Popen(
-                [*program(), "--headless", *listening(port), "--window-size",
-                 "{}x{}".format(*SIZE), "--hide-welcome-screen", str(recording.resolve())],
-                stdin=subprocess.DEVNULL, stdout=stream, stderr=stream,
-            )  # fmt: skip
+                [
+                    *program(),
+                    "--headless",
+                    *listening(port),
+                    "--window-size",
+                    "{}x{}".format(*SIZE),
+                    "--hide-welcome-screen",
+                    str(recording.resolve()),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=stream,
+            )
         try:
             client = connect(viewer, port)
             show(client, at, page)
@@ -85,7 +106,7 @@ def photograph(recording: Path, picture: Path, at: float, page: str = "", close:
                 maximize(client)
                 client.save_screenshot(str(shot))
                 reduce(shot, close_up(picture), CLOSE, CLOSE_SIZE)
-        except Exception as error:  # whatever the viewer does, say what it said
+        except Exception as error:  # the client raises many types; report the viewer's own output
             said = log.read_text(errors="replace")
             cause = said.partition("panicked at")[2].partition("stack backtrace")[0].strip()
             raise PhotographError(
@@ -98,7 +119,7 @@ def photograph(recording: Path, picture: Path, at: float, page: str = "", close:
 
 
 def connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
-    """Waits for a viewer that is starting."""
+    """Connects to a starting viewer; retries until it answers or times out."""
     end = time.monotonic() + PATIENCE
     while True:
         if viewer.poll() is not None:
@@ -107,14 +128,14 @@ def connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
             client = ViewerClient.connect(f"rerun+http://{LOCAL}:{port}/proxy")
             client.get_state()
             return client
-        except Exception:  # not there yet
+        except Exception:  # not ready yet
             if time.monotonic() > end:
                 raise
             time.sleep(0.2)
 
 
 def show(client: ViewerClient, at: float, page: str) -> None:
-    """Waits for the recording, opens a page, and puts the time cursor where it should stand."""
+    """Waits until the recording is loaded, sets the time cursor and opens a page."""
     end = time.monotonic() + PATIENCE
     while True:
         try:
@@ -142,7 +163,7 @@ def show(client: ViewerClient, at: float, page: str) -> None:
 
 
 def maximize(client: ViewerClient) -> None:
-    """Gives the whole window to the robot."""
+    """Maximises the view of the robot."""
     parts = client.get_blueprint().blueprint
     robot = next(v for v in client.get_state().views if v.name.startswith(("Forces", "Robot")))
     parts["/viewport"]["ViewportBlueprint"]["maximized"] = robot.view_id
@@ -151,10 +172,10 @@ def maximize(client: ViewerClient) -> None:
 
 
 def best_moment(result: SimulatedRun) -> float:
-    """A time [s] not far from half-way at which there is much to see.
+    """A time [s] near the middle of the run that makes a good picture.
 
-    That is where a vehicle is upright and shows its front and a side, and its arm and its forces
-    point across the view and not out of it; for anything else it is half-way.
+    For a vehicle, it is upright, seen from the front and the side, with its arm and its forces
+    across the line of sight. For other robots it is the middle of the run.
     """
     record, system, truth = result.record, result.plant.system, result.plant.truth
     t = record["t"]
@@ -179,20 +200,20 @@ def best_moment(result: SimulatedRun) -> float:
 
 
 def close_up(picture: Path) -> Path:
-    """Where the picture of the robot alone is."""
+    """Path of the picture that shows the robot alone."""
     return picture.with_name(f"{picture.stem}_close.png")
 
 
 def reduce(
     shot: Path, picture: Path, part: tuple[int, int, int, int], size: tuple[int, int]
 ) -> None:
-    """Halves a screenshot's pixels and colours until it is small enough to be committed.
+    """Crops and scales a screenshot, and reduces its colours until the file is below LARGEST.
 
     Args:
         shot: the screenshot.
         picture: the PNG to write.
-        part: left, top, right and bottom of what is kept, as of a window of SIZE.
-        size: that a whole window would be reduced to.
+        part: left, top, right and bottom of the crop, in pixels of a window of SIZE.
+        size: to which a whole window would be scaled.
     """
     image = Image.open(shot).convert("RGB")
     image = image.resize(SIZE, Image.Resampling.LANCZOS).crop(part)
@@ -206,16 +227,20 @@ def reduce(
 
 
 def main() -> int:
-    """Does what the command line says."""
+    """Takes the screenshots; returns the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("names", nargs="*", help=f"scenarios (default: {' '.join(SCENARIOS)})")
-    parser.add_argument("--duration", type=float, help="simulate so many seconds instead")
-    parser.add_argument("--at", type=float, help="time of the cursor [s] (default: a good one)")
+    parser.add_argument(
+        "--duration", type=float, help="of every run [s] (default: the scenario's own)"
+    )
+    parser.add_argument(
+        "--at", type=float, help="time of the cursor [s] (default: chosen automatically)"
+    )
     parser.add_argument("--page", default="", help="the tab to open, of a --file")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the pictures")
-    parser.add_argument("--file", type=Path, help="photograph this recording instead")
+    parser.add_argument("--file", type=Path, help="take a screenshot of this recording instead")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     try:

@@ -1,9 +1,9 @@
-"""How the law `memory` fares from many starts, drawn at e^{±error} on every block of the cone.
+"""How the law `memory` converges from many priors, drawn within e^{±error} on every block of θ.
 
 `python scripts/starts.py [NAME …] [--starts 25] [--seeds 100,101] [--seconds 20] [--json FILE]`
 
-For every scenario and seed the motion is simulated once, its driver built with the scenario's own
-prior; every start then identifies the same measurements. Vehicles by default.
+For every scenario and seed the motion is simulated once, with a driver based on the scenario's own
+prior; identification from every start then uses these measurements. The default is all vehicles.
 """
 
 import argparse
@@ -21,13 +21,21 @@ from nsaid_mj.studies.montecarlo import Course, identify, simulate
 from nsaid_mj.studies.sweep import seed_of
 from nsaid_mj.studies.sweep_results import Row
 
-VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
-            "scalar_rov")  # fmt: skip
+VEHICLES = (
+    "bluerov2",
+    "remus100",
+    "hummingbird",
+    "crazyflie",
+    "f1tenth",
+    "bmw320i",
+    "astrobee",
+    "scalar_rov",
+)
 ENOUGH = 0.01  # theta_perp_ratio
 
 
 def motion(name: str, seed: int, seconds: float) -> Course:
-    """Drives a scenario's plant, its driver built with the scenario's own prior."""
+    """Simulates a scenario's plant with a driver based on the scenario's own prior."""
     scenario = load(name)
     assert isinstance(scenario.identifier, NullspaceAID)
     law = replace(scenario.identifier, law="memory")
@@ -38,7 +46,7 @@ def motion(name: str, seed: int, seconds: float) -> Course:
 
 
 def start(scenario: Scenario, index: int, error: float) -> Scenario:
-    """The scenario whose prior is a start at e^{±error} of the truth."""
+    """The scenario with its prior drawn within e^{±error} of the truth, by start index."""
     seed = seed_of(scenario.seed, index)
     return replace(scenario, seed=seed, initial_error=error, gain_error=None)
 
@@ -51,14 +59,16 @@ def study(name: str, seed: int, starts: int, seconds: float, error: float) -> li
 
 
 def near(found: Row) -> bool:
-    """Whether a start came as near the true set as it should."""
+    """Whether identification from a start converged to within ENOUGH of the true set."""
     return found["status"] == Status.completed.words and found["theta_perp_ratio"] <= ENOUGH
 
 
 def line(name: str, results: list[Row]) -> str:
     """One row of the table."""
-    first, last = (np.array([found[key] for found in results])
-                   for key in ("theta_perp_ratio_initial", "theta_perp_ratio"))  # fmt: skip
+    first, last = (
+        np.array([found[key] for found in results])
+        for key in ("theta_perp_ratio_initial", "theta_perp_ratio")
+    )
     lost = [found["status"] != Status.completed.words for found in results]
     far = sum(not near(found) for found in results)
     drift = max(found["conserved_drift"] for found in results)
@@ -68,7 +78,7 @@ def line(name: str, results: list[Row]) -> str:
 
 
 def failures(results: list[Row]) -> Iterator[str]:
-    """What did not meet the bar, with the seeds to see it again."""
+    """Starts that did not converge, with the seeds that reproduce them."""
     for found in sorted(results, key=lambda found: (found["motion"], found["run"])):
         if not near(found):
             what = "{scenario} seed {motion} start {run}: {status} at {status_time:.2f} s, "
@@ -80,22 +90,25 @@ def main() -> None:
     """Prints the table and the failures, and writes all results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
-    parser.add_argument("--starts", type=int, default=25, help="for every seed")
+    parser.add_argument("--starts", type=int, default=25, help="number for every seed")
     parser.add_argument("--seeds", default="100,101,102,103,104")
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--error", type=float, default=1.0)
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     names, results = chosen.names or VEHICLES, {}
-    with ProcessPoolExecutor(2) as pool:  # the memory's steps are Python's: threads would wait
+    with ProcessPoolExecutor(2) as pool:  # the memory's steps hold the GIL
         waiting = {
             pool.submit(study, name, int(seed), chosen.starts, chosen.seconds, chosen.error): name
-            for name in names for seed in chosen.seeds.split(",")
-        }  # fmt: skip
+            for name in names
+            for seed in chosen.seeds.split(",")
+        }
         for done in as_completed(waiting):
             results.setdefault(waiting[done], []).extend(done.result())
-    print("| scenario | starts | lost | > 0.01 | ratio at first, median | "
-          f"after {chosen.seconds:g} s, median | … worst | conserved drift, worst |")  # fmt: skip
+    print(
+        "| scenario | starts | lost | > 0.01 | ratio at first, median | "
+        f"after {chosen.seconds:g} s, median | … worst | conserved drift, worst |"
+    )
     print("|" + "---|" * 8)
     for name in names:
         print(line(name, results[name]))

@@ -1,10 +1,9 @@
-"""What it costs to start: wall time of whole commands, each in a process of its own.
+"""Start-up cost: wall time of whole commands, each in a process of its own.
 
     python scripts/startup.py [--runs 5] [FILE.json]
 
-The kernels' cache is warm: every command is run once before it is timed. Of a sweep it is told what
-its pool costs once, and what a run costs beside its time loop: two sweeps that differ in length
-alone are compared.
+The kernels' cache is warm: every command runs once before it is timed. For sweeps, the fixed cost
+of the pool and the cost per run outside its time loop follow from two sweeps of different length.
 """
 
 import argparse
@@ -25,11 +24,11 @@ COMMANDS = (
     "list",
     "run ur5 --duration 1",
     "run ur5 --duration 1 --law memory",
-    "run ur5 --duration 1 --plant.backend compiled",
+    "run ur5 --duration 1 --plant.backend pinocchio",
     "run bluerov2 --duration 1",
 )
 SWEEPS = ("scalar_rov --duration 2 --held-out 1", "ur5 --duration 1 --held-out 1")
-SHORT, LONG = 4, 28  # runs of the sweeps that are compared
+SHORT, LONG = 4, 28  # numbers of runs in the two sweeps
 _CALL = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
 
 
@@ -39,7 +38,7 @@ def seconds(command: str, folder: str) -> float:
     if words[0] in ("run", "sweep"):
         words += ["--quiet", "--out", folder]
     if words[0] == "run":
-        words += ["--force"]  # over the run that was timed before
+        words += ["--force"]  # overwrite the previous run
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     begin = time.perf_counter()
     called = [sys.executable, "-c", _CALL, *words]
@@ -48,19 +47,23 @@ def seconds(command: str, folder: str) -> float:
 
 
 def startups(runs: int) -> list[dict[str, Any]]:
-    """A row for each command: median and quartiles of its times. The commands take turns."""
+    """A row for each command: median and quartiles of its times, measured in alternation."""
     with tempfile.TemporaryDirectory() as folder:
         times = [[seconds(command, folder) for command in COMMANDS] for _ in range(runs + 1)]
     low, median, high = np.percentile(times[1:], [25, 50, 75], axis=0)
     return [
-        {"what": f"nsaid {command}", "seconds": float(m), "quartiles": [float(a), float(b)],
-         "runs": runs}
+        {
+            "what": f"nsaid {command}",
+            "seconds": float(m),
+            "quartiles": [float(a), float(b)],
+            "runs": runs,
+        }
         for command, m, a, b in zip(COMMANDS, median, low, high, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def sweeps(runs: int) -> list[dict[str, Any]]:
-    """A row for each sweep on one worker: its fixed cost, and a run's with and without its loop."""
+    """A row for each sweep on one worker: fixed cost, cost per run with and without the loop."""
     rows = []
     for sweep in SWEEPS:
         times, loops = [], []
@@ -74,14 +77,20 @@ def sweeps(runs: int) -> list[dict[str, Any]]:
             run = (took[1] - took[0]) / (LONG - SHORT)
             times.append((took[0] - SHORT * run, run))
         fixed, run = np.median(times, axis=0)
-        rows.append({"what": f"nsaid sweep {sweep} --jobs 1", "fixed_s": float(fixed),
-                     "run_s": float(run), "run_without_loop_s": float(run - np.median(loops)),
-                     "runs": runs})  # fmt: skip
+        rows.append(
+            {
+                "what": f"nsaid sweep {sweep} --jobs 1",
+                "fixed_s": float(fixed),
+                "run_s": float(run),
+                "run_without_loop_s": float(run - np.median(loops)),
+                "runs": runs,
+            }
+        )
     return rows
 
 
 def main() -> None:
-    """Prints a table, and writes it where a file is named."""
+    """Prints a table; also writes JSON if a file is named."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path, nargs="?")
     parser.add_argument("--runs", type=int, default=5)
@@ -92,8 +101,10 @@ def main() -> None:
         low, high = row["quartiles"]
         print(f"{row['seconds']:6.2f} s ({low:.2f} … {high:.2f})  {row['what']}")
     for row in repeated:
-        print(f"{row['fixed_s']:6.2f} s once, {row['run_s']:.3f} s a run, "
-              f"{row['run_without_loop_s']:.3f} s beside its time loop  {row['what']}")  # fmt: skip
+        print(
+            f"{row['fixed_s']:6.2f} s once, {row['run_s']:.3f} s a run, "
+            f"{row['run_without_loop_s']:.3f} s beside its time loop  {row['what']}"
+        )
     if chosen.file:
         found = {"machine": here, "rows": rows, "sweeps": repeated}
         chosen.file.write_text(json.dumps(found, indent=2) + "\n")

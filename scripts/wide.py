@@ -1,4 +1,4 @@
-"""What identifiers cost when many follow one motion: rows for `make bench`.
+"""Cost of many identifiers along one motion: rows for `make bench`.
 
 `python scripts/wide.py [xarm7 ur5 bluerov2] [--runs 256] [--jobs 2] [--steps 1000]`
 """
@@ -22,7 +22,7 @@ REPEATS = 5
 
 
 def scenario_of(name: str, law: Law) -> Scenario:
-    """A packed scenario with the compiled backend, from priors 10 % off."""
+    """An included scenario with the compiled backend and priors within 10 % of the truth."""
     scenario = load(name)
     plant = scenario.plant
     if name == "xarm7":  # without rotors: 91 parameters
@@ -35,9 +35,9 @@ def scenario_of(name: str, law: Law) -> Scenario:
 
 
 def cost(name: str, law: Law, runs: int = 256, jobs: int = 2, steps: int = 1000) -> dict[str, Any]:
-    """A row: µs per run and step by the clock, and of processors' time; medians of repeats.
+    """A row with medians of wall time and processor time [µs] per run and time step.
 
-    From the log on: priors are drawn and identifiers built, but nothing is judged.
+    Simulation is not timed; drawing priors and building identifiers is. Nothing is evaluated.
     """
     scenario = scenario_of(name, law)
     scenario = replace(scenario, duration=steps * scenario.dt)
@@ -50,7 +50,7 @@ def cost(name: str, law: Law, runs: int = 256, jobs: int = 2, steps: int = 1000)
             begin = time.perf_counter(), time.process_time()
             waiting = [pool.submit(follow, course, group) for group in grouped(draws, jobs)]
             ends = [run.ended for done in waiting for run in done.result()]
-            assert not any(ends), "one that ends early costs less"
+            assert not any(ends), "a run ended early, which would cost less"
             times.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
     wall, processor = (1e6 * np.array(times) / (runs * steps)).T
     low, median, high = np.percentile(wall, [25, 50, 75])

@@ -1,6 +1,6 @@
-"""Other people's methods on the same logs: what identification is compared with."""
+"""Established identification methods, for comparison on identical logs."""
 
-from .. import numerics as numerics  # where kernels are kept: before the first one
+from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .adaptive import follow as follow
 from .base import Estimate as Estimate
 from .base import Method as Method
@@ -16,4 +16,4 @@ BATCH: dict[str, Method] = {
     "rls": normalised,
     "ekf": kalman,
 }
-"""The methods that need nothing but a problem, by name."""
+"""The methods that need only a `Problem`, by name."""

@@ -1,4 +1,4 @@
-"""Our identifiers and the conventional one, run over a log as they would run beside the robot."""
+"""The package's own identifiers as methods: run once along a log, as they would run online."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ from .base import Estimate, Problem
 
 
 def follow(identifier: Identifier, problem: Problem) -> Estimate:
-    """The identifier's last estimate; it has its own prior.
+    """The identifier's final estimate.
+
+    Args:
+        identifier: starts from its own prior.
+        problem: only its log is used.
 
     Raises:
-        NoEstimate: it ended early.
+        NoEstimate: the identifier ended early.
     """
     log = problem.log
     state, made = identifier.follow(identifier.init(log.at(0)), log)

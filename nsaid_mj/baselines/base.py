@@ -1,4 +1,4 @@
-"""What a method is: a function from a log, a structure, a prior and stated noise to an estimate."""
+"""The interface of a method: a function of log, structure, prior and noise levels."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class Problem(NamedTuple):
 
     Attributes:
         system: the structure.
-        log: what was measured.
+        log: measurements and commands.
         prior: (p,) θ̂(0).
-        noise: what is stated of the sensors.
+        noise: standard deviations of the sensors, as stated by their data sheet.
     """
 
     system: SecondOrderSystem
@@ -27,11 +27,11 @@ class Problem(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What a method has found.
+    """The result of a method.
 
     Attributes:
-        theta: (p,) the estimate.
-        note: what the method chose by itself, in words.
+        theta: (p,) the estimate θ̂.
+        note: settings that the method chose from the data, in words.
     """
 
     theta: Array
@@ -39,4 +39,4 @@ class Estimate(NamedTuple):
 
 
 Method = Callable[[Problem], Estimate]
-"""A method raises an `NsaidError` where it finds no estimate."""
+"""A method raises an `NsaidError` if it finds no estimate."""

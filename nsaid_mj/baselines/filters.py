@@ -1,4 +1,4 @@
-"""Zero-phase filters of a log and of its regression."""
+"""Zero-phase filters for a log and for its regressors."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _ORDER = 4
 
 
 def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
-    """The log with q and v through a zero-phase Butterworth filter; u stays what it was.
+    """The log with q and v passed through a zero-phase Butterworth filter; u is unchanged.
 
-    Positions that are not plain numbers are filtered as numbers, and each is then moved along the
-    tangent of its own measurement, so that it stays a position.
+    Positions on a manifold are filtered component by component; each measured position is then
+    moved along its tangent space towards the filtered value, so that it remains on the manifold.
 
     Args:
         system: the structure.
-        log: at a constant rate.
-        cutoff: of the filter [Hz]; at most 0.8 of the Nyquist frequency is used.
+        log: at a constant sampling rate.
+        cutoff: of the filter [Hz]; limited to 0.8 of the Nyquist frequency.
     """
     rate = 1 / log.step
     sections = signal.butter(_ORDER, min(cutoff, 0.4 * rate), fs=rate, output="sos")
@@ -39,7 +39,7 @@ def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
 
 
 def _continuous(system: SecondOrderSystem, q: Array) -> Array:
-    """Positions (N, m) whose quaternions, the same attitude twice over, do not change sides."""
+    """Positions (N, m) with quaternion signs chosen so that they are continuous in time."""
     if system.group != 6:
         return q
     attitude = q[:, 3:7]
@@ -51,10 +51,15 @@ def _continuous(system: SecondOrderSystem, q: Array) -> Array:
 
 
 def low_passed(W: Array, rate: float, cutoff: float) -> Array:
-    """(K, n, p) rows (N, n, p) through one and the same zero-phase filter, decimated to 4 cutoff.
+    """(K, n, p) rows of W, low-pass filtered and decimated to a rate of 4·cutoff.
 
-    The filter is a window of finite length with a linear phase, half its amplitude at the
-    cut-off; only samples that it covers whole are kept.
+    The filter is a symmetric FIR filter with half amplitude at the cut-off; rows where it would
+    extend beyond the data are dropped.
+
+    Args:
+        W: (N, n, p) rows.
+        rate: sampling rate [Hz].
+        cutoff: [Hz].
     """
     half = int(np.ceil(1.5 * rate / cutoff))
     kernel = signal.firwin(2 * half + 1, cutoff, fs=rate)

@@ -1,4 +1,4 @@
-"""Batch least squares: ordinary, and filtered and weighted as practitioners do it."""
+"""Batch least squares: ordinary, and filtered and weighted as in common practice."""
 
 from __future__ import annotations
 
@@ -15,33 +15,34 @@ from .regression import Gauge, central_rows, condense
 
 SMOOTHING = 30.0  # cut-off of the filter on q and v [Hz]
 _FOLDS = 4  # of the cross-validation, contiguous in time
-_STEPS, _HALVINGS = 12, 8  # of Gauss–Newton, at most
-_CONVERGED = 1e-2  # of a logarithm of a likelihood
-_IDLE = 1e-9  # a row whose actuator columns are smaller than this share of it is not driven
+_STEPS, _HALVINGS = 12, 8  # largest numbers of Gauss–Newton steps and of halvings of a step
+_CONVERGED = 1e-2  # change of the log-likelihood at convergence
+_IDLE = 1e-9  # ratio of actuator columns to row below which the velocity is not actuated
 
 
 def ordinary(problem: Problem) -> Estimate:
-    """Least squares on raw central differences: min ‖W θ‖² over all rows alike."""
+    """Least squares on raw central differences: min ‖W θ‖² with equal weights."""
     gauge = Gauge(problem.system, problem.prior)
     factors = condense(central_rows(problem.system, problem.log))
     return Estimate(gauge.scale * gauge.solve(factors.reshape(-1, problem.system.p)))
 
 
 def weighted(gauge: Gauge, W: Array) -> Array:
-    """(p,) θ/scale of weighted least squares, as practitioners weigh: in units of command.
+    """(p,) θ/scale of iteratively reweighted least squares, with residuals in units of command.
 
-    The residual of a velocity row is W_i θ over the rms of its actuator forces under θ, so that
-    no gain can shrink to make its row's noise small. Rows are weighted by their own residuals:
-    that is the most likely θ under Gaussian noise of unknown size in every row, the minimum of
-    N Σ_i log‖r_i‖ + ½ ‖θ_s − θ̂_s(0)‖². The second term holds what the rows tell least; it is the
-    prior, off by one scale. Gauss–Newton steps, halved until the sum falls.
+    The residual r_i of velocity i is W_i θ over the rms of its actuator forces under θ, so that
+    shrinking a gain does not reduce it. Weights follow from the residuals themselves: this is the
+    maximum-likelihood estimate under Gaussian noise of unknown variance in every velocity, the
+    minimum of N Σ_i log‖r_i‖ + ½ ‖θ_s − θ̂_s(0)‖². The second term is a prior of standard deviation
+    1 in θ/scale; it regularises poorly excited directions. Solved by Gauss–Newton steps, halved
+    until the cost decreases.
 
     Args:
-        gauge: what the rows do not tell.
+        gauge: scale and unobserved directions, from the prior.
         W: (N, n, p) rows of W·diag(scale).
     """
     factors = condense(W)
-    forces = factors * gauge.normal  # of the actuators alone
+    forces = factors * gauge.normal  # actuator columns only
     driven = np.linalg.norm(forces, axis=(1, 2)) > _IDLE * np.linalg.norm(factors, axis=(1, 2))
     trial = _Residuals(gauge, factors, forces, driven, gauge.start, len(W))
     theta_s = gauge.solve(trial.scaled)
@@ -63,10 +64,18 @@ def weighted(gauge: Gauge, W: Array) -> Array:
 
 
 class _Residuals:
-    """The residuals of all rows in units of command, at one θ/scale.
+    """Residuals of all velocities in units of command, at one θ/scale.
+
+    Args:
+        gauge: scale and unobserved directions, from the prior.
+        factors: (n, p, p) of `condense`.
+        forces: (n, p, p) their actuator columns; the others are 0.
+        driven: (n,) whether an actuator acts on the velocity.
+        theta_s: (p,) θ/scale.
+        rows: N, the number of samples.
 
     Attributes:
-        cost: what `weighted` minimises.
+        cost: the objective that `weighted` minimises.
     """
 
     def __init__(
@@ -85,7 +94,7 @@ class _Residuals:
 
     @property
     def scaled(self) -> Array:
-        """(k, p) rows in units of command as the actuator forces are now, all alike."""
+        """(k, p) rows in units of command under the current actuator forces, not weighted."""
         rows = self._factors / self._force[:, None, None]
         return rows.reshape(-1, rows.shape[2])
 
@@ -102,11 +111,11 @@ class _Residuals:
 
 
 def practitioners(problem: Problem) -> Estimate:
-    """Filtered weighted least squares, its second cut-off chosen by prediction within the log.
+    """Filtered weighted least squares with a cut-off chosen by cross-validation.
 
-    q and v go through a zero-phase Butterworth filter, v̇ is the central difference of v, then one
-    and the same low-pass filter goes over all columns of W, those of u too, which are decimated;
-    the rows of each velocity are weighted by their residuals, iterated.
+    q and v pass through a zero-phase Butterworth filter, and v̇ is the central difference of v. All
+    columns of W, those of u included, pass through one low-pass filter and are decimated. The rows
+    of each velocity are weighted by their residuals, iteratively.
 
     Raises:
         InvalidInput: the log is too short for any cut-off.
@@ -118,7 +127,7 @@ def practitioners(problem: Problem) -> Estimate:
 
 
 def filtered(problem: Problem) -> tuple[Array, float, float]:
-    """(N, n, p) rows of the smoothed log, their rate and the chosen cut-off [Hz].
+    """(N, n, p) rows of W·diag(scale) of the smoothed log, their rate and the chosen cut-off [Hz].
 
     Raises:
         InvalidInput: the log is too short for any cut-off.
@@ -130,14 +139,20 @@ def filtered(problem: Problem) -> tuple[Array, float, float]:
 
 
 def choose_cutoff(problem: Problem, log: Log, W: Array, rate: float) -> float:
-    """The cut-off [Hz] whose estimates best predict the velocity where they have not seen it.
+    """The cut-off [Hz] whose estimates best predict velocity changes in held-out data.
 
-    The log is cut into contiguous folds. An estimate from the others predicts by how much v
-    changes over short windows of the one left out: the error is M̂⁻¹ Σ W θ̂ dt. As Σ v̇ dt is a
-    difference of two velocities, its noise is the same for all candidates, where a residual of
-    W θ̂ would reward estimates that shrink with the noise of their regressors. Errors of each
-    velocity are compared by the logarithm of their mean square, the likelihood of a Gaussian of
-    unknown variance. Nothing but the log is used.
+    The log is split into contiguous folds. An estimate from all folds but one predicts the changes
+    of v over short windows of the remaining one, with error M̂⁻¹ Σ W θ̂ dt. As Σ v̇ dt is the
+    difference of two velocities, its noise does not depend on the candidate; a residual of W θ̂
+    would favour estimates that are biased towards zero by noisy regressors. The score is the sum
+    over velocities of the log of the mean squared error, the likelihood of Gaussian errors of
+    unknown variance.
+
+    Args:
+        problem: whose structure and prior are used.
+        log: N samples, smoothed.
+        W: (N−2, n, p) its rows of W·diag(scale).
+        rate: sampling rate [Hz].
 
     Raises:
         InvalidInput: the log is too short for any cut-off.
@@ -158,15 +173,17 @@ def choose_cutoff(problem: Problem, log: Log, W: Array, rate: float) -> float:
         if score < best:
             best, chosen = score, cutoff
     if not chosen:
-        raise InvalidInput("log", "a log long enough to be filtered", f"{len(W) / rate:.3g} s",
-                           "Record longer.")  # fmt: skip
+        raise InvalidInput(
+            "log", "a log long enough to be filtered", f"{len(W) / rate:.3g} s", "Record longer."
+        )
     return chosen
 
 
 def candidates(rate: float, samples: int, system: SecondOrderSystem) -> list[float]:
-    """Cut-offs [Hz], half an octave apart, at which three folds of four still tell enough.
+    """Candidate cut-offs [Hz], half an octave apart.
 
-    Enough is twice as many rows as parameters, and a filter no longer than the first fold.
+    At each, three of four folds give at least twice as many rows as parameters, and the filter is
+    no longer than a fold.
     """
     duration = samples / rate
     lowest = max(2 * system.p / (3 * duration * system.n), 3.5 * _FOLDS / duration)
@@ -174,7 +191,7 @@ def candidates(rate: float, samples: int, system: SecondOrderSystem) -> list[flo
 
 
 class _Windows:
-    """What predicts velocity changes over short windows: their summed rows, and M there.
+    """Summed rows of W and mass matrices over short windows, to predict velocity changes.
 
     Args:
         system: the structure.
@@ -191,8 +208,10 @@ class _Windows:
         self.start = np.arange(count) * self.width
         middle = self.start + self.width // 2 + 1
         x = np.hstack([log.q, log.v])[middle]
-        self.columns = [system.W_M(x, np.broadcast_to(e, (count, system.n))) * system.space.scale
-                        for e in np.eye(system.n)]  # fmt: skip
+        self.columns = [
+            system.W_M(x, np.broadcast_to(e, (count, system.n))) * system.space.scale
+            for e in np.eye(system.n)
+        ]
 
     def errors(self, theta_s: Array, first: int, last: int) -> Array:
         """(k, n) errors of the predicted changes of v, in windows within [first, last)."""
@@ -202,7 +221,7 @@ class _Windows:
 
 
 def window(log: Log) -> int:
-    """In how many samples the velocity changes by about its own size."""
+    """Number of samples, a power of two, in which v changes by about its standard deviation."""
     spread = np.maximum(log.v.std(axis=0), 1e-12)
     width = 1
     while width < len(log.t) // 40:

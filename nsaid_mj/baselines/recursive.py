@@ -1,4 +1,4 @@
-"""Recursive estimators: least squares on the normalised form (17), a Kalman filter."""
+"""Recursive estimators: least squares on the normalised form (17), and a Kalman filter."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from .least_squares import window
 from .regression import central_rows
 
 _SPREAD = 0.3  # standard deviation of the prior, in θ/scale
-_ROUGHNESS = 1e-4  # what differences are trusted to, as a share of the forces at work
-_MODEL = 1e-3  # what Heun's prediction is trusted to, as a share of the step's change of v
-_EXACT = 1e-4  # standard deviation of an exact velocity, as a share of its size
-_CURVATURE = 1e-6  # step of the differences of the acceleration, as a share of the velocity's size
+_ROUGHNESS = 1e-4  # standard deviation of the differences' error, relative to the acting forces
+_MODEL = 1e-3  # standard deviation of Heun's error, relative to the change of v in a time step
+_EXACT = 1e-4  # standard deviation assumed for exact velocities, relative to their rms
+_CURVATURE = 1e-6  # step of the finite differences of v̇ along v, relative to the rms of v
 
 
 def normalised(problem: Problem) -> Estimate:
     """Recursive least squares on the normalised form (17): W θ/k₁ = 0 with the first gain known.
 
-    Rows are those of central differences. Where noise is stated they first go through a causal
-    low-pass filter, one and the same for all columns, and are decimated. The start is the prior
-    with a standard deviation of 0.3 of the scale; nothing is forgotten.
+    Rows come from central differences. If velocity noise is stated, all columns first pass through
+    one causal low-pass filter and are decimated. The initial estimate is the prior, with a standard
+    deviation of 0.3 of the scale; the forgetting factor is 1.
     """
     system, log, prior, noise = problem
     W, note, response = central_rows(system, log), "", np.ones(1)
@@ -59,15 +59,16 @@ def normalised(problem: Problem) -> Estimate:
 
 
 def _filtered(sections: Any, x: Array) -> Array:
+    """x (N, ...) through a causal filter of second-order sections, along the first axis."""
     return np.asarray(signal.sosfilt(sections, x, axis=0), dtype=np.float64)
 
 
 def _acceleration_noise(
     system: SecondOrderSystem, log: Log, prior: Array, noise: SensorLevels, response: Array
 ) -> Array:
-    """(n,) standard deviation of M̂ v̇ from central differences of noise, under the prior.
+    """(n,) standard deviation of M̂ v̇ caused by velocity noise, under the prior.
 
-    The differences have gone through a filter with the given impulse response.
+    v̇ is a central difference, filtered with the given impulse response.
     """
     k = np.linspace(0, len(log.t) - 1, 20).astype(int)
     M = system.mass_matrix(np.hstack([log.q, log.v])[k], prior)
@@ -77,10 +78,10 @@ def _acceleration_noise(
 
 
 def kalman(problem: Problem) -> Estimate:
-    """Extended Kalman filter of the state (v, θ/scale), v̇ as in (29) and θ̇ = 0, measuring v.
+    """Extended Kalman filter with state (v, θ/scale) and measurement v; v̇ of (29), θ̇ = 0.
 
-    The positions are taken as measured. As W θ = M v̇ + … = 0, ∂v̇/∂θ = −M⁻¹ W; ∂v̇/∂v is by
-    differences. The prediction is Heun's.
+    Measured positions are used as they are. As W θ = M v̇ + … = 0, ∂v̇/∂θ = −M⁻¹ W; ∂v̇/∂v is
+    computed by finite differences, and the prediction by Heun's method.
 
     Raises:
         NoEstimate: M̂ is not positive definite.
@@ -104,7 +105,7 @@ def kalman(problem: Problem) -> Estimate:
             t + h, log.q[k + 1], later, u, later, theta
         )
         if not min(pivot, pivot_later) > 0:
-            raise NoEstimate(f"M̂ not positive definite at t = {t:.3g} s", "Take a better prior.")
+            raise NoEstimate(f"M̂ not positive definite at t = {t:.3g} s", "Use a better prior.")
         J = np.empty((n, n))
         for j in range(n):
             moved = v.copy()

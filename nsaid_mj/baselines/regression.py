@@ -1,8 +1,8 @@
-"""The regression that all batch methods share: rows of W θ = 0 (13), and the scale they leave free.
+"""The regression common to all batch methods: rows of W θ = 0 (13), and the free scale of θ.
 
-All regressors are taken in θ/scale. A log says nothing about the common scale of θ, so it is fixed
-by the prior: Σ k_i/scale_i over the actuator gains stays what it was. Directions that the rows do
-not see stay at the prior: of all minimisers the one nearest to it in θ/scale is taken.
+All regressors are those of θ/scale. A log contains no information on the common scale of θ; the
+prior fixes it: Σ k_i/scale_i over the actuator gains keeps its value. Unobserved directions keep
+the prior's values: of all minimisers, the one nearest to the prior in θ/scale is returned.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ..system import SecondOrderSystem
 def central_rows(system: SecondOrderSystem, log: Log) -> Array:
     """(N−2, n, p) W(t, x, v, v̇, u)·diag(scale) of (10) at the inner samples.
 
-    v̇ is the central difference of the measured velocities: the mean acceleration over the two
-    steps beside a sample. The force that made it is the mean over both, so F is averaged over
-    the two commands held there. Half a step of misalignment costs a factor of hundreds.
+    v̇ is the central difference of the measured velocities: the mean acceleration over the two time
+    steps next to a sample. F is therefore averaged over the two commands held during these steps;
+    a misalignment of half a time step would increase the error several hundred times.
 
     Raises:
-        InvalidInput: the log has less than three samples.
+        InvalidInput: the log has fewer than three samples.
     """
     t, q, v, u = log
     if len(t) < 3:
@@ -43,7 +43,7 @@ def central_rows(system: SecondOrderSystem, log: Log) -> Array:
 
 
 def condense(W: Array) -> Array:
-    """(n, p, p) triangular factors with the same ‖W_i θ‖ for every velocity row i of (N, n, p)."""
+    """(n, p, p) triangular R_i with ‖R_i θ‖ = ‖W_i θ‖ for every velocity i of W (N, n, p)."""
     N, _, p = W.shape
     if p > N:
         W = np.concatenate([W, np.zeros((p - N, *W.shape[1:]))])
@@ -51,11 +51,17 @@ def condense(W: Array) -> Array:
 
 
 class Gauge:
-    """The scale that no log can tell, and the directions that this one does not: from the prior.
+    """Fixes the free scale and the unobserved directions of θ by the prior.
 
     Args:
         system: the structure.
         prior: (p,) θ̂(0).
+
+    Attributes:
+        scale: (p,) of θ.
+        start: (p,) the prior over the scale.
+        normal: (p,) 1 at actuator gains, else 0; estimates keep normal · θ/scale.
+        tangent: (p, p−1) orthonormal basis of the directions that keep it.
     """
 
     def __init__(self, system: SecondOrderSystem, prior: Array):
@@ -67,7 +73,7 @@ class Gauge:
         self.tangent = scipy.linalg.null_space(normal.T)  # (p, p−1)
 
     def solve(self, rows: Array, tolerance: float = TOLERANCE) -> Array:
-        """(p,) θ/scale that minimises ‖rows·θ/scale‖, of all minimisers the nearest to the prior.
+        """(p,) the minimiser θ/scale of ‖rows·θ/scale‖ that is nearest to the prior.
 
         Args:
             rows: (N, p) of W·diag(scale).
@@ -78,10 +84,10 @@ class Gauge:
         return self.start + self.tangent @ y
 
     def rescaled(self, theta_s: Array) -> Array:
-        """(p,) the multiple of θ/scale that has the prior's sum of gains.
+        """(p,) θ/scale multiplied such that the sum of its gains is the prior's.
 
         Raises:
-            InvalidInput: its gains add up to nothing.
+            InvalidInput: the sum of its gains is 0.
         """
         total = self.normal @ theta_s
         if not abs(total) > 1e-9 * np.linalg.norm(theta_s):

@@ -1,8 +1,7 @@
 """MuJoCo's own identification toolbox, `mujoco.sysid`, on an arm's log.
 
-It simulates candidates with MuJoCo from the measured state at the beginning of every chunk of the
-log and fits the motion by nonlinear least squares. Nothing of a plant is read: the model is built
-from the structure and the prior.
+It simulates every chunk of the log from its measured initial state and fits the motion by nonlinear
+least squares. The model is built from the structure and the prior; no plant is read.
 """
 
 from __future__ import annotations
@@ -31,37 +30,38 @@ if TYPE_CHECKING:
     from . import Problem
 
 BUDGET = 120.0
-"""At most so many seconds are searched, unless told otherwise."""
+"""Default time limit of the search [s]."""
 
 _CHUNK = 0.5  # length of a simulated stretch [s]
-_SMOOTHING = 0.16  # width of the cubic that gives initial states of noisy logs [s]
-_RANGE = (0.1, 10.0)  # within which multiples of the prior numbers are searched
+_SMOOTHING = 0.16  # width of the cubic fit for the initial states of noisy logs [s]
+_RANGE = (0.1, 10.0)  # search range of the joints' parameters, in multiples of the prior
 _THREADS = 2
-_FRICTION = "coulomb friction"  # what MuJoCo's custom number is called
-_MODEL_WORDS = 1 << 10  # how many words of mjModel are looked at; its pointers come early
+_FRICTION = "coulomb friction"  # name of MuJoCo's custom numeric field
+_MODEL_WORDS = 1 << 10  # how many 8-byte words of mjModel are searched; its pointers come early
 
 
 def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
     """`mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
 
-    Chunks of 0.5 s start at the measured state; where noise is stated, at that of a cubic fitted to
+    Chunks of 0.5 s start at the measured state or, if noise is stated, at that of a cubic fitted to
     the samples within ±80 ms. Residuals are those of positions and velocities, normalised per chunk
-    by the toolbox. Links are searched as log-Cholesky pseudo-inertias, other numbers within a
-    tenth and ten times the prior.
+    by the toolbox. Links are parameterised as log-Cholesky pseudo-inertias; other parameters are
+    searched between 0.1 and 10 times the prior.
 
     Args:
-        problem: an arm's; its prior must be physical.
-        budget: the search ends after this time, with the best found so far [s].
+        problem: of an arm; its prior must be physical.
+        budget: time limit of the search, which then returns its best candidate [s].
 
     Returns:
-        (p,) θ̂, and what was done, in words.
+        (p,) θ̂, and how the search ended, in words.
 
     Raises:
-        NoEstimate: the system is no arm, the toolbox is not installed, or MuJoCo refuses the prior.
+        NoEstimate: the system is not an arm, the toolbox is not installed, MuJoCo rejects the
+            prior, or the log is shorter than a chunk.
     """
     system, log, prior, _ = problem
     if not isinstance(system, MotorTree) or system.group:
-        raise NoEstimate("mujoco.sysid is set up for arms on the ground only", "Leave it out.")
+        raise NoEstimate("mujoco.sysid is set up for fixed-base arms only", "Leave it out.")
     toolbox = _toolbox()
     model, step = _Model(toolbox, system, prior, log.step), log.step
     samples = round(_CHUNK / step)
@@ -76,19 +76,20 @@ def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
 
 
 class _OutOfTime(Exception):
-    """Ends a search; it is no error."""
+    """Ends a search at its time limit; not an error."""
 
 
 def _toolbox() -> Any:
+    """The module `mujoco.sysid`."""
     import mujoco.sysid
 
-    if not hasattr(mujoco.sysid, "optimize"):  # MuJoCo hides what is missing
+    if not hasattr(mujoco.sysid, "optimize"):  # MuJoCo suppresses the ImportError
         raise NoEstimate("mujoco.sysid lacks its own dependencies", "pip install 'mujoco[sysid]'")
     return mujoco.sysid
 
 
 class _Search:
-    """The toolbox's optimiser, stopped by the clock, remembering the best candidate."""
+    """The toolbox's optimiser with a time limit; keeps the best candidate."""
 
     def __init__(self, toolbox: Any, model: _Model, chunks: list[Any], deadline: float):
         self._toolbox, self._model, self._chunks = toolbox, model, chunks
@@ -97,20 +98,23 @@ class _Search:
         self.evaluations = 0
 
     def __call__(self) -> str:
-        """Searches; says how it ended."""
+        """Runs the search and returns how it ended, in words."""
         try:
             with redirect_stdout(io.StringIO()):  # its optimiser prints every iteration
                 _, result = self._toolbox.optimize(
-                    self._model.parameters, self._residual, "scipy_parallel_fd", verbose=False,
+                    self._model.parameters,
+                    self._residual,
+                    "scipy_parallel_fd",
+                    verbose=False,
                     x_scale="jac",
-                )  # fmt: skip
+                )
         except _OutOfTime:
-            return "stopped by the clock"
+            return "stopped at the time limit"
         self.best = result.x
         return "converged" if result.status > 0 else "ended at the toolbox's iteration limit"
 
     def _residual(self, x: Array, parameters: Any, **_: Any) -> Any:
-        """All chunks under one candidate x (p,), or under each column of x (p, k)."""
+        """Residuals of all chunks for one candidate x (p,), or for each column of x (p, k)."""
         if time.perf_counter() > self._deadline:
             raise _OutOfTime
         found, predicted, measured = self._toolbox.model_residual(
@@ -121,7 +125,7 @@ class _Search:
             cost = float(found @ found)
             if cost < self._cost:
                 self._cost, self.best = cost, x.copy()
-        else:  # a column for each candidate and chunk: the chunks belong under one another
+        else:  # one column per candidate and chunk: stack the chunks of a candidate
             candidates, chunks = x.shape[1], len(self._chunks)
             self.evaluations += candidates
             found = found.reshape(-1, candidates, chunks).transpose(2, 0, 1)
@@ -130,7 +134,7 @@ class _Search:
 
 
 class _Model:
-    """An arm in MuJoCo, built from the structure and an estimate, as a function of it."""
+    """MuJoCo's model of an arm as a function of the parameters, built from structure and prior."""
 
     def __init__(self, toolbox: Any, system: MotorTree, prior: Array, step: float):
         self._toolbox, self._system = toolbox, system
@@ -153,36 +157,44 @@ class _Model:
             self.compiled = self._spec.compile()
         except ValueError as error:
             raise NoEstimate(
-                f"MuJoCo refuses the prior: {error}", "Draw it in the cone."
+                f"MuJoCo rejects the prior: {error}", "Use a physically consistent prior."
             ) from error
         self.joints = JointMap(self.compiled, self._names)
         if not np.array_equal(self.joints.dof, np.arange(system.n)):
-            raise NoEstimate("MuJoCo orders the joints otherwise", "Leave sysid out.")
+            raise NoEstimate("MuJoCo orders the joints differently", "Leave sysid out.")
 
         def give_inertia(spec: Any, parameter: Any) -> None:
-            self._give_inertia(spec, parameter)  # a bound method would be copied, with all it holds
+            self._give_inertia(
+                spec, parameter
+            )  # the toolbox deep-copies modifiers, and self with a bound method
 
         self.parameters = toolbox.ParameterDict()
         for name in self._names:
             self.parameters.add(
                 toolbox.body_inertia_param(
-                    self._spec, self.compiled, name, toolbox.InertiaType.Pseudo,
+                    self._spec,
+                    self.compiled,
+                    name,
+                    toolbox.InertiaType.Pseudo,
                     modifier=give_inertia,
                 )
-            )  # fmt: skip
+            )
         for kind, value in joints.items():
             low, high = (factor * value for factor in _RANGE)
-            self.parameters.add(toolbox.Parameter(
-                kind, value, low, high, modifier=lambda _, p: self._set(p.name, p.value)
-            ))  # fmt: skip
+            self.parameters.add(
+                toolbox.Parameter(
+                    kind, value, low, high, modifier=lambda _, p: self._set(p.name, p.value)
+                )
+            )
 
     def _give_inertia(self, spec: Any, parameter: Any) -> None:
+        """Writes a link's inertia into the specification."""
         name = parameter.name.removesuffix("_inertia")
         self._toolbox.model_modifier.apply_body_theta_inertia(spec, name, parameter.value)
         spec.body(name).iquat = [1.0, 0.0, 0.0, 0.0]  # the toolbox leaves NaN there
 
     def _set(self, kind: str, values: Array) -> None:
-        """Writes the numbers of all joints into the specification."""
+        """Writes one kind of parameter of all joints into the specification."""
         if kind == "coulomb":
             numbers = [[float(len(values))], values, 1 / self._system.friction_speed]
             self._spec.numeric(_FRICTION).data = np.concatenate(numbers)
@@ -200,7 +212,7 @@ class _Model:
         return self._toolbox.apply_param_modifiers(parameters, self._spec)
 
     def chunks(self, problem: Problem, samples: int) -> list[Any]:
-        """The log in stretches, each with its initial state."""
+        """The log in chunks of `samples` time steps, each with its initial state."""
         toolbox, log = self._toolbox, problem.log
         angles = self._angles(log.q)
         q, v = angles, log.v
@@ -212,19 +224,21 @@ class _Model:
         for k in range(0, len(log.t) - samples, samples):
             part = slice(k, k + samples + 1)
             times = log.t[part] - log.t[k]
-            found.append(toolbox.SystemTrajectory(
-                model=self.compiled,
-                control=toolbox.TimeSeries(times, log.u[part], control),
-                sensordata=toolbox.TimeSeries(
-                    times, np.hstack([angles[part], log.v[part]]), qpos | qvel
-                ),
-                initial_state=toolbox.create_initial_state(self.compiled, q[k], v[k]),
-                state=None,
-            ))  # fmt: skip
+            found.append(
+                toolbox.SystemTrajectory(
+                    model=self.compiled,
+                    control=toolbox.TimeSeries(times, log.u[part], control),
+                    sensordata=toolbox.TimeSeries(
+                        times, np.hstack([angles[part], log.v[part]]), qpos | qvel
+                    ),
+                    initial_state=toolbox.create_initial_state(self.compiled, q[k], v[k]),
+                    state=None,
+                )
+            )
         return found
 
     def _angles(self, q: Array) -> Array:
-        """(N, n) joint numbers of positions (N, m), continuous in time."""
+        """(N, n) joint angles and displacements of positions (N, m), unwrapped in time."""
         first = np.empty(self._system.n)
         for joint in self._system.joints:
             at = joint.idx_q
@@ -251,7 +265,11 @@ class _Model:
 
 @cache
 def _numeric_offset() -> int:
-    """The place, in 8-byte words, of mjModel's pointer to its custom numbers."""
+    """Offset in mjModel, in 8-byte words, of the pointer to its custom numeric data.
+
+    Raises:
+        RuntimeError: the layout of mjModel is not the expected one.
+    """
     import ctypes
 
     spec = mujoco.MjSpec()
@@ -261,15 +279,17 @@ def _numeric_offset() -> int:
     address = model.numeric_data.ctypes.data
     found = next((i for i in range(_MODEL_WORDS) if words[i] == address), None)
     if found is None:
-        raise RuntimeError("mjModel.numeric_data not found: this MuJoCo lays out mjModel otherwise")
+        raise RuntimeError(
+            "mjModel.numeric_data not found: this MuJoCo lays out mjModel differently"
+        )
     return found
 
 
 @cache
 def _friction() -> Any:
-    """Passive force −c_i tanh(q̇_i/s_i), as `callbacks.coulomb_friction`, with the model's numbers.
+    """Callback for the passive force −c_i tanh(q̇_i/s_i), with parameters from mjModel.
 
-    A candidate is a model; its custom numbers are [nv, c (nv), 1/s (nv)].
+    Every candidate is a model of its own; its custom numeric data are [nv, c (nv), 1/s (nv)].
     """
     at_numbers, offsets = _numeric_offset(), field_offsets()
     at_qvel, at_force = offsets["qvel"], offsets["qfrc_passive"]

@@ -1,4 +1,4 @@
-"""Total least squares: the direction in which the rows of W are shortest."""
+"""Total least squares: the smallest right singular vector of W."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .regression import Gauge, condense
 
 
 def total(problem: Problem) -> Estimate:
-    """θ/scale along the smallest singular vector of W·diag(scale).
+    """θ/scale along the smallest right singular vector of W·diag(scale).
 
-    It would be right if all columns were noisy alike; they are not. W is filtered as in
-    `least_squares.practitioners`, with the cut-off chosen there, and the rows of each velocity are
-    scaled to the same size. Directions that no row sees are left out of the search, and stay at
-    the prior.
+    This is consistent only if the noise of all columns has the same variance, which does not hold
+    here. W is filtered as in `least_squares.practitioners`, with the same choice of the cut-off,
+    and the rows of each velocity are scaled to the same norm. Unobserved directions are excluded;
+    they keep the prior's values.
 
     Raises:
         InvalidInput: the log is too short for any cut-off.
-        NoEstimate: the vector holds no gains.
+        NoEstimate: the actuator gains of the vector sum to 0.
     """
     W, rate, cutoff = filtered(problem)
     gauge = Gauge(problem.system, problem.prior)
@@ -34,6 +34,6 @@ def total(problem: Problem) -> Estimate:
     rest = unseen.T @ (unseen @ gauge.start)
     gains = gauge.normal @ shortest
     if not abs(gains) > TOLERANCE:
-        raise NoEstimate("the smallest singular vector holds no gains", "Record longer.")
+        raise NoEstimate("the gains in the smallest singular vector sum to 0", "Record longer.")
     theta_s = rest + shortest * (gauge.normal @ (gauge.start - rest)) / gains
     return Estimate(gauge.scale * theta_s, f"cut-off {cutoff:.3g} Hz")

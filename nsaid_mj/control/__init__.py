@@ -1,6 +1,6 @@
-"""What drives a plant while it is identified. No driver knows a true parameter."""
+"""Excitation: drivers that command a plant while it is identified. None knows a true parameter."""
 
-from .. import numerics as numerics  # where kernels are kept: before the first one
+from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig

@@ -1,4 +1,4 @@
-"""Torpedoes under way: depth and heading autopilots, with a dither on every fin."""
+"""Depth and heading autopilots for torpedo-shaped vehicles, with dither on every fin."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from .driver import Driver, DriverConfig
 from .signals import Multisine
 
 _DAMPING = 1.0  # of the attitude loops
-_SHARE = 0.1  # of the attitude loops' bandwidth that the depth loop has
-_STEEPEST = 0.3  # pitch that the depth autopilot asks for at most [rad]
-_SLOWEST = 0.2  # of the propeller's commands: fins need a flow
-_DRIVEN = 4.0  # how far beyond its bounds a dither is driven, to be clipped: more power in them
+_SHARE = 0.1  # bandwidth of the depth loop over that of the attitude loops
+_STEEPEST = 0.3  # largest pitch that the depth autopilot commands [rad]
+_SLOWEST = 0.2  # smallest propeller command: fins need inflow
+_DRIVEN = 4.0  # dither amplitude before clipping, over its bound: clipping puts more power into it
 
 
 @config
 class DepthHeadingAutopilot(DriverConfig):
-    """Depth and heading follow slow multisines; fins and propeller dither on top.
+    """Depth and heading follow slow multisines; dither is added to fins and propeller.
 
     Attributes:
-        propeller: mean command of the propeller, in (0.2, 1].
-        swing: reach of the dither of the propeller.
-        dither: reach of the dither of each fin [rad].
-        low: lowest frequency of the dithers [Hz].
-        high: highest frequency of the dithers [Hz].
+        propeller: mean propeller command, in (0.2, 1].
+        swing: bound on the propeller's dither.
+        dither: bound on each fin's dither [rad].
+        low: lowest dither frequency [Hz].
+        high: highest dither frequency [Hz].
         tones: number of sines in each signal.
-        slow: how many times slower depth and heading vary than the dithers.
+        slow: ratio of the dither frequencies to those of the depth and heading references.
         depth: mean depth [m].
-        dive: reach of the depth about it [m].
-        turn: reach of the heading about 0 [rad].
+        dive: amplitude of the depth reference about the mean [m].
+        turn: amplitude of the heading reference about 0 [rad].
         bandwidth: of the attitude loops [rad/s].
     """
 
@@ -57,18 +57,19 @@ class DepthHeadingAutopilot(DriverConfig):
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is no torpedo, or a band of frequencies is empty.
+            InvalidInput: the system is not a torpedo, or a frequency band is empty.
         """
         if not isinstance(system, TorpedoVehicle):
-            raise InvalidInput("excitation", "a torpedo to steer", type(system).__name__,
-                               "Use MultisineCommand.")  # fmt: skip
+            raise InvalidInput(
+                "excitation", "a torpedo to steer", type(system).__name__, "Use MultisineCommand."
+            )
         return _Autopilot(self, system, prior, rng)
 
 
 class _Autopilot(Driver):
-    """The moments that a second-order pitch and yaw need under the prior, shared out to the fins.
+    """Second-order pitch and yaw loops under the prior; the fins share the moments.
 
-    Roll is left to the righting moment.
+    Roll is not controlled: the righting moment holds it.
     """
 
     def __init__(
@@ -87,9 +88,10 @@ class _Autopilot(Driver):
         place = system.space.index
         self._inertia, self._righting = prior[place("M_55")], prior[place("righting_z")]
         lift = system.allocation[0, 3:] * prior[system.space["fin lift"]]
-        self._share = np.linalg.pinv(lift)[:, 1:]  # no roll; [rad/(N·m)] at 1 m/s
-        self._cruise = _balance(prior[place("thrust")], prior[place("dq_along")], system.slip,
-                                config.propeller)  # fmt: skip
+        self._share = np.linalg.pinv(lift)[:, 1:]  # pitch and yaw only; [rad/(N·m)] at 1 m/s
+        self._cruise = _balance(
+            prior[place("thrust")], prior[place("dq_along")], system.slip, config.propeller
+        )
 
     def start(self) -> tuple[Array, Array]:
         place, velocity = np.zeros(6), np.zeros(6)
@@ -118,13 +120,16 @@ class _Autopilot(Driver):
         u[-1] = np.clip(u[-1], _SLOWEST, 1)
         return u
 
+    def compiled(self, t: Array) -> None:
+        return None
+
 
 def _balance(thrust: float, drag: float, slip: float, n: float) -> float:
-    """The speed [m/s] at which drag u² is the thrust at the propeller's command n > 0."""
+    """Speed u [m/s] at which the drag, drag·u², balances the thrust at propeller command n > 0."""
     loss, push = thrust * slip * n, thrust * n**2
     return float(2 * push / (loss + np.sqrt(loss**2 + 4 * drag * push)))
 
 
 def _wrapped(angle: float) -> float:
-    """The same angle in [−π, π)."""
+    """The angle [rad] wrapped to [−π, π)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -1,4 +1,4 @@
-"""Computed torque along a Fourier series, compiled: what `FourierTracking` commands."""
+"""Compiled computed-torque control along a Fourier series: the law of `FourierTracking`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .signals import Series, fourier
 
 
 class Tracking(NamedTuple):
-    """An arm on a fixed base that follows a series by what is believed of it.
+    """Parameters of a computed-torque controller for an arm on a fixed base.
 
     Attributes:
-        linkage: the arm; every joint has a motor.
-        theta: (p,) what is believed of θ.
-        series: where the joints shall be.
+        linkage: the arm's kinematics; every joint has a motor.
+        theta: (p,) the controller's model θ̂₀.
+        series: the reference trajectory of the joints.
         omega: bandwidth of the tracking loop [rad/s].
     """
 
@@ -30,28 +30,37 @@ class Tracking(NamedTuple):
 
 
 @njit(cache=True)
-def tracking_room(tracking):
-    """Working space of `computed_torque`, used again by every call."""
+def tracking_workspace(tracking):
+    """Allocates the workspace of `computed_torque`, which every call overwrites."""
     bodies = tracking.linkage.numbers.shape[0]
     state = tree_room(tracking.linkage)
     return np.empty((bodies, 3)), np.empty(bodies), state, np.empty((bodies, 12))
 
 
 @njit(cache=True)
-def computed_torque(tracking, t, q, v, room, u):
-    """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,)."""
+def computed_torque(tracking, t, q, v, workspace, u):
+    """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
+
+    Args:
+        tracking: `Tracking`.
+        t: time [s].
+        q: (m,) measured position.
+        v: (n,) measured velocity.
+        workspace: of `tracking_workspace`; overwritten.
+        u: (n,) receives the command.
+    """
     linkage, theta, series, omega = tracking
-    wanted, a, state, work = room
+    desired, a, state, work = workspace
     numbers, gain = linkage.numbers, linkage.columns[3]
-    fourier(series, t, wanted)
+    fourier(series, t, desired)
     for i in range(v.shape[0]):
         at = numbers[i, 1]
-        if numbers[i, 2] == CIRCLE:  # the short way round
-            c, s = np.cos(wanted[i, 0]), np.sin(wanted[i, 0])
+        if numbers[i, 2] == CIRCLE:  # error along the shorter arc
+            c, s = np.cos(desired[i, 0]), np.sin(desired[i, 0])
             error = np.arctan2(s * q[at] - c * q[at + 1], c * q[at] + s * q[at + 1])
         else:
-            error = wanted[i, 0] - q[at]
-        a[i] = wanted[i, 2] + 2 * omega * (wanted[i, 1] - v[i]) + omega**2 * error
+            error = desired[i, 0] - q[at]
+        a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
     tree_place(linkage, q, v, state)
     tree_torque(linkage, state, v, a, theta, work, u)
     for i in range(v.shape[0]):

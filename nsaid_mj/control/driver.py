@@ -1,4 +1,4 @@
-"""What a driver is: where the plant starts, and the command at every sample."""
+"""The interface of a driver: the initial state, and the command at every sample."""
 
 from __future__ import annotations
 
@@ -13,29 +13,38 @@ from .computed_torque import Tracking
 
 
 class Driver(ABC):
-    """Chooses the command from time and measured state."""
+    """A controller: computes the command from time and measured state."""
 
     @abstractmethod
     def start(self) -> tuple[Array, Array]:
-        """(n,) position numbers and (n,) velocities to start from."""
+        """Resets the controller; (n,) position numbers and (n,) velocities of the initial state."""
 
     @abstractmethod
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n_u,) the command from t until the next sample, from the measured state."""
+        """(n_u,) command that is held from t [s] until the next sample.
 
+        Args:
+            t: time of the sample [s].
+            q: (m,) measured position.
+            v: (n,) measured velocity.
+        """
+
+    @abstractmethod
     def compiled(self, t: Array) -> Array | Tracking | None:
-        """What compiled code needs to say the same as `command`, at times t (k,) [s].
+        """The control law in a form that compiled code evaluates, bit for bit as `command` does.
+
+        Args:
+            t: (k,) sample times [s].
 
         Returns:
-            (k, n_u) commands where measurements do not matter; the numbers of `computed_torque`;
-            None where only `command` knows.
+            (k, n_u) the commands at t, if the driver is open loop; the parameters of
+            `computed_torque`, if that is its law; None if only `command` can evaluate it.
         """
-        return None
 
 
 @config
 class DriverConfig(Config, ABC):
-    """A driver as data; `build` makes the thing itself."""
+    """A driver's parameters, as part of a scenario; `build` makes the driver."""
 
     _path = "excitation"
 
@@ -44,7 +53,7 @@ class DriverConfig(Config, ABC):
         """Makes the driver.
 
         Args:
-            system: the structure.
-            prior: (p,) what is believed of θ beforehand.
-            rng: source of the excitation.
+            system: the structure of the plant.
+            prior: (p,) θ̂(0), the model that the controller uses.
+            rng: source of frequencies, phases and coefficients.
         """

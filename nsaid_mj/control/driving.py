@@ -1,4 +1,4 @@
-"""Cars drive about a test ground, their speed and steering always on the move."""
+"""Cars drive around a test ground with continuously varying speed and steering."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from .driver import Driver, DriverConfig
 from .signals import Multisine
 
 _LOOP = 3.0  # bandwidth of the speed loop [rad/s]
-_WIDEST = 0.55  # of cruising: with the loop's error the speed stays above 0.4 of it, where slip
-# angles have a meaning
+_WIDEST = 0.55  # of the cruising speed: even with the loop's tracking error, the speed stays above
+# 0.4 of it, so that slip angles are well defined
 
 
 @config
 class Driving(DriverConfig):
-    """Multisines of speed and of lateral acceleration; off the middle of the ground it turns back.
+    """Multisines of speed and lateral acceleration; far from the centre, the car turns back.
 
-    Drive loss, rolling resistance and air drag differ only in how they go with the speed: the
-    speed must vary widely. The centre of mass differs from the tyres only in quick steering.
+    Drive loss, rolling resistance and air drag differ only in how they depend on speed, so the
+    speed must vary widely. Only fast steering separates the centre of mass from the tyres.
 
     Attributes:
         speed: cruising speed [m/s].
-        variation: largest deviation of the wanted speed, as a share of cruising.
-        pace_low: lowest frequency of the speed [Hz].
-        pace_high: highest frequency of the speed [Hz].
-        grip: bound of the lateral acceleration that steering asks for [m/s²].
-        steer_low: lowest frequency of steering [Hz].
-        steer_high: highest frequency of steering [Hz].
-        tones: number of sines in each.
+        variation: largest deviation of the desired speed, as a share of the cruising speed.
+        pace_low: lowest frequency of the desired speed [Hz].
+        pace_high: highest frequency of the desired speed [Hz].
+        grip: bound on the commanded lateral acceleration [m/s²].
+        steer_low: lowest frequency of the steering [Hz].
+        steer_high: highest frequency of the steering [Hz].
+        tones: number of sines in each multisine.
         ground: radius of the test ground [m].
     """
 
@@ -53,7 +53,7 @@ class Driving(DriverConfig):
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is no ground vehicle, or a band is empty.
+            InvalidInput: the system is not a ground vehicle, or a frequency band is empty.
         """
         if not isinstance(system, GroundVehicle):
             raise InvalidInput(
@@ -66,7 +66,7 @@ class Driving(DriverConfig):
 
 
 class _Driver(Driver):
-    """Feedforward under the prior and proportional feedback, of speed and of yaw rate."""
+    """Feedforward from the prior plus proportional feedback of speed and yaw rate."""
 
     def __init__(
         self, config: Driving, system: GroundVehicle, prior: Array, rng: np.random.Generator
@@ -80,32 +80,35 @@ class _Driver(Driver):
         self._pace = Multisine(1, config.pace_low, config.pace_high, tones, config.variation, rng)
 
     def start(self) -> tuple[Array, Array]:
-        return np.zeros(3), np.array([self._wanted(0.0), 0.0, 0.0])
+        return np.zeros(3), np.array([self._desired(0.0), 0.0, 0.0])
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         return np.array([self._drive(t, float(v[0])), self._steer(t, q, v)])
 
-    def _wanted(self, t: float) -> float:
-        """Speed [m/s]."""
+    def compiled(self, t: Array) -> None:
+        return None
+
+    def _desired(self, t: float) -> float:
+        """Desired speed at time t [m/s]."""
         return self._config.speed * (1 + float(self._pace(t)[0]))
 
     def _drive(self, t: float, speed: float) -> float:
-        """The drive that the prior thinks will close the gap to the wanted speed."""
-        force = self._m * _LOOP * (self._wanted(t) - speed)
+        """Drive command in [−1, 1] that, under the prior, closes the speed error."""
+        force = self._m * _LOOP * (self._desired(t) - speed)
         force += self._c_0 + self._c_D * abs(speed) * speed
         return float(np.clip(force / max(self._k_d - self._k_v * speed, 0.1 * self._k_d), -1, 1))
 
     def _steer(self, t: float, q: Array, v: Array) -> float:
-        """The angle that bends the path as wanted: L κ, and as much again for what r lacks of u κ.
+        """Steering angle [rad] arctan(L (2κ − r/u)): feedforward L κ plus yaw-rate feedback.
 
-        A car whose rear tyres are the softer ones would swerve off by itself at high speed.
+        Without feedback, a car with softer rear tyres is unstable at high speed.
         """
         share, speed = float(self._bend(t)[0]), max(float(v[0]), 0.1)
         away = min(2 * float(np.hypot(q[0], q[1])) / self._config.ground - 1, 1.0)
-        if away > 0:  # more than half-way to the edge: turn to the middle, the shorter way
+        if away > 0:  # more than half-way to the edge: turn towards the centre, the shorter way
             bearing = np.arctan2(-q[1], -q[0]) - q[2]
             side = np.sin(bearing)
             share += 4 * away * (side if np.cos(bearing) > 0 else np.sign(side))
         curvature = self._config.grip * np.clip(share, -1, 1) / speed**2
-        wanted = np.arctan(self._system.wheelbase * (2 * curvature - v[2] / speed))
-        return float(np.clip(wanted, -self._system.steering, self._system.steering))
+        desired = np.arctan(self._system.wheelbase * (2 * curvature - v[2] / speed))
+        return float(np.clip(desired, -self._system.steering, self._system.steering))

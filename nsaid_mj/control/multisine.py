@@ -19,7 +19,7 @@ class MultisineCommand(DriverConfig):
         low: lowest frequency [Hz].
         high: highest frequency [Hz].
         tones: number of sines in each command.
-        amplitude: bound of each command.
+        amplitude: bound on each command.
     """
 
     low: Positive = 0.05
@@ -34,6 +34,8 @@ class MultisineCommand(DriverConfig):
 
 
 class _MultisineDriver(Driver):
+    """Plays a multisine, whatever is measured."""
+
     def __init__(self, n: int, signal: Multisine):
         self._n, self._signal = n, signal
 

@@ -1,4 +1,4 @@
-"""Holds a body about a moving pose under the prior, with a dither on every actuator."""
+"""Holds a body at a slowly moving pose with a controller based on the prior, plus dither."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from .signals import Multisine
 
 @config
 class PoseHold(DriverConfig):
-    """PD control to a slowly moving pose, and a multisine on every actuator on top.
+    """PD control to a slowly moving pose, plus a multisine on every actuator.
 
-    For bodies in space whose actuators push in proportion to their commands.
+    For free-floating bodies whose actuators push in proportion to their commands.
 
     Attributes:
         bandwidth: of the control loop [Hz].
-        travel: bound of the reference's motion along each axis [m].
-        turn: bound of the reference's rotation about each axis [rad].
+        travel: bound on the reference's translation along each axis [m].
+        turn: bound on the reference's rotation about each axis [rad].
         period: shortest period of the reference [s].
         bias: command of every actuator at rest.
-        dither: bound of the multisine on every actuator.
+        dither: bound on each actuator's multisine.
         low: lowest frequency of the dither [Hz].
         high: highest frequency of the dither [Hz].
         tones: number of sines in every dither.
-        one_sided: whether commands lie in [0, 1], as those of nozzles, and not in [−1, 1].
+        one_sided: whether commands lie in [0, 1], as for nozzles, rather than in [−1, 1].
     """
 
     bandwidth: Positive = 0.05
@@ -46,13 +46,15 @@ class PoseHold(DriverConfig):
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is not a body in space with an actuator for every command.
+            InvalidInput: the system is not a free body with exactly one gain for each command.
         """
         if system.n != 6 or len(system.space.actuators) != system.n_u:
             raise InvalidInput(
-                "excitation", "a body in space with one gain for each command",
-                type(system).__name__, "Use MultisineCommand.",
-            )  # fmt: skip
+                "excitation",
+                "a body in space with one gain for each command",
+                type(system).__name__,
+                "Use MultisineCommand.",
+            )
         bound = np.repeat([self.travel, self.turn], 3)
         reference = Multisine(6, 0.2 / self.period, 1 / self.period, 3, 1.0, rng)
         dither = Multisine(system.n_u, self.low, self.high, self.tones, self.dither, rng)
@@ -60,7 +62,7 @@ class PoseHold(DriverConfig):
 
 
 class _PoseHold(Driver):
-    """u = bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B the prior's wrench for each command."""
+    """u = bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B (6, n_u) the prior's wrench per unit command."""
 
     def __init__(
         self, config: PoseHold, system: SecondOrderSystem, prior: Array, reference, dither
@@ -79,6 +81,9 @@ class _PoseHold(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         error = self._system.difference(q, self._system.position(self._reference(t)))
-        wanted = self._omega**2 * error - 2 * self._omega * v
-        u = self._bias + self._dither(t) + self._allocation @ wanted
+        desired = self._omega**2 * error - 2 * self._omega * v
+        u = self._bias + self._dither(t) + self._allocation @ desired
         return np.clip(u, self._low, 1.0)
+
+    def compiled(self, t: Array) -> None:
+        return None

@@ -1,9 +1,9 @@
-"""Quadrotors fly circles upon circles by geometric control under the prior, never the truth.
+"""Quadrotors fly epicycles by geometric control based on the prior.
 
 Lee, Leok, McClamroch: Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010; with
-integral action (Goodarzi, Lee, Lee, ECC 2013) that trims what a wrong prior leaves, and the tilt
-apart from the heading (Brescianini, D'Andrea, IEEE TCST 28(2), 2020): four rotors turn a
-quadrotor about z too slowly to wait for.
+integral action (Goodarzi, Lee, Lee, ECC 2013) against the errors of a wrong prior, and tilt
+controlled separately from heading (Brescianini, D'Andrea, IEEE TCST 28(2), 2020), because four
+rotors have little authority about z.
 """
 
 from __future__ import annotations
@@ -23,34 +23,38 @@ from ..systems.aerial import GRAVITY, Quadrotor
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 
-_SLOWEST = 0.1  # rotor speed, as a share of the largest
-_HEADING = 0.25  # the loop about z is that much slower than those of the tilt
-_TRIM = 0.3  # integral action is that much slower than its loop
-_LIFT = np.array([0.3, 2.5])  # thrust demanded, as a share of what would hold the prior's weight
-_FALL, _RISE = 0.4 * GRAVITY, 2.0 * GRAVITY  # acceleration demanded along the vertical [m/s²]
-_PLACE_TRIM = np.array([0.5, 0.5, 0.9]) * GRAVITY  # most that trims the place [m/s²]
-_TILT_TRIM = 0.3  # most torque that trims the tilt, as a share of weight times arm
-_YAW = 0.5  # most torque about z demanded, as a share of what all rotors make in hover
+_SLOWEST = 0.1  # smallest rotor speed, as a share of the largest
+_HEADING = 0.25  # bandwidth of the heading loop over that of the tilt loops
+_TRIM = 0.3  # bandwidth of the integral action over that of its loop
+_LIFT = np.array([0.3, 2.5])  # bounds on the commanded thrust, over the prior's weight
+_FALL, _RISE = (
+    0.4 * GRAVITY,
+    2.0 * GRAVITY,
+)  # bounds on the commanded vertical specific force [m/s²]
+_PLACE_TRIM = np.array([0.5, 0.5, 0.9]) * GRAVITY  # bound on the position integrator [m/s²]
+_TILT_TRIM = 0.3  # bound on the tilt integrator's torque, over weight times arm
+_YAW = 0.5  # bound on the commanded torque about z, over the rotors' total torque in hover
 _TONES = 8
 
 
 @config
 class QuadrotorFlight(DriverConfig):
-    """Place and heading follow smooth closed paths; every rotor's speed is dithered too.
+    """Position and heading follow smooth paths; dither is added to every rotor's speed.
 
-    The path is a circle upon a circle, flown fast and slow, up and down. Drag on the body shows in
-    how it grows with speed, its axes in how the heading turns against the way, and the rotors'
-    torques in what a dither about the roll and pitch axes does about z.
+    The horizontal path is an epicycle, flown at varying speed while climbing and descending. Body
+    drag is identified from its growth with speed, the drag of each body axis from the heading's
+    rotation relative to the path, and the rotors' torques from the yaw response to dither in roll
+    and pitch.
 
     Attributes:
-        radius: of the greater circle [m].
-        speed: largest horizontally; a third of it is the least [m/s].
-        climb: largest vertically [m/s].
-        yaw_rate: largest [rad/s].
-        tilt: largest that is asked for [rad].
+        radius: of the larger circle [m].
+        speed: largest horizontal speed; the smallest is a third of it [m/s].
+        climb: largest vertical speed [m/s].
+        yaw_rate: largest yaw rate [rad/s].
+        tilt: largest commanded tilt [rad].
         bandwidth: of the position loop [Hz].
         attitude_bandwidth: of the attitude loop [Hz].
-        dither: bound of what is added to each rotor's speed, as a share of it.
+        dither: bound on each rotor's dither, relative to its speed.
         low: lowest frequency of the dither [Hz].
         high: highest frequency of the dither [Hz].
     """
@@ -70,7 +74,7 @@ class QuadrotorFlight(DriverConfig):
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is no quadrotor.
+            InvalidInput: the system is not a quadrotor.
         """
         if not isinstance(system, Quadrotor):
             raise InvalidInput(
@@ -79,15 +83,15 @@ class QuadrotorFlight(DriverConfig):
         return _Flight(self, system, prior, rng)
 
 
-class _Believed(NamedTuple):
-    """What the controller takes a quadrotor for.
+class _BodyModel(NamedTuple):
+    """The controller's model of the quadrotor.
 
     Attributes:
         mass: [kg].
         inertia: (3, 3) about the centre of mass [kg·m²].
-        mixer: (4, 4) squares of rotor speeds from thrust [N] and torques [N·m].
-        trim: (3,) most that trims the attitude [rad/s²].
-        yaw: most torque about z [N·m].
+        mixer: (4, 4) maps thrust [N] and torques [N·m] to squared rotor speeds.
+        trim: (3,) bounds on the attitude integrators [rad/s²].
+        yaw: bound on the torque about z [N·m].
     """
 
     mass: float
@@ -97,15 +101,15 @@ class _Believed(NamedTuple):
     yaw: float
 
 
-class _Aims(NamedTuple):
-    """What the controller is after.
+class _Loops(NamedTuple):
+    """The controller's bandwidths and bounds.
 
     Attributes:
         place: natural frequency of the position loop [rad/s].
         attitude: (3,) natural frequencies of the attitude loops [rad/s].
         slope: tangent of the largest tilt.
-        least: square of the slowest rotor's speed.
-        most: square of the fastest rotor's speed.
+        least: lower bound on the squared rotor speeds, before dither.
+        most: upper bound on the squared rotor speeds, before dither.
     """
 
     place: float
@@ -116,28 +120,30 @@ class _Aims(NamedTuple):
 
 
 class _Flight(Driver):
+    """Geometric tracking controller; rotor commands are speeds as shares of the top speed."""
+
     def __init__(
         self, config: QuadrotorFlight, system: Quadrotor, prior: Array, rng: np.random.Generator
     ):
         self._path = _Path(config, rng)
         self._dither = Multisine(4, config.low, config.high, _TONES, config.dither, rng)
-        self._believed = _believe(system, prior)
+        self._model = _body_model(system, prior)
         loops = config.attitude_bandwidth * np.array([1.0, 1.0, _HEADING])
-        self._aims = _Aims(
+        self._loops = _Loops(
             2 * np.pi * config.bandwidth,
             2 * np.pi * loops,
             float(np.tan(config.tilt)),
             _SLOWEST**2,
-            (1 + config.dither / 2) ** -2,  # room for most of the dither
+            (1 + config.dither / 2) ** -2,  # leaves a margin for most of the dither
         )
-        self._settle()
+        self._reset()
 
-    def _settle(self) -> None:
+    def _reset(self) -> None:
         self._t, self._sums = 0.0, np.zeros(6)
 
     def start(self) -> tuple[Array, Array]:
-        """On the path, level."""
-        self._settle()
+        """Resets the integrators; the quadrotor starts on the path, level."""
+        self._reset()
         place, velocity, _, _ = self._path(0.0)
         c, s = np.cos(place[3]), np.sin(place[3])
         x, y, z, r = velocity
@@ -147,13 +153,16 @@ class _Flight(Driver):
         )
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        squares = _mix(q, v, self._path(t), t - self._t, self._sums, self._aims, self._believed)
+        squares = _mix(q, v, self._path(t), t - self._t, self._sums, self._loops, self._model)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
 
+    def compiled(self, t: Array) -> None:
+        return None
+
 
 class _Path:
-    """x, y, z [m] and heading [rad] as sums of sines, which differ a little from seed to seed."""
+    """x, y, z [m] and heading [rad] as sums of sines with random phases and frequencies ±10 %."""
 
     def __init__(self, config: QuadrotorFlight, rng: np.random.Generator):
         turn = 2 / 3 * config.speed / config.radius
@@ -180,8 +189,8 @@ class _Path:
         return path
 
 
-def _believe(system: Quadrotor, theta: Array) -> _Believed:
-    """What a controller needs of θ."""
+def _body_model(system: Quadrotor, theta: Array) -> _BodyModel:
+    """Mass, inertia about the centre of mass, and mixer from θ (24,)."""
     mass, centre = float(theta[0]), theta[1:4] / theta[0]
     Ixx, Ixy, Iyy, Ixz, Iyz, Izz = theta[4:10]
     inertia = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
@@ -194,68 +203,70 @@ def _believe(system: Quadrotor, theta: Array) -> _Believed:
     x, y, _ = np.abs(arm).mean(axis=0)
     tilt = _TILT_TRIM * mass * GRAVITY
     trim = np.array([tilt * y, tilt * x, yaw]) / np.diag(inertia)
-    return _Believed(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
+    return _BodyModel(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
 
 
 @njit(cache=True)
-def _mix(q, v, path, dt, sums, aims, believed):
-    """(4,) squares of the rotors' speeds that lead back to the path.
+def _mix(q, v, path, dt, sums, loops, model):
+    """(4,) squared rotor speeds that track the path.
 
     Args:
         q: (7,) pose.
-        v: (6,) twist.
-        path: (4, 4) place [m] and heading [rad] to be at, and three derivatives.
+        v: (6,) body twist.
+        path: (4, 4) desired position [m] and heading [rad], and their first three derivatives.
         dt: time since the last command [s].
-        sums: (6,) integrals of the errors of place [m·s] and attitude [rad·s], kept here.
-        aims: what the controller is after.
-        believed: what it takes the quadrotor for.
+        sums: (6,) integrals of the position [m·s] and attitude [rad·s] errors; updated in place.
+        loops: bandwidths and bounds.
+        model: the controller's model of the quadrotor.
     """
     place, velocity, acceleration, jerk = path
     R = rotation(q[3:])
 
-    # the acceleration wanted, gravity taken off: its direction is where z should point
-    w, holding = aims.place, _TRIM * aims.place**3
+    # desired specific force; its direction is the desired z-axis
+    w, holding = loops.place, _TRIM * loops.place**3
     off = place[:3] - q[:3]
     sums[:3] = _bounded(sums[:3] + dt * off, _PLACE_TRIM / holding)
     a = acceleration[:3] + w**2 * off + 2 * w * (velocity[:3] - np.dot(R, v[:3]))
     a += holding * sums[:3]
     a[2] = min(max(a[2] + GRAVITY, _FALL), _RISE)
-    a[:2] *= min(1.0, aims.slope * a[2] / max(np.sqrt(a[0] ** 2 + a[1] ** 2), 1e-9))
+    a[:2] *= min(1.0, loops.slope * a[2] / max(np.sqrt(a[0] ** 2 + a[1] ** 2), 1e-9))
     size = np.sqrt(np.sum(a * a))
     z = a / size
     y = cross(z, np.array([np.cos(place[3]), np.sin(place[3]), 0.0]))
     y /= np.sqrt(np.sum(y * y))
 
-    # the turn that is left, in the body's axes: the tilt's shortest way, and the heading's
+    # attitude error in body axes: shortest rotation of the tilt, and the heading's
     E = np.dot(R.T, np.column_stack((cross(y, z), y, z)))
     heading = np.arctan2(E[1, 0] - E[0, 1], E[0, 0] + E[1, 1])
     turn = np.array([-E[1, 2], E[0, 2], heading])
-    if E[2, 2] < 0.0:  # more than a quarter turn off
+    if E[2, 2] < 0.0:  # tilt error above 90°
         turn[:2] /= max(np.sqrt(turn[0] ** 2 + turn[1] ** 2), 1e-9)
     rate = cross(z, jerk[:3]) / size
     rate[2] += velocity[3]
-    w3, holding3 = aims.attitude, _TRIM * aims.attitude**3
-    sums[3:] = _bounded(sums[3:] + dt * turn, believed.trim / holding3)
+    w3, holding3 = loops.attitude, _TRIM * loops.attitude**3
+    sums[3:] = _bounded(sums[3:] + dt * turn, model.trim / holding3)
     alpha = w3**2 * turn + 2 * w3 * (np.dot(R.T, rate) - v[3:]) + holding3 * sums[3:]
 
-    weight = believed.mass * GRAVITY
-    lift = believed.mass * np.sum(a * R[:, 2])
-    torque = np.dot(believed.inertia, alpha) + cross(v[3:], np.dot(believed.inertia, v[3:]))
+    weight = model.mass * GRAVITY
+    lift = model.mass * np.sum(a * R[:, 2])
+    torque = np.dot(model.inertia, alpha) + cross(v[3:], np.dot(model.inertia, v[3:]))
     wrench = np.array(
         [
             min(max(lift, _LIFT[0] * weight), _LIFT[1] * weight),
             torque[0],
             torque[1],
-            min(max(torque[2], -believed.yaw), believed.yaw),
+            min(max(torque[2], -model.yaw), model.yaw),
         ]
     )
-    squares = np.dot(believed.mixer, wrench)
-    squares -= max(0.0, squares.max() - aims.most)  # attitude comes before height
-    squares += max(0.0, aims.least - squares.min())
-    return np.minimum(squares, aims.most)
+    squares = np.dot(model.mixer, wrench)
+    squares -= max(
+        0.0, squares.max() - loops.most
+    )  # when saturated, keep the torques and give up thrust
+    squares += max(0.0, loops.least - squares.min())
+    return np.minimum(squares, loops.most)
 
 
 @njit(cache=True)
 def _bounded(x, most):
-    """x (n,) within ±most (n,)."""
+    """x (n,) clipped to ±most (n,)."""
     return np.minimum(np.maximum(x, -most), most)

@@ -1,4 +1,4 @@
-"""Seeded signals that keep a system moving in all its directions."""
+"""Seeded excitation signals: random Fourier series and multisines."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Series(NamedTuple):
     """A finite Fourier series for every joint.
 
     Attributes:
-        omega: (h,) of the harmonics [rad/s].
-        coefficients: (n, 2 h) of the sines, then of the cosines.
+        omega: (h,) angular frequencies of the harmonics [rad/s].
+        coefficients: (n, 2 h) of the sines, then of the cosines [rad or m].
         centre: (n,) of the motion [rad or m].
     """
 
@@ -48,7 +48,7 @@ def fourier(series, t, motion):
 class FourierTrajectory:
     """A random finite Fourier series for every joint, within position and speed limits.
 
-    Each joint follows centre + Σ_k (a_k sin(k ω t) + b_k cos(k ω t)), periodic with 1/fundamental.
+    Each joint follows centre + Σ_k (a_k sin(k ω t) + b_k cos(k ω t)), with period 1/fundamental.
 
     Args:
         low: (n,) lower end of the range [rad or m].
@@ -59,7 +59,7 @@ class FourierTrajectory:
         rng: source of the coefficients.
 
     Attributes:
-        series: of the joints.
+        series: the scaled series of all joints.
 
     Raises:
         InvalidInput: a frequency or count is not positive.
@@ -89,7 +89,7 @@ class FourierTrajectory:
             np.abs(position).max(axis=1) / (0.5 * (high - low)),
             np.abs(velocity).max(axis=1) / speed,
         )
-        reach /= np.cos(np.pi / 40)  # a peak between samples is higher by at most this
+        reach /= np.cos(np.pi / 40)  # a peak between samples is higher by at most this factor
         self.series = Series(omega, coefficients / reach[:, None], 0.5 * (low + high))
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
@@ -108,7 +108,7 @@ class Multisine:
         low: lowest frequency [Hz].
         high: highest frequency [Hz].
         tones: number of sines in a channel.
-        amplitude: bound of every signal.
+        amplitude: bound on every signal.
         rng: source of frequencies and phases.
 
     Raises:
@@ -125,11 +125,13 @@ class Multisine:
         rng: np.random.Generator,
     ):
         if not (0 < low < high and np.isfinite(high)):
-            raise InvalidInput("band", "0 < low < high [Hz]", f"{low} … {high}", "0.05 … 0.5 Hz?")
+            raise InvalidInput(
+                "band", "0 < low < high [Hz]", f"{low} … {high}", "Try 0.05 … 0.5 Hz."
+            )
         if not (np.isfinite(amplitude) and amplitude > 0):
-            raise InvalidInput("amplitude", "a finite number > 0", amplitude, "0.4 will do.")
+            raise InvalidInput("amplitude", "a finite number > 0", amplitude, "Try 0.4.")
         if tones < 1:
-            raise InvalidInput("tones", "a whole number ≥ 1", tones, "Two for each parameter.")
+            raise InvalidInput("tones", "a whole number ≥ 1", tones, "Use about two per parameter.")
         steps = (np.arange(tones) + rng.uniform(0, 1, (channels, tones))) / tones
         self._omega = 2 * np.pi * low * (high / low) ** steps
         self._phase = rng.uniform(0, 2 * np.pi, (channels, tones))
@@ -137,7 +139,7 @@ class Multisine:
         self._bound = amplitude
 
     def __call__(self, t: ArrayLike) -> Array:
-        """(..., channels) the signals at times t (...) [s], clipped to ±amplitude."""
+        """(..., channels) signals at times t (...) [s], clipped to ±amplitude."""
         times = np.asarray(t, dtype=np.float64)
         signal = _sines(times.ravel(), self._omega, self._phase, self._amplitude, self._bound)
         return signal.reshape(*times.shape, -1)

@@ -1,4 +1,4 @@
-"""Arms follow a Fourier trajectory by computed torque under the prior, never the truth."""
+"""Arms follow a Fourier trajectory by computed torque based on the prior."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.multibody import MotorTree
-from .computed_torque import Tracking, computed_torque, tracking_room
+from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory
 
@@ -21,9 +21,9 @@ class FourierTracking(DriverConfig):
     Attributes:
         fundamental: frequency of the first harmonic [Hz].
         harmonics: number of harmonics.
-        reach: share of each joint's range and speed that is used, in (0, 1].
+        reach: share of each joint's range and speed limits that the trajectory uses, in (0, 1].
         bandwidth: of the tracking loop [Hz].
-        speed: of the fastest moment of every joint [rad/s or m/s]; None asks the data sheet.
+        speed: peak speed of every joint [rad/s or m/s]; None takes `reach` of the nominal speeds.
     """
 
     fundamental: Positive = 0.1
@@ -36,7 +36,7 @@ class FourierTracking(DriverConfig):
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is not a tree of joints, or not every joint has a motor.
+            InvalidInput: the system is not a tree of motor-driven joints on a fixed base.
         """
         if not isinstance(system, MotorTree) or system.group:
             raise InvalidInput(
@@ -61,14 +61,14 @@ class FourierTracking(DriverConfig):
 
 
 class _ComputedTorque(Driver):
-    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e."""
+    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e; θ̂₀ is the prior."""
 
     def __init__(
         self, system: MotorTree, prior: Array, trajectory: FourierTrajectory, omega: float
     ):
         self._trajectory = trajectory
         self._tracking = Tracking(system.tree, prior, trajectory.series, omega)
-        self._room = tracking_room(self._tracking)
+        self._workspace = tracking_workspace(self._tracking)
 
     def start(self) -> tuple[Array, Array]:
         position, velocity, _ = self._trajectory(0.0)
@@ -76,7 +76,7 @@ class _ComputedTorque(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         u = np.empty(len(v))
-        computed_torque(self._tracking, t, q, v, self._room, u)
+        computed_torque(self._tracking, t, q, v, self._workspace, u)
         return u
 
     def compiled(self, t: Array) -> Tracking:

@@ -1,4 +1,4 @@
-"""Vehicles that carry an arm: the base swims or hovers while the arm follows a trajectory."""
+"""Vehicles with an arm: the base swims or hovers while the arm follows a trajectory."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from .signals import FourierTrajectory, Multisine
 
 @config
 class SwimAndReach(DriverConfig):
-    """Every thruster follows a multisine, every joint a Fourier trajectory under the prior.
+    """Every thruster plays a multisine; the joints track a Fourier trajectory based on the prior.
 
     Attributes:
-        low: lowest frequency of the thrusters [Hz].
-        high: highest frequency of the thrusters [Hz].
+        low: lowest frequency of the thrusters' commands [Hz].
+        high: highest frequency of the thrusters' commands [Hz].
         tones: number of sines in each thruster's command.
-        amplitude: bound of each thruster's command.
+        amplitude: bound on each thruster's command.
         fundamental: frequency of the joints' first harmonic [Hz].
-        harmonics: number of the joints' harmonics.
-        reach: share of each joint's range that is used, in (0, 1].
-        speed: of the fastest moment of every joint [rad/s or m/s].
+        harmonics: number of harmonics of the joints' trajectory.
+        reach: share of each joint's range that the trajectory uses, in (0, 1].
+        speed: peak speed of every joint [rad/s or m/s].
         bandwidth: of the joints' tracking loop [Hz].
     """
 
@@ -50,9 +50,11 @@ class SwimAndReach(DriverConfig):
         """
         if not isinstance(system, UnderwaterManipulator):
             raise InvalidInput(
-                "excitation", "an underwater vehicle with an arm", type(system).__name__,
+                "excitation",
+                "an underwater vehicle with an arm",
+                type(system).__name__,
                 "Use MultisineCommand or FourierTracking.",
-            )  # fmt: skip
+            )
         thrusters = system.n_u - len(system.joints)
         signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
         low, high = (bound[6:] for bound in system.limits)
@@ -65,7 +67,7 @@ class SwimAndReach(DriverConfig):
 
 
 class _SwimAndReach(Driver):
-    """Thrusters by the clock; motors by computed torque on the base that these thrusters move."""
+    """Open-loop thrusters; computed torque for the motors, on the floating base they move."""
 
     def __init__(
         self,
@@ -86,11 +88,14 @@ class _SwimAndReach(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         thrust = self._signal(t)
-        torque = joint_torque(self._system, self._prior, t, q, v, thrust, self._wanted(t, q, v))
+        torque = joint_torque(self._system, self._prior, t, q, v, thrust, self._desired(t, q, v))
         return np.concatenate([np.clip(torque / self._gain, -1, 1), thrust])
 
-    def _wanted(self, t: float, q: Array, v: Array) -> Array:
-        """(k,) acceleration of the joints that leads back to the path."""
+    def compiled(self, t: Array) -> None:
+        return None
+
+    def _desired(self, t: float, q: Array, v: Array) -> Array:
+        """(k,) desired joint accelerations: feedforward plus PD feedback."""
         position, rate, acceleration = self._path(t)
         numbers = np.concatenate([np.zeros(6), position])
         error = self._system.difference(q, self._system.position(numbers))[6:]
@@ -99,23 +104,23 @@ class _SwimAndReach(Driver):
 
 @config
 class HoverAndReach(DriverConfig):
-    """The base of a flying arm follows a path in the air, its joints a Fourier trajectory.
+    """The base of a flying arm and its joints follow Fourier trajectories.
 
-    Both by computed torque under the prior, with integral action, and a multisine on every rotor.
+    Computed torque based on the prior with integral action, plus a multisine on every rotor.
 
     Attributes:
-        travel: bound of the base's path along each axis [m].
-        turn: bound of its heading [rad].
+        travel: bound on the base's displacement along each axis [m].
+        turn: bound on the base's heading [rad].
         fundamental: frequency of the first harmonic of base and joints [Hz].
         harmonics: number of harmonics.
-        reach: share of each joint's range that is used, in (0, 1].
-        speed: of the fastest moment of every joint [rad/s or m/s].
-        dither: bound of the multisine on the rotors, as a share of full thrust.
+        reach: share of each joint's range that the trajectory uses, in (0, 1].
+        speed: peak speed of every joint [rad/s or m/s].
+        dither: bound on each rotor's multisine, as a share of full thrust.
         low: lowest frequency of the dither [Hz].
         high: highest frequency of the dither [Hz].
-        tones: number of sines in every dither.
-        position_bandwidth: of the loop that holds the place [Hz].
-        attitude_bandwidth: of the loop that holds the attitude, and of the joints' [Hz].
+        tones: number of sines in each rotor's dither.
+        position_bandwidth: of the base's position loop [Hz].
+        attitude_bandwidth: of the base's attitude loop and of the joints' loops [Hz].
     """
 
     travel: Positive = 0.6
@@ -159,9 +164,9 @@ class HoverAndReach(DriverConfig):
 
 
 class _HoverAndReach(Driver):
-    """Wanted accelerations of height, attitude and joints, and the least commands that make them.
+    """Minimum-norm commands for desired accelerations of height, attitude and joints.
 
-    A rotor's input is its thrust as a share of the largest, u².
+    A rotor's input is u², its thrust as a share of full thrust.
     """
 
     def __init__(
@@ -175,14 +180,14 @@ class _HoverAndReach(Driver):
         self._system, self._prior, self._path, self._dither = system, prior, path, dither
         self._place = 2 * np.pi * config.position_bandwidth
         self._turn = 2 * np.pi * config.attitude_bandwidth
-        self._rows = np.arange(2, system.n)  # height, attitude, joints: not what only tilt moves
+        self._rows = np.arange(2, system.n)  # height, attitude, joints: all but x and y
         self._g = float(np.linalg.norm(system.model.gravity.linear))
         self._inputs = inputs(system, prior)
         self.start()
 
     def start(self) -> tuple[Array, Array]:
         self._then = 0.0
-        self._owed = np.zeros(self._system.n)  # integral of the place's, attitude's, joints' errors
+        self._integral = np.zeros(self._system.n)  # of position, attitude and joint errors
         position, rate, _ = self._path(0.0)
         level = np.r_[position[:3], 0.0, 0.0, position[3], position[4:]]
         twist = np.r_[unrotate(quaternion_of(level[3:6]), rate[:3]), 0.0, 0.0, rate[3]]
@@ -195,46 +200,55 @@ class _HoverAndReach(Driver):
         M = system.mass_matrix(np.concatenate([q, v]), prior)
         effect = np.linalg.solve(M, self._inputs)[self._rows]
         rest[len(system.joints) :] = self._dither(t)
-        missing = (self._wanted(t, q, v) - free)[self._rows] - effect @ rest
+        missing = (self._desired(t, q, v) - free)[self._rows] - effect @ rest
         push = rest + effect.T @ np.linalg.solve(effect @ effect.T, missing)
         push[len(system.joints) :] = np.sqrt(np.clip(push[len(system.joints) :], 0.01, 1.0))
         return push
 
-    def _wanted(self, t: float, q: Array, v: Array) -> Array:
-        """(n,) accelerations that lead back to the path; the base's sideways ones are not used."""
+    def compiled(self, t: Array) -> None:
+        return None
+
+    def _desired(self, t: float, q: Array, v: Array) -> Array:
+        """(n,) desired accelerations: feedforward plus PID feedback; updates the integrals."""
         step, self._then = t - self._then, t
         position, rate, acceleration = self._path(t)
-        error, owed = np.empty(self._system.n), self._owed
+        error, integral = np.empty(self._system.n), self._integral
         error[:3] = position[:3] - q[:3]
         a, w = acceleration[:3], self._place
         slip = rate[:3] - rotate(q[3:7], v[:3])
-        pull = a + 2 * w * slip + w**2 * error[:3] + 0.3 * w**3 * owed[:3]
+        pull = a + 2 * w * slip + w**2 * error[:3] + 0.3 * w**3 * integral[:3]
         pull[2] += self._g
         error[3:6] = self._attitude_error(q[3:7], pull, position[3])
         numbers = np.concatenate([np.zeros(6), position[4:]])
         error[6:] = self._system.difference(q, self._system.position(numbers))[6:]
-        owed += step * error
-        wanted, w = np.zeros(self._system.n), self._turn
+        integral += step * error
+        desired, w = np.zeros(self._system.n), self._turn
         pull[2] -= self._g
-        wanted[:3] = unrotate(q[3:7], pull) - cross(v[3:6], v[:3])
+        desired[:3] = unrotate(q[3:7], pull) - cross(v[3:6], v[:3])
         moving = np.r_[0.0, 0.0, rate[3], rate[4:]] - v[3:]
-        wanted[3:] = 2 * w * moving + w**2 * error[3:] + 0.3 * w**3 * owed[3:]
-        wanted[6:] += acceleration[4:]
-        return wanted
+        desired[3:] = 2 * w * moving + w**2 * error[3:] + 0.3 * w**3 * integral[3:]
+        desired[6:] += acceleration[4:]
+        return desired
 
     def _attitude_error(self, attitude: Array, pull: Array, heading: float) -> Array:
-        """(3,) rotation vector, in the body's axes, to the heading with z along `pull`."""
+        """(3,) rotation vector in body axes [rad] to the attitude of this heading, z along `pull`.
+
+        Args:
+            attitude: (4,) quaternion x, y, z, w.
+            pull: (3,) desired specific force in the world [m/s²].
+            heading: [rad].
+        """
         z = pull / np.linalg.norm(pull)
         z[2] = max(z[2], 0.5)  # at most 60° of tilt
         z /= np.linalg.norm(z)
         tilt = np.array([-z[1], z[0], 0.0, 1.0 + z[2]])  # turns the world's z into z
-        wanted = product(tilt / np.linalg.norm(tilt), quaternion_of(np.array([0, 0, heading])))
+        desired = product(tilt / np.linalg.norm(tilt), quaternion_of(np.array([0, 0, heading])))
         inverse = attitude * np.array([-1.0, -1.0, -1.0, 1.0])
-        return rotation_vector(product(inverse, wanted))
+        return rotation_vector(product(inverse, desired))
 
 
 def inputs(system: FlyingArm, theta: Array) -> Array:
-    """(n, n_u) generalised force for a unit of a motor's command and of a rotor's u², under θ."""
+    """(n, n_u) generalised force per unit of a motor's command and of a rotor's u², under θ."""
     joints, space = len(system.joints), system.space
     B = np.zeros((system.n, system.n_u))
     if joints:
@@ -252,14 +266,23 @@ def joint_torque(
     q: Array,
     v: Array,
     thrust: Array,
-    wanted: Array,
+    desired: Array,
 ) -> Array:
-    """(k,) torque with which the joints accelerate as wanted (k,) while the base floats, under θ.
+    """(k,) motor torques [N·m or N] that accelerate the joints as desired, on a floating base.
 
     The joints' accelerations are those without motors plus (M⁻¹)_jj τ.
+
+    Args:
+        system: the structure, with k joints after the base's six velocities.
+        theta: (p,) the model.
+        t: time [s].
+        q: (m,) position.
+        v: (n,) velocity.
+        thrust: (n_u − k,) commands of the thrusters.
+        desired: (k,) joint accelerations [rad/s² or m/s²].
     """
     u = np.concatenate([np.zeros(len(system.joints)), thrust])
     free = system.evaluate_at(t, q, v, u, v, theta).a
     M = system.mass_matrix(np.concatenate([q, v]), theta)
-    torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], wanted - free[6:])
+    torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], desired - free[6:])
     return np.asarray(torque, dtype=np.float64)

@@ -42,7 +42,7 @@ class Truth:
         self.system: SecondOrderSystem = setup.system
         self.end = end
         self.mismatches: Sequence[str] = setup.plant.mismatches
-        self.fault: str = setup.plant.fault.told(setup.system)
+        self.fault: str = setup.plant.fault.in_words(setup.system)
 
     def theta_at(self, t: ArrayLike) -> Array:
         """(..., p) the true θ at times t (...) of the run [s]."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -135,23 +136,34 @@ class SimulatedRun(Run):
         return self.setup.plant
 
 
-class Observer:
-    """Watches a run: a progress bar, a live viewer. Does nothing by itself.
+class Observer(ABC):
+    """Watches a run: a progress bar, a live viewer.
 
     Attributes:
-        period: how often it wants to look, at least [s of the run].
+        period: largest interval between two calls of `see` [s of simulated time].
     """
 
     period: float = np.inf
 
+    @abstractmethod
     def start(self, scenario: Scenario, plant: Plant) -> None:
-        """Called before the first step."""
+        """Called before the first time step."""
 
-    def see(self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]):
-        """Called at the end of every stretch of the run."""
+    @abstractmethod
+    def see(
+        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
+    ) -> None:
+        """Called at the end of every stretch of the run.
 
+        Args:
+            measurement: the last sample of the stretch.
+            states: every identifier's state at that sample, by name; "" is the first identifier's.
+            levels: ε₀ of (2) and of (75) over the current window.
+        """
+
+    @abstractmethod
     def stop(self) -> None:
-        """Called when the run has ended, however it did."""
+        """Called when the run ends, also when an error ends it."""
 
 
 def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:

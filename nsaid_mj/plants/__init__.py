@@ -1,13 +1,13 @@
-"""MuJoCo as the world: the only importer of mujoco, and the only holder of the truth.
+"""Plants simulated by MuJoCo; they alone hold the true parameters.
 
-Every file in this folder is imported, and every plant in it is a name of this package.
+Every file in this folder is imported, and every `PlantConfig` in it is a name of this package.
 """
 
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
 
-from .. import numerics as numerics  # where kernels are kept: before the first one
+from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .world.faults import Fault as Fault
 from .world.mismatch import Mismatch as Mismatch
 from .world.plant import Plant as Plant
@@ -18,7 +18,7 @@ from .world.shapes import VisualMesh as VisualMesh
 
 
 def _plants() -> dict[str, type[PlantConfig]]:
-    """The classes of plants in this folder's files, by name."""
+    """The plant classes defined in this folder's files, by name."""
     found = {}
     for file in iter_modules(__path__, f"{__name__}."):
         if not file.ispkg:
@@ -36,5 +36,5 @@ def _plants() -> dict[str, type[PlantConfig]]:
 globals().update(_plants())
 
 
-def __getattr__(name: str) -> Any:  # read by type checkers, which do not see the names above
+def __getattr__(name: str) -> Any:  # for type checkers, which do not see the names above
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

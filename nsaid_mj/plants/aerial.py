@@ -1,4 +1,4 @@
-"""Quadrotors, four rotors of unknown gain; Hummingbird and Crazyflie are packed."""
+"""Quadrotors: four rotors of unknown gain; Hummingbird and Crazyflie are included."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from .world.sheet import (
 )
 
 AIR_DENSITY, AIR_VISCOSITY = 1.225, 1.81e-5
-"""Of the standard atmosphere at sea level [kg/m³, Pa·s], for MuJoCo's own fluid model."""
+"""Standard atmosphere at sea level [kg/m³, Pa·s], for MuJoCo's own fluid model."""
 
 
 Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class Rotors(Table):
-    """Four equal rotors that push along z."""
+    """Four equal rotors with thrust along z."""
 
     arm: Positive = one("distance of a rotor from the origin, a number > 0 [m]")
     places: list[Place] = several(4, "two numbers for each of four rotors, times arm/√2")
@@ -59,7 +59,7 @@ class Guess(Table):
 
 
 class QuadrotorSheet(Sheet):
-    """A quadrotor's numbers; axes x forward, y left, z up, origin amid the rotors."""
+    """A quadrotor's data sheet; axes x forward, y left, z up, origin at the rotors' centre."""
 
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
@@ -75,7 +75,7 @@ class QuadrotorSheet(Sheet):
         check_inertia(self.inertia)
         if strange := [s for s in self.rotors.spin if abs(s) != 1]:
             raise InvalidInput(
-                "rotors.spin", "1 or −1", strange[0], "1 turns the body to the left."
+                "rotors.spin", "1 or −1", strange[0], "1 is a torque that turns the body left."
             )
         return self
 
@@ -85,17 +85,17 @@ class QuadrotorPlant(PlantConfig):
     """A quadrotor in the air.
 
     Attributes:
-        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
+        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true mass, second moments of mass, drag, lift and
-            thrust from the published numbers; that of the rotors' torque is half of it, since
-            the little there is must hold the heading.
+            thrust from the published values; half of it for the rotors' torque, because yaw
+            authority is small.
     """
 
     vehicle: Name = "hummingbird"
     spread: Share = 0.1
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         sheet = QuadrotorSheet.of(self.vehicle)
         nominal, guess = nominal_airframe(sheet), sheet.guess
         rng = np.random.default_rng(seed)
@@ -134,7 +134,9 @@ class QuadrotorPlant(PlantConfig):
             spec.option.density, spec.option.viscosity = AIR_DENSITY, AIR_VISCOSITY
             spec.option.wind = self.mismatch.flow
             for geom in spec.body(BODY).geoms:
-                geom.fluid_ellipsoid = int(not geom.name.startswith("rotor"))  # they are no bodies
+                geom.fluid_ellipsoid = int(
+                    not geom.name.startswith("rotor")
+                )  # rotor disks are not solid
             acting = replace(true, body_drag=np.zeros(3))
         return Vehicle(
             system,
@@ -149,13 +151,13 @@ class QuadrotorPlant(PlantConfig):
 
 @dataclass(frozen=True)
 class Airframe:
-    """The numbers of a quadrotor; axes x forward, y left, z up, origin amid the rotors.
+    """Parameters of a quadrotor; axes x forward, y left, z up, origin at the rotors' centre.
 
     Attributes:
         mass: [kg].
         centre: (3,) centre of mass [m].
-        second_moments: (3,) ∫x² dm, ∫y² dm, ∫z² dm about the centre of mass [kg·m²]: whatever
-            they are, if only > 0, their moments of inertia belong to a body.
+        second_moments: (3,) ∫x² dm, ∫y² dm, ∫z² dm about the centre of mass [kg·m²]; any three
+            positive values give moments of inertia that satisfy the triangle inequality.
         lift: translational lift of a rotor [N·s²/m²].
         rotor_drag: (2,) of a rotor at full speed, in and across its plane [N·s/m].
         body_drag: (3,) [N·s²/m²].
@@ -191,10 +193,10 @@ class Airframe:
         )
 
     def numbers(self, lagged: bool) -> Array:
-        """What `rotorcraft` reads from userdata.
+        """The parameters as `rotorcraft` reads them from userdata.
 
         Args:
-            lagged: whether the actuators have an activation of their own.
+            lagged: whether the actuators have an activation state.
         """
         rotors = np.c_[self.positions, self.thrust, self.spin * self.torque]
         return np.concatenate(
@@ -203,15 +205,15 @@ class Airframe:
 
     @property
     def gain_places(self) -> list[list[int]]:
-        """Where in `numbers` every rotor's thrust and torque are."""
+        """For each rotor, the indices of its thrust and torque in `numbers`."""
         return [[_ROTORS + _PER_ROTOR * k + i for i in (3, 4)] for k in range(len(self.thrust))]
 
 
-_ROTORS, _PER_ROTOR = 10, 5  # where the rotors' numbers begin, and how many each has
+_ROTORS, _PER_ROTOR = 10, 5  # offset of the rotors' values in userdata, and values per rotor
 
 
 def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
-    """The nominal numbers of a data sheet; `centre` is how far off the centre of mass may be."""
+    """Nominal parameters of a data sheet; `centre` bounds the offset of the centre of mass."""
     rotors, moments, top = sheet.rotors, np.array(sheet.inertia), sheet.rotors.top_speed
     return Airframe(
         mass=sheet.mass,
@@ -230,9 +232,10 @@ def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
 
 @cache
 def rotorcraft() -> Any:
-    """The callback that makes the air's forces on a model whose only joint is the free joint.
+    """Callback for the aerodynamic forces on a model whose only joint is the free joint.
 
-    Weight is MuJoCo's own. A rotor's speed is its command, or its activation where it lags.
+    It reads `Airframe.numbers` from userdata. MuJoCo adds the weight. A rotor's speed is its
+    command, or its activation if it lags.
     """
     offsets = field_offsets()
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]

@@ -22,21 +22,21 @@ from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
 from .world.robots import Base, Robot, load_robot
 from .world.shapes import VisualMesh
-from .world.tree import Looks, tree_spec
+from .world.tree import RobotVisuals, tree_spec
 
 Backend = Literal["compiled", "pinocchio"]
-"""Where a robot's regressors come from: compiled recursions, or Pinocchio; they agree."""
+"""Implementation of a robot's regressors: compiled recursions, or Pinocchio's."""
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
 
 @config
 class ArmPlant(PlantConfig):
-    """A robot with a motor on every joint; a floating base is held on a stand.
+    """A robot with a motor on every joint; a floating base is fixed to a stand.
 
-    Friction, rotor inertia and motor gain are given as a data sheet would: one nominal number for
-    all joints, or None for numbers that suit the robot's own size. The true ones differ from it,
-    joint by joint, by up to `spread`, drawn from the seed and told to nobody.
+    Friction, rotor inertia and motor gain have one nominal value for all joints, as in a data
+    sheet, or None for values that suit the robot's size. The hidden true values, drawn from the
+    seed, deviate from the nominal ones joint by joint, by up to `spread`.
 
     Attributes:
         robot: a name of example-robot-data, or the path of a URDF file.
@@ -44,10 +44,10 @@ class ArmPlant(PlantConfig):
         friction: nominal Coulomb friction [N·m or N].
         armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
         gain: nominal motor gain [N·m or N per unit of command].
-        spread: largest relative deviation of the true numbers from the nominal ones.
-        friction_speed: joint speed at which Coulomb friction is developed [rad/s or m/s].
-        backend: where the identifier's regressors come from: `compiled` recursions, which are held
-            against Pinocchio at every start, or `pinocchio`, several times slower.
+        spread: largest relative deviation of the true values from the nominal ones.
+        friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
+        backend: implementation of the identifier's regressors: `compiled` recursions, which are
+            checked against Pinocchio at every start, or `pinocchio`, several times slower.
     """
 
     robot: Name = "ur5"
@@ -66,11 +66,11 @@ class ArmPlant(PlantConfig):
         return self
 
     def build(self, dt: float, seed: int) -> Arm:
-        """Loads the robot, draws the hidden numbers, compares the engines.
+        """Loads the robot, draws the hidden parameters, compares MuJoCo with Pinocchio.
 
         Raises:
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
-            EnginesDisagree: the two engines compute different dynamics.
+            EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
         """
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
@@ -95,9 +95,9 @@ class ArmPlant(PlantConfig):
 
 @config
 class FloatingBasePlant(ArmPlant):
-    """A robot that floats, falling, with a motor on every joint and none on its base.
+    """A floating-base robot in free fall, with a motor on every joint and none on its base.
 
-    Attributes are those of `ArmPlant`.
+    Its attributes are those of `ArmPlant`.
     """
 
     robot: Name = "solo12"
@@ -106,7 +106,7 @@ class FloatingBasePlant(ArmPlant):
 
 @dataclass(frozen=True)
 class HiddenJoints:
-    """The true numbers of the joints, (k,) each; units as in `JointScales`."""
+    """True parameters of the joints, (k,) each; units as in `JointScales`."""
 
     rotor: Array | None
     viscous: Array
@@ -115,18 +115,18 @@ class HiddenJoints:
 
 
 class Arm(Plant):
-    """An arm, or a robot that floats, in MuJoCo.
+    """An arm or a floating-base robot in MuJoCo.
 
     Args:
         robot: the description; its inertias are the true ones.
-        system: its structure.
-        hidden: the true numbers of its joints.
-        dt: step [s].
-        mismatch: what the structure does not know.
+        system: the structure that an identifier may know.
+        hidden: the true parameters of its joints.
+        dt: time step [s].
+        mismatch: the effects outside the structure.
 
     Raises:
-        BadRobot: MuJoCo refuses a body, or a joint's friction is too stiff for dt.
-        EnginesDisagree: the two engines compute different dynamics.
+        BadRobot: MuJoCo rejects a body, or a joint's friction is too stiff for dt.
+        EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
     """
 
     system: MotorTree
@@ -145,7 +145,7 @@ class Arm(Plant):
             self._compile(spec, mismatch)
         except ValueError as error:
             raise BadRobot(
-                robot.name, "", f"MuJoCo refuses it: {error}", "Mend the named body's inertia."
+                robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
             ) from error
         self.joints = joint_map(self.model, list(robot.model.names)[1:])
         self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
@@ -157,8 +157,10 @@ class Arm(Plant):
     @cached_property
     def truth(self) -> Array:
         """(p,) the true θ."""
-        links = [self.robot.model.inertias[i].toDynamicParameters()
-                 for i in range(1, self.robot.model.njoints)]  # fmt: skip
+        links = [
+            self.robot.model.inertias[i].toDynamicParameters()
+            for i in range(1, self.robot.model.njoints)
+        ]
         h = self._hidden
         rotor = [h.rotor] if h.rotor is not None else []
         return np.concatenate([*links, *rotor, h.viscous, h.coulomb, h.gain])
@@ -171,23 +173,31 @@ class Arm(Plant):
         self.data.userdata[1 + nv + self.joints.motors] = 1 / self.system.friction_speed
 
     def coordinates(self) -> tuple[Array, Array]:
-        """(n,) position numbers, joint angles [rad] or travels [m], and (n,) velocities."""
+        """(n,) position numbers, joint angles [rad] or displacements [m], and (n,) velocities."""
         return self.joints.read(self.data)
 
     def visuals(self) -> list[VisualMesh]:
-        """The robot's own meshes, where its description has any."""
-        return self._looks.visuals()
+        """The visual meshes of the robot's description; there may be none."""
+        return self._visuals.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m)."""
-        return self._looks.poses(q)
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+        return self._visuals.poses(q)
 
     @cached_property
-    def _looks(self) -> Looks:
-        return Looks(self.robot)
+    def _visuals(self) -> RobotVisuals:
+        return RobotVisuals(self.robot)
 
     def _compare_engines(self, samples: int = 5) -> None:
-        """M and bias forces of both engines at random states."""
+        """Compares M and bias forces of MuJoCo and Pinocchio at random states.
+
+        Raises:
+            EnginesDisagree: names the link and the quantity that differ.
+        """
         rng = np.random.default_rng(0)
         model, data = self.robot.model, self.robot.model.createData()
         rotor = np.zeros(model.nv)
@@ -201,7 +211,7 @@ class Arm(Plant):
             mujoco.mj_forward(self.model, self.data)
             M = pin.crba(model, data, q) + np.diag(rotor - model.armature)
             bias = pin.nonLinearEffects(model, data, q, v)
-            force = max(np.abs(bias).max(), np.abs(M).max())  # also where a balanced robot has none
+            force = max(np.abs(bias).max(), np.abs(M).max())  # a balanced robot has no bias
             for quantity, difference in (
                 ("mass matrix", self.joints.mass_matrix(self.model, self.data) - M),
                 ("bias force", self.joints.bias(self.model, self.data) - bias),
@@ -217,7 +227,11 @@ class Arm(Plant):
                     )
 
     def _check_stiffness(self, dt: float) -> None:
-        """RK4 is stable up to |λ| dt = 2.78; friction's λ is (viscous + c/s)/M_ii at most."""
+        """Checks RK4's stability, |λ| dt < 2.78; friction's |λ| is at most (viscous + c/s)/M_ii.
+
+        Raises:
+            BadRobot: names the joint and a time step that is small enough.
+        """
         self.reset(np.mean(self.system.limits, axis=0), np.zeros(self.system.n))
         mujoco.mj_forward(self.model, self.data)
         inertia = 1 / np.diag(np.linalg.inv(self.joints.mass_matrix(self.model, self.data)))
@@ -247,10 +261,10 @@ def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float) -> Any:
 
 
 def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
-    """What an engineer would guess: sizes to a factor of two, and the data sheet's numbers.
+    """An engineer's guess: sizes to within a factor of two, and the data sheet's values.
 
-    Masses and lengths are rounded to powers of two, so that the scale of θ is a guess and not the
-    truth in disguise.
+    Masses and lengths are rounded to powers of two, so that the scale of θ does not reveal the true
+    inertias.
     """
     inertias = [model.inertias[i] for i in range(1, model.njoints)]
     mass = np.array([_octave(inertia.mass) for inertia in inertias])
@@ -277,9 +291,12 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
 
 
 def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
-    """(k,) inertia [kg·m² or kg] and (k,) weight [N·m or N] that each 1-DOF joint carries, about.
+    """Inertia and weight that each 1-DOF joint carries, rounded to powers of two.
 
-    The weight is bounded by g·√(m I), as (m r)² ≤ m · m r².
+    The weight is the bound g·√(m I), as (m r)² ≤ m · m r².
+
+    Returns:
+        (k,) inertia [kg·m² or kg] and (k,) weight [N·m or N].
     """
     data = model.createData()
     joints = [joint for joint in list(model.joints)[1:] if joint.nv == 1]
@@ -291,7 +308,7 @@ def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
 
 
 def _octave(value: float) -> float:
-    """The nearest power of two: what one guesses without measuring."""
+    """The nearest power of two: a guess by order of magnitude."""
     return float(2.0 ** np.round(np.log2(max(value, 1e-9))))
 
 

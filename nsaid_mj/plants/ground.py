@@ -1,4 +1,4 @@
-"""Cars in the plane: linear tyres, drive, rolling resistance and air drag, exactly, in MuJoCo."""
+"""Cars in the plane: exact linear tyres, drive, rolling resistance and air drag in MuJoCo."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Guess(Table):
 
 
 class CarSheet(Sheet):
-    """A car's numbers; axes x forward, y left, z up."""
+    """A car's data sheet; axes x forward, y left, z up."""
 
     mass: Positive = one("a number > 0 [kg]")
     inertia: Positive = one("a number > 0, about the vertical through the centre of mass [kg·m²]")
@@ -49,12 +49,12 @@ class CarSheet(Sheet):
 
 @config
 class CarPlant(PlantConfig):
-    """A car that rolls forwards on level ground.
+    """A car that drives forwards on level ground.
 
     Attributes:
-        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
+        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true load, tyres, drive and resistances from the
-            nominal numbers.
+            nominal values.
     """
 
     vehicle: Name = "f1tenth"
@@ -66,7 +66,7 @@ class CarPlant(PlantConfig):
         return self
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         sheet, flow = CarSheet.of(self.vehicle), self.mismatch.flow
         nominal, wheelbase = nominal_car(sheet), sheet.front + sheet.rear
         true = Car(*hidden(np.array(nominal), self.spread, np.random.default_rng(seed)).tolist())
@@ -84,28 +84,28 @@ class CarPlant(PlantConfig):
 
 @config
 class F1TenthPlant(CarPlant):
-    """An F1TENTH, a race car of a tenth of the size; numbers and sources in assets/f1tenth.
+    """An F1TENTH, a race car at one tenth scale; parameters and sources in assets/f1tenth.
 
-    Attributes are those of `CarPlant`.
+    Its attributes are those of `CarPlant`.
     """
 
 
 @config
 class BMW320iPlant(CarPlant):
-    """A BMW 320i; numbers and sources in assets/bmw320i.
+    """A BMW 320i; parameters and sources in assets/bmw320i.
 
-    Attributes are those of `CarPlant`.
+    Its attributes are those of `CarPlant`.
     """
 
     vehicle: Name = "bmw320i"
 
 
 class Car(NamedTuple):
-    """A car's numbers; x forward, y left, the origin half-way between the axles.
+    """Parameters of a car; x forward, y left, origin half-way between the axles.
 
     Attributes:
         mass: [kg].
-        centre: the centre of mass, forwards [m].
+        centre: x of the centre of mass [m].
         inertia: about the vertical through the centre of mass [kg·m²].
         front: cornering stiffness of the front axle [N/rad].
         rear: cornering stiffness of the rear axle [N/rad].
@@ -166,10 +166,10 @@ def scales(nominal: Car, wheelbase: float, guess: Guess) -> GroundScales:
 
 
 def check_wind(mismatch: Mismatch, plant: str) -> None:
-    """Accepts lag, delay and a level wind.
+    """Checks that a mismatch has no fluid model and no vertical wind.
 
     Raises:
-        InvalidInput: another switch is on.
+        InvalidInput: it has one; the message names `plant`.
     """
     mismatch.refuse(plant, "fluid")
     if mismatch.flow[2]:
@@ -179,15 +179,15 @@ def check_wind(mismatch: Mismatch, plant: str) -> None:
 
 
 SIZE = 10
-"""How many numbers `single_track` reads."""
+"""How many values `single_track` reads from userdata."""
 
 GAIN_PLACES = ((4, 5), ())
-"""Where among them the drive's gains are; steering has none."""
+"""Indices of the drive's gains among them; steering has none."""
 
 
 @cache
 def single_track() -> Any:
-    """The callback for two slides and a hinge: every wheel's force in the wheel's own axes.
+    """Callback for a body on two slides and a hinge: tyre forces in the wheels' axes.
 
     `userdata` holds [lagged, half the wheelbase, C_f, C_r, k_d, k_v, c_0, c_D, wind x, wind y].
     """
@@ -207,7 +207,7 @@ def single_track() -> Any:
         ahead = c * qvel[0] + s * qvel[1]
         for axle in range(2):
             arm, angle = (d[1], qpos[2] + command[1]) if axle == 0 else (-d[1], qpos[2])
-            # where the axle is, and how it moves, in the world; then along and across its wheel
+            # velocity of the axle in the world, then along and across its wheel
             vx, vy = qvel[0] - arm * s * qvel[2], qvel[1] + arm * c * qvel[2]
             wc, ws = np.cos(angle), np.sin(angle)
             side = -d[2 + axle] * np.arctan2(wc * vy - ws * vx, wc * vx + ws * vy)

@@ -1,4 +1,4 @@
-"""A rover on four wheels in contact with the ground; the linear tyre is only a model of it."""
+"""A four-wheeled rover with simulated ground contact, which a linear tyre only approximates."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from .world.shapes import VisualMesh, of_geom
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STEERED = ("steer_left", "steer_right")
-_SETTLE = 3.0  # [s] until the wheels have sunk in and nothing moves
+_SETTLE = 3.0  # time until the rover has settled on its wheels [s]
 
 
 @config
 class RoverPlant(PlantConfig):
-    """A four-wheeled rover; numbers and sources in assets/rover.
+    """A four-wheeled rover; parameters and sources in assets/rover.
 
     Attributes:
         spread: largest relative deviation of the true load, motors, bearings, servo and tyres
-            from the numbers given there.
+            from the values given there.
     """
 
     spread: Share = 0.2
@@ -42,29 +42,28 @@ class RoverPlant(PlantConfig):
         return self
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         rover = Rover(self.spread, self.mismatch, dt, np.random.default_rng(seed))
         return rover.failing(self.fault)
 
 
 class Rover(Plant):
-    """Hull with six degrees of freedom, four wheels and a steering rack; contacts are on.
+    """A hull with six degrees of freedom, four wheels and a steering rack, with contact enabled.
 
-    The rear motors are wired in series: one current, each its own torque constant. The rack turns
-    each front wheel by its own angle, so that all axles meet in one point (Ackermann).
+    The rear motors are wired in series: they share one current, and each has its own torque
+    constant. The rack turns each front wheel by its own angle (Ackermann steering).
 
-    There is no true θ, for no θ reproduces the motion. `truth` is what the parts' own numbers say
-    of a car on linear tyres: mass, first moment and inertia of the whole, wheels included; motors'
-    torque and bearings' friction at the wheels' radius; the force with which MuJoCo's contact
-    answers a sideways slip, at cruising speed. It is one engineer's calculation, not the answer:
-    estimates are to be judged by the force they predict. Measured (scenarios/rover.py), NS-AID's
-    predict it better than this one does.
+    No θ reproduces the motion, so there is no true θ. `truth` is calculated from the parts, for a
+    car on linear tyres: mass, first moment and inertia of the whole including wheels; motor torque
+    and bearing friction at the wheels' radius; and the lateral force of MuJoCo's contact per unit
+    of slip, at cruising speed. Judge estimates by the force they predict, not by this θ: in
+    scenarios/rover.py those of NS-AID predict it better.
 
     Args:
-        spread: largest relative deviation of the hidden numbers.
-        mismatch: what is on beside the structural one.
-        dt: step [s].
-        rng: source of the hidden numbers.
+        spread: largest relative deviation of the hidden parameters.
+        mismatch: effects that are on in addition to the structural ones.
+        dt: time step [s].
+        rng: source of the hidden parameters.
     """
 
     system: GroundVehicle
@@ -96,33 +95,38 @@ class Rover(Plant):
 
     @property
     def truth(self) -> Array:
-        """(9,) what the parts' own numbers say; see the class."""
+        """(9,) θ calculated from the parts; see the class."""
         return self._truth
 
     def _place(self, position: Array, velocity: Array) -> None:
         self.data.qpos[:] = self._rest
         self.body.write(self.data, position, velocity)
         along = velocity[0] - self._arms[:, 1] * velocity[2]
-        self.data.qvel[self._spins] = along / self._radius  # they roll, and do not slip at first
+        self.data.qvel[self._spins] = along / self._radius  # rolling without slip
 
     def coordinates(self) -> tuple[Array, Array]:
-        """(3,) x, y [m], ψ [rad] and (3,) u, v, r of the hull, seen from above."""
+        """(3,) x, y [m], ψ [rad] and (3,) u, v [m/s], r [rad/s] of the hull's horizontal motion."""
         return self.body.read(self.data)
 
     def visuals(self) -> list[VisualMesh]:
-        """Hull and wheels."""
+        """Meshes of the hull and the wheels."""
         return [of_geom(self.model, i) for i in self._drawn]
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the geoms at q (k, 3); no wheel's angle is in q, so wheels stand still."""
+        """World poses of the geoms at q (k, 3); wheels do not turn, as q has no wheel angles.
+
+        Returns:
+            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
+        """
         places, attitudes = body_poses(q)
         translations = places[:, None] + np.einsum("kab,gb->kga", attitudes, self._places)
-        quaternions = [[pin.Quaternion(R @ own).coeffs() for own in self._attitudes]
-                       for R in attitudes]  # fmt: skip
+        quaternions = [
+            [pin.Quaternion(R @ own).coeffs() for own in self._attitudes] for R in attitudes
+        ]
         return translations, np.array(quaternions).reshape(len(q), len(self._places), 4)
 
     def _settled(self) -> Array:
-        """(nq,) qpos of the rover at rest at the origin, its wheels sunk in."""
+        """(nq,) qpos of the rover at rest at the origin, settled on its wheels."""
         mujoco.mj_resetData(self.model, self.data)
         with self.running():
             for _ in range(round(_SETTLE / self.dt)):
@@ -131,7 +135,7 @@ class Rover(Plant):
         return self.data.qpos.copy()
 
     def _effective(self, d: dict[str, Any]) -> Car:
-        """The car that the parts' own numbers make."""
+        """The equivalent car on linear tyres, calculated from the parts."""
         model, data = self.model, self.data
         data.qpos[:], data.qvel[:] = self._rest, 0.0
         with self.running():
@@ -141,8 +145,9 @@ class Rover(Plant):
         spread = place[:, :2] - [centre, 0.0]
         turned = data.ximat[1:].reshape(-1, 3, 3)
         own = np.einsum("bi,bi->b", turned[:, 2] ** 2, model.body_inertia[1:])
-        front, rear = (d["guess"]["speed"] * _stiffness(model, data, axle)
-                       for axle in ("front", "rear"))  # fmt: skip
+        front, rear = (
+            d["guess"]["speed"] * _stiffness(model, data, axle) for axle in ("front", "rear")
+        )
         torque = model.wrap_prm[:2].sum()
         return Car(
             mass=float(mass.sum()),
@@ -158,7 +163,7 @@ class Rover(Plant):
 
 
 def structure(d: dict[str, Any]) -> GroundVehicle:
-    """What an identifier may know of the rover."""
+    """The structure that an identifier may know, with scales guessed from vehicle.toml's `d`."""
     guess, weight = d["guess"], d["mass"] * d["gravity"]
     drive = 2 * d["torque"] / d["radius"]
     return GroundVehicle(
@@ -180,7 +185,7 @@ def structure(d: dict[str, Any]) -> GroundVehicle:
 
 
 def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Generator) -> Any:
-    """The specification of assets/rover/model.xml with hidden numbers, and contacts."""
+    """MuJoCo's specification of assets/rover/model.xml with hidden parameters, contact enabled."""
 
     def draw(value: Any) -> Any:
         return hidden(np.array(value), spread, rng)
@@ -195,7 +200,9 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
     hull.explicitinertial = True
     hull.mass = float(draw(d["mass"])) - 4 * d["wheel_mass"] - spec.body("rack").mass
     hull.ipos, hull.iquat = draw(d["centre"]), [1, 0, 0, 0]
-    hull.inertia = float(draw(1.0)) * np.array(d["inertia"])  # in proportion: a body's must fit
+    hull.inertia = float(draw(1.0)) * np.array(
+        d["inertia"]
+    )  # one factor for all: keeps the triangle inequality
     friction = float(draw(contact["friction"]))
     for wheel in WHEELS:
         body = spec.body(wheel)
@@ -211,7 +218,9 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
         motors.wrap_joint(f"roll_{wheel}", float(draw(d["torque"])))
     drive = spec.add_actuator(name="drive", target="motors", trntype=mujoco.mjtTrn.mjTRN_TENDON)
     drive.gaintype = mujoco.mjtGain.mjGAIN_AFFINE
-    nothing_left = 2 * d["torque"] * d["top_speed"] / d["radius"]  # tendon's speed at top speed
+    nothing_left = (
+        2 * d["torque"] * d["top_speed"] / d["radius"]
+    )  # speed of the tendon at top speed
     drive.gainprm[:3] = [1.0, 0.0, -float(draw(1 / nothing_left))]
     servo = spec.add_actuator(name="steering", target="rack", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     stiffness, damping = (float(draw(d[f"servo_{what}"])) for what in ("stiffness", "damping"))
@@ -225,11 +234,11 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
 
 
 def ackermann(offset: float, limit: float) -> Array:
-    """(5,) polynomial of a front wheel's angle in that of a wheel on the middle line.
+    """(5,) polynomial of a front wheel's angle in that of a virtual wheel on the centre line.
 
     Args:
-        offset: of the wheel from the middle line, to the left, in wheelbases.
-        limit: largest angle on the middle line [rad].
+        offset: of the wheel from the centre line, positive left, in wheelbases.
+        limit: largest angle on the centre line [rad].
     """
     angle = np.linspace(-limit, limit, 101)
     wheel = np.arctan(np.tan(angle) / (1 - offset * np.tan(angle)))
@@ -238,15 +247,15 @@ def ackermann(offset: float, limit: float) -> Array:
 
 
 def _arms(model: Any) -> Array:
-    """(4, 3) of the wheels' centres from the hull's origin [m]."""
+    """(4, 3) positions of the wheels' centres relative to the hull's origin [m]."""
     return np.array([model.body(wheel).pos for wheel in WHEELS])
 
 
 def _stiffness(model: Any, data: Any, axle: str) -> float:
-    """Side force of an axle for each metre per second of sideways slip in a steady bend [N·s/m].
+    """Lateral force of an axle per unit of lateral slip velocity, in steady cornering [N·s/m].
 
-    A contact's force f answers its slip v by −B v = v̇ + R f (MuJoCo, Computation). In a bend v̇ is
-    the acceleration towards the middle, so that 1/R weighs like a mass that the tyres hold on to.
+    A contact's force f and slip velocity v satisfy −B v = v̇ + R f (MuJoCo, Computation). In a
+    corner v̇ is the centripetal acceleration, so that 1/R acts like a mass carried by the tyres.
     """
     first = np.array([contact.efc_address for contact in data.contact]) + 1  # after the normal's
     B, R = data.efc_KBIP[first, 1], data.efc_R[first]
@@ -256,7 +265,7 @@ def _stiffness(model: Any, data: Any, axle: str) -> float:
 
 
 def _air_drag(model: Any) -> float:
-    """Drag along x of the boxes that have the bodies' inertias: MuJoCo's fluid model [N·s²/m²]."""
+    """Drag along x of the bodies' equivalent inertia boxes, MuJoCo's fluid model [N·s²/m²]."""
     total = 0.0
     for mass, (xx, yy, zz) in zip(model.body_mass[1:], model.body_inertia[1:], strict=True):
         width, height = np.sqrt(6 * np.array([xx + zz - yy, xx + yy - zz]) / mass)

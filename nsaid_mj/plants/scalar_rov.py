@@ -21,14 +21,14 @@ from .world.shapes import VisualMesh, of_geom
 
 @config
 class ScalarRovPlant(PlantConfig):
-    """The heave axis of a BlueROV2 Heavy; numbers and sources in assets/scalar_rov.
+    """The heave axis of a BlueROV2 Heavy; parameters and sources in assets/scalar_rov.
 
     Attributes:
-        mass: nominal mass, added mass included [kg].
+        mass: nominal mass, including added mass [kg].
         drag: nominal quadratic drag [N·s²/m²].
-        net_weight: nominal weight that buoyancy leaves [N].
+        net_weight: nominal weight minus buoyancy [N].
         gain: nominal thrust at full command [N].
-        spread: largest relative deviation of the true numbers from the nominal ones.
+        spread: largest relative deviation of the true values from the nominal ones.
     """
 
     mass: Positive = 32.18
@@ -50,7 +50,7 @@ class ScalarRovPlant(PlantConfig):
         return self
 
     def build(self, dt: float, seed: int) -> ScalarRov:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
         rng = np.random.default_rng(seed)
         theta = nominal * (1 + self.spread * rng.uniform(-1, 1, 4))
@@ -61,10 +61,10 @@ class ScalarRov(Plant):
     """A heaving vehicle in MuJoCo: slide joint, native quadratic damping, partial buoyancy.
 
     Args:
-        nominal: (4,) m, d, g, a as an engineer would guess.
-        theta: (4,) the true ones.
-        dt: step [s].
-        mismatch: what the structure does not know.
+        nominal: (4,) an engineer's guess of m, d, g, a.
+        theta: (4,) the true m, d, g, a.
+        dt: time step [s].
+        mismatch: the effects outside the structure.
     """
 
     def __init__(self, nominal: Array, theta: Array, dt: float, mismatch: Mismatch):
@@ -76,7 +76,7 @@ class ScalarRov(Plant):
         mass, drag, weight, gain = theta
         body = spec.body("vehicle")
         body.mass = mass
-        body.gravcomp = 1 - weight / (mass * 9.81)  # buoyancy carries the rest
+        body.gravcomp = 1 - weight / (mass * 9.81)  # buoyancy as a share of the weight
         spec.joint("heave").damping = [0, drag, 0]  # MuJoCo: −(a v + b v|v| + c v³)
         spec.actuator("thrusters").gainprm[0] = gain
         self._compile(spec, mismatch)
@@ -91,15 +91,19 @@ class ScalarRov(Plant):
         self.data.qpos[:], self.data.qvel[:] = position, velocity
 
     def coordinates(self) -> tuple[Array, Array]:
-        """(1,) height [m] and (1,) velocity [m/s], upwards."""
+        """(1,) height [m] and (1,) velocity [m/s], positive upwards."""
         return self.data.qpos.copy(), self.data.qvel.copy()
 
     def visuals(self) -> list[VisualMesh]:
-        """The hull's boxes and thrusters."""
+        """Meshes of hull and thrusters."""
         return [of_geom(self.model, i) for i in range(self.model.ngeom)]
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the boxes at heights q (k, 1)."""
+        """World poses of the geoms at heights q (k, 1).
+
+        Returns:
+            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
+        """
         translations = np.repeat(self.model.geom_pos[None], len(q), axis=0)
         translations[:, :, 2] += q
         w, x, y, z = self.model.geom_quat.T

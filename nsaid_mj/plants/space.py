@@ -1,4 +1,4 @@
-"""Astrobee: twelve nozzles of unknown gain turn and push a cube in free fall."""
+"""Free-flyers: nozzles of unknown gain turn and push a body in free fall; Astrobee is included."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Guess(Table):
 
 
 class Nozzles(Table):
-    """The nozzles of one propulsion module; the other has x and y negated."""
+    """The nozzles of one propulsion module; the other module has x and y negated."""
 
     positions: list[Place] = Field(min_length=1, description="three numbers for each [inch]")
     directions: list[Place] = Field(
@@ -51,15 +51,17 @@ class Nozzles(Table):
     def _fits(self) -> Self:
         if len(self.positions) != len(self.directions):
             raise InvalidInput(
-                "nozzles.directions", f"one for each of {len(self.positions)} positions",
-                len(self.directions), "Give every nozzle its position and its direction.",
-            )  # fmt: skip
+                "nozzles.directions",
+                f"one for each of {len(self.positions)} positions",
+                len(self.directions),
+                "Give every nozzle its position and its direction.",
+            )
         check_unit_vectors("nozzles.directions", np.array(self.directions))
         return self
 
 
 class FreeFlyerSheet(Sheet):
-    """A free-flyer's numbers; axes x forward, y right, z down."""
+    """A free-flyer's data sheet; axes x forward, y right, z down."""
 
     mass: Positive = one("a number > 0 [kg]")
     centre: list[Number] = several(3, "three numbers [m]")
@@ -79,8 +81,8 @@ class AstrobeePlant(PlantConfig):
     """NASA's Astrobee, or another free-flyer with two propulsion modules.
 
     Attributes:
-        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
-        spread: largest relative deviation of the nozzles' true thrust from the published one.
+        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
+        spread: largest relative deviation of the nozzles' true thrust from the published value.
     """
 
     vehicle: Name = "astrobee"
@@ -92,7 +94,7 @@ class AstrobeePlant(PlantConfig):
         return self
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         sheet = FreeFlyerSheet.of(self.vehicle)
         positions, jets, thrust = nozzles(sheet)
         guess = sheet.guess
@@ -116,7 +118,11 @@ class AstrobeePlant(PlantConfig):
 
 
 def nozzles(sheet: FreeFlyerSheet) -> tuple[Array, Array, Array]:
-    """(k, 3) positions [m], (k, 3) directions of the jets, (k,) nominal thrust [N]; z up."""
+    """Positions, jet directions and nominal thrusts of the nozzles of both modules; z up.
+
+    Returns:
+        (k, 3) positions [m], (k, 3) unit vectors of the jets, (k,) nominal thrust [N].
+    """
     one_module, jets = np.array(sheet.nozzles.positions), np.array(sheet.nozzles.directions)
     other = np.array([-1.0, -1.0, 1.0])
     positions = NED * sheet.inch * np.concatenate([one_module, other * one_module])
@@ -125,7 +131,7 @@ def nozzles(sheet: FreeFlyerSheet) -> tuple[Array, Array, Array]:
 
 
 def _add_nozzle(spec: Any, name: str, position: Array, push: Array, thrust: float) -> None:
-    """An actuator that pushes at a site of the body, in the body's axes."""
+    """Adds an actuator that pushes at a fixed position of the body, in body axes."""
     spec.body(BODY).add_site(name=name, pos=position)
     actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_SITE)
     actuator.gear = [*push, 0, 0, 0]

@@ -1,4 +1,4 @@
-"""Torpedo-shaped vehicles under way, with four fins and a propeller; a REMUS 100 is packed."""
+"""Torpedo-shaped underwater vehicles with four fins and a propeller; a REMUS 100 is included."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..errors import InvalidInput
 from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle
-from .underwater import into_mujocos_water
+from .underwater import use_mujoco_fluid
 from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.hydrodynamics import motion_in_water, passive_wrench
@@ -33,11 +33,11 @@ from .world.sheet import (
 )
 
 LIMIT = 8
-"""Most fins a vehicle may have."""
+"""Largest number of fins on a vehicle."""
 
 
 class AddedMass(Table):
-    """Added mass by its derivatives' names, with their signs."""
+    """Added-mass derivatives, with their published signs."""
 
     X_udot: Negative = one("a number < 0 [kg]")
     Y_vdot: Negative = one("a number < 0 [kg]")
@@ -47,7 +47,7 @@ class AddedMass(Table):
 
 
 class Drag(Table):
-    """Quadratic drag by its derivatives' names, with their signs."""
+    """Quadratic drag derivatives, with their published signs."""
 
     coefficient: Positive = one("a coefficient > 0 on the frontal area")
     diameter: Positive = one("a number > 0 [m]")
@@ -57,14 +57,14 @@ class Drag(Table):
 
 
 class Lift(Table):
-    """Lift of body and fins together, by its derivatives' names."""
+    """Lift derivatives of body and fins together."""
 
     Y_uv: Number = one("a number [N·s²/m²]")
     M_uw: Number = one("a number [N·s²/m]")
 
 
 class Fins(Table):
-    """Four fins, in pairs as published."""
+    """Four fins, with coefficients published per pair."""
 
     Y_uudr: Positive = one("a number > 0 [N·s²/m² for each rad]")
     N_uudr: Negative = one("a number < 0 [N·s²/m for each rad]")
@@ -74,7 +74,7 @@ class Fins(Table):
 
 
 class Propeller(Table):
-    """The propeller, by its thrust coefficients."""
+    """The propeller and its thrust coefficients."""
 
     diameter: Positive = one("a number > 0 [m]")
     shaft_speed: Positive = one("a number > 0 at full command [1/s]")
@@ -93,7 +93,7 @@ class Guess(Table):
 
 
 class TorpedoSheet(Sheet):
-    """A torpedo's numbers; axes x forward, y right, z down, from the centre of buoyancy."""
+    """A torpedo's data sheet; axes x forward, y right, z down, origin at the centre of buoyancy."""
 
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three moments about the origin > 0 [kg·m²]")
@@ -118,16 +118,20 @@ class TorpedoSheet(Sheet):
         ):
             if abs(value) < 1e-9:
                 raise InvalidInput(
-                    key, "a number that is not 0 (of the centre of gravity, its z)", value,
+                    key,
+                    "a number that is not 0 (of the centre of gravity, its z)",
+                    value,
                     "It is a parameter to be identified, and needs a scale.",
-                )  # fmt: skip
+                )
         shift = self.mass * height**2
         check_inertia([self.inertia[0] - shift, self.inertia[1] - shift, self.inertia[2]])
         if not self.propeller.K_T[0] > self.propeller.K_T[1]:
             raise InvalidInput(
-                "propeller.K_T", "a coefficient that falls with the advance ratio",
-                self.propeller.K_T, "Give first the one at standstill.",
-            )  # fmt: skip
+                "propeller.K_T",
+                "a coefficient that falls with the advance ratio",
+                self.propeller.K_T,
+                "Give first the one at standstill.",
+            )
         return self
 
 
@@ -136,16 +140,16 @@ class REMUS100Plant(PlantConfig):
     """A REMUS 100, or another torpedo-shaped vehicle.
 
     Attributes:
-        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
+        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true drag, lift, weight, righting moment,
-            propeller and fins from the published numbers.
+            propeller and fins from the published values.
     """
 
     vehicle: Name = "remus100"
     spread: Share = 0.2
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         sheet = TorpedoSheet.of(self.vehicle)
         nominal = nominal_numbers(sheet)
         rng = np.random.default_rng(seed)
@@ -185,7 +189,7 @@ class REMUS100Plant(PlantConfig):
 
 @dataclass(frozen=True)
 class Torpedo:
-    """The true numbers of a torpedo-shaped vehicle; axes x forward, y left, z up.
+    """Parameters of a torpedo-shaped vehicle; axes x forward, y left, z up.
 
     Attributes:
         rigid: (6, 6) M_RB about the body's origin, the centre of buoyancy [kg, kg·m, kg·m²].
@@ -195,9 +199,9 @@ class Torpedo:
         net_weight: weight less buoyancy [N].
         righting: z of r_B B − r_G W [N·m].
         propeller: (2,) thrust [N] and torque [N·m] at full command at rest.
-        slip: share of its full thrust that the propeller loses for each m/s [s/m].
+        slip: share of full thrust that the propeller loses per unit of forward speed [s/m].
         positions: (k, 3) of the fins [m].
-        lifts: (k, 3) unit vectors along which positive deflections lift.
+        lifts: (k, 3) unit vectors of the lift at positive deflection.
         fin_lift: (k,) [N·s²/m² for each rad].
         fin_drag: (k,) [N·s²/m² for each rad²].
         flow: (3,) velocity of the water in the world [m/s].
@@ -218,34 +222,45 @@ class Torpedo:
     flow: Array
 
     def numbers(self, lagged: bool) -> Array:
-        """What `forces` reads from userdata.
+        """The parameters as `forces` reads them from userdata.
 
         Args:
-            lagged: whether the actuators have an activation of their own.
+            lagged: whether the actuators have an activation state.
         """
         inverse = np.linalg.inv(self.rigid + self.added)
         fins = np.column_stack([self.positions, self.lifts, self.fin_lift, self.fin_drag])
         return np.concatenate(
             [
-                [len(fins), float(lagged)], self.rigid.ravel(), self.added.ravel(),
-                inverse.ravel(), self.drag, self.lift, [self.net_weight, self.righting],
-                self.propeller, [self.slip], self.flow, fins.ravel(),
+                [len(fins), float(lagged)],
+                self.rigid.ravel(),
+                self.added.ravel(),
+                inverse.ravel(),
+                self.drag,
+                self.lift,
+                [self.net_weight, self.righting],
+                self.propeller,
+                [self.slip],
+                self.flow,
+                fins.ravel(),
             ]
-        )  # fmt: skip
+        )
 
     @property
     def gain_places(self) -> list[list[int]]:
-        """Where in `numbers` every fin's lift and drag, and the propeller's gains are."""
+        """For each fin, then the propeller, the indices of its gains in `numbers`."""
         return [*([130 + 8 * j, 131 + 8 * j] for j in range(len(self.fin_lift))), [118, 119]]
 
 
 SIZE = 2 + 3 * 36 + 4 + 2 + 2 + 3 + 3 + 8 * LIMIT
-"""Most numbers `Torpedo.numbers` returns."""
+"""Largest length of `Torpedo.numbers`."""
 
 
 @cache
 def forces() -> Any:
-    """The callback for a model whose only joint is the vehicle's free joint."""
+    """Callback for a model whose only joint is the vehicle's free joint.
+
+    It reads `Torpedo.numbers` from userdata.
+    """
     offsets = field_offsets()
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
@@ -281,7 +296,7 @@ def forces() -> Any:
         f[3] -= d[119] * abs(n) * n
         for j in range(k):
             px, py, pz, ex, ey, ez, lift, drag = d[124 + 8 * j : 132 + 8 * j]
-            met = (  # how fast the water passes the fin, along its lift
+            met = (  # cross-flow velocity at the fin, along its lift
                 ex * (ahead + pitch * pz - yaw * py)
                 + ey * (left + yaw * px - roll * pz)
                 + ez * (up + roll * py - pitch * px)
@@ -303,21 +318,26 @@ def forces() -> Any:
 
 
 def theta_of(true: Torpedo) -> Array:
-    """(p,) θ of a `TorpedoVehicle` with these numbers."""
+    """(p,) θ of a `TorpedoVehicle` with these parameters."""
     M = true.rigid + true.added
     return np.concatenate(
         [
-            [M[0, 0], M[1, 1], M[3, 3], M[5, 5], M[1, 5], M[0, 4]], true.drag, true.lift,
-            [true.net_weight, true.righting], true.propeller, true.fin_lift, true.fin_drag,
+            [M[0, 0], M[1, 1], M[3, 3], M[5, 5], M[1, 5], M[0, 4]],
+            true.drag,
+            true.lift,
+            [true.net_weight, true.righting],
+            true.propeller,
+            true.fin_lift,
+            true.fin_drag,
         ]
-    )  # fmt: skip
+    )
 
 
 def nominal_numbers(sheet: TorpedoSheet) -> Torpedo:
-    """The nominal numbers of a data sheet, x forward, y left, z up; a fin has half its pair's lift.
+    """Nominal parameters of a data sheet, x forward, y left, z up; a fin has half its pair's lift.
 
-    Turned from z down, y and z of a vector change sign. Products of two such, as Y_uv u v in y or
-    N_vdot v̇ in n, do not; m z_g, the righting moment and Y_uuδr u² δ_r do.
+    From z down to z up, the y and z components of vectors change sign. Coefficients that relate two
+    such components, as Y_uv and N_vdot, keep theirs; m z_g, the righting moment and Y_uuδr do not.
     """
     a, drag, lift, fins, p = sheet.added_mass, sheet.drag, sheet.lift, sheet.fins, sheet.propeller
     mass, height = sheet.mass, -sheet.gravity_centre[2]
@@ -359,7 +379,16 @@ def _in_water(
     mismatch: Mismatch,
     size: list[float] | None,
 ) -> Vehicle:
-    """The vehicle with the given true numbers, in Prestero's water or in MuJoCo's."""
+    """The vehicle with the given true parameters and Prestero's or MuJoCo's fluid forces.
+
+    Args:
+        vehicle: whose model.xml is drawn.
+        system: the structure that an identifier may know.
+        true: the true parameters.
+        dt: time step [s].
+        mismatch: the effects outside the structure; its `fluid` selects the fluid forces.
+        size: (3,) of the box that is drawn if there is no model.xml [m].
+    """
     mass = true.rigid[0, 0]
     centre = np.array([0.0, 0.0, true.rigid[0, 4] / mass])
     about_centre = true.rigid[3:, 3:] - mass * (
@@ -370,7 +399,7 @@ def _in_water(
     spec.nuserdata = SIZE
     acting = true
     if mismatch.fluid == "ellipsoid":
-        into_mujocos_water(spec, mismatch)
+        use_mujoco_fluid(spec, mismatch)
         for geom in spec.body(BODY).geoms:
             geom.fluid_ellipsoid = int(geom.name == "hull")  # the fins keep their own lift
         acting = replace(true, added=np.zeros((6, 6)), drag=np.zeros(4), lift=np.zeros(2))

@@ -1,4 +1,4 @@
-"""Underwater vehicles with thrusters of unknown gain; a BlueROV2 Heavy is the one packed."""
+"""Underwater vehicles with thrusters of unknown gain; a BlueROV2 Heavy is included."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Ring(Table):
 
 
 class Thrusters(Table):
-    """Thrusters one by one, in rings, or both; all have one command curve."""
+    """Thrusters listed one by one, in rings, or both; all have the same command curve."""
 
     curve: list[Number] = Field(
         min_length=1,
@@ -73,15 +73,19 @@ class Thrusters(Table):
     def _fits(self) -> Self:
         if len(self.positions) != len(self.directions):
             raise InvalidInput(
-                "thrusters.directions", f"one for each of {len(self.positions)} positions",
-                len(self.directions), "Give every thruster its position and its direction.",
-            )  # fmt: skip
+                "thrusters.directions",
+                f"one for each of {len(self.positions)} positions",
+                len(self.directions),
+                "Give every thruster its position and its direction.",
+            )
         for ring in self.rings:
             if len(ring.angles) != len(ring.turns):
                 raise InvalidInput(
-                    "thrusters.rings.turns", f"one for each of {len(ring.angles)} angles",
-                    len(ring.turns), "Give every thruster of the ring both.",
-                )  # fmt: skip
+                    "thrusters.rings.turns",
+                    f"one for each of {len(ring.angles)} angles",
+                    len(ring.turns),
+                    "Give every thruster of the ring both.",
+                )
         count = len(self.positions) + sum(len(ring.angles) for ring in self.rings)
         if not 1 <= count <= LIMIT:
             raise InvalidInput(
@@ -90,13 +94,15 @@ class Thrusters(Table):
         check_unit_vectors("thrusters.directions", self.placed("direction"))
         if not sum(self.curve) > 1e-9:
             raise InvalidInput(
-                "thrusters.curve", "a thrust > 0 N at full command, the sum of all coefficients",
-                sum(self.curve), "Turn the directions round where thrusters push backwards.",
-            )  # fmt: skip
+                "thrusters.curve",
+                "a thrust > 0 N at full command, the sum of all coefficients",
+                sum(self.curve),
+                "If thrusters push backwards, reverse their directions.",
+            )
         return self
 
     def placed(self, what: str) -> Array:
-        """(k, 3) position or direction of every thruster, first those one by one, then the rings'.
+        """(k, 3) position or direction of every thruster: single thrusters first, then the rings'.
 
         Args:
             what: `position` or `direction`.
@@ -108,7 +114,7 @@ class Thrusters(Table):
 
 
 class UnderwaterSheet(Sheet):
-    """An underwater vehicle's numbers; axes x forward, y right, z down, from the centre of mass."""
+    """An underwater vehicle's data sheet; x forward, y right, z down from the centre of mass."""
 
     mass: Positive = one("a number > 0 [kg]")
     volume: Positive = one("a number > 0 [m³]")
@@ -128,24 +134,28 @@ class UnderwaterSheet(Sheet):
         check_inertia(self.inertia)
         if abs(self.net_weight) < 1e-9:
             raise InvalidInput(
-                "ballast", "a net weight that is not 0 N", self.net_weight,
-                "A neutral vehicle has none to identify: add some ballast, 1 will do.",
-            )  # fmt: skip
+                "ballast",
+                "a net weight that is not 0 N",
+                self.net_weight,
+                "A neutral vehicle has none to identify: add some ballast, such as 1 N.",
+            )
         if abs(self.buoyancy_centre[2]) < 1e-9:
             raise InvalidInput(
-                "buoyancy_centre", "a z that is not 0 m", self.buoyancy_centre,
+                "buoyancy_centre",
+                "a z that is not 0 m",
+                self.buoyancy_centre,
                 "Without it there is no righting moment: −0.01 is 1 cm above the centre of mass.",
-            )  # fmt: skip
+            )
         return self
 
     @property
     def buoyancy(self) -> float:
-        """[N]."""
+        """Buoyancy of the displaced water [N]."""
         return self.volume * self.water_density * self.gravity
 
     @property
     def net_weight(self) -> float:
-        """Weight and ballast less buoyancy [N]."""
+        """Weight plus ballast minus buoyancy [N]."""
         return self.mass * self.gravity - self.buoyancy + self.ballast
 
 
@@ -154,16 +164,16 @@ class BlueROV2Plant(PlantConfig):
     """A BlueROV2 Heavy, or another underwater vehicle with fixed thrusters.
 
     Attributes:
-        vehicle: a packed vehicle's name, or the path of a vehicle.toml or of its folder.
+        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
         spread: largest relative deviation of the true drag, weight, righting moment and thrust
-            from the published numbers.
+            from the published values.
     """
 
     vehicle: Name = "bluerov2"
     spread: Share = 0.2
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         sheet = UnderwaterSheet.of(self.vehicle)
         nominal = nominal_numbers(sheet)
         true = drawn(nominal, self.spread, np.random.default_rng(seed))
@@ -176,7 +186,7 @@ class BlueROV2Plant(PlantConfig):
 
 
 def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hydrodynamics:
-    """True numbers that deviate from nominal ones in all but the inertias."""
+    """Random true parameters: all but the inertias deviate from nominal by up to `spread`."""
     return replace(
         nominal,
         linear=hidden(nominal.linear, spread, rng),
@@ -188,7 +198,7 @@ def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hy
 
 
 def scales_of(nominal: Hydrodynamics, guess: Guess) -> UnderwaterScales:
-    """What an engineer would guess of a vehicle with these nominal numbers."""
+    """An engineer's guess of the scales of a vehicle with these nominal parameters."""
     return UnderwaterScales(
         mass=guessed(np.diag(nominal.rigid + nominal.added)),
         linear=np.array(guess.linear_drag),
@@ -208,15 +218,15 @@ def body_in_water(
     mismatch: Mismatch,
     size: list[float] | None = None,
 ) -> Vehicle:
-    """A vehicle with the given true numbers, in Fossen's water or in MuJoCo's.
+    """A vehicle with the given true parameters and Fossen's or MuJoCo's fluid forces.
 
     Args:
-        vehicle: whose model.xml it looks like.
-        system: its structure.
-        true: its true numbers.
-        dt: step [s].
-        mismatch: what the structure does not know.
-        size: of the box that is drawn where there is no model.xml [m].
+        vehicle: whose model.xml is drawn.
+        system: the structure that an identifier may know.
+        true: the true parameters.
+        dt: time step [s].
+        mismatch: the effects outside the structure; its `fluid` selects the fluid forces.
+        size: (3,) of the box that is drawn if there is no model.xml [m].
     """
     mass, inertia = true.rigid[0, 0], true.rigid[3:, 3:]
     spec = vehicle_spec(vehicle, dt, mass, np.zeros(3), inertia, size)
@@ -224,7 +234,7 @@ def body_in_water(
     spec.nuserdata = SIZE
     acting = true
     if mismatch.fluid == "ellipsoid":
-        into_mujocos_water(spec, mismatch)
+        use_mujoco_fluid(spec, mismatch)
         still = np.zeros(6)
         acting = replace(true, added=np.zeros((6, 6)), linear=still, quadratic=still)
     return Vehicle(
@@ -239,15 +249,15 @@ def body_in_water(
 
 
 def theta_of(true: Hydrodynamics) -> Array:
-    """(p,) θ of an `UnderwaterVehicle` with these numbers."""
+    """(p,) θ of an `UnderwaterVehicle` with these parameters."""
     M = (true.rigid + true.added)[np.triu_indices(6)]
     return np.concatenate(
         [M, true.linear, true.quadratic, [true.net_weight], true.righting, true.thrust]
     )
 
 
-def into_mujocos_water(spec: Any, mismatch: Mismatch) -> None:
-    """Gives a specification MuJoCo's own fluid forces, on every geom as an ellipsoid."""
+def use_mujoco_fluid(spec: Any, mismatch: Mismatch) -> None:
+    """Enables MuJoCo's own fluid forces of water in a specification, every geom as an ellipsoid."""
     spec.option.density, spec.option.viscosity = 1000.0, 1e-3
     spec.option.wind = mismatch.flow
     for geom in spec.body(BODY).geoms:
@@ -255,7 +265,7 @@ def into_mujocos_water(spec: Any, mismatch: Mismatch) -> None:
 
 
 def nominal_numbers(sheet: UnderwaterSheet) -> Hydrodynamics:
-    """The nominal numbers of a data sheet, turned to x forward, y left, z up."""
+    """Nominal parameters of a data sheet, in axes x forward, y left, z up."""
     turn6 = np.r_[NED, NED]
     curve = np.zeros(POWERS)
     curve[: len(sheet.thrusters.curve)] = sheet.thrusters.curve
@@ -276,7 +286,7 @@ def nominal_numbers(sheet: UnderwaterSheet) -> Hydrodynamics:
 
 
 def _turned(vector: list[float], angles: list[float]) -> Array:
-    """(k, 3) copies of a vector, each turned about z by its angle."""
+    """(k, 3) copies of a vector (3,), each rotated about z by its angle [rad]."""
     c, s = np.cos(angles), np.sin(angles)
     x, y, z = vector
     return np.stack([c * x - s * y, s * x + c * y, np.full(len(angles), z)], axis=1)

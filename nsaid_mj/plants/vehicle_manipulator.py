@@ -1,4 +1,4 @@
-"""Vehicles that carry an arm in MuJoCo: a free base, joints, and what acts on them, exactly."""
+"""Vehicles with an arm in MuJoCo: a floating base, joints, and the exact forces on them."""
 
 from __future__ import annotations
 
@@ -27,39 +27,43 @@ from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
 from .world.robots import load_robot
 from .world.shapes import VisualMesh
-from .world.tree import GeomLooks, Looks, tree_spec
+from .world.tree import GeomVisuals, RobotVisuals, tree_spec
 from .world.tree_forces import TreeForces, tree_forces
 
 BASE = "base"
-"""Name of the free joint and the body of a vehicle that is put together here."""
+"""Name of the free joint and of the base body in models that are assembled here."""
 
 _LINK_COLOR, _JOINT_COLOR = [0.85, 0.55, 0.15, 1.0], [0.20, 0.22, 0.25, 1.0]
 
 
-class Drawn(Protocol):
-    """What draws a vehicle."""
+class Visuals(Protocol):
+    """Meshes of a vehicle and their poses."""
 
     def visuals(self) -> list[VisualMesh]:
-        """Its meshes."""
+        """All meshes."""
         ...
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m)."""
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
         ...
 
 
 class VehicleWithArm(Plant):
-    """A floating base, its thrusters and its joints.
+    """A floating base with thrusters and an arm.
 
     Args:
-        system: its structure.
+        system: the structure that an identifier may know.
         truth: (p,) the true θ.
-        model: Pinocchio's, with the true inertias.
+        model: Pinocchio's model, with the true inertias.
         rotor: (k,) true reflected rotor inertias of the joints [kg·m² or kg].
-        forces: the true numbers of what acts.
-        spec: MuJoCo's specification of the model, of `tree_spec`.
-        looks: what draws it; None for the specification's geoms.
-        mismatch: what the structure does not know.
+        forces: true parameters of the forces.
+        spec: MuJoCo's specification of the model, from `tree_spec`.
+        visuals: the meshes that show it; None for the specification's geoms.
+        mismatch: the effects outside the structure.
     """
 
     system: VehicleManipulator
@@ -72,7 +76,7 @@ class VehicleWithArm(Plant):
         rotor: Array,
         forces: TreeForces,
         spec: Any,
-        looks: Drawn | None,
+        visuals: Visuals | None,
         mismatch: Mismatch,
     ):
         self.system, self._truth, self.passive = system, truth, tree_forces()
@@ -85,7 +89,7 @@ class VehicleWithArm(Plant):
         self.joints = joint_map(self.model, names)
         self._numbers = forces.numbers(self.model, self.joints.motors, mismatch.lag > 0)
         self.gain_places = forces.gain_places
-        self._looks = GeomLooks(self.model, system.model) if looks is None else looks
+        self._visuals = GeomVisuals(self.model, system.model) if visuals is None else visuals
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
 
     @property
@@ -103,11 +107,15 @@ class VehicleWithArm(Plant):
 
     def visuals(self) -> list[VisualMesh]:
         """The meshes of base and links."""
-        return self._looks.visuals()
+        return self._visuals.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m)."""
-        return self._looks.poses(q)
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+        return self._visuals.poses(q)
 
 
 # -- an underwater vehicle with an arm -----------------------------------------------------------
@@ -115,13 +123,13 @@ class VehicleWithArm(Plant):
 
 @config
 class UvmsPlant(PlantConfig):
-    """A BlueROV2 Heavy with a Reach Alpha 5; numbers and sources in assets/uvms.
+    """A BlueROV2 Heavy with a Reach Alpha 5; parameters and sources in assets/uvms.
 
-    The arm's hydrodynamics are those of cylinders, synthetic: none are published.
+    No hydrodynamics of the arm are published; those used here are of cylinders.
 
     Attributes:
         spread: largest relative deviation of the true drags, weight, buoyancies, righting moment,
-            links' added mass, friction, rotor inertias and gains from the nominal numbers.
+            links' added mass, friction, rotor inertias and gains from the nominal values.
     """
 
     spread: Share = 0.2
@@ -132,7 +140,7 @@ class UvmsPlant(PlantConfig):
         return self
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant."""
+        """Draws the hidden parameters and makes the plant."""
         arm, sheet = numbers("uvms"), UnderwaterSheet.of("bluerov2")
         base, rng = nominal_numbers(sheet), np.random.default_rng(seed)
         model = uvms_model(base, arm)
@@ -168,20 +176,30 @@ class UvmsPlant(PlantConfig):
         links = [inertia.toDynamicParameters() for inertia in list(model.inertias)[2:]]
         truth = np.concatenate(
             [
-                (true.rigid + true.added)[np.triu_indices(6)], *links, forces.cylinder_added,
-                rotor, forces.viscous, forces.coulomb, forces.gain, true.linear, true.quadratic,
-                [true.net_weight], true.righting, forces.cylinder_drag, forces.cylinder_buoyancy,
+                (true.rigid + true.added)[np.triu_indices(6)],
+                *links,
+                forces.cylinder_added,
+                rotor,
+                forces.viscous,
+                forces.coulomb,
+                forces.gain,
+                true.linear,
+                true.quadratic,
+                [true.net_weight],
+                true.righting,
+                forces.cylinder_drag,
+                forces.cylinder_buoyancy,
                 true.thrust,
             ]
-        )  # fmt: skip
+        )
         spec = tree_spec(model, dt)
-        _dress(spec, arm)
+        _add_visual_geoms(spec, arm)
         vehicle = VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
         return vehicle.failing(self.fault)
 
 
 def uvms_model(base: Hydrodynamics, arm: dict[str, Any]) -> pin.Model:
-    """Pinocchio's model of a body in water with an arm, with the published inertias."""
+    """Pinocchio's model of an underwater base with an arm, with the published inertias."""
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), BASE)
     mass = base.rigid[0, 0]
@@ -209,7 +227,7 @@ def uvms_model(base: Hydrodynamics, arm: dict[str, Any]) -> pin.Model:
 
 
 def cylinders(arm: dict[str, Any]) -> Cylinders:
-    """The links' shapes."""
+    """Centres, axes and lengths of the links' cylinders."""
     shapes = [link["cylinder"] for link in arm["links"]]
     start, end = (np.array([shape[key] for shape in shapes]) for key in ("start", "end"))
     lengths = np.linalg.norm(end - start, axis=1)
@@ -217,7 +235,7 @@ def cylinders(arm: dict[str, Any]) -> Cylinders:
 
 
 def nominal_forces(base: Hydrodynamics, arm: dict[str, Any]) -> TreeForces:
-    """What acts on a base in water with the given numbers, and on the arm with its nominal ones."""
+    """Forces on a base in water with the given parameters, and on the arm with nominal ones."""
     shapes, d, k = cylinders(arm), arm["joints"], len(arm["links"])
     radius = np.array([link["cylinder"]["radius"] for link in arm["links"]])
     water, g = arm["water_density"], 9.81
@@ -252,7 +270,7 @@ def nominal_forces(base: Hydrodynamics, arm: dict[str, Any]) -> TreeForces:
 
 
 def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
-    """What a data sheet tells of the arm."""
+    """Scales of the arm's joints and links, guessed from its data sheet."""
     d, k = arm["joints"], len(arm["links"])
     bodies = list(model.inertias)[1:]
     return JointScales(
@@ -267,8 +285,8 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     )
 
 
-def _dress(spec: Any, arm: dict[str, Any]) -> None:
-    """Gives the bodies their looks: the BlueROV2's geoms, and cylinders."""
+def _add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
+    """Adds visual geoms without mass: the BlueROV2's to the base, cylinders to the links."""
     hull = vehicle_spec("bluerov2", 1.0, 1.0, np.zeros(3), np.eye(3)).compile()
     for i in range(hull.ngeom):
         spec.body(BASE).add_geom(
@@ -300,7 +318,7 @@ def _dress(spec: Any, arm: dict[str, Any]) -> None:
 
 
 def _placement(position: list[float], angles: list[float]) -> pin.SE3:
-    """A frame at a position, turned by roll, pitch and yaw."""
+    """The pose with this position [m] and these roll, pitch and yaw angles [rad]."""
     return pin.SE3(pin.rpy.rpyToMatrix(*angles), np.array(position))
 
 
@@ -309,13 +327,13 @@ def _placement(position: list[float], angles: list[float]) -> pin.SE3:
 
 @config
 class FlyingArmPlant(PlantConfig):
-    """A robot of example-robot-data that flies; its rotors and sources in assets/flying_arm.
+    """A flying robot of example-robot-data; rotor parameters and sources in assets/flying_arm.
 
     Attributes:
-        robot: its name: `borinot`, a hexarotor with an arm, or `iris`, a quadrotor without.
+        robot: `borinot`, a hexarotor with an arm, or `iris`, a quadrotor without one.
         spread: largest relative deviation of the true joint friction, rotor inertia, motor gains
-            and thrusts from the nominal ones; torques deviate by a quarter of it, as a vehicle
-            whose rotors do not balance cannot hold its heading.
+            and thrusts from the nominal values; a quarter of it for the rotors' torques, because
+            yaw authority is small.
     """
 
     robot: Name = "borinot"
@@ -327,14 +345,14 @@ class FlyingArmPlant(PlantConfig):
         return self
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden numbers and makes the plant.
+        """Draws the hidden parameters and makes the plant.
 
         Raises:
-            UnknownName: nobody has told where this robot's rotors are.
+            UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
         """
         known = numbers("flying_arm")
         if self.robot not in known:
-            remedy = "Rotors are told in assets/flying_arm/vehicle.toml."
+            remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
             raise UnknownName("flying robot", self.robot, known, remedy)
         robot, d = load_robot(self.robot, "free"), known[self.robot]
         positions, spins = np.array(d["positions"]), np.array(d["spins"], dtype=float)
@@ -343,9 +361,16 @@ class FlyingArmPlant(PlantConfig):
         joints, rng = nominal_scales(robot.model, ArmPlant()), np.random.default_rng(seed)
         friction_speed = ArmPlant().friction_speed
         system = FlyingArm(
-            robot.model, joints, guessed(thrust), guessed(torque), np.array(d["speed"]),
-            friction_speed, positions, directions, spins,
-        )  # fmt: skip
+            robot.model,
+            joints,
+            guessed(thrust),
+            guessed(torque),
+            np.array(d["speed"]),
+            friction_speed,
+            positions,
+            directions,
+            spins,
+        )
         rotor = np.zeros(0) if joints.rotor is None else hidden(joints.rotor, self.spread, rng)
         thrust, torque = hidden(thrust, self.spread, rng), hidden(torque, self.spread / 4, rng)
         still, square = np.zeros(6), np.zeros(9)
@@ -381,5 +406,5 @@ class FlyingArmPlant(PlantConfig):
         )
         spec = tree_spec(robot.model, dt)
         return VehicleWithArm(
-            system, truth, robot.model, rotor, forces, spec, Looks(robot), self.mismatch
+            system, truth, robot.model, rotor, forces, spec, RobotVisuals(robot), self.mismatch
         ).failing(self.fault)

@@ -56,8 +56,8 @@ NOISE = {
 DT, STEPS = 1e-3, 500
 
 
-class Asked(Driver):
-    """The same driver, of which compiled code knows nothing."""
+class Interpreted(Driver):
+    """A driver's own commands, without the compiled form of its law."""
 
     def __init__(self, driver: Driver):
         self._driver = driver
@@ -67,6 +67,9 @@ class Asked(Driver):
 
     def command(self, t, q, v):
         return self._driver.command(t, q, v)
+
+    def compiled(self, t):
+        return None
 
 
 def made(case: str) -> tuple[Plant, Driver]:
@@ -115,7 +118,7 @@ def test_it_measures_and_commands_what_the_loop_does(case, noise, compiled):
     p, driver = made(case)
     fast = driven(p, driver, NOISE[noise])
     assert compiled == [STEPS + 1]
-    slow = driven(p, Asked(driver), NOISE[noise])
+    slow = driven(p, Interpreted(driver), NOISE[noise])
     assert len(compiled) == 1 and len(slow.t) == STEPS + 1
     assert np.ptp(slow.q, axis=0).max() > 1e-3, "nothing moved"
     same(fast, slow, 1e-9)
@@ -208,7 +211,7 @@ def test_it_ends_where_the_loop_ends_and_for_the_same_reason(name, compiled):
     )
     fast, why = ended(p, driver)
     assert compiled == [len(fast.t)]
-    slow, expected = ended(p, Asked(driver))
+    slow, expected = ended(p, Interpreted(driver))
     assert why == expected == signal
     assert 1 < len(fast.t) == len(slow.t) < STEPS
     for part in fast.first(len(fast.t) - 1):
@@ -237,7 +240,7 @@ def test_a_measurement_that_is_not_finite_is_the_last(case, value, row, signal, 
     p, driver = made(case)
     at = (2 * row + signal) * p.system.n
     logs = []
-    for asked in (driver, Asked(driver)):
+    for asked in (driver, Interpreted(driver)):
         sensors: Any = Sensors(SensorNoise(), Spoilt(at, value))  # type: ignore[arg-type]
         with p.running(), np.errstate(invalid="ignore"):
             logs.append(p.drive(asked, p.begin(asked, sensors), STEPS, sensors))
@@ -262,7 +265,7 @@ def test_a_delay_and_a_fault_that_strikes_go_step_by_step(compiled):
     failing = replace(config, fault=Fault(loss=0.5, time=0.3)).build(DT, 7)
     log = driven(failing, driver, None, (200, 200, 100))
     assert compiled == [201, 101]
-    same(log, driven(failing, Asked(driver), None, (200, 200, 100)), 1e-12)
+    same(log, driven(failing, Interpreted(driver), None, (200, 200, 100)), 1e-12)
     sound = driven(config.build(DT, 7), driver)
     assert (log.v[:301] == sound.v[:301]).all() and (log.v[301] != sound.v[301]).any()
 

@@ -131,10 +131,10 @@ def test_lag_and_delay_go_on_acting():
 
 def test_of_a_rotor_thrust_and_torque_weaken_and_are_told():
     p = made(VEHICLES["hummingbird"], loss=0.4, actuator=3, time=60.0)
-    assert p.fault.told(p.system) == "thrust_3 and torque_3 lose 40 % at 60 s"
+    assert p.fault.in_words(p.system) == "thrust_3 and torque_3 lose 40 % at 60 s"
     p = made(BlueROV2Plant(), loss=0.125, actuator=3, time=2.5)
-    assert p.fault.told(p.system) == "thrust_3 loses 12.5 % at 2.5 s"
-    assert made(BlueROV2Plant(), actuator=3).fault.told(p.system) == ""
+    assert p.fault.in_words(p.system) == "thrust_3 loses 12.5 % at 2.5 s"
+    assert made(BlueROV2Plant(), actuator=3).fault.in_words(p.system) == ""
 
 
 @pytest.mark.parametrize(

@@ -386,8 +386,14 @@ class Often(experiment.Observer):
 
     period, looks = 7e-3, 0
 
+    def start(self, scenario, plant) -> None:
+        pass
+
     def see(self, measurement, states, levels) -> None:
         self.looks += 1
+
+    def stop(self) -> None:
+        pass
 
 
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])

@@ -94,6 +94,9 @@ def test_the_motion_it_simulates_is_the_systems(name):
             seen.append((t, q, v, driver.command(t, q, v)))
             return seen[-1][3]
 
+        def compiled(self, t: Array) -> None:
+            return None
+
     found = expected_gramian(system, Spy(), theta, dt, 20 * dt)
     assert [row[0] for row in seen] == pytest.approx(dt * np.arange(20))
     for (_, q, v, u), (_, later, faster, _) in pairwise(seen):

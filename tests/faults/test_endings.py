@@ -296,6 +296,9 @@ class CtrlC(Observer):
     def __init__(self, when: float):
         self.when, self.stopped = when, False
 
+    def start(self, scenario, plant) -> None:
+        pass
+
     def see(self, measurement, states, levels) -> None:
         if measurement.t > self.when - 1e-9:
             raise KeyboardInterrupt

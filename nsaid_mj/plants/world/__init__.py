@@ -1,1 +1,1 @@
-"""MuJoCo as the world: stepping, callbacks, coordinates, sensors, faults."""
+"""The MuJoCo side of a plant: stepping, callbacks, coordinates, sensors, faults."""

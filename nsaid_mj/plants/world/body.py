@@ -1,4 +1,4 @@
-"""Vehicles that are one body in MuJoCo: a free joint in space, or two slides and a hinge."""
+"""Vehicles that are a single body in MuJoCo, on a free joint or on two slides and a hinge."""
 
 from __future__ import annotations
 
@@ -23,21 +23,24 @@ BODY = "vehicle"
 
 
 NED = np.array([1.0, -1.0, -1.0])
-"""Turns x forward, y right, z down into x forward, y left, z up, and back."""
+"""Signs that convert x forward, y right, z down to x forward, y left, z up, and back."""
 
 
 class Vehicle(Plant):
-    """One body and its actuators.
+    """A single rigid body with actuators.
 
     Args:
-        system: its structure.
+        system: the structure that an identifier may know.
         truth: (p,) the true θ.
-        spec: MuJoCo's specification, of `vehicle_spec`, with the true inertia.
+        spec: MuJoCo's specification from `vehicle_spec`, with the true inertia.
         numbers: what the callback reads from userdata.
-        passive: the compiled callback that makes the body's forces, None for none.
-        mismatch: what the structure does not know.
-        gain_places: for every command where in `numbers` its actuator's gains are; empty where
-            MuJoCo's actuators have them.
+        passive: the compiled callback that computes the forces on the body, or None.
+        mismatch: the effects outside the structure.
+        gain_places: for each command, the indices of its actuator's gains in `numbers`; empty if
+            MuJoCo's actuators hold the gains.
+
+    Raises:
+        InvalidInput: MuJoCo rejects the body, or the mismatch does not suit the time step.
     """
 
     system: RigidBody
@@ -62,9 +65,11 @@ class Vehicle(Plant):
             raise
         except ValueError as error:
             raise InvalidInput(
-                f"vehicle {spec.modelname}", "a body that MuJoCo can simulate", error,
+                f"vehicle {spec.modelname}",
+                "a body that MuJoCo can simulate",
+                error,
                 "Check mass and inertia in its vehicle.toml.",
-            ) from error  # fmt: skip
+            ) from error
         self.body = PoseMap(self.model, "pose") if system.n == 6 else PlanarMap(self.model)
         self.reading = self.body.reading
         self.reset(np.zeros(system.n), np.zeros(system.n))
@@ -83,11 +88,15 @@ class Vehicle(Plant):
         return self.body.read(self.data)
 
     def visuals(self) -> list[VisualMesh]:
-        """The body's geoms."""
+        """The body's geoms as meshes."""
         return [of_geom(self.model, i) for i in range(self.model.ngeom)]
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the geoms at poses q (k, m) of the body."""
+        """World poses of the geoms at poses q (k, m) of the body.
+
+        Returns:
+            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
+        """
         places, attitudes = body_poses(q)
         local = [_rotation(quaternion) for quaternion in self.model.geom_quat]
         translations = places[:, None] + np.einsum("kab,gb->kga", attitudes, self.model.geom_pos)
@@ -98,7 +107,7 @@ class Vehicle(Plant):
 
 
 def body_poses(q: Array) -> tuple[Array, Array]:
-    """(k, 3) places [m] and (k, 3, 3) attitudes of bodies at poses q (k, 7) or (k, 3)."""
+    """(k, 3) positions [m] and (k, 3, 3) rotation matrices of poses q (k, 7), or (k, 3) x, y, ψ."""
     if q.shape[1] == 7:
         return q[:, :3], np.array([pin.Quaternion(row).toRotationMatrix() for row in q[:, 3:]])
     places = np.c_[q[:, :2], np.zeros(len(q))]
@@ -122,23 +131,24 @@ def vehicle_spec(
     size: Sequence[float] | None = None,
     planar: bool = False,
 ) -> Any:
-    """The specification of a vehicle's model.xml with a given inertia, without gravity.
+    """MuJoCo's specification of a vehicle's model.xml with a given inertia, without gravity.
 
-    The model.xml gives the looks; masses, damping and the medium it may have are overwritten.
+    Only the geometry of model.xml is used: its masses, damping and medium are overwritten.
 
     Args:
         vehicle: a packed vehicle's name, or the path of its TOML file or folder.
-        dt: step [s].
+        dt: time step [s].
         mass: of the body [kg].
-        centre: (3,) centre of mass in the body's axes [m].
-        inertia: (3, 3) about the centre of mass [kg·m²].
-        size: (3,) of the box that is drawn where there is no model.xml [m].
-        planar: whether it moves in the plane, on two slides and a hinge.
+        centre: (3,) centre of mass in body axes [m].
+        inertia: (3, 3) about the centre of mass, in body axes [kg·m²].
+        size: (3,) of the box that is drawn if there is no model.xml [m].
+        planar: whether the body moves in the plane, on two slides and a hinge.
 
     Raises:
-        InvalidInput: there is no model.xml and no size, or the model.xml is not of one body.
+        InvalidInput: there is neither a model.xml nor a size, or the model.xml does not describe
+            a single body with the required joints and no actuators.
     """
-    spec = _looks(vehicle, size, planar)
+    spec = _visual_spec(vehicle, size, planar)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
     spec.option.density, spec.option.viscosity = 0.0, 0.0
@@ -153,23 +163,27 @@ def vehicle_spec(
     return spec
 
 
-def _looks(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
-    """The specification of a vehicle's model.xml, or of a box."""
+def _visual_spec(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
+    """MuJoCo's specification of a vehicle's model.xml, or of a box of the given size."""
     files = vehicle_files(vehicle)
     path = files.model
     if not path.is_file():
         if size is None:
             raise InvalidInput(
-                str(path), "a model.xml, or `size = [length, width, height]` in "
-                f"{files.sheet.name}", "neither", "Add one of the two: a box will do.",
-            )  # fmt: skip
+                str(path),
+                f"a model.xml, or `size = [length, width, height]` in {files.sheet.name}",
+                "neither",
+                "Add one of the two: a box will do.",
+            )
         half = " ".join(f"{0.5 * length:.9g}" for length in size)
         joints = _PLANAR if planar else _FREE
         return mujoco.MjSpec.from_string(_BOX.format(name="box", joints=joints, size=half))
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise InvalidInput(str(path), "a model that MuJoCo reads", error, "Mend it.") from error
+        raise InvalidInput(
+            str(path), "a model that MuJoCo can load", error, "Correct it."
+        ) from error
     bodies = [body.name for body in spec.bodies]
     if bodies != ["world", BODY]:
         raise InvalidInput(
@@ -183,24 +197,30 @@ def _looks(vehicle: str, size: Sequence[float] | None, planar: bool) -> Any:
     )
     if [(joint.name, joint.type) for joint in spec.joints] != wanted:
         raise InvalidInput(
-            str(path), f"the joints {_PLANAR if planar else _FREE}",
-            [joint.name for joint in spec.joints], "Copy them from here.",
-        )  # fmt: skip
+            str(path),
+            f"the joints {_PLANAR if planar else _FREE}",
+            [joint.name for joint in spec.joints],
+            "Copy them from here.",
+        )
     if len(spec.actuators):
         raise InvalidInput(
-            str(path), "no actuators", [a.name for a in spec.actuators],
+            str(path),
+            "no actuators",
+            [a.name for a in spec.actuators],
             f"They are made from {files.sheet.name}.",
-        )  # fmt: skip
+        )
     if strange := [geom.name for geom in spec.geoms if geom.type not in DRAWN]:
         raise InvalidInput(
-            str(path), "boxes, cylinders, capsules, ellipsoids and spheres", strange,
+            str(path),
+            "boxes, cylinders, capsules, ellipsoids and spheres",
+            strange,
             "Meshes are not drawn: take one of these in their place.",
-        )  # fmt: skip
+        )
     return spec
 
 
 def command_inputs(spec: Any, count: int, body: str = BODY) -> None:
-    """Gives the model `count` commands that act through the callback only."""
+    """Adds `count` actuators of zero gain: their commands act through the callback only."""
     for i in range(count):
         actuator = spec.add_actuator(name=f"command {i + 1}", target=body)
         actuator.trntype = mujoco.mjtTrn.mjTRN_BODY
@@ -208,17 +228,18 @@ def command_inputs(spec: Any, count: int, body: str = BODY) -> None:
 
 
 def hidden(nominal: Array | float, spread: float, rng: np.random.Generator) -> Array:
-    """True numbers that deviate from nominal ones by up to ±spread, each by its own share."""
+    """Nominal values, each multiplied by its own random factor within 1 ± spread."""
     nominal = np.asarray(nominal, dtype=np.float64)
     return nominal * (1 + spread * rng.uniform(-1, 1, nominal.shape))
 
 
 def guessed(value: Array | float) -> Array:
-    """The nearest powers of two: what one guesses of numbers without measuring."""
+    """The nearest powers of two of |value|: a guess by order of magnitude."""
     return np.exp2(np.round(np.log2(np.abs(np.asarray(value, dtype=np.float64))))).astype(
         np.float64
     )
 
 
 def _rotation(wxyz: Array) -> Array:
+    """(3, 3) rotation matrix of MuJoCo's quaternion w, x, y, z."""
     return pin.Quaternion(*wxyz).toRotationMatrix()

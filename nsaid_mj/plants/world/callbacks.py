@@ -1,13 +1,13 @@
-"""Compiled MuJoCo callbacks: forces that MJCF cannot say exactly.
+"""Compiled MuJoCo callbacks for forces that MJCF cannot express exactly.
 
-MuJoCo's callbacks are global to the process, so they are installed by a context manager only and
-removed on every way out. A compiled callback reads its numbers from `mjData.userdata`, whose
-place in the C structure is found at run time, never assumed.
+MuJoCo's callbacks are global to the process, so a context manager installs and removes them. A
+compiled callback reads its parameters from `mjData.userdata`, whose offset in the C structure is
+found at run time.
 
 Two documented features of numba reach MuJoCo's C side. A callback declares mjData as a pointer to
-pointers (`ARRAYS`), so that an entry of it is an array's address with its type. A C function is
-handed to compiled code as a first-class function (`CFunction`). Neither compiles an address in, so
-that compiled code is cached on disk for later processes.
+pointers (`ARRAYS`), so that each of its entries is the typed address of an array. A C function is
+passed to compiled code as a first-class function (`CFunction`). Neither embeds an address in the
+compiled code, so it can be cached on disk for later processes.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ import numpy as np
 from numba import carray, cfunc, njit, types
 
 WORDS = 1 << 15
-"""Words of mjData that are searched; its pointers lie near word 20,000 in MuJoCo 4.0."""
+"""How many 8-byte words of mjData are searched; its pointers are near word 20,000 in MuJoCo 4.0."""
 
 ARRAYS = types.CPointer(types.CPointer(types.float64))
-"""A C structure, seen as an array of pointers to arrays of float64."""
+"""A C structure viewed as an array of pointers to arrays of float64."""
 
 CALLBACK = types.void(types.voidptr, ARRAYS)
 """The signature of MuJoCo's callbacks, f(mjModel*, mjData*)."""
@@ -42,7 +42,11 @@ _PROBE = """<mujoco><size nuserdata="3"/><worldbody><body><joint name="j"/>
 
 @cache
 def field_offsets() -> dict[str, int]:
-    """The place, in 8-byte words, of mjData's pointers to the arrays that callbacks use."""
+    """Offsets in mjData, in 8-byte words, of the pointers to the arrays that callbacks use.
+
+    Raises:
+        RuntimeError: the layout of mjData is not the expected one.
+    """
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data: Any = mujoco.MjData(model)
     words = (ctypes.c_uint64 * WORDS).from_address(data._address)
@@ -57,15 +61,15 @@ def field_offsets() -> dict[str, int]:
 
 
 class CFunction(types.WrapperAddressProtocol):
-    """A function of MuJoCo's C library that compiled code takes as an argument and calls.
+    """A function of MuJoCo's C library that compiled code can receive as an argument and call.
 
-    Its numba type is its signature; the address is read when it is passed. A `ctypes` function
-    would work too, but numba compiles its address in and then cannot cache the caller.
+    Its numba type is its signature; the address is read when the object is passed. With a `ctypes`
+    function, numba would embed the address and could not cache the caller.
 
     Args:
-        name: of the function, as in mujoco.h.
-        parameters: numba's types of its arguments; a pointer is a `types.uintp`, as
-            `ndarray.ctypes.data` is. It returns nothing.
+        name: of a void function, as in mujoco.h.
+        parameters: numba types of its arguments; a pointer is a `types.uintp`, like
+            `ndarray.ctypes.data`.
     """
 
     def __init__(self, name: str, *parameters: Any):
@@ -80,20 +84,21 @@ class CFunction(types.WrapperAddressProtocol):
         return self._address
 
     def signature(self) -> Any:
-        """Return type and argument types."""
+        """Numba's signature: return type and argument types."""
         return self._signature
 
 
 @njit(cache=True)
 def _wake_numba() -> None:
-    """Does nothing: numba recognises a `CFunction` argument only after it has loaded a function."""
+    """Does nothing; numba recognises `CFunction` arguments only once a function has been loaded."""
 
 
 @cache
 def coulomb_friction() -> Any:
-    """Passive force −c_i tanh(q̇_i/s_i) on every degree of freedom, exact and without creep.
+    """Callback for the passive force −c_i tanh(q̇_i/s_i) on every degree of freedom.
 
-    `userdata` holds [nv, c (nv), 1/s (nv)]. The caller keeps the returned object alive.
+    MuJoCo's own `frictionloss` is a soft constraint, which creeps. `userdata` holds
+    [nv, c (nv), 1/s (nv)]. The caller must keep the returned object alive.
     """
     offsets = field_offsets()
     at_qvel, at_force, at_user = (offsets[k] for k in ("qvel", "qfrc_passive", "userdata"))
@@ -111,15 +116,15 @@ def coulomb_friction() -> Any:
     return passive
 
 
-_in_use = False  # a plant without a callback, too, must not meet another's
+_in_use = False  # set also by plants without a callback: another plant's would act on them
 
 
 @contextmanager
 def installed(passive: Any | None) -> Iterator[None]:
-    """Holds a compiled passive-force callback in MuJoCo; removes it whatever happens.
+    """Context in which MuJoCo calls a compiled passive-force callback.
 
     Raises:
-        RuntimeError: another plant is running; its callback would act on this one, or this on it.
+        RuntimeError: another plant is running; a callback would act on both.
     """
     global _in_use  # noqa: PLW0603 (as global as MuJoCo's own)
     if _in_use or mujoco.get_mjcb_passive() is not None:

@@ -1,4 +1,4 @@
-"""The one place where MuJoCo's coordinates become the system's, and back."""
+"""Conversion between MuJoCo's coordinates and a system's; it is done nowhere else."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ...parameters import Array, Indices
 
 
 class Reading(NamedTuple):
-    """Where MuJoCo and q hold a system's coordinates, for compiled code.
+    """Index maps between MuJoCo's state and a system's coordinates, for compiled code.
 
     Attributes:
-        group: 6 where a free joint comes first, 3 where the joints are x, y and ψ of a body in the
-            plane, 0 where all are joints.
-        free: (2,) where qpos and qvel hold the free joint.
-        joints: (k, 4) rows [where qpos, qvel and q hold a 1-DOF joint, whether q holds its cosine
-            and sine].
+        group: 6 if a free joint comes first, 3 if the joints are x, y and ψ of a body in the
+            plane, 0 if all are ordinary joints.
+        free: (2,) indices of the free joint in qpos and qvel; −1 if there is none.
+        joints: (k, 4) for each 1-DOF joint its indices in qpos, qvel and q, and 1 if q holds its
+            cosine and sine.
     """
 
     group: int
@@ -32,7 +32,14 @@ class Reading(NamedTuple):
 def reading_of(
     qpos: Indices, dof: Indices, circular: Sequence[bool] = (), free: Sequence[int] = ()
 ) -> Reading:
-    """The reading of 1-DOF joints, plain unless told, after a free joint if `free` says where."""
+    """The `Reading` of 1-DOF joints, possibly after a free joint.
+
+    Args:
+        qpos: (k,) indices of the joints in qpos.
+        dof: (k,) indices of the joints in qvel.
+        circular: for each joint, whether q holds its cosine and sine; empty if none does.
+        free: indices of the free joint in qpos and qvel; empty if there is none.
+    """
     circles = np.array(circular or np.zeros(len(qpos)), dtype=int)
     places = (7 if free else 0) + np.cumsum(1 + circles) - (1 + circles)
     joints = np.column_stack([qpos, dof, places, circles])
@@ -41,7 +48,7 @@ def reading_of(
 
 @njit(cache=True)
 def read_coordinates(reading, qpos, qvel, numbers, velocity):
-    """Writes position numbers (n,) and velocities (n,) of MuJoCo's qpos and qvel."""
+    """Writes position numbers (n,) and velocities (n,) from MuJoCo's qpos and qvel."""
     first = 0
     if reading.group == 6:
         at, dof = reading.free
@@ -62,7 +69,7 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
 
 @njit(cache=True)
 def write_position(reading, numbers, q):
-    """Writes q (m,) of position numbers (n,), as `JointTree` and `RigidBody` have it."""
+    """Writes q (m,) from position numbers (n,), as `JointTree` and `RigidBody` define it."""
     first = 0
     if reading.group == 6:
         attitude = quaternion_of(numbers[3:6])
@@ -77,17 +84,19 @@ def write_position(reading, numbers, q):
 
 
 class JointMap:
-    """Joint numbers in Pinocchio's order ↔ MuJoCo's qpos and qvel, matched by joint name.
+    """Maps joint positions in Pinocchio's order to and from MuJoCo's qpos and qvel, by joint name.
 
-    Only 1-DOF joints: a joint's number is its angle [rad] or travel [m] in both engines, and
-    MuJoCo orders bodies depth first where Pinocchio need not.
+    For 1-DOF joints: a position number is an angle [rad] or a displacement [m] in both engines.
+    MuJoCo orders bodies depth first; Pinocchio need not.
 
     Args:
-        model: MuJoCo's.
+        model: MuJoCo's model.
         names: of the joints, in Pinocchio's order.
 
     Attributes:
-        motors: (n,) MuJoCo's degree of freedom of every 1-DOF joint.
+        qpos: (n,) index of every joint in qpos.
+        dof: (n,) index of every joint in qvel.
+        motors: (n,) indices in qvel of the 1-DOF joints, here `dof`.
     """
 
     def __init__(self, model: Any, names: Sequence[str]):
@@ -97,20 +106,20 @@ class JointMap:
         self.motors = self.dof
 
     def reading(self, circular: Sequence[bool] = ()) -> Reading:
-        """For compiled code; `circular` tells of which joints q holds cosine and sine."""
+        """The index map for compiled code; `circular` marks joints with cosine and sine in q."""
         return reading_of(self.qpos, self.dof, circular)
 
     def read(self, data: Any) -> tuple[Array, Array]:
-        """(n,) joint numbers and (n,) joint velocities."""
+        """(n,) joint positions [rad or m] and (n,) joint velocities [rad/s or m/s]."""
         return data.qpos[self.qpos], data.qvel[self.dof]
 
     def write(self, data: Any, coordinates: Array, velocity: Array) -> None:
-        """Sets qpos and qvel from joint numbers and velocities."""
+        """Sets qpos and qvel from joint positions (n,) and velocities (n,)."""
         data.qpos[self.qpos] = coordinates
         data.qvel[self.dof] = velocity
 
     def mass_matrix(self, model: Any, data: Any) -> Array:
-        """(n, n) MuJoCo's M at its present state, in Pinocchio's order."""
+        """(n, n) MuJoCo's M at its current state, in Pinocchio's order."""
         full = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, full)
         return full[np.ix_(self.dof, self.dof)]
@@ -120,22 +129,22 @@ class JointMap:
         return data.qfrc_bias[self.dof]
 
     def acceleration(self, data: Any) -> Array:
-        """(n,) MuJoCo's present acceleration of the joints."""
+        """(n,) MuJoCo's current joint accelerations, in Pinocchio's order."""
         return data.qacc[self.dof]
 
 
 def pose_of(qpos: Array) -> Array:
-    """(7,) our pose [p, x, y, z, w] of MuJoCo's free-joint qpos [p, w, x, y, z]."""
+    """(7,) pose [p, x, y, z, w] from a free joint's qpos [p, w, x, y, z]."""
     return np.array([*qpos[:3], *qpos[4:7], qpos[3]])
 
 
 class PoseMap:
-    """A free joint: position numbers [p, rotation vector] and body twist ↔ qpos and qvel.
+    """Maps position numbers [p, rotation vector] and body twist of a free joint to and from MuJoCo.
 
-    MuJoCo's quaternion is w, x, y, z, and its linear velocity lies in the world's axes.
+    MuJoCo's quaternion is w, x, y, z, and its linear velocity is in world axes.
 
     Args:
-        model: MuJoCo's.
+        model: MuJoCo's model.
         joint: name of the free joint.
     """
 
@@ -152,13 +161,13 @@ class PoseMap:
         return numbers, twist
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
-        """Sets qpos and qvel from position numbers and a body twist."""
+        """Sets qpos and qvel from position numbers (6,) and a body twist (6,)."""
         x, y, z, w = attitude = quaternion_of(np.asarray(numbers[3:], dtype=np.float64))
         data.qpos[self.qpos] = [*numbers[:3], w, x, y, z]
         data.qvel[self.dof] = [*rotate(attitude, np.asarray(twist[:3], float)), *twist[3:]]
 
     def acceleration(self, data: Any) -> Array:
-        """(6,) time derivative of the body twist, from MuJoCo's present qacc."""
+        """(6,) time derivative of the body twist, from MuJoCo's current qacc."""
         attitude = pose_of(data.qpos[self.qpos])[3:]
         qvel, qacc = data.qvel[self.dof], data.qacc[self.dof]
         linear = unrotate(attitude, qacc[:3]) - np.cross(qvel[3:], unrotate(attitude, qvel[:3]))
@@ -166,17 +175,18 @@ class PoseMap:
 
 
 class FloatingMap:
-    """A floating base and its joints: position numbers and velocities ↔ qpos and qvel.
+    """Maps position numbers and velocities of a floating base with joints to and from MuJoCo.
 
-    With T = blkdiag(Rᵀ, 1) the system's v is T q̇, and its v̇ is T q̈ + [−ω × Rᵀ v_world, 0].
+    With T = blkdiag(Rᵀ, 1), the system's v is T q̇ and its v̇ is T q̈ + [−ω × Rᵀ v_world, 0].
 
     Args:
-        model: MuJoCo's.
+        model: MuJoCo's model.
         base: name of the free joint.
         names: of the 1-DOF joints, in Pinocchio's order.
 
     Attributes:
-        motors: (n − 6,) MuJoCo's degree of freedom of every 1-DOF joint.
+        dof: (n,) indices in qvel, base first.
+        motors: (n − 6,) index in qvel of every 1-DOF joint.
     """
 
     def __init__(self, model: Any, base: str, names: Sequence[str]):
@@ -186,7 +196,7 @@ class FloatingMap:
         self._reading = self.reading()
 
     def reading(self, circular: Sequence[bool] = ()) -> Reading:
-        """For compiled code; `circular` tells of which joints q holds cosine and sine."""
+        """The index map for compiled code; `circular` marks joints with cosine and sine in q."""
         free = self.base.qpos.start, self.base.dof.start
         return reading_of(self.joints.qpos, self.joints.dof, circular, free)
 
@@ -197,12 +207,12 @@ class FloatingMap:
         return numbers, velocity
 
     def write(self, data: Any, numbers: Array, velocity: Array) -> None:
-        """Sets qpos and qvel from position numbers and velocities."""
+        """Sets qpos and qvel from position numbers (n,) and velocities (n,)."""
         self.base.write(data, numbers[:6], velocity[:6])
         self.joints.write(data, numbers[6:], velocity[6:])
 
     def mass_matrix(self, model: Any, data: Any) -> Array:
-        """(n, n) MuJoCo's M at its present state, for the system's v: T M Tᵀ."""
+        """(n, n) T M Tᵀ, MuJoCo's M at its current state, for the system's v."""
         full = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, full)
         half = self._into_body(data, full[np.ix_(self.dof, self.dof)])
@@ -217,7 +227,7 @@ class FloatingMap:
         return own + self.mass_matrix(model, data) @ turning
 
     def acceleration(self, data: Any) -> Array:
-        """(n,) time derivative of the system's v, from MuJoCo's present qacc."""
+        """(n,) time derivative of the system's v, from MuJoCo's current qacc."""
         return np.concatenate([self.base.acceleration(data), self.joints.acceleration(data)])
 
     def _into_body(self, data: Any, rows: Array) -> Array:
@@ -229,17 +239,17 @@ class FloatingMap:
 
 
 def joint_map(model: Any, names: Sequence[str]) -> JointMap | FloatingMap:
-    """The map of a tree whose joints have these names; the first may be a free joint."""
+    """The coordinate map of a tree with joints of these names; the first may be a free joint."""
     if model.joint(names[0]).type[0] == mujoco.mjtJoint.mjJNT_FREE:
         return FloatingMap(model, names[0], names[1:])
     return JointMap(model, names)
 
 
 class PlanarMap:
-    """Two slides and a hinge: x, y, ψ and the body's u, v, r ↔ qpos and qvel.
+    """Maps x, y, ψ and body twist u, v, r of a planar body on two slides and a hinge.
 
     Args:
-        model: MuJoCo's.
+        model: MuJoCo's model.
         joints: names of the joints along x, along y and about z.
     """
 
@@ -249,37 +259,39 @@ class PlanarMap:
         self.reading = reading_of(self.qpos, self.dof)._replace(group=3)
 
     def read(self, data: Any) -> tuple[Array, Array]:
-        """(3,) x, y [m], ψ [rad] and (3,) body twist."""
+        """(3,) x, y [m], ψ [rad] and (3,) body twist u, v [m/s], r [rad/s]."""
         numbers, twist = np.empty((2, 3))
         read_coordinates(self.reading, data.qpos, data.qvel, numbers, twist)
         return numbers, twist
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
-        """Sets qpos and qvel from x, y, ψ and a body twist."""
+        """Sets qpos and qvel from x, y, ψ (3,) and a body twist (3,)."""
         c, s = np.cos(numbers[2]), np.sin(numbers[2])
         u, v, r = twist
         data.qpos[self.qpos], data.qvel[self.dof] = numbers, [c * u - s * v, s * u + c * v, r]
 
     def acceleration(self, data: Any) -> Array:
-        """(3,) time derivative of the body twist, from MuJoCo's present qacc."""
+        """(3,) time derivative of the body twist, from MuJoCo's current qacc."""
         yaw = data.qpos[self.qpos[2]]
         u, v, r = self._into_body(yaw, data.qvel[self.dof])
         return self._into_body(yaw, data.qacc[self.dof]) - r * np.array([-v, u, 0.0])
 
     @staticmethod
     def _into_body(yaw: float, rates: Array) -> Array:
+        """(3,) rates along x and y in the world and about z, turned into body axes."""
         c, s = np.cos(yaw), np.sin(yaw)
         x, y, r = rates
         return np.array([c * x + s * y, c * y - s * x, r])
 
 
 class LevelMap:
-    """A free joint on level ground, seen from above: x, y, ψ and u, v, r ↔ qpos and qvel.
+    """Maps a free joint's horizontal motion, x, y, ψ and u, v, r, to and from qpos and qvel.
 
-    ψ is the heading of the body's x-axis on the ground. Height, pitch and roll stay unread.
+    ψ is the heading of the body's x-axis projected on the ground. Height, pitch and roll are
+    ignored when reading.
 
     Args:
-        model: MuJoCo's.
+        model: MuJoCo's model.
         joint: name of the free joint.
     """
 
@@ -287,12 +299,12 @@ class LevelMap:
         self.pose = PoseMap(model, joint)
 
     def read(self, data: Any) -> tuple[Array, Array]:
-        """(3,) x, y [m], ψ [rad] and (3,) velocities along and across the heading, and ψ̇."""
+        """(3,) x, y [m], ψ [rad] and (3,) velocities along and across the heading [m/s], ψ̇."""
         pose, qvel = data.qpos[self.pose.qpos], data.qvel[self.pose.dof]
         return _seen_from_above(pose, qvel)
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
-        """Sets x, y, ψ and a level motion; height stays, pitch and roll become 0."""
+        """Sets x, y, ψ (3,) and a horizontal twist (3,), at the same height, level."""
         c, s = np.cos(numbers[2] / 2), np.sin(numbers[2] / 2)
         height = data.qpos[self.pose.qpos][2]
         data.qpos[self.pose.qpos] = [*numbers[:2], height, c, 0.0, 0.0, s]
@@ -303,7 +315,7 @@ class LevelMap:
 
 @njit(cache=True)
 def _seen_from_above(pose, qvel):
-    """What `LevelMap` reads of a free joint's qpos (7,) and qvel (6,)."""
+    """Position and velocity as `LevelMap.read` returns them, from qpos (7,) and qvel (6,)."""
     attitude = (pose[4], pose[5], pose[6], pose[3])
     ahead = rotate(attitude, (1.0, 0.0, 0.0))
     turning = cross(rotate(attitude, qvel[3:]), ahead)

@@ -1,4 +1,4 @@
-"""An actuator that weakens while it is watched: the truth changes, the structure still fits."""
+"""An actuator that loses gain during a run: θ changes, the structure still holds."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ...system import SecondOrderSystem
 
 @config
 class Fault(Config):
-    """The loss of a part of one actuator's gain, once and for all; none by default.
+    """A permanent, sudden loss of gain in one actuator; none by default.
 
     Attributes:
         loss: share of its gain that the actuator loses.
-        actuator: which one: 1 is that of the first command.
-        time: when, on the run's clock [s].
+        actuator: index of its command, counted from 1.
+        time: when the fault occurs [s of the run].
     """
 
     _path = "plant.fault"
@@ -29,8 +29,8 @@ class Fault(Config):
     actuator: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1
     time: NonNegative = 0.0
 
-    def told(self, system: SecondOrderSystem) -> str:
-        """The fault in words, "" where there is none."""
+    def in_words(self, system: SecondOrderSystem) -> str:
+        """The fault in words; "" if there is none."""
         if not self.loss:
             return ""
         names = [system.space.names[i] for i in self.gains(system)]
@@ -38,23 +38,28 @@ class Fault(Config):
         return f"{' and '.join(names)} {verb} {100 * self.loss:g} % at {self.time:g} s"
 
     def gains(self, system: SecondOrderSystem) -> Indices:
-        """Where in θ the actuator's gains are: what of F θ its command changes.
+        """Indices in θ of the actuator's gains: the parameters whose force its command changes.
 
         Raises:
-            InvalidInput: there is no such actuator, or its gain is no parameter.
+            InvalidInput: there is no such actuator, or its gain is not a parameter.
         """
         found = [_answering(system, k) for k in range(system.n_u)]
         if self.actuator > system.n_u or not found[self.actuator - 1].size:
             weak = [str(k) for k, gains in enumerate(found, 1) if gains.size]
             raise InvalidInput(
-                "fault.actuator", f"one with a gain in θ: {', '.join(weak)}", self.actuator,
+                "fault.actuator",
+                f"one with a gain in θ: {', '.join(weak)}",
+                self.actuator,
                 "Commands are counted from 1.",
-            )  # fmt: skip
+            )
         return found[self.actuator - 1]
 
 
 def _answering(system: SecondOrderSystem, k: int) -> Indices:
-    """The actuator parameters whose forces change with command k, at a state of operation."""
+    """Indices of the actuator parameters whose columns of F change with command k.
+
+    They are found by changing the command at a random state in the range of operation.
+    """
     rng = np.random.default_rng(0)
     q, v, u = system.random_state(rng)
     other = u.copy()

@@ -1,12 +1,12 @@
-"""Fossen's hydrodynamics in MuJoCo, exactly: drag, buoyancy, thrusters and added mass.
+"""Fossen's exact hydrodynamics in MuJoCo: drag, buoyancy, thrusters and added mass.
 
-MuJoCo's passive forces cannot carry an inertia. The callback solves Fossen's equations for the
-whole body itself and hands MuJoCo the force that makes its rigid body accelerate just so:
+MuJoCo's passive forces cannot represent an inertia. The callback solves Fossen's equations for ν̇
+and returns the force under which MuJoCo's rigid body has this acceleration:
 
     (M_RB + M_A) ν̇ = f(ν_r) − C_RB(ν) ν − C_A(ν_r) ν_r + M_A ν̇_c,     f_passive = M_RB ν̇ + C_RB(ν) ν
 
-without gravity in MuJoCo: weight is part of f. ν_r = ν − ν_c is relative to the water, whose own
-velocity is steady in the world, so that ν̇_c = −ω × v_c in the body's axes.
+Gravity is off in MuJoCo; weight is part of f. ν_r = ν − ν_c is the velocity relative to the water.
+The current is constant in the world, so that ν̇_c = −ω × v_c in body axes.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from ...parameters import Array
 from .callbacks import CALLBACK, WORDS, field_offsets
 
 LIMIT = 16
-"""Most thrusters a body may have."""
+"""Largest number of thrusters on a body."""
 
 POWERS = 5
-"""How many odd powers of the command its thrusters' curve has: u, u³, u⁵, u⁷, u⁹."""
+"""Number of odd powers of the command in the thrusters' curve: u, u³, u⁵, u⁷, u⁹."""
 
 
 @dataclass(frozen=True)
 class Hydrodynamics:
-    """The true numbers of a body in water; axes x forward, y left, z up.
+    """Parameters of a body in water; axes x forward, y left, z up.
 
     Attributes:
         rigid: (6, 6) M_RB about the body's origin [kg, kg·m, kg·m²].
@@ -41,9 +41,9 @@ class Hydrodynamics:
         net_weight: weight less buoyancy [N].
         righting: (3,) r_B B − r_G W [N·m].
         positions: (k, 3) of the thrusters [m].
-        directions: (k, 3) in which they push.
+        directions: (k, 3) unit vectors of the thrusts.
         thrust: (k,) at full command [N].
-        curve: (5,) coefficients of u, u³, u⁵, u⁷, u⁹ of the command curve.
+        curve: (5,) coefficients of u, u³, u⁵, u⁷, u⁹ in the command curve.
         flow: (3,) velocity of the water in the world [m/s].
     """
 
@@ -60,34 +60,42 @@ class Hydrodynamics:
     flow: Array
 
     def numbers(self, lagged: bool) -> Array:
-        """What `fossen` reads from userdata.
+        """The parameters as `fossen` reads them from userdata.
 
         Args:
-            lagged: whether the actuators have an activation of their own.
+            lagged: whether the actuators have an activation state.
         """
         inverse = np.linalg.inv(self.rigid + self.added)
         thrusters = np.hstack([self.positions, self.directions, self.thrust[:, None]])
         return np.concatenate(
             [
-                [len(thrusters), float(lagged)], self.rigid.ravel(), self.added.ravel(),
-                inverse.ravel(), self.linear, self.quadratic, [self.net_weight], self.righting,
-                self.flow, self.curve, thrusters.ravel(),
+                [len(thrusters), float(lagged)],
+                self.rigid.ravel(),
+                self.added.ravel(),
+                inverse.ravel(),
+                self.linear,
+                self.quadratic,
+                [self.net_weight],
+                self.righting,
+                self.flow,
+                self.curve,
+                thrusters.ravel(),
             ]
-        )  # fmt: skip
+        )
 
     @property
     def gain_places(self) -> list[list[int]]:
-        """Where in `numbers` every thruster's gain is."""
+        """For each thruster, the index of its gain in `numbers`."""
         return [[140 + 7 * j] for j in range(len(self.thrust))]
 
 
 SIZE = 2 + 3 * 36 + 12 + 1 + 3 + 3 + 5 + 7 * LIMIT
-"""Most numbers `Hydrodynamics.numbers` returns."""
+"""Largest length of `Hydrodynamics.numbers`."""
 
 
 @njit(cache=True)
 def motion_in_water(attitude, qvel, flow):
-    """(6,) ν, (6,) ν_r and (6,) ν̇_c of a body in water that flows steadily.
+    """(6,) ν, (6,) ν_r and (6,) ν̇_c of a body in a constant current, in body axes.
 
     Args:
         attitude: (4,) quaternion x, y, z, w, body to world.
@@ -99,15 +107,15 @@ def motion_in_water(attitude, qvel, flow):
     for i in range(3):
         v[i], v[3 + i] = linear[i], qvel[3 + i]
         relative[i], relative[3 + i] = linear[i] - current[i], qvel[3 + i]
-    carried[0] = current[1] * v[5] - current[2] * v[4]  # v_c × ω: the current's own rate,
-    carried[1] = current[2] * v[3] - current[0] * v[5]  # seen from the body
+    carried[0] = current[1] * v[5] - current[2] * v[4]  # v_c × ω: time derivative of the current
+    carried[1] = current[2] * v[3] - current[0] * v[5]  # in body axes
     carried[2] = current[0] * v[4] - current[1] * v[3]
     return v, relative, carried
 
 
 @njit(cache=True)
 def passive_wrench(rigid, added, inverse, v, relative, carried, f):
-    """(6,) the wrench, in body axes, that makes a body of M_RB alone move as f and M_A do.
+    """(6,) M_RB ν̇ + C_RB(ν) ν in body axes, with ν̇ of Fossen's equations; see the module.
 
     Args:
         rigid: (6, 6) M_RB.
@@ -116,7 +124,7 @@ def passive_wrench(rigid, added, inverse, v, relative, carried, f):
         v: (6,) ν.
         relative: (6,) ν_r.
         carried: (6,) ν̇_c.
-        f: (6,) all other forces on the body; used as working space.
+        f: (6,) all other forces on the body; overwritten by the result.
     """
     momentum, stirred, a = np.zeros(6), np.zeros(6), np.zeros(6)
     for i in range(6):
@@ -139,7 +147,10 @@ def passive_wrench(rigid, added, inverse, v, relative, carried, f):
 
 @cache
 def fossen() -> Any:
-    """The callback for a model whose only joint is the body's free joint."""
+    """Callback for a model whose only joint is the body's free joint.
+
+    It reads `Hydrodynamics.numbers` from userdata.
+    """
     offsets = field_offsets()
     at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
     at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]

@@ -1,4 +1,4 @@
-"""What a real plant does and the identifier's structure does not know, by switches."""
+"""Effects of a real plant that the identifier's structure does not model, each with a switch."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from ...errors import InvalidInput
 
 Fluid = Literal["exact", "ellipsoid"]
 LONGEST_DELAY = 60.0
-"""Of a command [s]: what is under way is kept."""
+"""Bound on the delay of commands [s]: commands in transit are held in a queue."""
 
 
 @config
 class Mismatch(Config):
-    """Deviations of a plant from what its structure can represent; all are off by default.
+    """Deviations of a plant from its structure; all are off by default.
 
     Attributes:
         lag: time constant of every actuator's first-order lag [s].
-        delay: from a command to the actuator [s], rounded to steps.
-        flow: velocity of the water or the air in the world's axes, z up [m/s].
-        fluid: `exact` is what the structure says; `ellipsoid` MuJoCo's own fluid forces on
-            ellipsoids instead of the vehicle's drag, lift and added mass.
+        delay: from a command to the actuator [s], rounded to time steps.
+        flow: velocity of the water or the air in world axes, z up [m/s].
+        fluid: `exact` for the forces of the structure; `ellipsoid` for MuJoCo's own fluid forces
+            on ellipsoids in place of the vehicle's drag, lift and added mass.
     """
 
     _path = "plant.mismatch"
@@ -35,11 +35,11 @@ class Mismatch(Config):
     fluid: Fluid = "exact"
 
     def steps(self, dt: float) -> int:
-        """The delay in steps of dt [s]."""
+        """The delay as a number of time steps dt [s]."""
         return round(self.delay / dt)
 
-    def told(self, dt: float) -> list[str]:
-        """What is on at steps of dt [s], in words; empty where the structure fits."""
+    def in_words(self, dt: float) -> list[str]:
+        """The active effects in words, at time steps dt [s]; empty if the structure holds."""
         words = []
         if self.lag:
             words.append(f"actuators lag by {self.lag:g} s")
@@ -52,7 +52,11 @@ class Mismatch(Config):
         return words
 
     def refuse(self, plant: str, *fields: str) -> None:
-        """Refuses the switches that a kind of plant does not have.
+        """Rejects effects that a kind of plant does not have.
+
+        Args:
+            plant: the kind of plant, for the message.
+            fields: names of the effects.
 
         Raises:
             InvalidInput: one of `fields` is on.
@@ -60,24 +64,29 @@ class Mismatch(Config):
         for name in fields:
             if getattr(self, name) != getattr(Mismatch(), name):
                 raise InvalidInput(
-                    f"mismatch.{name}", f"the default, for {plant}", getattr(self, name),
-                    "Leave it out: this plant has nothing it could act on.",
-                )  # fmt: skip
+                    f"mismatch.{name}",
+                    f"the default, for {plant}",
+                    getattr(self, name),
+                    "Leave it out: it has no effect on this plant.",
+                )
 
     def apply(self, spec: Any) -> None:
-        """Gives every actuator of a MuJoCo specification the lag, as a state that RK4 integrates.
+        """Adds the lag to every actuator of a MuJoCo specification, as a state that RK4 integrates.
 
-        MuJoCo's `filterexact` is exact under Euler only: it integrates RK4's mean rate once more.
+        MuJoCo's `filterexact` is exact only with Euler's method; under RK4 it would integrate the
+        mean rate a second time.
 
         Raises:
-            InvalidInput: the lag is too short for RK4 at the specification's step.
+            InvalidInput: the lag is too short for RK4 at the specification's time step.
         """
         dt = spec.option.timestep
         if self.lag and dt > 2.5 * self.lag:  # RK4 is unstable beyond 2.785
             raise InvalidInput(
-                "mismatch.lag", f"0, or at least {dt / 2.5:g} s at steps of {dt:g} s", self.lag,
+                "mismatch.lag",
+                f"0, or at least {dt / 2.5:g} s at steps of {dt:g} s",
+                self.lag,
                 "Leave it out, or take a smaller dt.",
-            )  # fmt: skip
+            )
         if self.lag:
             for actuator in spec.actuators:
                 actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER

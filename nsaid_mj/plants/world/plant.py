@@ -1,4 +1,4 @@
-"""A plant: a MuJoCo model, the structure an identifier may know of it, and the hidden truth."""
+"""A plant: a MuJoCo model, the structure that an identifier may know, and the hidden truth."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 @config
 class PlantConfig(Config, ABC):
-    """A plant as data; `build` makes the thing itself.
+    """A plant's parameters, as part of a scenario; `build` makes the plant.
 
     Attributes:
-        mismatch: what the plant does and the identifier's structure does not know.
-        fault: an actuator that weakens.
+        mismatch: effects that the identifier's structure does not model.
+        fault: an actuator's loss of gain during the run.
     """
 
     _path = "plant"
@@ -50,8 +50,8 @@ class PlantConfig(Config, ABC):
         """Makes the plant.
 
         Args:
-            dt: step of the simulation and of the measurements [s].
-            seed: of the hidden truth.
+            dt: time step of the simulation and of the measurements [s].
+            seed: from which the hidden true parameters are drawn.
         """
 
 
@@ -59,17 +59,17 @@ class Plant(ABC):
     """A simulated plant. Step it inside `with plant.running():`.
 
     Attributes:
-        system: the structure an identifier may know.
-        model: MuJoCo's model. It holds the truth: never hand it out.
+        system: the structure that an identifier may know.
+        model: MuJoCo's model. It holds the truth and must not reach an identifier.
         data: MuJoCo's data.
-        dt: step [s].
-        delay: steps from a command to the actuators.
-        mismatches: what it does and its structure does not know, in words.
-        fault: the actuator that weakens.
-        gain_places: for every command the places in MuJoCo's userdata of its actuator's gains;
-            empty where MuJoCo's actuators have the gains.
-        reading: where the system's coordinates are in MuJoCo's, None where compiled code has no
-            way to read them.
+        dt: time step [s].
+        delay: time steps from a command to the actuators.
+        mismatches: effects that the structure does not model, in words.
+        fault: an actuator's loss of gain.
+        gain_places: for each command, the indices of its actuator's gains in MuJoCo's userdata;
+            empty if MuJoCo's actuators hold the gains.
+        reading: index map of the system's coordinates for compiled code; None if compiled code
+            cannot read them.
     """
 
     system: SecondOrderSystem
@@ -81,44 +81,44 @@ class Plant(ABC):
     fault: Fault = Fault()
     gain_places: Sequence[Sequence[int]] = ()
     reading: Reading | None = None
-    _strikes: float = np.inf  # after which time of a run the actuator is weak
-    _next_strike: float = np.inf  # the same on the plant's clock; none once it is weak, or held
+    _strikes: float = np.inf  # time of the fault [s of the run]
+    _next_strike: float = np.inf  # time of a fault still to come [s of MuJoCo's clock]
 
     def _compile(self, spec: Any, mismatch: Mismatch) -> None:
-        """Makes MuJoCo's model and data, with lagging and late actuators where wanted."""
+        """Compiles MuJoCo's model and data, with the mismatch's lag and delay."""
         mismatch.apply(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self._sound = self.model.actuator_gainprm.copy()
+        self._initial_gainprm = self.model.actuator_gainprm.copy()
         self.delay = mismatch.steps(self.dt)
-        self.mismatches = (*self.mismatches, *mismatch.told(self.dt))
+        self.mismatches = (*self.mismatches, *mismatch.in_words(self.dt))
 
     @property
     def dt(self) -> float:
-        """Step of the simulation [s]."""
+        """Time step of the simulation [s]."""
         return self.model.opt.timestep
 
     @property
     @abstractmethod
     def truth(self) -> Array:
-        """(p,) the true θ, before any fault; read by evaluation and recording only."""
+        """(p,) the true θ before any fault; only evaluation and recording may read it."""
 
     def truth_at(self, t: ArrayLike) -> Array:
-        """(..., p) the true θ at times t (...) of a run [s]; for evaluation and recording only."""
+        """(..., p) the true θ at times t (...) [s]; only evaluation and recording may read it."""
         weak = self.truth.copy()
         if self.fault.loss:
             weak[self.fault.gains(self.system)] *= 1 - self.fault.loss
         return np.where(self.struck(t)[..., None], weak, self.truth)
 
     def struck(self, t: ArrayLike) -> NDArray[np.bool_]:
-        """(...) whether the actuator has weakened by times t (...) of a run [s]."""
+        """(...) whether the fault has occurred by times t (...) of a run [s]."""
         return np.asarray(t) > self._strikes
 
     def failing(self, fault: Fault) -> Self:
-        """The plant itself, whose actuator will weaken, at the step nearest to the fault's time.
+        """Schedules a fault, at the time step nearest to its time; returns the plant itself.
 
         Raises:
-            InvalidInput: it has no such actuator.
+            InvalidInput: there is no such actuator.
         """
         strikes = np.inf
         if fault.loss:
@@ -128,23 +128,24 @@ class Plant(ABC):
         return self
 
     def reset(self, position: Array, velocity: Array, as_at: float | None = None) -> None:
-        """Puts the plant at coordinates (n,) and velocities (n,), at t = 0.
+        """Sets the plant's state at t = 0, with its actuators at rest.
 
         Args:
-            position: coordinates.
-            velocity: velocities.
-            as_at: keep the actuators as they are at this time of a run [s]; None lets them weaken.
+            position: (n,) position numbers.
+            velocity: (n,) velocities.
+            as_at: time of a run at whose condition the actuators are frozen [s]; None lets the
+                fault occur at its own time.
         """
         mujoco.mj_resetData(self.model, self.data)
-        self._late = deque([np.zeros(self.system.n_u)] * self.delay)
+        self._delayed_commands = deque([np.zeros(self.system.n_u)] * self.delay)
         self._place(position, velocity)
-        self.model.actuator_gainprm[:] = self._sound
+        self.model.actuator_gainprm[:] = self._initial_gainprm
         self._next_strike = self._strikes if as_at is None else np.inf
         if as_at is not None and self.struck(as_at):
             self._weaken()
 
     def _weaken(self) -> None:
-        """Takes the fault's share from the actuator's gains, wherever they are."""
+        """Reduces the actuator's gains by the fault's share, in mjModel or in userdata."""
         k, left = self.fault.actuator - 1, 1 - self.fault.loss
         self.model.actuator_gainprm[k] *= left
         if self.gain_places:
@@ -153,19 +154,24 @@ class Plant(ABC):
 
     @abstractmethod
     def _place(self, position: Array, velocity: Array) -> None:
-        """Writes coordinates and velocities, and the callback's numbers, into fresh data."""
+        """Writes the state and the callback's parameters into freshly reset data.
+
+        Args:
+            position: (n,) position numbers.
+            velocity: (n,) velocities.
+        """
 
     @abstractmethod
     def coordinates(self) -> tuple[Array, Array]:
-        """(n,) position numbers and (n,) velocities, exact, as the encoders would see them."""
+        """(n,) exact position numbers and (n,) exact velocities."""
 
     def position(self, coordinates: Array) -> Array:
-        """(..., m) the system's position q for position numbers (..., n)."""
+        """(..., m) the system's position q from position numbers (..., n)."""
         return self.system.position(coordinates)
 
     @abstractmethod
     def visuals(self) -> list[VisualMesh]:
-        """What the plant looks like."""
+        """The meshes that show the plant."""
 
     @abstractmethod
     def poses(self, q: Array) -> tuple[Array, Array]:
@@ -182,7 +188,7 @@ class Plant(ABC):
 
     @property
     def diverged(self) -> str:
-        """Which signal MuJoCo found bad, "" while all is well."""
+        """Name of the signal that MuJoCo found bad; "" if none is."""
         for counter, signal in self._counters:
             if counter.number:
                 return signal
@@ -190,14 +196,20 @@ class Plant(ABC):
 
     @cached_property
     def _counters(self) -> list[tuple[Any, str]]:
-        """MuJoCo's own counters of what diverged, looked up once."""
+        """MuJoCo's warning counters and their signals' names, looked up once."""
         return [(self.data.warning[warning], signal) for warning, signal in _DIVERGENCES]
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Installs what the plant needs in MuJoCo, and silences MuJoCo's repeated warnings."""
+        """Context in which the plant can be stepped: its callback is installed in MuJoCo.
+
+        MuJoCo's own warnings are silenced.
+
+        Raises:
+            RuntimeError: another plant is running in this process.
+        """
         handler = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(lambda _: None)  # `diverged` tells it, once
+        mujoco.set_mju_user_warning(lambda _: None)  # `diverged` reports it once
         try:
             with installed(self.passive):
                 yield
@@ -207,39 +219,45 @@ class Plant(ABC):
     def begin(
         self, driver: Driver, sensors: Sensors = EXACT_SENSORS, as_at: float | None = None
     ) -> Measurement:
-        """Puts the plant where the driver starts, and measures; `as_at` is that of `reset`."""
+        """Resets plant and driver and takes the first measurement.
+
+        Args:
+            driver: gives the initial state and the first command.
+            sensors: what measures.
+            as_at: time of a run at whose condition the actuators are frozen [s], or None.
+        """
         self.reset(*driver.start(), as_at)
         return self._measure(0.0, driver, sensors)
 
     def drive(
         self, driver: Driver, last: Measurement, steps: int, sensors: Sensors = EXACT_SENSORS
     ) -> Log:
-        """Goes on from the last measurement; the driver sees what the sensors say.
+        """Continues the simulation in closed loop with the driver.
 
         Args:
-            driver: chooses the commands.
-            last: what was measured last, of where the plant is.
-            steps: how many to make.
+            driver: computes the commands from the sensors' measurements.
+            last: the most recent measurement, of the plant's current state.
+            steps: number of time steps.
             sensors: what measures.
 
         Returns:
-            `steps` + 1 measurements, the first of them the last one; fewer where the plant diverges
-            or a measurement is not finite, which is then the last.
+            `steps` + 1 measurements, `last` first. If the plant diverges or a measurement is not
+            finite, the log ends there.
         """
         start = round(last.t / self.dt)
         t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)
         steady = not self.delay and self.t + steps * self.dt < self._next_strike
         law = driver.compiled(t) if steady else None
         if law is None or self.reading is None:
-            return self._ask(driver, last, t, sensors)
+            return self._drive_stepwise(driver, last, t, sensors)
         log = Log.unchecked(t, *(np.empty((len(t), len(part))) for part in last[1:]))
         for column, first in zip(log, last, strict=True):
             column[0] = first
         errors = sensors.errors(steps, self.system.n)
         return log.first(drive(law, World.of(self.model, self.data), self.reading, errors, log))
 
-    def _ask(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
-        """Drives step by step, asking the driver at every time t (k,); t[0] is that of `last`."""
+    def _drive_stepwise(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
+        """Drives at times t (k,) [s] with a call of `command` at each; t[0] is that of `last`."""
         rows, warnings = [last], warnings_of(self.data)
         for now in t[1:]:
             self.step(rows[-1].u)
@@ -249,16 +267,16 @@ class Plant(ABC):
         return Log.unchecked_of(rows)
 
     def _measure(self, t: float, driver: Driver, sensors: Sensors) -> Measurement:
-        """What is measured now, and the driver's answer."""
+        """The measurement at the current state and the driver's command for it."""
         coordinates, v = sensors(*self.coordinates())
         q = self.position(coordinates)
         return Measurement(t, q, v, driver.command(t, q, v))
 
     def step(self, u: Array) -> None:
-        """Holds the command u (n_u,) for one step of RK4."""
+        """Advances by one time step of RK4 with the command u (n_u,) held."""
         if self.delay:
-            self._late.append(np.array(u, dtype=np.float64))
-            u = self._late.popleft()
+            self._delayed_commands.append(np.array(u, dtype=np.float64))
+            u = self._delayed_commands.popleft()
         if self.t > self._next_strike:
             self._weaken()
         self.data.ctrl[:] = u
@@ -274,13 +292,17 @@ _DIVERGENCES = (
 
 
 def set_options(spec: Any, dt: float) -> None:
-    """Sets what every plant needs: RK4, no silent reset, no contacts or limits.
+    """Sets the options of all plants: RK4, no automatic reset, no contacts, no joint limits.
+
+    Args:
+        spec: MuJoCo's specification.
+        dt: time step [s].
 
     Raises:
         InvalidInput: dt is not a positive number.
     """
     if not (np.isfinite(dt) and dt > 0):
-        raise InvalidInput("dt", "a step > 0 s", dt, "1e-3 suits arms.")
+        raise InvalidInput("dt", "a step > 0 s", dt, "Try 1e-3 for an arm.")
     spec.option.timestep = dt
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.disableflags |= int(

@@ -1,4 +1,4 @@
-"""Robot descriptions: a name of example-robot-data or a URDF file, checked before use."""
+"""Loads and checks robot descriptions: names of example-robot-data, or URDF files."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from ...errors import BadRobot, UnknownName
 from ...systems.joints import floats
 
 Base = Literal["held", "free"]
-"""Whether a floating base is held still on a stand, or left to float."""
+"""Whether a floating base is fixed to a stand or free."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot as its description has it.
+    """A robot's description.
 
     Attributes:
-        name: its name or file.
-        base: what has become of a floating base.
+        name: its name in example-robot-data, or the path of its URDF file.
+        base: whether a floating base is held or free.
         model: Pinocchio's model.
-        held: the joint by which a floating-base robot is held on a stand, "" where there is none.
+        held: name of the floating joint that is fixed, "" if there is none.
     """
 
     name: str
@@ -40,12 +40,12 @@ class Robot:
 
     @cached_property
     def visual(self) -> Any:
-        """Pinocchio's visual geometry, read when first asked for: a UR5's meshes take 0.3 s."""
+        """Pinocchio's visual geometry, loaded on first access: a UR5's meshes take 0.3 s."""
         return _described(self.name, self.base, meshes=True)[1]
 
 
 def known_robots() -> list[str]:
-    """All names `load_robot` knows."""
+    """All names of example-robot-data, sorted."""
     from example_robot_data.robots_loader import ROBOTS
 
     return sorted(ROBOTS)
@@ -56,12 +56,12 @@ def load_robot(name: str, base: Base = "held") -> Robot:
 
     Args:
         name: a name of example-robot-data, or the path of a URDF file.
-        base: what becomes of a floating base. A URDF file's root is one if it is to be free.
+        base: whether a floating base is held or free. With `free`, a URDF file's root floats.
 
     Raises:
-        UnknownName: no such robot, with near matches.
-        BadRobot: it cannot be loaded, has a joint of another kind, a link without a possible
-            inertia, or no base that could be free.
+        UnknownName: there is no robot of this name; near matches are listed.
+        BadRobot: it cannot be loaded, has a joint of another kind or a link of physically
+            impossible inertia, or its base cannot float.
     """
     model, _, held = _described(name, base, meshes=False)
     check_joints(name, model)
@@ -70,7 +70,7 @@ def load_robot(name: str, base: Base = "held") -> Robot:
 
 
 def _described(name: str, base: Base, meshes: bool) -> tuple[pin.Model, Any, str]:
-    """The model, its visual geometry, empty without meshes, and the joint that is held."""
+    """The model, its visual geometry (empty without `meshes`), and the name of the held joint."""
     if name.endswith(".urdf") or "/" in name:
         model, visual = _load_file(Path(name), base, meshes)
     elif name in known_robots():
@@ -94,13 +94,13 @@ def _described(name: str, base: Base, meshes: bool) -> tuple[pin.Model, Any, str
 
 def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
     if not path.is_file():
-        raise BadRobot(str(path), "", "there is no such file", "Give the path of a URDF file.")
+        raise BadRobot(str(path), "", "no such file", "Give the path of a URDF file.")
     try:
         root = (pin.JointModelFreeFlyer(),) if base == "free" else ()
         model = pin.buildModelFromUrdf(str(path), *root)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         raise BadRobot(
-            str(path), "", f"Pinocchio cannot read it: {error}", "Mend the URDF."
+            str(path), "", f"Pinocchio cannot read it: {error}", "Correct the URDF."
         ) from error
     if not meshes:
         return model, pin.GeometryModel()
@@ -108,7 +108,7 @@ def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
         visual = pin.buildGeomFromUrdf(
             model, str(path), pin.GeometryType.VISUAL, package_dirs=[str(path.parent)]
         )
-    except (ValueError, RuntimeError):  # meshes that are not there: the dynamics do not need them
+    except (ValueError, RuntimeError):  # mesh files are missing: the dynamics do not need them
         visual = pin.GeometryModel()
     return model, visual
 
@@ -128,10 +128,10 @@ def _load_named(name: str, meshes: bool) -> tuple[pin.Model, Any]:
 
 @contextlib.contextmanager
 def _reading(meshes: bool) -> Iterator[None]:
-    """Makes Pinocchio's wrapper read what is drawn alone, or no mesh: loaders ask for all."""
+    """Makes Pinocchio's wrapper load visual meshes only, or none; loaders request all geometry."""
     build: Any = robot_wrapper.buildModelsFromUrdf
     kinds = [pin.GeometryType.VISUAL] if meshes else []
-    boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the quickest that shows its triangles
+    boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the fastest type that exposes its triangles
 
     def build_less(*args: Any, **options: Any) -> tuple[Any, Any, Any]:
         model, *visual = build(*args, **options, meshLoader=boxes, geometry_types=kinds)
@@ -145,10 +145,11 @@ def _reading(meshes: bool) -> Iterator[None]:
 
 
 def check_joints(name: str, model: pin.Model) -> None:
-    """Accepts trees of 1-DOF joints only, on a free flyer or not.
+    """Checks that a model is a tree of 1-DOF joints, possibly on a free flyer.
 
     Raises:
-        BadRobot: another joint has more than one degree of freedom, or there is none.
+        BadRobot: a joint other than the free flyer has several degrees of freedom, or no joint
+            moves.
     """
     if model.nv == 0:
         raise BadRobot(name, "", "it has no moving joint", "Choose a robot that moves.")
@@ -164,17 +165,17 @@ def check_joints(name: str, model: pin.Model) -> None:
 
 
 def check_inertias(name: str, model: pin.Model) -> None:
-    """Accepts links a real body could have: positive mass, triangle inequality of the moments.
+    """Checks that links have positive mass and moments that satisfy the triangle inequality.
 
     Raises:
-        BadRobot: with the link at fault.
+        BadRobot: names the first link whose inertia no body can have.
     """
     for i in range(1, model.njoints):
         part = f"link of joint {model.names[i]}"
         inertia = model.inertias[i]
         numbers = inertia.toDynamicParameters()
         if not np.isfinite(numbers).all():
-            raise BadRobot(name, part, "its inertia is not finite", "Mend the URDF.")
+            raise BadRobot(name, part, "its inertia is not finite", "Correct the URDF.")
         if inertia.mass <= 0:
             raise BadRobot(
                 name, part, f"its mass is {inertia.mass:g} kg", "Give it an <inertial> of mass > 0."
@@ -185,5 +186,5 @@ def check_inertias(name: str, model: pin.Model) -> None:
                 name,
                 part,
                 f"no body has the principal moments {', '.join(f'{x:.3g}' for x in moments)} kg·m²",
-                "They must be positive and each at most the sum of the other two: mend <inertia>.",
+                "Correct <inertia>: each must be positive and at most the sum of the other two.",
             )

@@ -1,4 +1,4 @@
-"""What stands between the plant and a measurement: seeded noise and quantisation."""
+"""Sensor models: seeded noise and quantisation."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from ...parameters import Array
 
 @config
 class SensorNoise(Config):
-    """Levels of a joint encoder and of a velocity signal. MuJoCo's own `noise` adds nothing.
+    """Noise levels of a position encoder and of a velocity sensor.
+
+    MuJoCo's own `noise` attribute is not used: MuJoCo adds no noise.
 
     Attributes:
         position: standard deviation of the position [rad or m].
         velocity: standard deviation of the velocity [rad/s or m/s].
-        encoder_step: the encoder's resolution [rad or m]; 0 is none.
+        encoder_step: resolution of the encoder [rad or m]; 0 for no quantisation.
     """
 
     _path = "noise"
@@ -30,7 +32,7 @@ class SensorNoise(Config):
 
     @property
     def levels(self) -> SensorLevels:
-        """What a data sheet would say: quantisation adds its step/√12 to the position's level."""
+        """Standard deviations, with the encoder's quantisation counted as encoder_step/√12."""
         return SensorLevels(
             float(np.hypot(self.position, self.encoder_step / 12**0.5)), self.velocity
         )
@@ -38,7 +40,7 @@ class SensorNoise(Config):
     def corrupt(
         self, position: Array, velocity: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
-        """What the sensors say of a true position and velocity."""
+        """Measurements of a true position and velocity, both of any shape."""
         position = position + self.position * rng.standard_normal(position.shape)
         if self.encoder_step:
             position = self.encoder_step * np.round(position / self.encoder_step)
@@ -46,13 +48,14 @@ class SensorNoise(Config):
 
 
 class Errors(NamedTuple):
-    """What sensors will add to a stretch of measurements, for compiled code.
+    """Sensor errors of k consecutive measurements, for compiled code.
 
     Attributes:
         position: standard deviation of the position [rad or m].
         velocity: standard deviation of the velocity [rad/s or m/s].
-        encoder_step: the encoder's resolution [rad or m]; 0 is none.
-        normal: (k, 2, n) drawn for position and velocity; (0, 2, n) where sensors are exact.
+        encoder_step: resolution of the encoder [rad or m]; 0 for no quantisation.
+        normal: (k, 2, n) standard normal draws for position and velocity; (0, 2, n) if the
+            sensors are exact.
     """
 
     position: float
@@ -63,7 +66,10 @@ class Errors(NamedTuple):
 
 @njit(cache=True)
 def add_errors(errors, k, position, velocity):
-    """Adds the k-th errors to a true position (n,) and velocity (n,), as `SensorNoise` does."""
+    """Adds the k-th errors to a true position (n,) and velocity (n,) in place.
+
+    Equal to `SensorNoise.corrupt` to the bit.
+    """
     if not errors.normal.shape[0]:
         return
     step = errors.encoder_step
@@ -75,10 +81,10 @@ def add_errors(errors, k, position, velocity):
 
 
 class Sensors:
-    """What measures a run: the noise's levels, and its stream of errors.
+    """Sensors with their own stream of random errors.
 
     Args:
-        noise: the levels; None is exact.
+        noise: the levels; None for exact sensors.
         rng: source of the errors.
     """
 
@@ -86,13 +92,13 @@ class Sensors:
         self.noise, self.rng = noise, rng
 
     def __call__(self, position: Array, velocity: Array) -> tuple[Array, Array]:
-        """What they say of a true position and velocity."""
+        """Measurements of a true position (n,) and velocity (n,)."""
         if self.noise is None:
             return position, velocity
         return self.noise.corrupt(position, velocity, self.rng)
 
     def errors(self, k: int, n: int) -> Errors:
-        """What they would add to the next k measurements of n position numbers each."""
+        """Draws the errors of the next k measurements of n position numbers each."""
         if self.noise is None:
             return Errors(0.0, 0.0, 0.0, np.empty((0, 2, n)))
         noise, normal = self.noise, self.rng.standard_normal((k, 2, n))

@@ -1,4 +1,4 @@
-"""MuJoCo's primitive shapes as triangles, for what draws a plant."""
+"""Triangle meshes of MuJoCo's primitive shapes, for visualisation."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ DRAWN = frozenset(
         mujoco.mjtGeom.mjGEOM_SPHERE,
     }
 )
-"""The kinds of geoms that `of_geom` draws."""
+"""The geom types that `of_geom` supports."""
 
 
 class VisualMesh(NamedTuple):
-    """A triangle mesh that moves with a body.
+    """A triangle mesh fixed to a body.
 
     Attributes:
         name: unique among a plant's meshes.
@@ -44,10 +44,10 @@ class VisualMesh(NamedTuple):
 
 
 def of_geom(model: Any, i: int) -> VisualMesh:
-    """A geom of a MuJoCo model in the geom's own frame.
+    """The mesh of a MuJoCo geom, in the geom's own frame.
 
     Args:
-        model: MuJoCo's.
+        model: MuJoCo's model.
         i: index of a box, cylinder, capsule, ellipsoid or sphere.
     """
     size, kind = model.geom_size[i].copy(), model.geom_type[i]
@@ -59,12 +59,18 @@ def of_geom(model: Any, i: int) -> VisualMesh:
         if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             vertices = vertices * size
     red, green, blue, alpha = model.geom_rgba[i].tolist()
-    return VisualMesh(model.geom(i).name or f"geom {i}", vertices, triangles,
-                      (red, green, blue, alpha))  # fmt: skip
+    return VisualMesh(
+        model.geom(i).name or f"geom {i}", vertices, triangles, (red, green, blue, alpha)
+    )
 
 
 def _profile(kind: int, size: Array) -> tuple[Array, Array]:
-    """Radius and height along a solid of revolution's axis."""
+    """(k,) radii and (k,) heights [m] along the axis of a solid of revolution.
+
+    Args:
+        kind: geom type: cylinder, capsule, ellipsoid (as a unit sphere) or sphere.
+        size: (3,) MuJoCo's `geom_size`.
+    """
     arc = np.linspace(0, np.pi, 13)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return size[0] * np.array([0.0, 1, 1, 0]), size[1] * np.array([-1.0, -1, 1, 1])
@@ -75,7 +81,7 @@ def _profile(kind: int, size: Array) -> tuple[Array, Array]:
 
 
 def _turned(radius: Array, height: Array) -> tuple[Array, np.ndarray]:
-    """The solid of revolution about z with the given profile (k,)."""
+    """Vertices and triangles of a solid of revolution about z; radius and height are (k,) [m]."""
     angle = np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(_SIDES)], axis=1)
     vertices = np.concatenate([r * ring + [0, 0, h] for r, h in zip(radius, height, strict=True)])

@@ -1,4 +1,4 @@
-"""Data sheets: a vehicle's numbers, read from its vehicle.toml and checked before they are used."""
+"""Data sheets: a vehicle's parameters, read from its vehicle.toml and validated."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from ...parameters import Array
 from ...resources import vehicle_files
 
 LARGEST, SMALLEST = 1e9, 1e-12
-"""Bounds of every number on a data sheet, so that products of a few of them stay finite."""
+"""Bounds on the magnitude of every number in a data sheet; products of a few remain finite."""
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
 Negative = Annotated[float, Field(ge=-LARGEST, le=-SMALLEST)]
-"""Types of single numbers on a data sheet."""
+"""Types of single numbers in a data sheet."""
 
 _REMEDY = "docs/your_vehicle.md explains every key; assets/ has complete examples."
 
 
 class Table(BaseModel):
-    """A table of a data sheet: no unknown keys, no text where a number belongs, nothing infinite.
+    """A table of a data sheet. Unknown keys, values of a wrong type, NaN and inf are errors.
 
-    Every field's description says what is expected of it, with the unit; errors quote it.
+    Every field's description says what is expected, with its unit; error messages quote it.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
@@ -55,10 +55,10 @@ def several(count: int, expected: str) -> Any:
 
 
 class Sheet(Table):
-    """A whole data sheet.
+    """A complete data sheet.
 
     Attributes:
-        size: length, width and height of the box that is drawn where there is no model.xml [m].
+        size: length, width and height of the box that is drawn if there is no model.xml [m].
     """
 
     size: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = Field(
@@ -73,8 +73,8 @@ class Sheet(Table):
             vehicle: a packed vehicle's name, or the path of a TOML file or of its folder.
 
         Raises:
-            InvalidInput: a value is missing or cannot be used; it names file and key.
-            UnknownName: there is no such vehicle, or no such key.
+            InvalidInput: a value is missing or invalid; the message names file and key.
+            UnknownName: the vehicle, or a key in the file, does not exist.
         """
         path = vehicle_files(vehicle).sheet
         try:
@@ -92,7 +92,7 @@ class Sheet(Table):
 
 
 def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Exception:
-    """The first of pydantic's errors as one of ours; unknown keys, likely misspelt, go first."""
+    """The first of pydantic's errors as an `NsaidError`; unknown keys, likely typos, go first."""
     found = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")[0]
     inner = found.get("ctx", {}).get("error")
     if isinstance(inner, InvalidInput):  # of a check between several keys
@@ -108,7 +108,12 @@ def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Except
 
 
 def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Table], str]:
-    """The table that a place in a data sheet is in, and what is expected there."""
+    """The table type that contains a location in a data sheet, and what is expected there.
+
+    Args:
+        sheet: type of the data sheet.
+        places: keys and list indices, from the top level down.
+    """
     table, expected = sheet, "a table"
     for place in places:
         if isinstance(place, int):
@@ -125,6 +130,7 @@ def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Tab
 
 
 def _short(value: Any) -> str:
+    """A value's repr, shortened to 60 characters, with the length if it is a list."""
     text = repr(value)
     text = text if len(text) <= 60 else f"{text[:57]}..."
     return f"{len(value)} values, {text}" if isinstance(value, list) else text
@@ -134,23 +140,25 @@ def _short(value: Any) -> str:
 
 
 def check_inertia(moments: Sequence[float]) -> None:
-    """Accepts principal moments of inertia that a body can have.
+    """Checks three principal moments of inertia by the triangle inequality.
 
     Raises:
         InvalidInput: one of them is not less than the sum of the other two.
     """
     if 2 * max(moments) >= sum(moments):
         raise InvalidInput(
-            "inertia", "moments each less than the sum of the other two", list(moments),
-            "No body has these: check units and order.",
-        )  # fmt: skip
+            "inertia",
+            "moments each less than the sum of the other two",
+            list(moments),
+            "No body has these moments: check units and order.",
+        )
 
 
 def check_unit_vectors(key: str, vectors: Array) -> None:
-    """Accepts rows (k, 3) of length 1.
+    """Checks that the rows of `vectors` (k, 3) have length 1.
 
     Raises:
-        InvalidInput: the length of a row is not 1.
+        InvalidInput: the length of a row is not 1; the message names `key`.
     """
     lengths = np.linalg.norm(vectors, axis=1)
     for row, length in zip(vectors, lengths, strict=True):

@@ -1,6 +1,6 @@
-"""A stretch of a run in one compiled call: MuJoCo steps, sensors measure, the driver commands.
+"""A stretch of a run in one compiled call: MuJoCo's step, sensors, control law.
 
-The arithmetic and its order are those of the step-by-step loop in `Plant`.
+The arithmetic and its order match the step-by-step loop in `Plant`, bit for bit.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numba import njit, types
 
-from ...control.computed_torque import Tracking, computed_torque, tracking_room
+from ...control.computed_torque import Tracking, computed_torque, tracking_workspace
 from ...log import Log
 from ...parameters import Array
 from .callbacks import CFunction
@@ -28,7 +28,7 @@ def _mj_step() -> CFunction:
 
 
 class World(NamedTuple):
-    """MuJoCo's model and data for compiled code; the arrays are views of data.
+    """MuJoCo's model and data for compiled code; the arrays are views of mjData.
 
     Attributes:
         step: mj_step, called with the addresses of model and data.
@@ -37,7 +37,7 @@ class World(NamedTuple):
         qpos: (nq,).
         qvel: (nv,).
         ctrl: (n_u,).
-        warnings: (4,) how often position, velocity, acceleration and control were bad.
+        warnings: (4,) counts of bad positions, velocities, accelerations and controls.
     """
 
     step: CFunction
@@ -50,30 +50,30 @@ class World(NamedTuple):
 
     @staticmethod
     def of(model: Any, data: Any) -> World:
-        """The world of a model and its data, which must outlive it."""
+        """Views of a model and its data, which must outlive them."""
         addresses = np.uintp(model._address), np.uintp(data._address)
         arrays = data.qpos, data.qvel, data.ctrl
         return World(_mj_step(), *addresses, *arrays, warnings_of(data))
 
 
 def warnings_of(data: Any) -> Any:
-    """(4,) how often MuJoCo found position, velocity, acceleration and control bad; a view."""
+    """(4,) MuJoCo's counts of bad positions, velocities, accelerations and controls; a view."""
     return data.warning.number[_FIRST : _LAST + 1]
 
 
 def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors, log: Log) -> int:
-    """Fills a log whose times and first row are given.
+    """Simulates in closed loop and fills a log whose times and first row are given.
 
     Args:
-        law: the commands (N, n_u) at all times, or the numbers of `computed_torque`.
+        law: the commands (N, n_u) at all times, or the parameters of `computed_torque`.
         world: MuJoCo's model and data, in the state of the log's first row.
-        reading: where the system's coordinates are in MuJoCo's.
+        reading: index map of the system's coordinates.
         errors: of the sensors.
-        log: receives measurements and commands.
+        log: N samples; receives measurements and commands.
 
     Returns:
-        How many rows are written: all, or up to the first that is not finite or at which MuJoCo
-        diverged, that row included.
+        Number of rows written: N, or up to and including the first row that is not finite or at
+        which MuJoCo diverged.
     """
     if isinstance(law, Tracking):
         return track(law, world, reading, errors, log)
@@ -83,7 +83,7 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
 
 @njit(cache=True, nogil=True)
 def play(world, reading, errors, log):
-    """Drives with the commands that are in the log."""
+    """Open loop: simulates with the commands in the log. Returns the number of rows written."""
     numbers = np.empty(log.v.shape[1])
     for k in range(1, log.t.shape[0]):
         q, v, u = log.q[k], log.v[k], log.u[k]
@@ -95,12 +95,12 @@ def play(world, reading, errors, log):
 
 @njit(cache=True, nogil=True)
 def track(tracking, world, reading, errors, log):
-    """Drives with the commands of `computed_torque`."""
-    numbers, room = np.empty(log.v.shape[1]), tracking_room(tracking)
+    """Closed loop with `computed_torque`. Returns the number of rows written."""
+    numbers, workspace = np.empty(log.v.shape[1]), tracking_workspace(tracking)
     for k in range(1, log.t.shape[0]):
         q, v, u = log.q[k], log.v[k], log.u[k]
         _advance(world, reading, errors, k - 1, log.u[k - 1], numbers, q, v)
-        computed_torque(tracking, log.t[k], q, v, room, u)
+        computed_torque(tracking, log.t[k], q, v, workspace, u)
         if not sound(world.warnings, q, v, u):
             return k + 1
     return log.t.shape[0]
@@ -108,7 +108,7 @@ def track(tracking, world, reading, errors, log):
 
 @njit(cache=True)
 def _advance(world, reading, errors, k, command, numbers, q, v):
-    """Makes one step under a command and measures, with the sensors' k-th errors."""
+    """Advances by one time step with a command, and writes a measurement with the k-th errors."""
     for i in range(command.shape[0]):
         world.ctrl[i] = command[i]
     world.step(world.model, world.data)
@@ -119,7 +119,7 @@ def _advance(world, reading, errors, k, command, numbers, q, v):
 
 @njit(cache=True)
 def sound(warnings, q, v, u):
-    """Whether MuJoCo has found nothing bad, of the kinds in `warnings`, and all is finite."""
+    """Whether all counts in `warnings` are 0 and q, v and u are finite."""
     total = 0.0
     for count in warnings:
         if count > 0:

@@ -1,4 +1,4 @@
-"""A Pinocchio model in MuJoCo, one body for each joint, and its meshes."""
+"""Conversion of a Pinocchio model to MuJoCo, one body for each joint, and its meshes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ from .shapes import VisualMesh, of_geom
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
-    """MuJoCo's specification of a Pinocchio model without friction and motors.
+    """MuJoCo's specification of a Pinocchio model, without friction and motors.
 
-    URDF's traps are avoided by not going through it: no effort limit clips a hidden gain, no
-    joint limit becomes a soft constraint, no inertia is silently repaired. Bodies and joints have
-    the names of the model's joints.
+    MuJoCo's URDF importer is not used, so that no effort limit clips a hidden gain, no joint limit
+    becomes a soft constraint, and no inertia is silently altered. Bodies and joints have the names
+    of the model's joints.
+
+    Args:
+        model: Pinocchio's model, of 1-DOF joints and possibly a free flyer.
+        dt: time step [s].
     """
     spec = mujoco.MjSpec()
     set_options(spec, dt)
@@ -38,7 +42,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
             body.add_freejoint(name=name)
             continue
         jacobian = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)
-        # Pinocchio squeezes a single column
+        # Pinocchio returns a single column as (6,)
         subspace = jacobian.reshape(6, -1)[:, model.joints[i].idx_v]
         slides = np.linalg.norm(subspace[:3]) > np.linalg.norm(subspace[3:])
         body.add_joint(
@@ -50,6 +54,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
 
 
 def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
+    """Sets the inertia of a body in MuJoCo's specification, in principal axes."""
     body.explicitinertial = True
     body.mass, body.ipos = inertia.mass, inertia.lever
     moments, axes = np.linalg.eigh(inertia.inertia)
@@ -57,8 +62,8 @@ def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
     body.iquat, body.inertia = _wxyz(axes), moments
 
 
-class Looks:
-    """A robot's own meshes, where its description has any.
+class RobotVisuals:
+    """The visual meshes of a robot's description; there may be none.
 
     Args:
         robot: the description.
@@ -68,12 +73,12 @@ class Looks:
         self._robot = robot
 
     def visuals(self) -> list[VisualMesh]:
-        """The meshes."""
+        """All meshes."""
         return list(self._meshes.values())
 
     @cached_property
     def _meshes(self) -> dict[int, VisualMesh]:
-        """What can be drawn, by its index in Pinocchio's visual geometry."""
+        """The meshes by their index in Pinocchio's visual geometry; other shapes are left out."""
         meshes = ((i, _mesh(g)) for i, g in enumerate(self._robot.visual.geometryObjects))
         return {i: mesh for i, mesh in meshes if mesh is not None}
 
@@ -97,12 +102,12 @@ class Looks:
         return translations, quaternions
 
 
-class GeomLooks:
-    """The geoms of a MuJoCo model whose bodies have the names of a Pinocchio model's joints.
+class GeomVisuals:
+    """The geoms of a MuJoCo model, posed by Pinocchio's forward kinematics.
 
     Args:
-        model: MuJoCo's.
-        tree: Pinocchio's.
+        model: MuJoCo's model; its bodies have the names of the joints of `tree`.
+        tree: Pinocchio's model.
     """
 
     def __init__(self, model: Any, tree: pin.Model):
@@ -115,7 +120,7 @@ class GeomLooks:
         ]
 
     def visuals(self) -> list[VisualMesh]:
-        """The geoms as meshes."""
+        """All geoms as meshes."""
         return [of_geom(self._model, i) for i in range(self._model.ngeom)]
 
     def poses(self, q: Array) -> tuple[Array, Array]:
@@ -143,7 +148,7 @@ def _wxyz(rotation: Array) -> Array:
 
 
 def _mesh(geometry: Any) -> VisualMesh | None:
-    """A Pinocchio geometry object as triangles, or None if it is not a mesh."""
+    """The triangle mesh of a Pinocchio geometry object, None for other shapes."""
     shape = geometry.geometry
     if not hasattr(shape, "vertices") or not hasattr(shape, "num_tris"):
         return None

@@ -1,14 +1,13 @@
-"""What acts on a floating tree in MuJoCo, exactly: water on base and links, thrusters, motors.
+"""Exact forces on a floating tree in MuJoCo: water on base and links, thrusters, motors.
 
-MuJoCo's passive forces cannot carry an inertia. The callback solves for the acceleration itself and
-hands MuJoCo the force that makes its rigid bodies accelerate just so. With Q_b (6, nv) the Jacobian
-of the twist ν_b of an added inertia A_b, at its middle and in the body's axes, relative to the
-water,
+MuJoCo's passive forces cannot represent an inertia. The callback solves for q̈ and returns the force
+under which MuJoCo's rigid bodies have this acceleration. With Q_b (6, nv) the Jacobian of the twist
+ν_b of an added inertia A_b at its centre, in body axes and relative to the water,
 
     t = f + Σ Q_bᵀ (−C_A(ν_b) ν_b − A_b Q̇_b q̇) − bias,    (M + Σ Q_bᵀ A_b Q_b) q̈ = t,
 
-and f_passive = M q̈ + bias. Jacobians, M and bias are MuJoCo's own; weight is in its bias. All
-other forces are in f, commands' too: MuJoCo's actuators have no gain of their own.
+and f_passive = M q̈ + bias. Jacobians, M and bias are MuJoCo's; its bias includes weight. All other
+forces are in f, also those of the commands: MuJoCo's actuators have zero gain.
 """
 
 from __future__ import annotations
@@ -25,15 +24,15 @@ from ...numerics.spatial import cross
 from ...parameters import Array
 from .callbacks import ARRAYS, WORDS, CFunction, field_offsets
 
-_POINTS, _LENGTHS = np.polynomial.legendre.leggauss(4)  # of a cylinder's strips, on [−1, 1]
-_FLOW, _CURVE, _SPEED, _BUOYANCY, _RIGHTING = 6, 9, 18, 19, 20  # places in userdata
+_POINTS, _LENGTHS = np.polynomial.legendre.leggauss(4)  # quadrature along a cylinder, on [−1, 1]
+_FLOW, _CURVE, _SPEED, _BUOYANCY, _RIGHTING = 6, 9, 18, 19, 20  # offsets in userdata
 _LINEAR, _QUADRATIC, _ADDED, _HEADER = 23, 29, 35, 71
-_THRUSTER, _CYLINDER, _JOINT = 8, 11, 4  # numbers of each, after the header
+_THRUSTER, _CYLINDER, _JOINT = 8, 11, 4  # values for each, after the header
 
 
 @dataclass(frozen=True)
 class TreeForces:
-    """The true numbers of what acts on a floating tree; the base has x forward, y left, z up.
+    """Parameters of the forces on a floating tree; the base has x forward, y left, z up.
 
     Attributes:
         base: name of the base's body.
@@ -41,22 +40,22 @@ class TreeForces:
         linear: (6,) its linear drag [N·s/m, N·m·s/rad].
         quadratic: (6,) its quadratic drag [N·s²/m², N·m·s²/rad²].
         buoyancy: of the base [N].
-        righting: (3,) its r_B B − r_G W, less what MuJoCo's weight has of it [N·m].
+        righting: (3,) its r_B B − r_G W, without the part that MuJoCo's weight exerts [N·m].
         positions: (t, 3) of the thrusters on the base [m].
-        directions: (t, 3) in which they push.
+        directions: (t, 3) unit vectors of the thrusts.
         thrust: (t,) at full command [N].
         torque: (t,) on the base about the direction at full command [N·m].
-        curve: (9,) coefficients of u, u² … u⁹ of the command curve.
+        curve: (9,) coefficients of u, u² … u⁹ in the command curve.
         links: names of the bodies that are cylinders in water.
         centres: (k, 3) of the cylinders in their bodies' axes [m].
         axes: (k, 3) unit vectors.
         lengths: (k,) [m].
         cylinder_added: (k,) added mass across the axis [kg].
-        cylinder_drag: (k,) quadratic drag across the axis per length [N·s²/m³].
+        cylinder_drag: (k,) quadratic drag across the axis per unit length [N·s²/m³].
         cylinder_buoyancy: (k,) [N].
         viscous: (j,) friction of the joints [N·m·s/rad or N·s/m].
         coulomb: (j,) friction of the joints [N·m or N].
-        friction_speed: at which Coulomb friction is developed [rad/s or m/s].
+        friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
         gain: (j,) of the motors [N·m or N per unit of command].
         flow: (3,) velocity of the water in the world [m/s].
     """
@@ -87,36 +86,52 @@ class TreeForces:
 
     @property
     def size(self) -> int:
-        """How many numbers `numbers` returns."""
+        """Length of `numbers`."""
         thrusters, cylinders = _THRUSTER * len(self.thrust), _CYLINDER * len(self.links)
         return _HEADER + thrusters + cylinders + _JOINT * len(self.gain)
 
     def numbers(self, model: Any, motors: Array, lagged: bool) -> Array:
-        """What `tree_forces` reads from userdata.
+        """The parameters as `tree_forces` reads them from userdata.
 
         Args:
-            model: MuJoCo's.
-            motors: (j,) degree of freedom of every motor.
-            lagged: whether the actuators have an activation of their own.
+            model: MuJoCo's model.
+            motors: (j,) index in qvel of every motor's joint.
+            lagged: whether the actuators have an activation state.
         """
         counts = len(self.thrust), len(self.links), len(self.gain)
         header = [
-            model.nv, *counts, float(lagged), model.body(self.base).id, *self.flow, *self.curve,
-            self.friction_speed, self.buoyancy, *self.righting, *self.linear, *self.quadratic,
+            model.nv,
+            *counts,
+            float(lagged),
+            model.body(self.base).id,
+            *self.flow,
+            *self.curve,
+            self.friction_speed,
+            self.buoyancy,
+            *self.righting,
+            *self.linear,
+            *self.quadratic,
             *self.added.ravel(),
-        ]  # fmt: skip
+        ]
         ids = [model.body(name).id for name in self.links]
         thrusters = np.column_stack([self.positions, self.directions, self.thrust, self.torque])
         cylinders = np.column_stack(
-            [ids, self.centres, self.axes, self.lengths, self.cylinder_added, self.cylinder_drag,
-             self.cylinder_buoyancy]
-        )  # fmt: skip
+            [
+                ids,
+                self.centres,
+                self.axes,
+                self.lengths,
+                self.cylinder_added,
+                self.cylinder_drag,
+                self.cylinder_buoyancy,
+            ]
+        )
         joints = np.column_stack([motors, self.viscous, self.coulomb, self.gain])
         return np.concatenate([header, thrusters.ravel(), cylinders.ravel(), joints.ravel()])
 
     @property
     def gain_places(self) -> list[list[int]]:
-        """Where in `numbers` every motor's gain, then every thruster's thrust and torque are."""
+        """For each motor, then each thruster, the indices of its gains in `numbers`."""
         thrusters, motors = len(self.thrust), len(self.gain)
         joints = _HEADER + _THRUSTER * thrusters + _CYLINDER * len(self.links)
         return [
@@ -157,13 +172,13 @@ def _on_base(d, thrusters, command, twist, up):
 
 @njit(cache=True)
 def _on_cylinder(own, points, lengths, twist, up):
-    """(6,) wrench of drag and buoyancy on a cylinder, in its body's axes at its middle."""
+    """(6,) wrench of drag and buoyancy on a cylinder, in its body's axes at its centre."""
     wrench, e, half = np.zeros(6), own[4:7], 0.5 * own[7]
     wrench[:3] = own[10] * up
     for s in range(points.shape[0]):
         lever = half * points[s] * e
         flow = twist[:3] + cross(twist[3:], lever)
-        flow = cross(e, cross(flow, e))  # what of it is across the axis
+        flow = cross(e, cross(flow, e))  # its component across the axis
         drag = -own[9] * half * lengths[s] * np.sqrt(np.sum(flow * flow)) * flow
         wrench[:3] += drag
         wrench[3:] += cross(lever, drag)
@@ -172,7 +187,7 @@ def _on_cylinder(own, points, lengths, twist, up):
 
 @njit(cache=True)
 def _cylinder_inertia(own):
-    """(6, 6) added inertia at a cylinder's middle, in its body's axes."""
+    """(6, 6) added inertia of a cylinder at its centre, in its body's axes."""
     inertia, e = np.zeros((6, 6)), own[4:7]
     for i in range(3):
         for j in range(3):
@@ -184,7 +199,7 @@ def _cylinder_inertia(own):
 
 @njit(cache=True)
 def _add_joints(t, d, start, command, qvel):
-    """Adds friction and motors."""
+    """Adds the joints' friction and motor torques to t (nv,)."""
     for k in range(command.shape[0]):
         own = d[start + _JOINT * k : start + _JOINT * (k + 1)]
         dof = int(own[0])
@@ -202,7 +217,7 @@ def _passive_force(M, bias, A, t):
 
 
 class _Places(NamedTuple):
-    """Where the callback finds things: mjData's arrays, in words, and MuJoCo's functions."""
+    """What the callback needs of MuJoCo: offsets of arrays in mjData, in words, and functions."""
 
     qvel: int
     force: int
@@ -219,14 +234,14 @@ class _Places(NamedTuple):
 
 @njit(cache=True)
 def _act(model, data, at, points, lengths):
-    """Adds to qfrc_passive what makes the tree accelerate as it should.
+    """Adds f_passive = M q̈ + bias to qfrc_passive; see the module.
 
     Args:
         model: address of mjModel.
         data: mjData, as an array of pointers.
         at: `_Places`.
-        points: (s,) of the quadrature along a cylinder, on [−1, 1].
-        lengths: (s,) weights.
+        points: (s,) quadrature points along a cylinder, on [−1, 1].
+        lengths: (s,) quadrature weights.
     """
     arrays: Any = carray(data, (WORDS,))
     own_data = arrays.ctypes.data
@@ -272,7 +287,7 @@ def _act(model, data, at, points, lengths):
 
 @cache
 def tree_forces() -> Any:
-    """The callback for a model made by `tree_spec`; it reads `TreeForces.numbers`."""
+    """Callback for a model made by `tree_spec`; it reads `TreeForces.numbers` from userdata."""
     fields = ("qvel", "qfrc_passive", "userdata", "ctrl", "act", "xpos", "xmat")
     offsets, pointer, number = field_offsets(), types.uintp, types.intc
     functions = [
