@@ -388,7 +388,7 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
     np.testing.assert_allclose(origins[0, 1], [0, 0.5, up], atol=1e-6)
     np.testing.assert_allclose(origins[1, 0], [-1, 0, up], atol=1e-6)
     np.testing.assert_allclose(origins[1, 1] + vectors[1, 1], [0, 0.5, up], atol=1e-6)  # inwards
-    across = np.einsum("ja,ja->j", arrows.beside, [[1.0, 0, 0], [0, 1, 0], fin])
+    across = np.einsum("ja,ja->j", arrows.offsets, [[1.0, 0, 0], [0, 1, 0], fin])
     np.testing.assert_allclose(across, 0, atol=1e-12)
 
 
