@@ -14,9 +14,9 @@ OWN = "NS-AID"
 FIGURES = (
     ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the start", "theta_perp_ratio_initial", "%"),
     ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the end", "theta_perp_ratio", "%"),
-    ("direction error of the plant without its actuators", "plant_direction_error", "%"),
+    ("direction error of the plant's own parameters", "plant_direction_error", "%"),
     ("largest error of an actuator's gain relative to the others", "actuator_ratio_error", "%"),
-    ("force residual on another trajectory", "force_residual_ratio", "%"),
+    ("force residual on a held-out trajectory", "force_residual_ratio", "%"),
     ("rms Δv over the last tenth of the run [SI]", "velocity_error_rms", ""),
 )
 """The figures shown for every identifier: label, key of the summary, unit."""
@@ -56,13 +56,12 @@ def confidence_lines(summary: dict[str, Any]) -> list[str]:
     worst = phrase(label[name] for name in stated["worst_known"][0]["parameters"])
     low = stated["below_noise"]
     lines = [
-        f"of {stated['directions']} observable directions half are known to "
-        f"±{100 * stated['deviation_median']:.2g} % of ‖θ̂‖ or better, the worst ({worst}) to "
-        f"±{100 * stated['deviation_largest']:.2g} %"
-        + (f"; {low} are lost in the noise" if low else "")
+        f"of {stated['directions']} observable directions, half are known to within "
+        f"±{100 * stated['deviation_median']:.2g} % of ‖θ̂‖, the least known ({worst}) to within "
+        f"±{100 * stated['deviation_largest']:.2g} %" + (f"; {low} below the noise" if low else "")
     ]
     if (covered := stated.get("covered")) is not None:
-        lines.append(f"the 95 % intervals hold the truth in {100 * covered:.0f} % of them")
+        lines.append(f"the 95 % intervals contain the truth in {100 * covered:.0f} % of them")
     return lines
 
 
@@ -102,5 +101,5 @@ def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:
     alone = [line["labels"][0] for line in lines if len(line["labels"]) == 1]
     found = [(line["direction"], line["fix"]) for line in lines if len(line["labels"]) > 1]
     if alone:
-        found.insert(1, (f"{phrase(alone)}: no effect on the motion", "only knowing them"))
+        found.insert(1, (f"{phrase(alone)}: no effect on the motion", "has to be known beforehand"))
     return found

@@ -207,7 +207,7 @@ def _conserved(run: Run, rows: Indices) -> list[Curves]:
     now = identifier.conserved(record["theta_hat"][rows]) + record["spent"][rows]
     drift = now / float(identifier.conserved(record["theta_hat"][0])) - 1
     size = np.log10(np.maximum(np.abs(drift), np.finfo(float).eps))
-    return [Curves("conserved", ["drift of ‖θ̂‖² under Γ⁻¹ [log₁₀]"], size[:, None])]
+    return [Curves("conserved", ["drift of the conserved quantity [log₁₀]"], size[:, None])]
 
 
 def _predictions(run: Run, rows: Indices) -> list[Curves]:

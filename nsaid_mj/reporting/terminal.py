@@ -76,7 +76,7 @@ def _print_gains(console: Console, summary: dict[str, Any]) -> None:
     if not rows:
         return
     relative, true = rows[0][1] is not None, rows[0][3] is not None
-    heads = [("of their mean", relative), ("± (95 %)", True), ("true", true)]
+    heads = [("gain / mean", relative), ("± (95 %)", True), ("true", true)]
     table = _table("actuators", *(head for head, shown in heads if shown))
     for label, value, interval, truth in rows[:_GAINS]:
         cells = [f"{value:.4f}"] if value is not None else []

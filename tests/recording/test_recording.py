@@ -453,7 +453,7 @@ def test_a_viewer_that_fails_ends_no_run(
     result = run(ROV, tmp_path, recording.Live("rov"))
     assert result.ending.status is Status.completed
     told = [x for x in capfd.readouterr().err.splitlines() if x.startswith("nsaid:")]
-    assert len(told) == 1 and "goes on without a viewer" in told[0]
+    assert len(told) == 1 and "continuing without the viewer" in told[0]
 
 
 def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
