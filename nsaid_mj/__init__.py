@@ -1,8 +1,10 @@
-"""Identifies a robot's true parameters, plant and actuators together, from its motion alone.
+"""Nullspace adaptive identification (NS-AID) of robots on MuJoCo.
 
-Nullspace adaptive identification (NS-AID) on MuJoCo. Names are imported on first use, so that
-`import nsaid_mj` is fast. Vehicles, systems, drivers and identifiers are discovered by file: a new
-file in one of their folders is enough to make its classes public.
+Estimates the parameters of plant and actuators together, from position, velocity and command alone,
+up to the directions that no motion reveals.
+
+Public names are imported on first use, so `import nsaid_mj` is fast. Vehicles, systems, drivers and
+identifiers are discovered by file: a new file in one of these folders makes its classes public.
 """
 
 import re
@@ -36,12 +38,12 @@ _FOUND = {
     "plants/*.py": r"^class (\w+Plant)\(",
     "systems/*.py": r"^class ([A-Z]\w*)\b(?!\(NamedTuple\))",
 }
-"""Glob patterns of files, and regular expressions of the lines that define public classes."""
+"""Files that define public classes, and the pattern of the defining lines."""
 
 
 @cache
 def _homes() -> dict[str, str]:
-    """The module of every public name, found in the files' text without importing them."""
+    """The module of every public name, read from the source text without importing it."""
     homes = {name: module for module, names in _NAMED.items() for name in names}
     package = Path(__file__).parent
     for files, pattern in _FOUND.items():

@@ -1,6 +1,6 @@
-"""The command line: `nsaid list`, `run`, `sweep` …; `main` for scenario scripts.
+"""The commands of `nsaid` (`list`, `run`, `sweep` …), and `main` for scenario scripts.
 
-Heavy modules are imported where they are needed, so that `nsaid --help` answers at once.
+Heavy modules are imported only where they are needed, so that `nsaid --help` is fast.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 
 
 def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn:
-    """Runs a scenario from its own script, with the flags of `nsaid run`."""
+    """Runs a scenario from its script, with the flags of `nsaid run`."""
     script = Path(sys.argv[0])
     given = sys.argv[1:] if arguments is None else arguments
     _exit(lambda: _run(script.stem, scenario, given))
@@ -38,10 +38,10 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
 
 def run_from_shell() -> NoReturn:
     """The console script `nsaid`."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: threads only cost
-    os.environ.setdefault("MUJOCO_GL", "disable")  # Rerun draws
-    gc.set_threshold(50_000)  # what imports make stays: to look for garbage in it takes long
-    atexit.register(gc.freeze)  # nor look in it when the process ends: that takes half a second
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are too small for threads
+    os.environ.setdefault("MUJOCO_GL", "disable")  # MuJoCo renders nothing
+    gc.set_threshold(50_000)  # imports allocate many permanent objects; scanning them is slow
+    atexit.register(gc.freeze)  # skips the scan at exit, which takes half a second
     _exit(lambda: command(sys.argv[1:]))
 
 
@@ -61,7 +61,7 @@ def _exit(action: Any) -> NoReturn:
 
 
 def command(arguments: Sequence[str]) -> int:
-    """Does what a command line says; returns the exit code."""
+    """Executes a command line and returns the exit code."""
     if list(arguments) == ["--version"]:
         print(f"nsaid {__version__}")
         return 0
@@ -86,7 +86,7 @@ def command(arguments: Sequence[str]) -> int:
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
         return _list()
-    remedy = "The name comes before all flags, as in `nsaid run ur5 --duration 20`."
+    remedy = "Put the name before all flags, as in `nsaid run ur5 --duration 20`."
     raise InvalidInput(word, "the scenario's name first", " ".join(arguments[1:]), remedy)
 
 
@@ -118,7 +118,7 @@ def _verify_folder(folder: Path, as_json: bool, quiet: bool) -> int:
 
 
 def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quiet: bool) -> int:
-    """Shows the verdicts; returns the exit code."""
+    """Prints the verdicts and returns the exit code."""
     from ..evaluation.verify import document, failed, print_verdicts
 
     if as_json:
@@ -131,7 +131,7 @@ def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quie
 def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
 ) -> tuple[str, Run, dict[str, Any], grammar.Output]:
-    """Runs a scenario as a command line says, and finishes it; its title comes first."""
+    """Runs and post-processes a scenario; returns its title, run, summary and output options."""
     from .folders import folder_for, title_of
     from .options import parse
 
@@ -156,7 +156,7 @@ def _carry_out(
 
 
 def _code(result: Run) -> int:
-    """The exit code of a run, however it ended."""
+    """The exit code of a finished run."""
     from ..identifiers import Status
 
     if result.ending.status is Status.interrupted:
@@ -170,7 +170,7 @@ def _compare(script: str, arguments: Sequence[str]) -> int:
 
     for flag, own in (("--seed", "--seeds"), ("--duration", "--durations")):
         if any(argument.partition("=")[0] == flag for argument in arguments):
-            raise InvalidInput(flag, f"{own}, with one value or more", flag, f"Give {own}.")
+            raise InvalidInput(flag, f"{own}, with one or more values", flag, f"Give {own}.")
     name = Path(script).stem
     default = load(script)
     scenario, chosen = parse(name, default, arguments, "compare", Comparison)
@@ -257,7 +257,7 @@ def _report(folder: Path) -> int:
 
 
 def _seeds(text: str) -> tuple[int, ...]:
-    """`0,3,5`, or `0:10` for 0 to 9."""
+    """Parses seeds: `0,3,5`, or `0:10` for 0 to 9."""
     first, colon, last = text.partition(":")
     try:
         if colon:
@@ -268,11 +268,11 @@ def _seeds(text: str) -> tuple[int, ...]:
 
 
 def _numbers(flag: str, text: str) -> tuple[float, ...]:
-    """Numbers between commas."""
+    """Parses numbers separated by commas."""
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError as error:
-        raise InvalidInput(flag, "numbers between commas", text, "10,20 are two.") from error
+        raise InvalidInput(flag, "comma-separated numbers", text, "Such as 10,20.") from error
 
 
 def _list() -> int:
@@ -282,7 +282,7 @@ def _list() -> int:
     for name, path in scenarios().items():
         title = path.read_text(encoding="utf-8").split('"""')[1].strip().splitlines()[0]
         print(f"  {name:16} {title}")
-    print("\nRobots, for `nsaid run arm --robot NAME` (or a URDF file's path):")
+    print("\nRobots, for `nsaid run arm --robot NAME` (or the path of a URDF file):")
     names = known_robots()
     for start in range(0, len(names), 4):
         print("  " + "".join(f"{name:28}" for name in names[start : start + 4]).rstrip())
@@ -302,5 +302,5 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
         finish.rebuild(folder)
     words = viewer_command(file, web)
     if os.name == "posix":
-        os.execv(words[0], words)  # the viewer takes this process's place, and its signals
+        os.execv(words[0], words)  # the viewer replaces this process and receives its signals
     return subprocess.call(words)

@@ -1,4 +1,4 @@
-"""Where a run goes: a folder by its robot and law, and never silently over a completed run."""
+"""Chooses a run's folder, by robot and law; a completed run is never overwritten silently."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ RUNS = Path("runs")
 
 
 def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
-    """What a person calls a run: the scenario's name, or that of the robot put into it.
+    """The title of a run: the scenario's name, or that of the robot chosen for it.
 
     Args:
         name: of the scenario.
-        default: the scenario as its script has it.
+        default: the scenario as defined by its script.
         scenario: the scenario that is run.
     """
     robot = getattr(scenario.plant, "robot", "")
@@ -27,10 +27,16 @@ def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
 
 
 def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) -> Path:
-    """The folder of a run: `out`, or runs/TITLE-LAW, numbered where a completed run is there.
+    """The folder of a run: `out`, or runs/TITLE-LAW, numbered if that holds a completed run.
+
+    Args:
+        title: of the run.
+        scenario: the scenario that is run.
+        out: given on the command line; None to choose a folder.
+        force: overwrite a completed run.
 
     Raises:
-        BadRun: `out` holds a completed run, which is to be kept.
+        BadRun: `out` holds a completed run, and `force` is not set.
     """
     if out is not None:
         if not force and holds_completed_run(out):
@@ -50,9 +56,9 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
 
 
 def holds_completed_run(folder: Path) -> bool:
-    """Whether a folder has the summary of a run that came to its end."""
+    """Whether a folder has the summary of a completed run."""
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # killed before it was judged, or no run at all
+    except (OSError, ValueError):  # a run killed before its evaluation, or no run at all
         return False
     return isinstance(summary, dict) and summary.get("status") == "completed"

@@ -1,6 +1,6 @@
-"""The commands of `nsaid` and their own options; a scenario's fields are added in `options`.
+"""The commands of `nsaid` and their own options; `options` adds the fields of a scenario.
 
-Nothing heavy is imported here, so that `nsaid --help` answers at once.
+Nothing heavy is imported here, so that `nsaid --help` is fast.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
 ScenarioName = Annotated[
     Positional[str],
-    arg(metavar="NAME_OR_FILE", help="see `nsaid list`, or give the path of a script"),
+    arg(metavar="NAME_OR_FILE", help="a name from `nsaid list`, or the path of a script."),
 ]
 
 
 @dataclass(frozen=True)
 class Output:
-    """What becomes of a run.
+    """Where the results of a run go.
 
     Attributes:
-        out: folder of the run; by default runs/NAME-LAW, numbered where that is taken.
-        force: overwrite the completed run that is in the folder.
-        quiet: print nothing but errors.
-        json: print the summary as JSON to the standard output, and nothing else.
+        out: folder of the run; by default runs/NAME-LAW, numbered if that holds a completed run.
+        force: overwrite a completed run in the folder.
+        quiet: print only errors.
+        json: print only the summary, as JSON, to the standard output.
         live: show the run in the Rerun viewer while it runs.
     """
 
@@ -40,18 +40,18 @@ class Output:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What is compared, and where it is written.
+    """What is compared, and where the results go.
 
     Attributes:
-        methods: between commas; all but sysid by default.
+        methods: comma-separated; by default all except sysid.
         seeds: such as 0,1,2 or 0:10.
-        durations: of the log, between commas [s]; by default half of it and all.
-        sensors: ideal, noisy or ideal,noisy; by default the scenario's.
-        noise_scales: multiples of the scenario's noise, between commas.
-        budget: search time of sysid, at most [s].
-        out: folder; by default runs/NAME-compare.
-        quiet: print nothing but errors.
-        json: print the table as JSON to the standard output, and nothing else.
+        durations: comma-separated lengths of log [s]; by default half the duration, and all of it.
+        sensors: ideal, noisy or ideal,noisy; by default those of the scenario.
+        noise_scales: comma-separated multiples of the scenario's noise.
+        budget: time limit of the search by sysid [s].
+        out: folder of the results; by default runs/NAME-compare.
+        quiet: print only errors.
+        json: print only the table, as JSON, to the standard output.
     """
 
     methods: str | None = None
@@ -67,19 +67,19 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Sweeping:
-    """How a scenario is varied, and who makes the runs.
+    """How a scenario is varied, and how the runs are executed.
 
     Attributes:
-        vary: a field and its values, such as identifier.gain=0.1,1,10; once for every field.
-        seeds: how many are drawn from the master seed.
-        jobs: how many runs at once; by default as many as there are processors.
-        timeout: wall time of a run, which is then lost [s].
+        vary: a field and its values, such as identifier.gain=0.1,1,10; repeat it for more fields.
+        seeds: number of seeds drawn from the master seed.
+        jobs: number of parallel runs; by default the number of processors.
+        timeout: wall time after which a run counts as lost [s].
         engine: loky (this machine) or dask.
         address: of the cluster's scheduler.
-        retry: make the lost runs once more.
-        out: folder; by default runs/NAME-sweep.
-        json: print medians and failures as JSON.
-        quiet: print nothing but errors.
+        retry: repeat lost runs.
+        out: folder of the results; by default runs/NAME-sweep.
+        json: print only medians and failures, as JSON.
+        quiet: print only errors.
     """
 
     vary: UseAppendAction[tuple[Annotated[str, arg(metavar="FIELD=A,B,C")], ...]] = ()
@@ -96,15 +96,15 @@ class Sweeping:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How many runs, and of what.
+    """How many runs, and whether they share a plant.
 
     Attributes:
-        runs: how many.
-        jobs: how many at once; by default as many as there are processors.
-        own_plants: a plant with its own truth and motion for every run, instead of one for all.
-        out: folder; by default runs/NAME-montecarlo.
-        json: print quantiles as JSON.
-        quiet: print nothing but errors.
+        runs: number of runs.
+        jobs: number of parallel runs; by default the number of processors.
+        own_plants: give every run its own plant, truth and motion; by default all share one.
+        out: folder of the results; by default runs/NAME-montecarlo.
+        json: print only quantiles, as JSON.
+        quiet: print only errors.
     """
 
     runs: int = 256
@@ -132,15 +132,16 @@ class Run(Output):
 
 @dataclass(frozen=True)
 class Verify:
-    """Run a scenario, or read a run, and judge the paper's statements on it.
+    """Check the paper's statements on a run.
 
     `nsaid verify NAME_OR_FILE` takes the flags of `nsaid run` and runs the scenario first;
-    `nsaid verify --run FOLDER` judges a run from its record. Exit code 1 where a statement fails.
+    `nsaid verify --run FOLDER` reads the record of an earlier run. The exit code is 1 if a
+    statement fails.
 
     Attributes:
-        run: folder of the run to judge.
-        quiet: print nothing but errors.
-        json: print the verdicts as JSON to the standard output, and nothing else.
+        run: folder of the run to check.
+        quiet: print only errors.
+        json: print only the verdicts, as JSON, to the standard output.
     """
 
     run: Annotated[Path, arg(metavar="FOLDER")]
@@ -150,9 +151,9 @@ class Verify:
 
 @dataclass(frozen=True)
 class Compare(Comparison):
-    """Compare methods on the logs of a scenario.
+    """Compare identification methods on the logs of a scenario.
 
-    Methods get the same logs and are judged by the same figures: a table, compare.json,
+    All methods get the same logs and are judged by the same figures; writes a table, compare.json,
     compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`.
     """
 
@@ -161,11 +162,11 @@ class Compare(Comparison):
 
 @dataclass(frozen=True)
 class Sweep(Sweeping):
-    """Run a scenario many times, with fields varied and seeds drawn.
+    """Run a scenario many times, with varied fields and drawn seeds.
 
-    Runs every combination of the varied fields with every seed, in parallel. The same command goes
-    on where an earlier one was stopped. The scenario's fields are flags too (`nsaid sweep NAME
-    --help`); --seed is the master that all seeds are drawn from. Exit code 1 where a run is lost.
+    Runs every combination of the varied fields with every seed, in parallel. An interrupted sweep
+    is resumed by the same command. The scenario's fields are flags too (`nsaid sweep NAME --help`);
+    --seed is the master seed that all others are drawn from. The exit code is 1 if a run is lost.
     """
 
     scenario: ScenarioName = field(kw_only=True)
@@ -173,11 +174,11 @@ class Sweep(Sweeping):
 
 @dataclass(frozen=True)
 class MonteCarlo(Drawing):
-    """Follow one motion, or many plants', from many priors, in one process.
+    """Identify from many priors, on one motion or on many plants, in one process.
 
-    Simulates first, then identifies in compiled threads, and prints the quantiles of the final
-    figures. The same command goes on where an earlier one was stopped. The scenario's fields are
-    flags too (`nsaid montecarlo NAME --help`); --seed is the master of all draws.
+    Simulates first, then identifies in parallel threads, and prints quantiles of the final figures.
+    An interrupted study is resumed by the same command. The scenario's fields are flags too
+    (`nsaid montecarlo NAME --help`); --seed is the master seed that all others are drawn from.
     """
 
     scenario: ScenarioName = field(kw_only=True)
@@ -185,10 +186,10 @@ class MonteCarlo(Drawing):
 
 @dataclass(frozen=True)
 class Report:
-    """Draw a sweep's distributions on one page.
+    """Plot the distributions of a sweep on one page.
 
     Attributes:
-        sweep: the sweep's folder, e.g. runs/ur5-sweep.
+        sweep: folder of the sweep, e.g. runs/ur5-sweep.
     """
 
     sweep: Positional[Path]
@@ -199,9 +200,9 @@ class View:
     """Open a run's recording in the Rerun viewer.
 
     Attributes:
-        run: the run's folder, e.g. runs/ur5-paper.
-        web: serve it to a browser on this machine.
-        rebuild: make recording and report anew.
+        run: folder of the run, e.g. runs/ur5-paper.
+        web: serve the recording to a browser on this machine.
+        rebuild: recreate recording and report from the record.
     """
 
     run: Positional[Path]
@@ -222,12 +223,13 @@ Command = (
 
 
 def parse(arguments: Sequence[str]) -> Command:
-    """The command of a command line that gives no scenario's fields."""
+    """Parses a command line without fields of a scenario."""
     return tyro.cli(
         Command,  # type: ignore[arg-type]  # a union is no type to pyright
         prog="nsaid",
-        description="Identifies a robot's plant and actuators together, from how it moves.\n\n"
-        "`nsaid run NAME --help` lists every field of a scenario; `nsaid --version` prints the "
+        description="Identifies the dynamics of a robot, plant and actuators together, from its "
+        "motion.\n\n"
+        "`nsaid run NAME --help` lists all fields of a scenario; `nsaid --version` prints the "
         "version.",
         args=list(arguments),
         config=(tyro.conf.FlagCreatePairsOff,),

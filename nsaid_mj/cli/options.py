@@ -1,7 +1,7 @@
-"""A scenario's fields as flags, those that matter most first.
+"""A scenario's fields as flags, the most important ones first.
 
-Every field of a scenario and of its parts is a flag by its dotted name, `--plant.robot`. Its last
-name, `--robot`, or any end of its dotted name will do where no other field shares it.
+Every field of a scenario and of its parts is a flag by its dotted name, `--plant.robot`. The last
+name, `--robot`, or any other end of the dotted name works if it is unambiguous.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAIN = {
     "seed": "seed",
     "plant.backend": "backend",
 }
-"""Fields that head the help of every command, and their flags."""
+"""Fields at the top of every command's help, and their flags."""
 _ORDER = ("law", "robot", "duration", "sensors", "seed", "out", "force", "backend")
 
 _Options = TypeVar("_Options")
@@ -38,18 +38,18 @@ def parse(
     command: str = "run",
     options: type[_Options] = Output,
 ) -> tuple[Scenario, _Options]:
-    """Reads a command line that follows a scenario's name.
+    """Parses the part of a command line that follows a scenario's name.
 
     Args:
         name: of the scenario, for the help text.
-        default: the scenario as its script has it.
+        default: the scenario as defined by its script.
         arguments: the command line after the name.
         command: of `nsaid`, for the help text.
-        options: the command's own options; a field of the scenario with the same name as one of
-            them is no flag.
+        options: the command's own options; they take precedence over fields of the scenario with
+            the same name, which are then not available as flags.
 
     Returns:
-        The scenario with fields replaced by flags, and the command's options.
+        The scenario with the fields given as flags replaced, and the command's options.
     """
     own = {f.name for f in fields(options)}  # type: ignore[arg-type]  # a TypeVar is no dataclass
     paths = [path for path in field_paths(default) if path not in own]
@@ -60,7 +60,7 @@ def parse(
     filled = tyro.cli(
         form,
         prog=f"nsaid {command} {name}",
-        description=f"Flags of `nsaid {command} {name}`; defaults are those of the scenario.",
+        description=f"Flags of `nsaid {command} {name}`; the defaults are those of the scenario.",
         args=[_spelled(argument, paths, main, own) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
     )
@@ -72,7 +72,7 @@ def parse(
 
 
 def repeated(default: Scenario, scenario: Scenario) -> tuple[str, ...]:
-    """The flags of `nsaid run` that make a scenario out of its script's."""
+    """The flags of `nsaid run` that turn the scenario of a script into a given one."""
     found = []
     for path in field_paths(default):
         value = field_at(scenario, path)
@@ -91,7 +91,7 @@ _Field = tuple[str, Any, Any]
 
 
 def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Field]:
-    """The fields that come first: a command's own options, and what matters of the scenario."""
+    """The fields at the top: a command's own options, and the main fields of the scenario."""
     helps, hints = _helps(options), get_type_hints(options, include_extras=True)
     own = [
         (
@@ -111,18 +111,18 @@ def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Fi
 
 
 def _flag(scenario: Scenario, path: str, name: str) -> _Field:
-    """One field of a scenario, as a field of a form."""
+    """One field of a scenario as a field of the flags dataclass."""
     parent, _, last = path.rpartition(".")
     part = field_at(scenario, parent)
     hint = get_type_hints(type(part), include_extras=True)[last]
-    told = tyro.conf.arg(help=_helps(type(part)).get(last))
-    return name, Annotated[hint, told], field(default=getattr(part, last))
+    text = tyro.conf.arg(help=_helps(type(part)).get(last))
+    return name, Annotated[hint, text], field(default=getattr(part, last))
 
 
 def _form(
     scenario: Scenario, paths: Sequence[str], head: Sequence[_Field] = (), at: str = ""
 ) -> type:
-    """A dataclass that has the fields `paths` of a scenario's part, nested as the scenario is."""
+    """Makes a dataclass with the fields `paths` of a scenario, nested like the scenario."""
     items: dict[str, _Field] = {item[0]: item for item in head}
     for path in paths:
         name, _, rest = path.removeprefix(at).partition(".")
@@ -136,7 +136,7 @@ def _form(
 
 
 def _helps(cls: type) -> dict[str, str]:
-    """What the docstrings of a class and its bases say of each attribute."""
+    """Attribute descriptions from the docstrings of a class and its bases, by attribute."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         _, _, attributes = (base.__doc__ or "").partition("Attributes:\n")
@@ -146,7 +146,7 @@ def _helps(cls: type) -> dict[str, str]:
 
 
 def _spelled(argument: str, paths: Sequence[str], main: Mapping[str, str], own: set[str]) -> str:
-    """A flag as the form has it: `--plant.robot` is `--robot`, `--friction` `--plant.friction`."""
+    """A flag with its name in the parser: `--robot` for `--plant.robot`, for instance."""
     if not argument.startswith("--"):
         return argument
     flag, equals, value = argument[2:].partition("=")
@@ -157,7 +157,7 @@ def _spelled(argument: str, paths: Sequence[str], main: Mapping[str, str], own: 
     refused = same_end(wanted.removeprefix("no_"), paths)
     if len(same) == 1:
         flag = main.get(same[0], same[0])
-    elif not same and len(refused) == 1 and wanted.startswith("no_"):  # of a yes or no
+    elif not same and len(refused) == 1 and wanted.startswith("no_"):  # a boolean field
         parent, _, last = refused[0].rpartition(".")
         flag = f"{parent}.no-{last}"
     return f"--{flag}{equals}{value}"

@@ -1,9 +1,9 @@
-"""What a run's numbers are: read the truth after the fact, judge, summarize.
+"""Evaluation of a finished run: figures of the estimate, of the Lyapunov function, of excitation.
 
-`truth` has the true parameters, the true set and the distance to it; whoever takes them takes None
-too, where nobody knows them. `figures` judges any method's estimate, `lyapunov` the paper's V,
-`excitation` the motion; `summary` is all that summary.json holds, `words` puts it into words, and
-`verify` holds the paper's statements against a run.
+`truth` provides the true parameters, the true set and the distance to it; every function that takes
+them also accepts None, for a run whose truth is unknown. `figures` evaluates the estimate of any
+method, `lyapunov` the paper's V, `excitation` the motion. `summary` assembles summary.json, `words`
+phrases it, and `verify` checks the paper's statements against a run.
 """
 
 from .figures import CONVERGED as CONVERGED
@@ -20,4 +20,5 @@ from .words import OWN as OWN
 from .words import confidence_lines as confidence_lines
 from .words import figure as figure
 from .words import gain_rows as gain_rows
+from .words import observable_line as observable_line
 from .words import unobservable_lines as unobservable_lines

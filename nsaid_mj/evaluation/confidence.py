@@ -1,7 +1,7 @@
-"""How well every direction of θ that can be known is known, told from an identifier's covariance.
+"""Per-direction standard deviations of an estimate, from its identifier's covariance.
 
-Directions are those of P_⊥(θ̂): what the structure lets anybody see. Along each of them a deviation
-is told in shares of ‖θ̂/scale‖, as `theta_perp_ratio` is.
+The directions span P_⊥(θ̂), the observable part of θ. Standard deviations are relative to
+‖θ̂/scale‖, like `theta_perp_ratio`.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from ..identifiers import Confidence
 from ..nullspace import Nullspace
 from ..parameters import Array, ParameterSpace
 
-INTERVAL = 1.96  # standard deviations on either side that hold 95 % of a normal distribution
-_BELOW = 0.7  # share of the prior's deviation that is left where data have said next to nothing
+INTERVAL = 1.96  # half width of a 95 % interval of the normal distribution [standard deviations]
+_BELOW = 0.7  # posterior over prior standard deviation above which data count as uninformative
 
 
 @dataclass(frozen=True)
 class Known:
-    """The directions of P_⊥, the best known first.
+    """The observable directions, the best known first.
 
     Attributes:
-        directions: (k, p) orthonormal, in θ/scale.
-        deviation: (k,) standard deviation along each, in shares of ‖θ̂/scale‖.
-        below_noise: (k,) where the data have told next to nothing.
-        actuators: (a,) standard deviation of every actuator's share k_i/mean(k), relative.
-        blocks: (n,) independent samples in each row of the balance.
+        directions: (k, p) orthonormal basis of P_⊥, in θ/scale.
+        deviation: (k,) standard deviation along each, relative to ‖θ̂/scale‖.
+        below_noise: (k,) whether the data are uninformative along it.
+        actuators: (a,) relative standard deviation of each actuator's k_i/mean(k).
+        blocks: (n,) number of independent samples in each row of the momentum balance.
     """
 
     directions: Array
@@ -37,11 +37,11 @@ class Known:
     blocks: Array
 
     def covered(self, theta_hat_s: Array, theta_s: Array) -> float:
-        """Share of the directions whose 95 % interval holds a θ.
+        """Share of the directions whose 95 % interval contains a given θ.
 
         Args:
-            theta_hat_s: (p,) the estimate/scale.
-            theta_s: (p,) another θ/scale, at any common scale.
+            theta_hat_s: (p,) the estimate over scale.
+            theta_s: (p,) the given θ over scale; its norm does not matter.
         """
         off = self.directions @ (theta_s / np.linalg.norm(theta_s))
         off -= self.directions @ (theta_hat_s / np.linalg.norm(theta_hat_s))
@@ -51,12 +51,12 @@ class Known:
 def known(
     confidence: Confidence, theta_hat: Array, nullspace: Nullspace, space: ParameterSpace
 ) -> Known:
-    """The directions of an estimate's P_⊥ and how well each is known.
+    """Decomposes an estimate's covariance along the observable directions.
 
     Args:
-        confidence: of the estimate.
+        confidence: the identifier's covariance and that of its prior.
         theta_hat: (p,) the estimate.
-        nullspace: P_s(θ̂), under the estimate.
+        nullspace: P_s(θ̂), at the estimate.
         space: names and scale of θ.
     """
     basis, size = nullspace.P_perp, float(np.linalg.norm(theta_hat / space.scale))

@@ -1,4 +1,4 @@
-"""What a run's motion has excited, and what has settled with it."""
+"""Persistence of excitation of a run's motion, and the decay of the excited error."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from .figures import last_tenth
 from .rows import states, stride_of
 from .truth import Truth
 
-_WINDOW_ROWS = 100  # how many regressors judge one window's excitation
+_WINDOW_ROWS = 100  # regressors per window, about
 
 
 def persistence_figures(run: Run, truth: Truth | None) -> dict[str, float | None]:
-    """Levels of excitation, the smallest over the run's whole windows; 0 where there is none.
+    """Smallest levels of excitation over the run's complete windows; 0 if there is no window.
 
-    `pe_level` is ε₀ of (2) for W(t, x, v̂, θ̂) [N·m·s]. With the truth, `pe_level_perp` is that of
-    (75), and `pe_share_perp` its smallest share of (δ₀ ∫ ‖W‖² dτ)^½ of its window, all excitation
-    in it; None where no whole window has rows enough for every direction. A window in which the
-    truth jumps does not count.
+    `pe_level` is ε₀ of (2) for W(t, x, v̂, θ̂) [N·m·s]. If the truth is known, `pe_level_perp` is ε₀
+    of (75), and `pe_share_perp` the smallest ratio of a window's level to its total excitation
+    (δ₀ ∫ ‖W‖² dτ)^½, None if no window has enough rows to excite every direction. Windows in which
+    a fault changes the truth are skipped.
     """
     scenario, log, system = run.scenario, run.record.log, run.system
     rows = round(scenario.pe_window / (scenario.dt * scenario.record_every))
@@ -56,12 +56,13 @@ def persistence_figures(run: Run, truth: Truth | None) -> dict[str, float | None
 
 
 def motion_figures(run: Run, truth: Truth | None) -> dict[str, float | int]:
-    """What this run's own motion has excited, and how far that has settled.
+    """Directions not excited by the run's motion, and errors that the theory sends to zero.
 
-    `velocity_error_rms_initial` is rms Δv over the first tenth [SI], which Theorem 1 (70) sends to
-    0; `judge` has that of the last tenth. With the truth, `r_excited` counts the directions left
-    unexcited, since the fault if any, and `excited_error` is what Lemma 1 (74) sends to 0, rms over
-    the first tenth and the last: W(t, x, v, θ) θ̂, which is W(t, x, v, θ) P̄_⊥ θ̄_P⊥.
+    `velocity_error_rms_initial` is rms Δv over the first tenth of the run [SI], see Theorem 1 (70);
+    `judge` gives that of the last tenth. If the truth is known, `r_excited` counts the directions
+    that the motion leaves unexcited, after the fault if there is one, and `excited_error_rms` and
+    `excited_error_rms_initial` are the rms of W(t, x, v, θ) θ̂ = W(t, x, v, θ) P̄_⊥ θ̄_P⊥ over the
+    last and the first tenth, see Lemma 1 (74).
     """
     record, system = run.record, run.system
     dv = first_tenth(record["v_hat"] - record["v"])

@@ -1,4 +1,4 @@
-"""Figures of an estimate, whatever method it is from."""
+"""Figures that judge an estimate, independent of the method that produced it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .rows import midpoints, states, stride_of
 from .truth import Truth
 
 CONVERGED = 0.01
-"""The distance to the true set below which an estimate has converged, once it stays there."""
+"""Distance to the true set below which an estimate has converged, if it stays there."""
 
 
 class Judge:
-    """Judges any method's estimates of one plant, after the fact, by the same figures.
+    """Computes the figures of estimates of one plant, from any method.
 
     Args:
         truth: of the plant.
@@ -42,13 +42,13 @@ class Judge:
 def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
     """The figures of one identifier's last estimate.
 
-    With the truth: how near it is to the true set, and how well it predicts a trajectory that it
-    has not seen. Without: how well it predicts the run's own last part.
+    With the truth they include the distance to the true set and the force residual on a held-out
+    trajectory; without it, the force residual over the last tenth of the run itself.
 
     Args:
         run: a run with at least one row.
         name: of the identifier; "" is the scenario's own.
-        truth: of the run's plant; None where nobody knows it.
+        truth: of the run's plant; None if it is unknown.
     """
     suffix = f"_{name}" if name else ""
     record, system = run.record, run.system
@@ -57,7 +57,7 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
     error = float(np.sqrt(np.mean(last_tenth(dv) ** 2)))
     if truth is None:
         residual = {}
-        if run.scenario.record_every == 1:  # else the commands between rows are not recorded
+        if run.scenario.record_every == 1:  # else some commands are not in the record
             residual["force_residual_ratio_measured"] = measured_residual_ratio(
                 system, record.log, theta[-1]
             )
@@ -87,11 +87,11 @@ def actuator_ratio_error(system: SecondOrderSystem, theta_hat: Array, truth: Arr
 
 
 def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Array) -> float:
-    """Sine of the angle between what is observable of the estimated and the true plant.
+    """Sine of the angle between the estimated and the true plant parameters, observable part only.
 
-    The plant is θ/scale without its actuators; what is observable of it, were the actuator forces
-    known, is orthogonal to the nullspace of the plant's own columns of W. 0 is right up to a
-    common scale, and 1 is at right angles.
+    The plant parameters are θ/scale without those of the actuators. Their observable part, given
+    the actuator forces, is orthogonal to the nullspace of the plant's columns of W. 0 means exact
+    up to a common scale, 1 orthogonal.
     """
     plant = np.setdiff1d(np.arange(system.p), system.space.actuators)
     rng = np.random.default_rng(0)
@@ -103,10 +103,10 @@ def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Ar
 
 
 def converged_at(t: Array, distance: Array) -> float | None:
-    """From which of the times t (N,) on distances (N,) to the true set stay small [s].
+    """The first of the times t (N,) from which on the distances (N,) stay within `CONVERGED` [s].
 
     Returns:
-        None where the last of them is above `CONVERGED`.
+        None if the last distance exceeds `CONVERGED` or is NaN.
     """
     far = np.flatnonzero(~(distance <= CONVERGED))
     first = far[-1] + 1 if len(far) else 0
@@ -123,13 +123,13 @@ def force_residual_ratio(
 
     Args:
         system: the structure.
-        later: a trajectory that the estimate has not seen.
+        later: held-out trajectory, which the estimate has not seen.
         theta_hat: (p,) the estimate.
-        truth: (p,) θ of (29), for the true v̇; None where no θ describes the plant: v̇ is then the
+        truth: (p,) θ for v̇ by (29); None if no θ describes the plant: v̇ is then the finite
             difference of measured velocities, half-way between samples.
 
     Returns:
-        None where there is no later trajectory, or the plant is not driven on it.
+        None if there is no held-out trajectory, or if the actuators exert no force along it.
     """
     return residual_ratio(system, held_out_rows(system, later, truth), theta_hat)
 
@@ -139,11 +139,11 @@ def measured_residual_ratio(system: SecondOrderSystem, log: Log, theta_hat: Arra
 
     Args:
         system: the structure.
-        log: what was measured; its last tenth counts, with commands held from row to row.
+        log: the measurements, of which the last tenth is used; commands are held between rows.
         theta_hat: (p,) the estimate.
 
     Returns:
-        None where there are less than two rows, or no actuator force.
+        None if there are fewer than two rows, or no actuator force.
     """
     rows = len(log.t)
     if rows < 2:
@@ -155,7 +155,7 @@ def measured_residual_ratio(system: SecondOrderSystem, log: Log, theta_hat: Arra
 def held_out_rows(
     system: SecondOrderSystem, later: Log | None, truth: Array | None
 ) -> Array | None:
-    """(k, n, p) W along a later trajectory, with v̇ as in `force_residual_ratio`."""
+    """(k, n, p) W along a held-out trajectory, with v̇ as in `force_residual_ratio`."""
     if later is None:
         return None
     stride = stride_of(len(later.t), system)
@@ -169,10 +169,10 @@ def held_out_rows(
 
 
 def residual_ratio(system: SecondOrderSystem, W: Array | None, theta_hat: Array) -> float | None:
-    """rms of W θ̂, W (k, n, p), over rms of the actuator forces; None where there are none."""
+    """rms of W θ̂ with W (k, n, p), over rms of the actuator forces; None if these are zero."""
     if W is None:
         return None
-    actuators = system.space.actuators  # they are in F alone: their part of W is their force
+    actuators = system.space.actuators  # in F only: their columns of W give the actuator forces
     force = W[..., actuators] @ theta_hat[actuators]
     if not force.any():
         return None

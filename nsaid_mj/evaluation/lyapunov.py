@@ -1,4 +1,4 @@
-"""The paper's V (66) along a run, what it may rise by, and the assumption (46) on its start."""
+"""The Lyapunov function V (66) along a run, bounds on integration error, and assumption (46)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..system import SecondOrderSystem
 from .rows import NUMBERS, states
 from .truth import Truth
 
-_UNSOLVED = 1e-6  # share of V(0) that an implicit step may miss its solution by
+_UNSOLVED = 1e-6  # tolerance of an implicit step's solution, over V(0)
 
 
 def conserved_drift(run: Run) -> float | None:
-    """The largest relative drift of what the run's own law conserves; None where nothing is."""
+    """Largest relative drift of the law's conserved quantity; None if it conserves nothing."""
     identifier = run.identifiers[""]
     if not identifier.conserves:
         return None
@@ -26,16 +26,16 @@ def conserved_drift(run: Run) -> float | None:
 
 
 def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int]:
-    """How well the run's own law lets V fall, under the true θ."""
+    """Number and size of the steps in which V, under the true θ, rose beyond the error bound."""
     record, identifier, V = run.record, run.identifiers[""], energy(run, truth)
     rises, bound = lyapunov_rises(V, identifier, record)
-    rises[np.diff(truth.struck(record["t"]))] = 0.0  # where the truth jumped, and V with it
+    rises[np.diff(truth.struck(record["t"]))] = 0.0  # a fault changes the truth, and V with it
     stepped = identifier.implicit(record["t"])
     if "" in run.states:
         slack = identifier.slack(run.states[""], truth.theta)
         bound = bound + stepped * (slack + _UNSOLVED * V[0])
     else:
-        rises[stepped] = 0.0  # only a memory could judge its steps
+        rises[stepped] = 0.0  # the slack of an implicit step needs the memory's state
     return {
         "lyapunov_violations": int(np.count_nonzero(rises > bound)),
         "lyapunov_largest_rise": float(rises.max(initial=0.0) / (V[0] or np.inf)),
@@ -44,7 +44,7 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int]:
 
 
 def energy(run: Run, truth: Truth) -> Array:
-    """(N,) V of the scenario's own identifier, under the true θ of each row's time."""
+    """(N,) V of the scenario's own identifier, under the true θ at each row's time [J]."""
     system, identifier, record = run.system, run.identifiers[""], run.record
     struck = truth.struck(record["t"])
     V = lyapunov(system, identifier, record, truth.initial)
@@ -56,9 +56,9 @@ def energy(run: Run, truth: Truth) -> Array:
 def lyapunov(
     system: SecondOrderSystem, identifier: Identifier, record: Record, truth: Array
 ) -> Array:
-    """(N,) V = ½ Δvᵀ M(x, θ) Δv + ½ Δθᵀ Γ⁻¹ Δθ (66), with the true θ.
+    """(N,) V = ½ Δvᵀ M(x, θ) Δv + ½ Δθᵀ Γ⁻¹ Δθ (66), under the true θ [J].
 
-    Parameters that an identifier holds do not count: they have no Γ⁻¹.
+    Parameters that the identifier holds constant are left out of the second term.
     """
     dv = record["v_hat"] - record["v"]
     x = np.hstack([record["q"], record["v"]])
@@ -71,15 +71,14 @@ def lyapunov(
 
 
 def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Array, Array]:
-    """By how much V rose from each row to the next, and what the integrator may be blamed for.
+    """Increments of V between rows, and bounds on the part that integration error explains.
+
+    V̇ = −Δvᵀ M K Δv ≤ 0 (69) holds for the exact flow. The error of RK4 also appears in θ̂ᵀ Γ⁻¹ θ̂,
+    which (30) conserves exactly and which has the form of V's second term with θ̂ for Δθ. The bound
+    is the largest defect of θ̂ᵀ Γ⁻¹ θ̂ in any step of the run, plus the rounding error of V.
 
     Returns:
-        (N−1,) rises, ≤ 0 where V fell; (N−1,) bounds.
-
-    V̇ = −Δvᵀ M K Δv ≤ 0 (69) holds for the exact flow. RK4 makes an error in each step; the same
-    error shows in θ̂ᵀ Γ⁻¹ θ̂, which (30) conserves exactly and which is half of V's second term
-    but for Δθ in place of θ̂. The bound is that measured defect over the run, per row, plus the
-    rounding of V itself.
+        (N−1,) increments, ≤ 0 where V decreased; (N−1,) bounds.
     """
     conserved = kept(identifier, record)
     defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
@@ -89,15 +88,19 @@ def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Ar
 
 
 def kept(identifier: Identifier, record: Record) -> Array:
-    """(N,) the law's conserved quantity along a record, with what implicit steps have taken."""
+    """(N,) the law's conserved quantity along a record, corrected for implicit steps."""
     return identifier.conserved(record["theta_hat"]) + record["spent"]
 
 
 def assumption_46(run: Run, truth: Truth) -> tuple[float | None, float]:
-    """The margin of (46), negative where it fails, and λ_min(M(x, θ)) over the run.
+    """The margin of assumption (46), and the smallest λ_min(M(x, θ)) over the run.
 
-    (46) asks for √(λ_max(Γ) Δθ(t₀)ᵀ Γ⁻¹ Δθ(t₀)) + ε ≤ λ_min(M(x, θ)), which mixes units: it is
-    evaluated as it stands, in SI units. Without it M̂ may lose definiteness; most runs do without.
+    (46) requires √(λ_max(Γ) Δθ(t₀)ᵀ Γ⁻¹ Δθ(t₀)) + ε ≤ λ_min(M(x, θ)). It mixes units and is
+    evaluated in SI units as it stands. If it is violated, M̂ may lose definiteness; it is
+    sufficient, not necessary, and most runs violate it.
+
+    Returns:
+        The margin, negative if (46) is violated, None if the law has no constant Γ; and λ_min.
     """
     identifier, theta = run.identifiers[""], truth.initial
     _, x, _, _ = states(run.record.log, max(1, len(run.record) // 200))

@@ -9,19 +9,19 @@ from ..parameters import Array
 from ..system import SecondOrderSystem
 
 NUMBERS = 20_000_000
-"""How many numbers of regressors are held at once."""
+"""Largest number of regressor entries in memory at once."""
 
-_ROWS = 2000  # how many rows of a trajectory are judged, at most
+_ROWS = 2000  # of a trajectory, at most, at which regressors are formed
 
 
 def stride_of(length: int, system: SecondOrderSystem) -> int:
-    """The stride through a log of this length that keeps its regressors within memory."""
+    """The stride through a log of `length` rows that keeps its regressors within `NUMBERS`."""
     rows = min(_ROWS, max(50, NUMBERS // (system.n * system.p)))
     return max(1, length // rows)
 
 
 def states(log: Log, stride: int) -> tuple[Array, Array, Array, Array]:
-    """(t, x, v, u) of every stride-th row."""
+    """t (k,), x (k, m + n), v (k, n) and u (k, n_u) of every stride-th row."""
     k = slice(None, None, stride)
     v = log.v[k]
     return log.t[k], np.hstack([log.q[k], v]), v, log.u[k]
@@ -30,10 +30,10 @@ def states(log: Log, stride: int) -> tuple[Array, Array, Array, Array]:
 def midpoints(
     log: Log, system: SecondOrderSystem, stride: int
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """(t, x, v, u, v̇) half-way between neighbouring rows, at every stride-th row.
+    """t, x, v, u and v̇ half-way between a row and its successor, for every stride-th row.
 
-    v̇ is the difference of the measured velocities, so that no truth is needed for it. The command
-    must be held from row to row.
+    v̇ is the finite difference of the measured velocities, so it needs no truth. The command must
+    be constant between rows.
     """
     k = np.arange(0, len(log.t) - 1, stride)
     t, q, v, u = log.t, log.q, log.v, log.u[k]

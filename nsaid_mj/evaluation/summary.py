@@ -1,4 +1,4 @@
-"""Every key of a run's summary.json."""
+"""Assembles a run's summary.json."""
 
 from __future__ import annotations
 
@@ -19,29 +19,43 @@ from .figures import held_out_rows, judge
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
 from .truth import Truth
 from .verdict import residual_floor, verdict
+from .words import scientific
 
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
 
 _OF_THE_TRUTH = (
-    "r_excited", "theta_perp_ratio_initial", "theta_perp_ratio", "plant_direction_error",
-    "actuator_ratio_error", "force_residual_ratio", "force_residual_floor", "lyapunov_violations",
-    "pe_level_perp", "pe_share_perp", "excited_error_rms", "excited_error_rms_initial",
-)  # fmt: skip
-"""What a run that ended before its first row leaves null, though its truth is known."""
+    "r_excited",
+    "theta_perp_ratio_initial",
+    "theta_perp_ratio",
+    "plant_direction_error",
+    "actuator_ratio_error",
+    "force_residual_ratio",
+    "force_residual_floor",
+    "lyapunov_violations",
+    "pe_level_perp",
+    "pe_share_perp",
+    "excited_error_rms",
+    "excited_error_rms_initial",
+)
+"""Keys that are null if the run ended before its first row, even though its truth is known."""
 
 _OF_THE_RECORD = (
-    "velocity_error_rms", "velocity_error_rms_initial", "conserved_drift", "pe_level", "confidence",
-)  # fmt: skip
-"""What a run that ended before its first row leaves null."""
+    "velocity_error_rms",
+    "velocity_error_rms_initial",
+    "conserved_drift",
+    "pe_level",
+    "confidence",
+)
+"""Keys that are null if the run ended before its first row."""
 
 
 def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
-    """Every key of a run's summary.json.
+    """Computes every key of a run's summary.json.
 
     Args:
-        run: a run that has ended, however it did.
-        truth: of its plant. Where it is None, the keys that need it are absent, and the
-            unobservable directions are those of the last estimate.
+        run: a finished run, completed or not.
+        truth: of its plant. If None, the keys that need it are absent, and the unobservable
+            directions are those at the last estimate.
     """
     summary = _summary(run, truth)
     return summary | {"verdict": verdict(summary)}
@@ -71,7 +85,8 @@ def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
         "gains_held": isinstance(scenario.identifier, ConventionalAID),
         "gamma": getattr(scenario.identifier, "gamma", "scale"),
         "sensors": scenario.sensors,
-        **({"mismatch": mismatches(run, truth), "fault": truth.fault} if truth else {}),
+        "sensor_noise": sensor_noise(run),
+        **({"mismatch": list(truth.mismatches), "fault": truth.fault} if truth else {}),
         "unobservable": [
             {
                 "direction": d.words,
@@ -94,7 +109,7 @@ def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
 
 
 def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:
-    """P_s(θ), structural: under the true θ, or where nobody knows it under the last estimate."""
+    """Structural nullspace P_s(θ), at the true θ or, if that is unknown, at the last estimate."""
     if truth is not None:
         return truth.nullspace
     theta = run.record["theta_hat"][-1] if len(run.record) else run.prior
@@ -104,7 +119,7 @@ def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:
 
 
 def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
-    """What a record of at least one row tells."""
+    """The keys that are computed from a record of at least one row."""
     record = run.record
     found: dict[str, Any] = judge(run, "", truth)
     found["conserved_drift"] = conserved_drift(run)
@@ -126,7 +141,7 @@ def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
 
 
 def parameters(run: Run, truth: Truth | None) -> list[dict[str, Any]]:
-    """Name, unit, scale, prior and last estimate of every parameter; with the truth, that too."""
+    """Name, unit, scale, prior, last estimate and, if known, true value of every parameter."""
     space, estimate = run.system.space, run.record["theta_hat"][-1]
     rows: list[dict[str, Any]] = []
     for i, (name, label) in enumerate(zip(space.names, space.labels, strict=True)):
@@ -139,9 +154,9 @@ def parameters(run: Run, truth: Truth | None) -> list[dict[str, Any]]:
 
 
 def force_residual_floor(truth: Truth) -> float | None:
-    """The share of the actuator forces on a later trajectory that no θ of the structure explains.
+    """Share of the actuator forces on a held-out trajectory that no θ of the structure explains.
 
-    0 where the plant is of the structure: its true θ explains all.
+    0 if the structure describes the plant exactly; None if there is no held-out trajectory.
     """
     if truth.held_out is None:
         return None
@@ -150,27 +165,35 @@ def force_residual_floor(truth: Truth) -> float | None:
     return residual_floor(truth.system, held_out_rows(truth.system, truth.held_out, None))
 
 
-def mismatches(run: Run, truth: Truth) -> list[str]:
-    """What the run's plant and sensors did that the structure does not know, in words."""
-    scenario, words = run.scenario, list(truth.mismatches)
-    if scenario.sensors == "noisy":
-        noise = scenario.noise
-        words.append(f"sensor noise {noise.position:g} and {noise.velocity:g} [SI]")
-        if noise.encoder_step:
-            words.append(f"positions quantised to {noise.encoder_step:g}")
+def sensor_noise(run: Run) -> str:
+    """The sensors' levels with units, in words; empty if the sensors are exact.
+
+    Identifiers know these levels, so they are no mismatch.
+    """
+    scenario, noise = run.scenario, run.scenario.noise
+    if scenario.sensors != "noisy":
+        return ""
+    rates = dict.fromkeys(run.system.velocity_units)
+    velocity, position = " and ".join(rates), " and ".join(u.removesuffix("/s") for u in rates)
+    words = (
+        f"noise of {scientific(noise.position)} {position}, {scientific(noise.velocity)} {velocity}"
+    )
+    if noise.encoder_step:
+        words += f"; positions quantised to {scientific(noise.encoder_step)} {position}"
     return words
 
 
 def law_of(identifier: IdentifierConfig) -> str:
-    """`paper`, `cone` or `memory`; `paper` too where a law leaves the barrier out."""
+    """`paper`, `cone` or `memory`; `cone` without a barrier counts as `paper`."""
     law = getattr(identifier, "law", "paper")
     return law if law != "cone" or identifier.in_cone else "paper"
 
 
 def confidence(run: Run, truth: Truth | None) -> dict[str, Any] | None:
-    """How well the run's own identifier says it knows every direction, and whether it is right.
+    """The identifier's stated per-direction standard deviations, compared with the truth if known.
 
-    None where the law does not say, or the run was read back and no earlier summary has it.
+    None if the law states no covariance, or if the run was read from its record and no earlier
+    summary has it.
     """
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     if stated is None:
@@ -204,12 +227,12 @@ def confidence(run: Run, truth: Truth | None) -> dict[str, Any] | None:
 
 
 def leading(direction: Array, space: ParameterSpace, count: int = 3) -> dict[str, float]:
-    """The parameters that a direction in θ/scale moves most, and by how much."""
+    """The `count` largest components of a direction in θ/scale, by parameter name."""
     most = np.argsort(-np.abs(direction))[:count]
     return {space.names[i]: float(direction[i]) for i in most}
 
 
 def versions() -> dict[str, str]:
-    """What a run depends on beside its scenario."""
+    """Versions of this package, Python and the dependencies that a run's numbers depend on."""
     own = {"nsaid-mj": version("nsaid-mj"), "python": platform.python_version()}
     return own | {name: version(name) for name in _PACKAGES}

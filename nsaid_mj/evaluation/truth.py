@@ -1,6 +1,6 @@
-"""What is true of the plant behind a run, read once the run has ended.
+"""The true parameters of a run's simulated plant, read only after the run.
 
-Everything in this package that needs the truth takes a `Truth | None`. A robot's log has none.
+Every function in this package that needs the truth takes a `Truth | None`: a robot's log has none.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from ..system import SecondOrderSystem
 
 
 class Truth:
-    """The true parameters of a simulated plant, and what follows from them.
+    """The true parameters of a simulated plant, and the true set.
 
-    A fault changes them during the run: what carries no time is meant at `end`.
+    A fault changes them during the run; members without a time argument refer to `end`.
 
     Args:
-        setup: what was simulated.
-        end: time of the run at which estimates are judged [s].
+        setup: the simulated scenario.
+        end: time at which estimates are judged [s].
 
     Attributes:
         system: the structure whose parameters these are.
-        end: as given.
-        mismatches: what the plant does and the structure does not know, in words.
-        fault: the actuator fault in words, "" where there is none.
+        end: time at which estimates are judged [s].
+        mismatches: effects in the plant that the structure does not model, in words.
+        fault: the actuator fault in words; empty if there is none.
     """
 
     def __init__(self, setup: Setup, end: float):
@@ -45,11 +45,11 @@ class Truth:
         self.fault: str = setup.plant.fault.in_words(setup.system)
 
     def theta_at(self, t: ArrayLike) -> Array:
-        """(..., p) the true θ at times t (...) of the run [s]."""
+        """(..., p) the true θ at times t (...) [s]."""
         return self._plant.truth_at(t)
 
     def struck(self, t: ArrayLike) -> NDArray[np.bool_]:
-        """(...) whether the fault has struck by times t (...) of the run [s]."""
+        """(...) whether the fault has occurred by times t (...) [s]."""
         return self._plant.struck(t)
 
     @property
@@ -64,11 +64,11 @@ class Truth:
 
     @property
     def nullspace(self) -> Nullspace:
-        """P_s(θ) of the true θ at the end, structural: over all motions."""
+        """Structural nullspace P_s(θ), over all motions, of the true θ at the end."""
         return self.nullspace_at(self.end)
 
     def nullspace_at(self, t: float) -> Nullspace:
-        """P_s(θ) of the true θ at time t of the run [s], structural: over all motions."""
+        """Structural nullspace P_s(θ), over all motions, of the true θ at time t [s]."""
         struck = bool(self.struck(t))
         if struck not in self._nullspaces:
             rng = np.random.default_rng(self._setup.seeds.structure)
@@ -76,7 +76,7 @@ class Truth:
         return self._nullspaces[struck]
 
     def distance(self, t: Array, theta_hat: Array) -> Array:
-        """(N,) ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (N, p) from the true set at their times t (N,)."""
+        """(N,) distance ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (N, p) to the true set at times t (N,)."""
         struck, theta_s = self.struck(t), theta_hat / self.system.space.scale
         ratio = np.empty(len(t))
         for state in np.unique(struck):
@@ -86,15 +86,15 @@ class Truth:
 
     @cached_property
     def held_out(self) -> Log | None:
-        """A trajectory of the plant, as it is at the end, that no identifier has seen.
+        """A trajectory that no identifier has seen, of the plant as it is at the end.
 
-        None where the plant diverges, as it may where the run did.
+        None if the plant diverges, which is likely if it did so in the run.
         """
         return self._setup.held_out(self.end)
 
     @property
     def exact(self) -> Array | None:
-        """(p,) the true θ, where (29) with it gives the plant's true acceleration, else None."""
+        """(p,) the true θ if (29) gives the plant's exact acceleration with it, else None."""
         return None if self.mismatches else self.theta
 
 
@@ -103,5 +103,5 @@ def truth_of(run: SimulatedRun) -> Truth: ...
 @overload
 def truth_of(run: Run) -> Truth | None: ...
 def truth_of(run: Run) -> Truth | None:
-    """What is true of the plant behind a run; None where no simulated plant is behind it."""
+    """The truth of a run's plant; None if the plant was not simulated."""
     return Truth(run.setup, run.ending.time) if isinstance(run, SimulatedRun) else None

@@ -1,4 +1,4 @@
-"""One line that says what a run has come to, and the figure it rests on."""
+"""The verdict on a run: one line with the outcome and the figures behind it."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from ..parameters import Array
 from ..system import SecondOrderSystem
 
-CONVERGED = 1e-2  # distance to the true set, and ± along the least known direction, of ‖θ̂/scale‖
-PREDICTS = 1e-3  # force residual on another trajectory, where there is no truth to compare with
-CONTRADICTED = 1e-2  # share of the actuator forces that no θ of the structure explains
-_MARGIN = 3.0  # an estimate whose residual is within this factor of the best possible has arrived
+CONVERGED = 1e-2  # largest distance to the true set, or ± along any direction, over ‖θ̂/scale‖
+PREDICTS = 1e-3  # largest force residual on a held-out trajectory, used if the truth is unknown
+CONTRADICTED = 1e-2  # smallest share of the actuator forces left unexplained by every θ
+_MARGIN = 3.0  # factor on the smallest possible residual, within which an estimate has converged
 _FASTER = "--law memory does in seconds what this law does in hours"
 
 
 def verdict(summary: dict[str, Any]) -> str:
-    """The outcome of a run in one line: a judgement, a colon, and the figure that carries it.
+    """The outcome of a run in one line: a judgement, a colon, and the figures it is based on.
 
-    In this order: a run that did not complete *ended early*; a structure that leaves more than
-    `CONTRADICTED` of the forces on a held-out trajectory unexplained whatever θ is, is
+    The first that applies: a run that did not complete *ended early*; a structure under which every
+    θ leaves more than `CONTRADICTED` of the forces on a held-out trajectory unexplained is
     *contradicted by the motion*; an estimate within `CONVERGED` of the true set has *converged*;
-    any other is *still converging* as long as it has come nearer. Where there is no truth the
-    stated confidence and the residual on the held-out trajectory take the place of the distance.
+    one that is closer to it than the prior is *still converging*. If the truth is unknown, the
+    stated confidence and the force residual replace the distance.
 
     Args:
-        summary: of a run, see `summarize`; keys that need a truth may be absent.
+        summary: see `summarize`; keys that need a truth may be absent.
     """
     if summary["status"] != "completed":
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
@@ -35,10 +35,10 @@ def verdict(summary: dict[str, Any]) -> str:
     if floor is not None and floor > CONTRADICTED:
         return (
             f"the motion contradicts this structure: no parameters explain more than "
-            f"{100 * (1 - floor):.3g} % of the actuator forces on another trajectory"
+            f"{100 * (1 - floor):.3g} % of the actuator forces on a held-out trajectory"
         )
     distance, first = (summary.get(f"theta_perp_ratio{end}") for end in ("", "_initial"))
-    predicts = "" if residual is None else f", forces on another trajectory to {_share(residual)}"
+    predicts = "" if residual is None else f", force residual {_share(residual)}"
     if distance is not None:
         arrived, nearer = distance <= CONVERGED, first is None or distance < first
         where = f"{_share(distance)} from the true set{predicts}"
@@ -49,13 +49,13 @@ def verdict(summary: dict[str, Any]) -> str:
         arrived = residual is not None and residual <= best
         arrived = arrived and (worst is None or worst <= CONVERGED)
         nearer = True
-        known = "" if worst is None else f"the least known direction to ±{_share(worst)}"
+        known = "" if worst is None else f"least known direction to ±{_share(worst)}"
         where = ", ".join(filter(None, (known, predicts.removeprefix(", "))))
-        where = where or "nothing to judge it by"
+        where = where or "no figure to judge it by"
     if arrived:
         return f"converged: {where}"
     if summary["law"] == "memory":
-        advice = "a longer run or a livelier motion brings more"
+        advice = "try a longer run or a motion with more excitation"
     elif summary.get("gains_held"):
         advice = "this law holds the actuator gains at their assumed values"
     else:
@@ -64,11 +64,11 @@ def verdict(summary: dict[str, Any]) -> str:
 
 
 def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
-    """The smallest force residual ratio that any θ has on regressors W (k, n, p).
+    """The smallest force residual ratio of any θ on regressors W (k, n, p).
 
-    It is the square root of the smallest generalised eigenvalue of WᵀW against that of the actuator
-    columns: what is left of the actuator forces when plant and gains are fitted to this very
-    motion. None where there is no motion, or the actuators do nothing on it.
+    It is the square root of the smallest generalised eigenvalue of WᵀW with respect to that of the
+    actuator columns: the part of the actuator forces that remains when plant and gains are fitted
+    to this motion. None if there is no motion, or if the actuators exert no force along it.
     """
     if W is None:
         return None
@@ -81,7 +81,7 @@ def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
         return None
     u, s, _ = np.linalg.svd(rows[:, plant], full_matrices=False)
     u = u[:, s > 1e-10 * s[0]]
-    left = forces - u @ (u.T @ forces)  # what the best plant leaves of each actuator's force
+    left = forces - u @ (u.T @ forces)  # residual of the best fit of the plant's parameters
     _, R = np.linalg.qr(forces)
     return float(np.linalg.svd(np.linalg.solve(R.T, left.T), compute_uv=False)[-1])
 

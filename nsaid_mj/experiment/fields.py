@@ -1,4 +1,4 @@
-"""Fields of a scenario by dotted name: `plant.robot`, or `robot` where no other field has it."""
+"""Fields of a scenario by dotted name: `plant.robot`, or `robot` if that is unambiguous."""
 
 import contextlib
 import io
@@ -14,7 +14,7 @@ from .scenario import Scenario
 
 
 def field_paths(value: Any, prefix: str = "") -> list[str]:
-    """All fields of nested dataclasses, dotted."""
+    """Dotted names of all leaf fields of nested dataclasses and mappings."""
     parts = (
         value
         if isinstance(value, Mapping)
@@ -28,10 +28,10 @@ def field_paths(value: Any, prefix: str = "") -> list[str]:
 
 
 def field_path(name: str, scenario: Scenario) -> str:
-    """The full dotted path of a field, which may be given by its last name.
+    """The full dotted path of a field, given by any unambiguous end of it.
 
     Raises:
-        UnknownName: there is no such field, or there are several; with near matches.
+        UnknownName: there is no such field, or several; lists near matches.
     """
     paths, wanted = field_paths(scenario), name.replace("-", "_")
     if wanted in paths:
@@ -51,10 +51,10 @@ def same_end(name: str, paths: Sequence[str]) -> list[str]:
 
 
 def field_value(path: str, text: str, scenario: Scenario) -> Any:
-    """A field's value from a command line's words, by the field's type.
+    """Parses a field's value from command-line words, by the field's type.
 
     Raises:
-        InvalidInput: the words are no value of that type.
+        InvalidInput: the words are not a value of that type.
     """
     parent, _, name = f".{path}".rpartition(".")
     hint = get_type_hints(type(field_at(scenario, parent[1:])))[name]
@@ -70,19 +70,19 @@ def field_value(path: str, text: str, scenario: Scenario) -> Any:
             return tyro.cli(parsed, args=args, console_outputs=False)
     except (SystemExit, ValueError) as error:
         kind = hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")
-        raise InvalidInput(path, f"a value of type {kind}", repr(text),
-                           "`nsaid run NAME --help` tells what it takes.") from error  # fmt: skip
+        remedy = "`nsaid run NAME --help` lists the types of all fields."
+        raise InvalidInput(path, f"a value of type {kind}", repr(text), remedy) from error
 
 
 def field_at(value: Any, path: str) -> Any:
-    """The field of nested dataclasses and mappings that a dotted path leads to."""
+    """The value at a dotted path in nested dataclasses and mappings; "" is the whole."""
     for name in filter(None, path.split(".")):
         value = value[name] if isinstance(value, Mapping) else getattr(value, name)
     return value
 
 
 def with_fields(value: Any, new: Mapping[str, Any]) -> Any:
-    """Nested dataclasses and mappings with fields replaced, all at once, by dotted name."""
+    """A copy of nested dataclasses and mappings with fields replaced, by dotted name."""
     parts: dict[str, dict[str, Any]] = {}
     for path, item in new.items():
         name, _, rest = path.partition(".")

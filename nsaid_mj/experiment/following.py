@@ -1,7 +1,7 @@
-"""An identifier on its way along a log, stretch by stretch, and the check that RK4 still follows.
+"""Runs an identifier along a log in segments and checks the drift of its conserved quantity.
 
-A run and a Monte Carlo study both feed an identifier a stretch of measurements at a time; what
-they make of its estimates, and when they stop it, is decided here.
+A run and a Monte Carlo study both feed an identifier one segment of measurements at a time; this
+module decides when an identifier has to be stopped.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from ..identifiers.base import Estimates
 from ..log import Log
 
 DRIFT = 1e-3
-"""Relative drift of the conserved quantity beyond which RK4 no longer follows the law."""
+"""Relative drift of the conserved quantity beyond which RK4 has lost the law's solution."""
 
 CHECK = 0.5
-"""Time between two checks of the conserved quantity [s]."""
+"""Interval between two checks of the conserved quantity [s]."""
 
 
 class Following:
-    """An identifier's state along a log.
+    """An identifier and its state along a log.
 
     Args:
-        identifier: follows the log.
-        log: begins with the measurement to start from.
+        identifier: the identifier.
+        log: its first measurement initializes the state.
 
     Attributes:
-        identifier: as given.
-        state: at the last measurement absorbed, or where the identifier could not go on.
-        ended: when it could not go on [s]; None as long as it can.
+        identifier: the identifier.
+        state: after the last measurement absorbed, or at the one where the identifier failed.
+        ended: time at which the identifier failed [s]; None while it has not.
         drift: largest relative drift of the conserved quantity at any check.
     """
 
@@ -41,33 +41,33 @@ class Following:
 
     @property
     def signal(self) -> str:
-        """What showed that the identifier could not go on."""
+        """The signal that showed the failure: `theta_hat`, or M̂'s smallest pivot."""
         too_fast = self.state.status is Status.adaptation_too_fast
         return "theta_hat" if too_fast else f"pivot {self.state.pivot:.3g}"
 
     def follow(self, log: Log, due: np.ndarray) -> Estimates:
-        """Follows a stretch that begins at the last measurement absorbed.
+        """Follows a segment that begins at the last measurement absorbed.
 
         Args:
-            log: the stretch.
-            due: rows of it after which the conserved quantity is checked.
+            log: the segment.
+            due: rows of the segment after which the conserved quantity is checked.
 
         Returns:
-            The estimates up to the end of the stretch, or to where the identifier could not go on.
+            The estimates up to the end of the segment, or up to the failure.
         """
         return self.absorb(log, *self.identifier.follow(self.state, log), due)
 
     def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> Estimates:
-        """Takes over what following a stretch has given, up to a drift beyond `DRIFT`.
+        """Absorbs the estimates of a segment, up to the first check with a drift beyond `DRIFT`.
 
         Args:
-            log: the stretch.
-            state: at its end.
-            estimates: along it.
-            due: rows of it after which the conserved quantity is checked.
+            log: the segment.
+            state: of the identifier at the end of the segment.
+            estimates: along the segment.
+            due: rows of the segment after which the conserved quantity is checked.
 
         Returns:
-            The estimates up to the end of the stretch, or to where the identifier could not go on.
+            The estimates up to the end of the segment, or up to the failure.
         """
         rows = len(estimates.pivot)
         if self.ended is None and rows < len(log.t):
@@ -76,7 +76,7 @@ class Following:
         if self.identifier.conserves and len(due):
             conserved = self.identifier.conserved(estimates.theta_hat[due]) + estimates.spent[due]
             drift = np.abs(conserved / self._start - 1)
-            beyond = np.flatnonzero(~(drift <= DRIFT))  # NaN is beyond, too
+            beyond = np.flatnonzero(~(drift <= DRIFT))  # includes NaN
             if len(beyond):
                 row, drift = int(due[beyond[0]]), drift[: beyond[0] + 1]
                 estimates, self.ended = estimates.first(row + 1), float(log.t[row])
@@ -92,13 +92,13 @@ class Following:
 
 
 def due_rows(first: int, rows: int, dt: float, last: int) -> np.ndarray:
-    """The rows of a stretch after which the conserved quantity is checked.
+    """The rows of a segment after which the conserved quantity is checked.
 
     Args:
-        first: step of the run with which the stretch begins.
-        rows: measurements in the stretch; its first one belongs to the stretch before.
-        dt: step [s].
-        last: last step of the run, after which there is always a check.
+        first: time step of the run at the segment's first row.
+        rows: measurements in the segment; the first also ends the segment before.
+        dt: time step [s].
+        last: last time step of the run, which is always checked.
     """
     row = np.arange(1, rows)
     steps = first + row

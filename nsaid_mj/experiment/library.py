@@ -1,4 +1,4 @@
-"""Scenarios by name or by the path of their script."""
+"""Loads scenarios by name or by the path of their script."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def load(name: str) -> Scenario:
-    """The scenario of a packed name or of a script.
+    """Loads a scenario by the name of a packaged one, or from a script.
 
     Raises:
-        UnknownName: there is no such scenario, with near matches.
+        UnknownName: there is no such scenario; lists near matches.
         InvalidInput: the script defines no `scenario`.
     """
     known = scenarios()
@@ -30,20 +30,18 @@ def load(name: str) -> Scenario:
     spec = importlib.util.spec_from_file_location(f"_scenario_{path.stem}", path)
     assert spec is not None and spec.loader is not None  # a .py file always has one
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where a dataclass of the script looks up its annotations
+    sys.modules[spec.name] = module  # dataclasses of the script resolve their annotations here
     spec.loader.exec_module(module)
     from ..experiment.scenario import Scenario
 
     found = getattr(module, "scenario", None)
     if not isinstance(found, Scenario):
-        raise InvalidInput(
-            str(path), "a script that defines `scenario = Scenario(…)`", type(found).__name__,
-            "See scenarios/ur5.py.",
-        )  # fmt: skip
+        expected = "a script that defines `scenario = Scenario(…)`"
+        raise InvalidInput(str(path), expected, type(found).__name__, "See scenarios/ur5.py.")
     return found
 
 
 def digest_of(script: str) -> str:
-    """The digest of a scenario's script, by packed name or path."""
+    """SHA-256 of a scenario's script, given by packaged name or path."""
     path = scenarios().get(script, Path(script))
     return hashlib.sha256(path.read_bytes()).hexdigest()

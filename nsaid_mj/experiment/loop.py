@@ -1,7 +1,7 @@
-"""run(scenario) -> Run: the only time loop, and the only place where a plant meets an identifier.
+"""The time loop: simulates a plant, runs the identifiers on its measurements, writes the record.
 
-The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is drawn
-before the first step, by `setup`; nothing of the truth is read again until the run has ended.
+The wall: an identifier gets the plant's structure, a prior, and measurements. `setup` draws the
+prior before the first time step; the truth is not read again until the end of the run.
 """
 
 from __future__ import annotations
@@ -34,17 +34,18 @@ from .scenario import Scenario
 from .setup import Setup
 
 DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json")
+"""Files of an earlier run that `run` deletes from its folder."""
 _PE_SAMPLES = 50  # regressors in a window of the online persistence levels
 
 
 @dataclass
 class Ending:
-    """How a run stands or ended.
+    """How a run ended, or its state so far.
 
     Attributes:
-        status: in one word.
-        time: when [s of the run].
-        signal: what showed it, "" where it completed.
+        status: the status.
+        time: simulated time of the end [s].
+        signal: the signal that showed the failure; empty if the run completed.
     """
 
     status: Status = Status.completed
@@ -54,14 +55,14 @@ class Ending:
 
 @dataclass
 class Cost:
-    """Where the time went; what compiling took is in none of it but its own.
+    """Computing times of a run. Only `compile` includes the compilation of kernels.
 
     Attributes:
-        wall: of the whole loop [s].
-        plant: inside MuJoCo [s].
-        identifier: inside the identifier [s].
-        steps: how many were made.
-        compile: compiling kernels, before the loop and in it [s]; 0 where they were on disk.
+        wall: wall time of the whole loop [s].
+        plant: time in MuJoCo [s].
+        identifier: time in the identifiers [s].
+        steps: number of time steps.
+        compile: time spent compiling kernels [s]; 0 if all were cached on disk.
     """
 
     wall: float = 0.0
@@ -72,38 +73,38 @@ class Cost:
 
 
 class Looks(Protocol):
-    """What a robot looks like, and where its parts are."""
+    """The robot's visual meshes and their poses."""
 
     def visuals(self) -> list[VisualMesh]:
-        """The meshes."""
+        """The visual meshes, each in its own frame."""
         ...
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m).
 
         Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+            Translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w order.
         """
         ...
 
 
 @dataclass(eq=False, kw_only=True)
 class Run:
-    """A run that has ended: what was measured and estimated. It holds no true value.
+    """A finished run: measurements and estimates, without any true value.
 
     Attributes:
-        scenario: what was run.
-        folder: where its files are.
-        record: what was recorded.
+        scenario: the scenario that was run.
+        folder: of the run's files.
+        record: the recorded measurements and estimates.
         system: the structure that was identified.
         prior: (p,) θ̂(0).
         identifiers: by name; "" is the scenario's own.
-        statuses: how each identifier ended, by name.
+        statuses: the status of each identifier at the end, by name.
         ending: how the run ended.
-        cost: where the time went.
-        states: the identifiers' last states, by name; empty where the run was read back.
-        confidence: as an earlier summary of the run states it, where it was read back.
-        looks: draws the robot; None where nobody knows what it looks like.
+        cost: computing times.
+        states: the identifiers' last states, by name; empty if the run was read from its record.
+        confidence: from an earlier summary of the run, if it was read from its record.
+        looks: visual meshes of the robot; None if there are none.
     """
 
     scenario: Scenario
@@ -122,25 +123,25 @@ class Run:
 
 @dataclass(eq=False, kw_only=True)
 class SimulatedRun(Run):
-    """A run of a simulated plant: its truth can be read, after the fact.
+    """A finished run of a simulated plant, whose truth can be read.
 
     Attributes:
-        setup: what was simulated.
+        setup: the simulated scenario with its plant.
     """
 
     setup: Setup
 
     @property
     def plant(self) -> Plant:
-        """The plant that moved, which holds the truth."""
+        """The simulated plant, which holds the truth."""
         return self.setup.plant
 
 
 class Observer(ABC):
-    """Watches a run: a progress bar, a live viewer.
+    """Callbacks during a run, for a progress bar or a live viewer.
 
     Attributes:
-        period: largest interval between two calls of `see` [s of simulated time].
+        period: largest interval between two calls of `see`, in simulated time [s].
     """
 
     period: float = np.inf
@@ -153,7 +154,8 @@ class Observer(ABC):
     def see(
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
     ) -> None:
-        """Called at the end of every stretch of the run.
+        """Called after every segment of the run.
+
 
         Args:
             measurement: the last sample of the stretch.
@@ -163,28 +165,29 @@ class Observer(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Called when the run ends, also when an error ends it."""
+        """Called at the end of the run, also after an error."""
 
 
 def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
-    """Simulates, identifies and records.
+    """Runs a scenario: simulates the plant, runs the identifiers, writes the record.
 
-    A run that cannot go on ends early, with its status, time and signal, and all it has recorded.
+    If plant or identifier fails, the run ends early; its ending gives status, time and signal, and
+    the record up to there is kept.
 
     Args:
-        scenario: what to run.
-        folder: where to write; it is made, and a record in it is replaced.
-        observers: who watches.
+        scenario: the scenario to run.
+        folder: of the run's files; created if missing, files of an earlier run are replaced.
+        observers: called during the run.
 
     Raises:
-        NsaidError: the scenario cannot be started; nothing has been written then.
+        NsaidError: the scenario cannot be started; no record has been written.
     """
     compiled, setup = compile_seconds(), Setup.of(scenario)
     system, driver, identifiers = setup.system, setup.driver(), setup.identifiers()
     r = structural(system, setup.prior, np.random.default_rng(setup.seeds.structure)).r
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for stale in folder.glob("*"):  # of a run that was here: it would pass for this one's
+        for stale in folder.glob("*"):  # files of an earlier run could be mistaken for this one's
             if stale.name in DERIVED:
                 stale.unlink()
         (folder / FILE).open("wb").close()
@@ -202,7 +205,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
             "scale": system.space.scale.tolist(),
             "r": r,
         },
-        batch=max(1, stretch_of(scenario) // scenario.record_every),
+        batch=max(1, segment_steps(scenario) // scenario.record_every),
     )
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
     loop = _Loop(setup, driver, identifiers, monitor, writer, observers)
@@ -237,10 +240,10 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
 
 @contextmanager
 def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
-    """Makes the first Ctrl-C a request that the loop answers between two stretches.
+    """Turns the first Ctrl-C into a call of `ask`; the second one raises KeyboardInterrupt.
 
-    As an exception it would strike anywhere, and in compiled code be lost or become a SystemError.
-    The second one is an exception again.
+    An exception could be raised anywhere, and within compiled code it would be lost or become a
+    SystemError. The loop stops between two segments instead.
     """
 
     def asked(*_: object) -> None:
@@ -249,7 +252,7 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
 
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield  # somebody else handles it, or it is ignored
+        yield  # another handler is installed, or the signal is ignored
         return
     signal.signal(signal.SIGINT, asked)
     try:
@@ -259,7 +262,7 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
 
 
 def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
-    """How a run ends, and the signal that shows it: divergence, or no number; None if sound."""
+    """Status and signal of a plant that diverged or a measurement that is not finite, else None."""
     if plant.diverged:
         return Status.plant_diverged, plant.diverged
     parts = {"q": last.q, "v": last.v, "u": last.u}  # u comes last: it follows from q and v
@@ -268,7 +271,7 @@ def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
 
 
 def reopen(folder: Path, record: Record) -> SimulatedRun:
-    """A run as its record has it; one that was cut off counts as interrupted where it stops."""
+    """Rebuilds a run from its record; a truncated record counts as an interrupted run."""
     scenario = Scenario.from_json(record.metadata["scenario"])
     setup = Setup.of(scenario)
     identifiers = setup.identifiers()
@@ -290,17 +293,16 @@ def reopen(folder: Path, record: Record) -> SimulatedRun:
 
 
 def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, int]:
-    """The record's columns and their widths."""
-    own = {"t": 0, "q": m, "v": n, "u": n_u, "pivot": 0, "spent": 0, "pe": 0,
-           "pe_perp": 0}  # fmt: skip
+    """Entries per row of every column of a record, by name; 0 for a scalar column."""
+    own = {"t": 0, "q": m, "v": n, "u": n_u, "pivot": 0, "spent": 0, "pe": 0, "pe_perp": 0}
     estimates = {"v_hat": n, "theta_hat": p}
     for name in rivals:
         estimates |= {f"v_hat_{name}": n, f"theta_hat_{name}": p}
     return own | estimates
 
 
-def stretch_of(scenario: Scenario) -> int:
-    """How many steps a plant makes before its identifiers follow and all is recorded."""
+def segment_steps(scenario: Scenario) -> int:
+    """Time steps in a segment: simulated first, then followed by the identifiers and recorded."""
     return max(1, round(BATCH_SECONDS / scenario.dt))
 
 
@@ -319,19 +321,19 @@ class _Loop:
 
     @property
     def states(self) -> dict[str, State]:
-        """Where every identifier is, by name."""
+        """The state of every identifier, by name."""
         return {name: following.state for name, following in self.following.items()}
 
     def stop(self) -> None:
-        """Asks the loop to end after the stretch it is in."""
+        """Ends the loop after the current segment."""
         self.stopped = True
 
     def __call__(self) -> None:
-        """Stretch by stretch: the plant moves, then the identifiers follow."""
+        """Runs the loop: for each segment, first the plant moves, then the identifiers follow."""
         scenario, plant = self.setup.scenario, self.setup.plant
         driver, sensors = self.driver, self.setup.sensors()
         period = min((observer.period for observer in self.observers), default=np.inf)
-        stretch = max(1, round(min(period / scenario.dt, stretch_of(scenario))))
+        segment = max(1, round(min(period / scenario.dt, segment_steps(scenario))))
         with plant.running():
             log = Log.unchecked_of([plant.begin(driver, sensors)])
             if self._unsound(log):
@@ -340,7 +342,7 @@ class _Loop:
             self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
-                begin, steps = clock(), min(stretch, scenario.steps - k)
+                begin, steps = clock(), min(segment, scenario.steps - k)
                 log = plant.drive(driver, log.at(-1), steps, sensors)
                 self.cost.plant += clock() - begin
                 log, estimates = self._follow(k, log.first(len(log.t) - self._unsound(log)))
@@ -351,7 +353,7 @@ class _Loop:
                     self._end(Status.interrupted, "", self.ending.time)
 
     def _unsound(self, log: Log) -> bool:
-        """Ends the run where the plant has diverged or the last measurement is not finite."""
+        """Ends the run, and returns True, if the plant diverged or the last row is not finite."""
         last = log.at(-1)
         end = ended(self.setup.plant, last)
         if end:
@@ -362,9 +364,9 @@ class _Loop:
         self.ending.status, self.ending.signal, self.ending.time = status, signal, t
 
     def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
-        """Lets the identifiers follow a stretch from step k, as far as the scenario's own comes."""
+        """Runs the identifiers along a segment from time step k; cut where the own one fails."""
         begin, estimates = clock(), {}
-        for name, following in self.following.items():  # the scenario's own is the first
+        for name, following in self.following.items():  # the scenario's own comes first
             due = due_rows(k, len(log.t), self.setup.scenario.dt, self.setup.scenario.steps)
             found = following.follow(log, due)
             if not name and following.ended is not None:
@@ -375,7 +377,7 @@ class _Loop:
         return log, estimates
 
     def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
-        """Records a stretch that begins with step k, from its row `fresh` on; shows its end."""
+        """Records a segment from time step k, beginning with row `fresh`; calls the observers."""
         scenario, system = self.setup.scenario, self.setup.system
         own, rows = estimates[""], np.arange(fresh, len(log.t))
         every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))

@@ -1,8 +1,8 @@
-"""What a run leaves behind: an Arrow IPC stream, appended while it runs.
+"""The record of a run: an Arrow IPC stream, appended while it runs.
 
-The file holds what an identifier saw and thought: time, measurements, v̂, θ̂. It holds no true
-value. Every 0.9 s of the run are one batch, written at once: a kill loses less than a second, and
-two equal runs write equal bytes.
+The file holds measurements and estimates: time, q, v, u, v̂, θ̂, and no true value. Every 0.9 s of
+the run are written as one batch, so a killed run loses less than a second, and two equal runs write
+equal bytes.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class RecordWriter:
     """Appends rows to an Arrow IPC stream.
 
     Args:
-        path: the file; it is overwritten.
-        widths: the columns and how many numbers each holds; 0 for a plain number.
-        metadata: what a reader needs beside the numbers; JSON.
+        path: of the file, which is overwritten.
+        widths: entries per row of each column; 0 for a scalar column.
+        metadata: stored as JSON in the schema.
         batch: rows in a batch.
     """
 
@@ -42,9 +42,9 @@ class RecordWriter:
         self._schema = pa.schema(
             list(types.items()), metadata={"nsaid": json.dumps(metadata, ensure_ascii=False)}
         )
-        self._file = pa.OSFile(str(path), "wb")  # nothing waits in it
+        self._file = pa.OSFile(str(path), "wb")  # unbuffered
         self._stream = pa.ipc.new_stream(self._file, self._schema)
-        # Arrow writes the schema with the first batch only: here, an empty one
+        # Arrow writes the schema only with the first batch, so an empty one is written now
         self._stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
         self._buffers = {
             name: np.zeros((self._batch, max(width, 1))) for name, width in widths.items()
@@ -52,7 +52,7 @@ class RecordWriter:
         self._rows = 0
 
     def extend(self, *columns: Array) -> None:
-        """Adds rows: (k,) or (k, width) for each column, in order."""
+        """Appends k rows: one array (k,) or (k, width) for each column, in order."""
         start, count = 0, len(columns[0])
         while start < count:
             end = min(count, start + self._batch - self._rows)
@@ -64,7 +64,7 @@ class RecordWriter:
                 self.flush()
 
     def flush(self) -> None:
-        """Hands all rows so far to the operating system."""
+        """Writes all buffered rows as one batch."""
         if not self._rows:
             return
         columns = []
@@ -76,7 +76,7 @@ class RecordWriter:
         self._rows = 0
 
     def close(self) -> None:
-        """Writes what is left and ends the stream."""
+        """Writes the buffered rows and ends the stream."""
         self.flush()
         self._stream.close()
         self._file.close()
@@ -84,15 +84,15 @@ class RecordWriter:
 
 @dataclass(frozen=True)
 class Record:
-    """A run, read back.
+    """The record of a run, read from its file.
 
     Attributes:
-        columns: name to array: `t` (N,) [s], `q` (N, m), `v` (N, n), `u` (N, n_u) the command from
-            t on, `v_hat` (N, n), `theta_hat` (N, p), `pivot` (N,) M̂'s smallest pivot, `spent` (N,)
-            what implicit steps have taken from the conserved quantity, `pe` and `pe_perp` (N,) the
+        columns: arrays by name: `t` (N,) [s], `q` (N, m), `v` (N, n), `u` (N, n_u) the command held
+            from t on, `v_hat` (N, n), `theta_hat` (N, p), `pivot` (N,) M̂'s smallest pivot, `spent`
+            (N,) decrease of the conserved quantity by implicit steps, `pe` and `pe_perp` (N,) the
             online levels of (2) and (75); for every rival R also `v_hat_R` and `theta_hat_R`.
-        metadata: `scenario` (JSON text), `names`, `units`, `scale`, `r`, `versions`.
-        complete: whether the stream was closed; a killed run's is not.
+        metadata: `scenario` (JSON text), `names`, `units`, `scale`, `r`.
+        complete: whether the stream was closed; that of a killed run was not.
     """
 
     columns: dict[str, Array]
@@ -107,21 +107,21 @@ class Record:
 
     @property
     def log(self) -> Log:
-        """What was measured and commanded; the record must have a row."""
+        """The measurements and commands; the record must have at least one row."""
         return Log(*(self.columns[name] for name in ("t", "q", "v", "u")))
 
     @property
     def rivals(self) -> list[str]:
-        """Names of the other identifiers in the record."""
+        """Names of the rivals in the record."""
         prefix = "theta_hat_"
         return [name.removeprefix(prefix) for name in self.columns if name.startswith(prefix)]
 
     @staticmethod
     def read(path: Path) -> Record:
-        """Reads a run folder or its record, whole or cut off.
+        """Reads the record of a run's folder, or a record file, complete or truncated.
 
         Raises:
-            BadRun: there is no record, or nothing of it can be read.
+            BadRun: there is no record, or it is unreadable.
         """
         file = path / FILE if path.is_dir() else path
         if not file.is_file():
@@ -136,7 +136,7 @@ class Record:
                         batches.append(batch)
                     complete = _ended(file)
                 except (pa.ArrowInvalid, OSError):
-                    complete = False  # cut in the middle of a batch: what came before is good
+                    complete = False  # truncated within a batch; the batches before are intact
                 table = pa.Table.from_batches(batches, schema)
                 columns = {
                     field.name: _column(table.column(field.name), field.type) for field in schema
@@ -160,7 +160,7 @@ def _ended(file: Path) -> bool:
 
 def _column(column: pa.ChunkedArray, kind: pa.DataType) -> Array:
     if pa.types.is_fixed_size_list(kind):
-        # `values`, as `flatten` imports all of pyarrow.compute: a stream's batches are whole
+        # `values`, not `flatten`, which imports pyarrow.compute; equal for batches without offset
         flat = [chunk.values.to_numpy(zero_copy_only=False) for chunk in column.chunks]
         joined = np.concatenate(flat) if flat else np.zeros(0)
         return joined.reshape(-1, kind.list_size)

@@ -1,7 +1,7 @@
-"""What a motion should look like, simulated under what is believed of θ: it never sees a truth.
+"""Simulates the excitation under the prior, to predict the Gramian that the gain design needs.
 
-The design of the gain needs the Gramian that an excitation will have. The prior's own simulation
-has it well enough: 30 % of error in θ moves its eigenvalues by about as much.
+No true value is used. The prediction is accurate enough: an error of 30 % in θ changes the
+Gramian's eigenvalues by about as much.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 
-_SAMPLES = 3000  # of the Gramian, at most
+_SAMPLES = 3000  # at most, averaged in the Gramian
 
 
 class Drives(Protocol):
-    """What a rehearsal needs of a driver."""
+    """The part of a driver's interface that a rehearsal uses."""
 
     def start(self) -> tuple[Array, Array]:
-        """(n,) position numbers and (n,) velocities to start from."""
+        """(n,) initial coordinates and (n,) initial velocities."""
         ...
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n_u,) the command from t on."""
+        """(n_u,) the command that is held from time t [s] on."""
         ...
 
 
@@ -34,17 +34,17 @@ def expected_gramian(
 ) -> Array:
     """(p, p) mean of S Wᵀ M⁻¹ W S, S = diag(scale), over a motion simulated under θ.
 
-    That is the Hessian, in θ/scale, of what (45) descends once Δv follows θ̂.
+    In θ/scale, this is the Hessian of the cost that (45) descends when Δv follows θ̂.
 
     Args:
         system: the structure.
-        driver: what drives it.
-        theta: (p,) what is believed of θ.
-        dt: step [s].
-        duration: how long [s].
+        driver: makes the commands.
+        theta: (p,) the prior.
+        dt: time step [s].
+        duration: of the simulation [s].
 
     Raises:
-        InvalidInput: under θ the mass matrix loses definiteness, or the motion diverges.
+        InvalidInput: under θ the mass matrix becomes indefinite, or the motion diverges.
     """
     numbers, v = driver.start()
     q = system.position(np.asarray(numbers, dtype=np.float64))
@@ -58,10 +58,11 @@ def expected_gramian(
         a, W, pivot = system.evaluate_at(t, q, v, u, v, theta)
         if not (pivot > 0 and np.isfinite(a).all()):
             raise InvalidInput(
-                "gamma", "a prior under which the motion can be simulated",
-                f"one under which it ends at {t:g} s of the rehearsal",
+                "gamma",
+                "a prior under which the motion can be simulated",
+                f"one under which the simulation fails at {t:g} s",
                 "Take --gamma scale, a smaller initial_error, or a gentler excitation.",
-            )  # fmt: skip
+            )
         if k % stride == 0:
             M = system.mass_matrix(np.concatenate([q, v]), theta)
             L = np.linalg.cholesky(M)
@@ -82,7 +83,7 @@ def _step(
     theta: Array,
     dt: float,
 ) -> tuple[Array, Array]:
-    """RK4 with the command held; tangent steps of the stages are added as if they commuted."""
+    """One RK4 step with the command held; the stages' tangent steps are summed in one tangent."""
     a1, v1 = a, v
     v2 = v + dt / 2 * a1
     a2 = system.evaluate_at(t, system.integrate(q, dt / 2 * v1), v2, u, v2, theta).a

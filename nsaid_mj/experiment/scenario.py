@@ -1,4 +1,4 @@
-"""A whole experiment as data: what is simulated, how it is driven, who identifies it."""
+"""An experiment as data: the simulated plant, its excitation and its identifiers."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from ..identifiers import IdentifierConfig, NullspaceAID
 from ..plants import ArmPlant, PlantConfig, SensorNoise
 
 MOST_STEPS = 1e9
-"""In a run: its record would fill a disk."""
+"""Largest number of time steps of a run; a longer record would fill a disk."""
 MOST_HELD_OUT = 1e6
-"""In the trajectory that judges an estimate: it is kept in memory."""
+"""Largest number of time steps of the held-out trajectory, which is kept in memory."""
 SHORTEST_STEP = 1e-6
-"""Of simulation and identifier [s]: 0.9 s of a run are kept in memory before they are written."""
+"""Smallest time step [s]; 0.9 s of a run are buffered in memory before they are written."""
 
 _OTHER = "Is it from another version of nsaid-mj, or from a script that is not loaded?"
 
@@ -38,24 +38,24 @@ _Rival = Annotated[Name, AfterValidator(_identifier)]
 
 @config
 class Scenario(Config):
-    """An experiment, complete: the same scenario gives the same record, to the bit.
+    """A complete experiment. Equal scenarios give records that are identical to the bit.
 
     Attributes:
-        plant: what MuJoCo simulates.
-        excitation: what drives it.
-        identifier: who identifies it.
+        plant: the plant that MuJoCo simulates.
+        excitation: the driver that makes its commands.
+        identifier: estimates θ from the measurements.
         rivals: other identifiers on the same measurements, by name, for comparison.
-        initial_error: θ̂(0) is off the truth by up to this share on every parameter.
-        gain_error: assumed actuator gains are off by this share, up and down in turn; None treats
-            them like every other parameter.
+        initial_error: largest relative error of every parameter in θ̂(0).
+        gain_error: relative error of the actuator gains in θ̂(0), alternating in sign; None treats
+            gains like all other parameters.
         duration: simulated time [s].
-        dt: step of plant, controller and identifier [s].
+        dt: time step of plant, controller and identifier [s].
         sensors: `ideal`, or `noisy` with the levels of `noise`.
-        noise: sensor levels, used where `sensors` is `noisy`.
+        noise: sensor levels, used if `sensors` is `noisy`.
         pe_window: window δ₀ of the persistence levels [s].
-        held_out: length of the held-out trajectory that judges the estimate [s].
-        record_every: every how many steps a row is recorded.
-        seed: of everything random.
+        held_out: length of the held-out trajectory on which the estimate is judged [s].
+        record_every: number of time steps per recorded row.
+        seed: master seed of all random numbers.
     """
 
     plant: PlantConfig = field(default_factory=ArmPlant)
@@ -87,19 +87,19 @@ class Scenario(Config):
 
     @property
     def steps(self) -> int:
-        """Number of steps of the run."""
+        """Number of time steps of the run."""
         return round(self.duration / self.dt)
 
     def to_json(self) -> str:
-        """The scenario as JSON, with the type of every part."""
+        """The scenario as JSON, including the type of each part."""
         return json.dumps(_ADAPTER.dump_python(self, mode="json"), indent=2, ensure_ascii=False)
 
     @staticmethod
     def from_json(text: str) -> Scenario:
-        """The scenario that `to_json` wrote.
+        """Reads a scenario that `to_json` wrote.
 
         Raises:
-            InvalidInput: it is not a scenario's JSON, or of another version of this package.
+            InvalidInput: the text is not a scenario, or one of another version of this package.
         """
         try:
             return _ADAPTER.validate_json(text)
@@ -108,12 +108,12 @@ class Scenario(Config):
 
     @staticmethod
     def json_schema() -> dict[str, Any]:
-        """The JSON schema of what `from_json` reads, with the classes that are loaded now."""
+        """The JSON schema of scenarios, for the classes that are currently imported."""
         return TypeAdapter(Scenario).json_schema()
 
     @property
     def hash(self) -> str:
-        """Twelve hexadecimal digits that two scenarios share only if they are equal."""
+        """Twelve hexadecimal digits of the SHA-256 of the scenario's JSON."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()[:12]
 
 

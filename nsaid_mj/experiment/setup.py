@@ -1,12 +1,12 @@
-"""From a scenario to what moves and what identifies: the one place that wires them together.
+"""Wires a scenario's plant, prior, driver, sensors and identifiers; nothing else does.
 
 A `Setup` holds the simulated plant and the prior θ̂(0), and builds driver, sensors and identifiers,
-each from its own stream of the scenario's seed. Whoever simulates goes through it: a run, its
-held-out trajectory, a comparison of methods, a Monte Carlo study.
+each from its own stream of the scenario's seed. Runs, held-out trajectories, comparisons of methods
+and Monte Carlo studies all use it.
 
 The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is drawn
-here as the truth plus a seeded error; nothing else in this package reads the truth before a run has
-ended.
+here as the truth plus a seeded error; nothing else in this package reads the truth before the end
+of a run.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from ..system import SecondOrderSystem
 from .rehearsal import expected_gramian
 from .scenario import Scenario
 
-_REHEARSAL = 60.0  # longest motion that is simulated to design a gain [s]
+_REHEARSAL = 60.0  # longest simulation for the design of a gain [s]
 
 
 class Seeds(NamedTuple):
-    """Independent streams of one seed; a stream added at the end changes none before it."""
+    """Independent random streams of one seed; appending a stream leaves the others unchanged."""
 
     truth: np.random.SeedSequence
     prior: np.random.SeedSequence
@@ -44,16 +44,16 @@ class Seeds(NamedTuple):
 
     @staticmethod
     def of(seed: int) -> Seeds:
-        """The streams of a scenario's seed."""
+        """Spawns the streams of a scenario's seed."""
         return Seeds(*np.random.SeedSequence(seed).spawn(len(Seeds._fields)))
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A scenario's simulated plant and prior, and whatever else a simulation needs.
+    """A scenario's plant and prior, and builders of its driver, sensors and identifiers.
 
     Attributes:
-        scenario: what is simulated.
+        scenario: the scenario.
         plant: the simulated plant, which holds the truth.
         prior: (p,) θ̂(0), the truth plus a seeded error.
     """
@@ -64,18 +64,18 @@ class Setup:
 
     @staticmethod
     def of(scenario: Scenario) -> Setup:
-        """Builds the plant whose truth the scenario's seed draws, and draws the prior."""
+        """Builds the plant, with a truth drawn from the scenario's seed, and draws the prior."""
         seeds = Seeds.of(scenario.seed)
         plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
         return Setup(scenario, plant, prior_for(scenario, plant))
 
     def with_prior_of(self, scenario: Scenario) -> Setup:
-        """The same plant, identified from the prior and by the law of another scenario."""
+        """This plant with the prior and the identifier of another scenario."""
         return Setup(scenario, self.plant, prior_for(scenario, self.plant))
 
     @property
     def system(self) -> SecondOrderSystem:
-        """The structure that an identifier may know."""
+        """The structure, which identifiers may know."""
         return self.plant.system
 
     @property
@@ -84,16 +84,16 @@ class Setup:
         return Seeds.of(self.scenario.seed)
 
     def driver(self) -> Driver:
-        """What drives the plant during the run."""
+        """Builds the driver of the run."""
         return self._driver(self.seeds.excitation)
 
     def sensors(self) -> Sensors:
-        """What measures the plant during the run, exact or noisy."""
+        """Builds the sensors of the run, exact or noisy."""
         noise = self.scenario.noise if self.scenario.sensors == "noisy" else None
         return Sensors(noise, np.random.default_rng(self.seeds.sensors))
 
     def identifiers(self) -> dict[str, Identifier]:
-        """The scenario's own identifier, named "", and its rivals, all from the one prior."""
+        """Builds the scenario's own identifier, named "", and its rivals, from the same prior."""
         scenario, system, prior = self.scenario, self.system, self.prior
         levels = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
 
@@ -111,8 +111,7 @@ class Setup:
         """Drives the plant for the run's duration; call it inside `with plant.running():`.
 
         Returns:
-            The measurements, fewer where the plant diverges or one is not finite, which is then
-            the last.
+            The measurements, ending early if the plant diverges or after one that is not finite.
         """
         return trajectory(self.plant, self.driver(), self.scenario.steps, self.sensors())
 
@@ -120,10 +119,10 @@ class Setup:
         """Drives the plant along a trajectory that no identifier has seen, with exact sensors.
 
         Args:
-            as_at: time of the run at which the plant's actuators are taken [s].
+            as_at: time of the run whose actuator state, faulty or not, is used [s].
 
         Returns:
-            None where the plant diverges, as it may where the run did.
+            The log; None if the plant diverges.
         """
         driver = self._driver(self.seeds.held_out)
         steps = max(2, round(self.scenario.held_out / self.scenario.dt))
@@ -137,7 +136,7 @@ class Setup:
 
 
 def prior_for(scenario: Scenario, plant: Plant) -> Array:
-    """(p,) the prior that a scenario's seed draws about a plant's truth."""
+    """(p,) the prior, drawn about a plant's truth from a scenario's seed."""
     return draw_prior(
         plant.truth,
         plant.system.space,
@@ -156,19 +155,19 @@ def draw_prior(
     rng: np.random.Generator,
     in_cone: bool = False,
 ) -> Array:
-    """θ̂(0): every parameter is off by at most ±error of its size.
+    """(p,) a prior θ̂(0) with uniform relative errors of up to ±error on every parameter.
 
-    The size of a parameter near 0 (a product of inertia) is a tenth of its scale, so that no
-    estimate starts out exact.
+    Errors are relative to the parameter's magnitude, or to a tenth of its scale if that is larger,
+    so that a product of inertia near 0 is not exact from the start.
 
     Args:
         truth: (p,) the true θ.
         space: its names and scales.
         error: largest relative error.
-        gain_error: if given, actuator parameters are off by exactly this share, alternately too
-            large and too small.
-        rng: source of the errors.
-        in_cone: whether θ̂(0) must be physically consistent: see `cone.drawn_inside`.
+        gain_error: if given, the relative error of actuator parameters, alternately positive and
+            negative.
+        rng: random number generator.
+        in_cone: whether θ̂(0) must be physically consistent; see `cone.barrier.drawn_inside`.
     """
     if in_cone:
         prior = drawn_inside(space, truth, error, rng)
@@ -189,13 +188,21 @@ def trajectory(
     sensors: Sensors = EXACT_SENSORS,
     as_at: float | None = None,
 ) -> Log:
-    """steps + 1 measurements of a plant that is running, fewer where it diverges.
+    """Drives a running plant for a number of time steps.
 
-    With `as_at` [s] the plant's actuators stay as they are at that time of a run.
+    Args:
+        plant: inside its `running()` context.
+        driver: makes the commands.
+        steps: number of time steps.
+        sensors: make the measurements.
+        as_at: freezes the actuators in their state at this time of a run [s].
+
+    Returns:
+        steps + 1 measurements, fewer if the plant diverges.
     """
     return plant.drive(driver, plant.begin(driver, sensors, as_at), steps, sensors)
 
 
 def is_sound(plant: Plant, log: Log) -> bool:
-    """Whether a plant that has just been driven did not diverge, and all of its log is finite."""
+    """Whether a plant did not diverge along its last log, and all of the log is finite."""
     return not plant.diverged and all(np.isfinite(part).all() for part in log)

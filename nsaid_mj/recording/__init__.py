@@ -1,8 +1,8 @@
-"""A run to look at: run.rrd for the Rerun viewer, and the same while it runs.
+"""Recordings for the Rerun viewer: run.rrd of a finished run, and live streaming during a run.
 
-This folder is the only importer of rerun. What is drawn is in `scene` (the robot) and `series`
-(the curves), how it is arranged in `layout`; `file` writes a run that has ended, `live` streams
-one that has not, `viewer` knows how to start Rerun's own program.
+Only this package imports rerun. `scene` draws the robot, `forces` the actuator forces, `series` the
+curves; `layout` arranges them in the viewer. `file` writes a finished run, `live` streams a running
+one, and `viewer` finds and starts Rerun's viewer.
 """
 
 from .file import FILE as FILE

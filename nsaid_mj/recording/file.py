@@ -1,4 +1,4 @@
-"""run.rrd: a whole run for the Rerun viewer."""
+"""run.rrd: the recording of a finished run for the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from .series import Indices, along, curves, shared
 from .text import drawable, result
 
 FILE = "run.rrd"
-_POINTS = 4000  # of a curve: more than a screen is wide
-_LOOKS = 500  # at what there will be to see, to set up the scene
-_FRAMES, _RATE = 12000, 40.0  # of the robot's motion, and at most so many a second
+_POINTS = 4000  # of a curve, at most; more than the width of a screen
+_LOOKS = 500  # rows of the record from which camera and arrows are set up
+_FRAMES, _RATE = 12000, 40.0  # largest number of frames of the robot, and frames per second
 
 
 def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
-    """Writes a run's recording, whole or not at all.
+    """Writes a run's recording, atomically.
 
     Args:
-        run: a run that has ended, however it did.
-        summary: its summary.json.
-        truth: of its plant; None leaves out whatever needs it.
+        run: a finished run with at least one row, completed or not.
+        summary: the content of its summary.json.
+        truth: of its plant; None leaves out everything that needs it.
 
     Returns:
-        The file.
+        The path of the file.
     """
     record, system = run.record, run.system
     space, t, theta_hat = system.space, record["t"], record["theta_hat"]
@@ -87,17 +87,17 @@ def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
             curve.log_style(rec)
             curve.log_values(rec, t[rows])
         rec.flush()
-        rec.disconnect()  # writes the file's end
+        rec.disconnect()  # writes the end of the file
     return file
 
 
 def _log_forces(
     rec: rr.RecordingStream, arrows: Arrows, rows: Rows, theta_hat: Array, truth: Truth | None
 ) -> None:
-    """Logs the estimated forces at rows, and beside them the commanded ones where they are known.
+    """Logs the forces under θ̂ and, if the truth is known, the commanded ones next to them.
 
-    Beside the commanded forces the estimated ones are drawn up to the common factor, which nobody
-    can know.
+    For the comparison θ̂ is divided by the common factor that brings it closest to the truth, since
+    that factor is unobservable.
     """
     if truth is None:
         arrows.log_style(rec, ESTIMATED)
@@ -110,9 +110,9 @@ def _log_forces(
     arrows.log(rec, ESTIMATED, rows, theta_hat / factor[:, None])
 
 
-def _kind(space: ParameterSpace, told: Indices) -> str:
-    """What parameters of these indices are called together, "" where there are none."""
-    kinds = [block for block, place in space if place.start in told]
+def _kind(space: ParameterSpace, chosen: Indices) -> str:
+    """A common noun for the chosen parameters; empty if there are none."""
+    kinds = [block for block, place in space if place.start in chosen]
     if len(kinds) > 1:
         return "actuator parameter" if all(b.actuator for b in kinds) else "parameter"
     return kinds[0].name if kinds else ""
@@ -123,6 +123,6 @@ def _rows(record: Record, rows: Indices) -> Rows:
 
 
 def spread(length: int, most: int) -> Indices:
-    """At most about `most` of `length` rows, evenly, the first and the last among them."""
+    """Indices of at most about `most` of `length` rows, evenly spaced, including first and last."""
     stride = max(1, -(-length // most))
     return np.unique(np.append(np.arange(0, length, stride), length - 1))

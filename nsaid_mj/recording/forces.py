@@ -1,4 +1,4 @@
-"""Forces of a vehicle's actuators, as arrows where they act."""
+"""Actuator forces of a vehicle, drawn as arrows at their points of application."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..parameters import Array, Indices
+from ..parameters import Array, Indices, phrase
 from ..system import SecondOrderSystem
 from .scene import BODY, body_axes
 from .text import drawable
 
 COMMANDED, ESTIMATED = f"{BODY}/force/commanded", f"{BODY}/force/estimated"
 _COLORS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
-_STEEP = 0.5  # cosine beyond which a force's direction counts as inwards
-_MUCH = 5.0  # times smaller than others, a force is drawn longer
-_LENGTH, _RADIUS = 0.8, 0.035  # of an arrow, in half vehicle sizes
+_STEEP = 0.5  # cosine of the angle to the inward normal within which a force points inwards
+_MUCH = 5.0  # ratio of force magnitudes from which the smaller force's arrow is magnified
+_LENGTH, _RADIUS = 0.8, 0.035  # of the longest arrow, over half the vehicle's size
 
 
 class Rows(NamedTuple):
-    """Measurements.
+    """Measurements of k samples.
 
     Attributes:
         t: (k,) times [s].
@@ -40,43 +40,42 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Arrows:
-    """The actuators of a vehicle whose forces have a place, and how they are drawn.
+    """The actuators of a vehicle whose forces have a point of application, and their arrows.
 
     Attributes:
         system: the vehicle's structure.
-        parts: for each arrow the indices in θ of the parameters whose forces add up in it; a fin's
-            lift and drag are one force.
-        mounts: (j, 3) where the forces act, in the body's axes [m].
-        beside: (j, 3) from the commanded force's arrow to the estimated one's, in the body's axes
-            [m]; at one place they would hide each other.
+        parts: for each arrow, the indices in θ of the parameters whose forces add up to it, such
+            as a fin's lift and drag.
+        mounts: (j, 3) points of application, in the body frame [m].
+        offsets: (j, 3) from the commanded force's arrow to the estimated one's, in the body frame
+            [m], so that neither hides the other.
         radius: of an arrow [m].
-        lengths: (j, 1) of the arrows [m/N].
-        magnified: how many times longer than the others' a kind of actuator's arrows are.
+        lengths: (j, 1) scale of each arrow [m/N].
+        magnified: magnification of the arrows of some kinds of actuators, by name of the kind.
     """
 
     system: SecondOrderSystem
     parts: Sequence[Indices]
     mounts: Array
-    beside: Array
+    offsets: Array
     radius: float
     lengths: Array
     magnified: Mapping[str, float]
 
     @staticmethod
     def of(system: SecondOrderSystem, size: float, rows: Rows, theta: Array) -> Arrows | None:
-        """Arrows of which the longest is half as long as the vehicle, in rms over given rows.
+        """Scales the arrows so that the rms length of the longest is 0.8 `size`.
 
-        Much smaller forces of another kind of actuator are drawn as many times longer as keeps
-        them within that length.
+        The arrows of a kind of actuator with much smaller forces are magnified, within that length.
 
         Args:
-            system: any structure; it tells the places of its actuators' forces in `mounts`.
+            system: any structure; its `mounts` are the points of application.
             size: half the vehicle's size [m].
-            rows: of operation.
+            rows: samples of the motion that the forces are evaluated at.
             theta: (p,) parameters.
 
         Returns:
-            None where no force has a place.
+            None if no force has a point of application.
         """
         given = system.mounts
         if given is None or not body_axes(system):
@@ -95,42 +94,42 @@ class Arrows:
         times = {kind: _magnified(most / own) if own else 1.0 for kind, own in longest.items()}
         radius = _RADIUS * size
         if system.group == 3:
-            mounts[:, 2] += 2.5 * radius  # upon the ground, and the path, not within them
+            mounts[:, 2] += 2.5 * radius  # above the ground and the path
         return Arrows(
             system,
             parts,
             mounts,
-            beside=2.4 * radius * _outward(mounts, forces),
+            offsets=2.4 * radius * _outward(mounts, forces),
             radius=radius,
             lengths=_LENGTH * size / (most or 1.0) * np.array([[times[kind]] for kind in kinds]),
             magnified={kind: factor for kind, factor in times.items() if factor > 1},
         )
 
     def log_style(self, rec: rr.RecordingStream, *paths: str) -> None:
-        """Logs the colour of commanded or estimated forces, and whose they are."""
+        """Logs the colours of commanded or estimated forces, and the labels of their actuators."""
         space = self.system.space
-        names = [drawable(" + ".join(space.names[i] for i in part)) for part in self.parts]
+        labels = [drawable(phrase(space.labels[i] for i in part)) for part in self.parts]
         for path in paths:
             style = rr.Arrows3D.from_fields(
                 colors=[_COLORS[path]],
                 radii=[self.radius],
-                labels=names,
+                labels=labels,
                 show_labels=False,
             )
             rec.log(path, style, static=True)
 
     def log(self, rec: rr.RecordingStream, path: str, rows: Rows, theta: Array) -> None:
-        """Logs forces, all at once: each begins where it acts, or ends there if it pushes inwards.
+        """Logs forces in one batch. Arrows start at their mount, or end there if they push inwards.
 
         Args:
-            rec: where to.
+            rec: recording stream.
             path: COMMANDED or ESTIMATED.
-            rows: when.
-            theta: (p,) or (k, p) parameters that the forces have.
+            rows: k samples.
+            theta: (p,) or (k, p) parameters.
         """
         forces = body_forces(self.system, self.parts, rows, theta)
         vectors = self.lengths * forces
-        at = self.mounts + self.beside if path == ESTIMATED else self.mounts
+        at = self.mounts + self.offsets if path == ESTIMATED else self.mounts
         origins = np.where(_pushes(self.mounts, forces)[..., None], at - vectors, at)
         arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))
         time = rr.TimeColumn("sim_time", duration=rows.t)
@@ -140,12 +139,12 @@ class Arrows:
 def body_forces(
     system: SecondOrderSystem, parts: Sequence[Indices], rows: Rows, theta: Array
 ) -> Array:
-    """(k, j, 3) forces F_i θ_i, summed over the parameters of each part, in the body's axes [N].
+    """(k, j, 3) forces F_i θ_i, summed over the parameters of each part, in the body frame [N].
 
     Args:
-        system: a vehicle's structure, with the body's twist first among its velocities.
+        system: a vehicle's structure; its first velocities are the body's twist.
         parts: j groups of indices in θ.
-        rows: k of them.
+        rows: k samples.
         theta: (p,) or (k, p) parameters.
     """
     axes = body_axes(system)  # a planar body's forces are in its plane
@@ -157,13 +156,13 @@ def body_forces(
 
 
 def _rms(chosen: list[bool], forces: Array) -> float:
-    """Of the longest among the chosen of forces (k, j, 3), over the k rows [N]."""
+    """Rms over k rows of the largest of the chosen forces, out of (k, j, 3) [N]."""
     longest = np.linalg.norm(forces[:, chosen], axis=2).max(axis=1)
     return float(np.sqrt(np.mean(longest**2)))
 
 
 def _magnified(ratio: float) -> float:
-    """The largest of 5, 10, 20, 50, 100 … that is not above a ratio, else 1."""
+    """The largest of 5, 10, 20, 50, 100 … that does not exceed a ratio; 1 if the ratio is < 5."""
     if ratio < _MUCH:
         return 1.0
     n = 10.0 ** np.floor(np.log10(ratio))
@@ -171,13 +170,13 @@ def _magnified(ratio: float) -> float:
 
 
 def _pushes(mounts: Array, forces: Array) -> NDArray[np.bool_]:
-    """(k, j) whether forces (k, j, 3) at mounts (j, 3) point into the vehicle, about."""
+    """(k, j) whether forces (k, j, 3) at mounts (j, 3) point roughly towards the origin."""
     sizes = np.linalg.norm(forces, axis=2) * np.linalg.norm(mounts, axis=1)
     return np.einsum("kja,ja->kj", forces, mounts) < -_STEEP * sizes
 
 
 def _outward(mounts: Array, forces: Array) -> Array:
-    """(j, 3) unit vectors across each actuator's line of action, away from the body's origin.
+    """(j, 3) unit vectors normal to each actuator's line of action, away from the body's origin.
 
     Args:
         mounts: (j, 3) [m].

@@ -1,4 +1,4 @@
-"""How the viewer arranges a run: pages as tabs, the first one tells the story without a click."""
+"""Layout of the viewer: tabs of plots, the first of which shows the essentials of the run."""
 
 from __future__ import annotations
 
@@ -28,26 +28,28 @@ def blueprint(
     rivals: bool = False,
     conserves: bool = False,
 ) -> rrb.Blueprint:
-    """The arrangement of a run that has ended.
+    """Layout of a finished run whose truth is known.
 
     Args:
         space: the parameters.
-        camera: where the robot is seen from; None leaves the 3D view out.
-        survey: where a vehicle's whole way is seen from; None leaves it out.
-        magnified: how many times longer than the others' some actuators' arrows are; None where
-            no forces are drawn.
-        farthest: the largest ‖θ̄_P⊥‖/‖θ̂‖ there is to see.
-        shared: what the shares are of ("motor gain"), "" where there are none.
-        rivals: whether there are rivals to compare with.
-        conserves: whether the law's quantity is conserved.
+        camera: of the robot; None leaves the 3D view out.
+        survey: camera on a vehicle's whole path; None leaves the path out.
+        magnified: magnification of some actuators' force arrows, by name of the kind; None if no
+            forces are drawn.
+        farthest: largest ‖θ̄_P⊥‖/‖θ̂‖ in the recording.
+        shared: the kind of parameters compared by relative gain ("motor gain"); empty if none.
+        rivals: whether the recording contains rivals.
+        conserves: whether the law conserves θ̂ᵀ Γ⁻¹ θ̂.
     """
     story = [
         plot("distance", "Distance to the true set  ‖θ̄_P⊥‖ / ‖θ̂‖  [1]", (0.0, 1.05 * farthest))
     ]
     if shared:
-        story.append(plot("share", f"Share of each {shared}, estimate / truth  (1 = right)"))
+        title = f"{shared.capitalize()}s, estimate / truth, relative to the mean  (1 = exact)"
+        story.append(plot("share", title))
     if shared and rivals:
-        story.append(plot("share_error", f"Largest error of a {shared}'s share  [%]"))
+        title = f"Largest error of a {shared}, relative to the mean  [%]"
+        story.append(plot("share_error", title))
     elif len(space.actuators) > 1:
         story.append(_estimate(max((b for b, _ in space if b.actuator), key=len).name))
     else:
@@ -57,15 +59,15 @@ def blueprint(
     overview = _overview(camera, survey, drawn, magnified, story)
     certificates = rrb.Grid(
         _log_distance(),
-        plot("theta_perp", "Components  θ̄_P⊥  (40)", legend=False),
+        plot("theta_perp", "Components of  θ̄_P⊥  (40)", legend=False),
         plot("lyapunov", "Lyapunov function  V  (66)  [J]"),
         *([_conserved()] if conserves else []),
-        plot("velocity_rms", "Velocity error, rms over the velocities"),
+        plot("velocity_rms", "Velocity error, rms over all velocities"),
         plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
         plot("velocity", "Measured velocity  v"),
         plot("command", "Command  u"),
         grid_columns=2,
-        name="Proof and excitation",
+        name="Theory and excitation",
     )
     return _whole(overview, *estimates(space), certificates)
 
@@ -79,38 +81,38 @@ def measured_blueprint(
     forces: bool = False,
     conserves: bool = False,
 ) -> rrb.Blueprint:
-    """The arrangement of a run whose truth nobody knows: predictions against measurements.
+    """Layout of a finished run whose truth is unknown: predictions against measurements.
 
     Args:
         space: the parameters.
-        camera: where the robot is seen from; None leaves the 3D view out.
-        survey: where a vehicle's whole way is seen from; None leaves it out.
-        magnified: how many times longer than the others' some actuators' arrows are; None where
-            no forces are drawn.
-        forces: whether the two sides of the force balance are there to be compared.
-        conserves: whether the law's quantity is conserved.
+        camera: of the robot; None leaves the 3D view out.
+        survey: camera on a vehicle's whole path; None leaves the path out.
+        magnified: magnification of some actuators' force arrows, by name of the kind; None if no
+            forces are drawn.
+        forces: whether the recording contains the two sides of the force balance.
+        conserves: whether the law conserves θ̂ᵀ Γ⁻¹ θ̂.
     """
-    story = [plot("velocity", "Measured velocity  v, predicted  v̂ (pale)")]
+    story = [plot("velocity", "Velocity, measured  v and predicted  v̂ (pale)")]
     if forces:
-        story.append(plot("force", "Force that the motion takes, actuators give (pale), under θ̂"))
+        story.append(plot("force", "Force balance under θ̂: motion, actuators (pale)"))
     story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
     story += [_estimate(block.name, False) for block, _ in space if block.actuator][:1]
     certificates = [
-        plot("velocity_rms", "Velocity error, rms over the velocities"),
+        plot("velocity_rms", "Velocity error, rms over all velocities"),
         plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
         plot("command", "Command  u"),
     ]
     if conserves:
         certificates.insert(0, _conserved())
     overview = _overview(camera, survey, "estimated (orange)", magnified, story)
-    proof = rrb.Grid(*certificates, grid_columns=2, name="Proof and excitation")
-    return _whole(overview, *estimates(space, judged=False), proof)
+    theory = rrb.Grid(*certificates, grid_columns=2, name="Theory and excitation")
+    return _whole(overview, *estimates(space, judged=False), theory)
 
 
 def live_blueprint(
     space: ParameterSpace, camera: Camera | None, magnified: Mapping[str, float] | None = None
 ) -> rrb.Blueprint:
-    """The arrangement of a run that goes on: what can be known without the truth."""
+    """Layout of a running run, without anything that needs the truth."""
     plots = [
         plot("velocity_error", "Velocity error  Δv = v̂ − v"),
         *[_estimate(block.name, False) for block, _ in space if block.actuator][:2],
@@ -124,15 +126,15 @@ def live_blueprint(
 
 
 def estimates(space: ParameterSpace, judged: bool = True) -> list[rrb.Grid]:
-    """Pages of θ̂ by block: actuators first, then the others, large ones, and links.
+    """Pages of θ̂: small blocks, actuators first, then a page per large block, then the links.
 
     Args:
         space: the parameters.
-        judged: whether the true direction is shown beside them.
+        judged: whether the plots also contain the true direction.
     """
     blocks = [block for block, _ in sorted(space, key=lambda item: not item[0].actuator)]
     links = [b for b in blocks if b.geometry == "pseudo_inertia"]
-    links = links if len(links) > 1 else []  # a single body is a block as any other
+    links = links if len(links) > 1 else []  # a single body is an ordinary block
     large = [b for b in blocks if len(b) > len(PALETTE)]
     small = [b for b in blocks if b not in links + large]
     pages = [_estimate_page("Estimate", small, judged)] if small else []
@@ -146,7 +148,7 @@ def estimates(space: ParameterSpace, judged: bool = True) -> list[rrb.Grid]:
     return pages
 
 
-_WHOLE_RUN = rr.TimeRange(  # by itself a plot shows a minute about the cursor
+_WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
     start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
 )
 
@@ -154,7 +156,7 @@ _WHOLE_RUN = rr.TimeRange(  # by itself a plot shows a minute about the cursor
 def plot(
     entity: str, title: str, span: tuple[float, float] | None = None, legend: bool = True
 ) -> rrb.TimeSeriesView:
-    """One plot over the time of the run; `span` is what its axis shows, None what there is."""
+    """One plot over the whole run; `span` is the range of its vertical axis, None to fit it."""
     return rrb.TimeSeriesView(
         origin=f"/{entity}",
         name=drawable(title),
@@ -165,7 +167,7 @@ def plot(
 
 
 def robot(camera: Camera, name: str) -> rrb.Spatial3DView:
-    """The robot, on its ground; a vehicle with its last way bright."""
+    """The robot above the ground grid; the most recent part of a vehicle's path is bright."""
     since = rr.TimeRangeBoundary.cursor_relative(seconds=-camera.trail)
     return _space(
         camera,
@@ -178,7 +180,7 @@ def robot(camera: Camera, name: str) -> rrb.Spatial3DView:
 
 
 def way(camera: Camera) -> rrb.Spatial3DView:
-    """A vehicle's whole way until now, and a mark where it is."""
+    """A vehicle's path so far, and a mark at its position."""
     return _space(
         camera,
         "Path",
@@ -195,8 +197,8 @@ def way(camera: Camera) -> rrb.Spatial3DView:
 
 def _forces(which: str, magnified: Mapping[str, float] | None) -> str:
     if magnified is None:
-        return "Robot, as MuJoCo moves it"
-    longer = [f"{kind} {times:g} × as long" for kind, times in magnified.items()]
+        return "Robot, simulated by MuJoCo"
+    longer = [f"{kind} magnified {times:g} ×" for kind, times in magnified.items()]
     return drawable(f"Forces: {'; '.join([which, *longer])}")
 
 
@@ -230,7 +232,7 @@ def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.Visib
 
 
 def result() -> rrb.TextDocumentView:
-    """What came out, in words."""
+    """The panel with the result as text."""
     return rrb.TextDocumentView(origin="/result", name="Result")
 
 
@@ -241,11 +243,11 @@ def _overview(
     magnified: Mapping[str, float] | None,
     story: Sequence[rrb.View],
 ) -> rrb.Horizontal:
-    """The first page: the robot and the result on the left, the plots that matter on the right."""
-    told: rrb.View | rrb.Container = result()
+    """The first page: robot and result on the left, the main plots on the right."""
+    below: rrb.View | rrb.Container = result()
     if survey is not None:
-        told = rrb.Horizontal(way(survey), told, column_shares=[2, 3])
-    left: list[rrb.View | rrb.Container] = [told]
+        below = rrb.Horizontal(way(survey), below, column_shares=[2, 3])
+    left: list[rrb.View | rrb.Container] = [below]
     if camera is not None:
         left.insert(0, robot(camera, _forces(drawn, magnified)))
     return rrb.Horizontal(
@@ -257,7 +259,7 @@ def _overview(
 
 
 def _conserved() -> rrb.TimeSeriesView:
-    return plot("conserved", "Drift of the conserved  ‖θ̂‖² under Γ⁻¹  (30), relative, log₁₀")
+    return plot("conserved", "Relative drift of the conserved quantity  (30)  [log₁₀]")
 
 
 def _log_distance() -> rrb.TimeSeriesView:
@@ -270,8 +272,8 @@ def _estimate_page(name: str, blocks: Sequence[Block], judged: bool) -> rrb.Grid
 
 
 def _estimate(block: str, judged: bool = True) -> rrb.TimeSeriesView:
-    beside = " and its true direction (pale)" if judged else ""
-    return plot(path("estimate", block), f"Estimate of {block}{beside}, / scale")
+    true = " and its true direction (pale)" if judged else ""
+    return plot(path("estimate", block), f"Estimate of {block}{true}, / scale")
 
 
 def _whole(

@@ -1,4 +1,4 @@
-"""A run as it goes on, in the viewer. It sees what the identifier sees, and no true value."""
+"""Streams a run into the viewer while it runs: measurements and estimates, no true value."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ from .series import Curves, estimate_names, excitation, path, velocity_names
 from .text import drawable
 from .viewer import GRPC_PORT, LOCAL, WEB_PORT, free_port, has_display, listening, program, serving
 
-_PERIOD = 0.05  # between two looks, of the run's and of the wall's clock [s]
-_SHARE = 10  # a robot is drawn so seldom that its poses take a tenth of the time at most
-_PATIENCE = 5.0  # for the viewer to start, and to take what is left at the end [s]
+_PERIOD = 0.05  # between two updates, in simulated time and in wall time [s]
+_SHARE = 10  # poses are logged at intervals of at least ten times the time that logging takes
+_PATIENCE = 5.0  # timeout for the viewer to start, and to receive the remaining data [s]
 
 
 class Live(Observer):
-    """Streams a run into a viewer's window, or where there is no display to a browser.
+    """Streams a run into a viewer window, or to a browser if there is no display.
 
-    Whatever happens to the viewer, the run goes on: the first failure is told in one line, and
-    nothing is streamed from then on.
+    A failure of the viewer never stops the run: it is reported in one line, and streaming ends.
 
     Args:
         name: of the run.
@@ -50,13 +49,13 @@ class Live(Observer):
         """Starts the viewer and shows the robot."""
         try:
             self._start(plant)
-        except Exception as error:  # whatever a viewer raises, the run matters more
+        except Exception as error:  # no error of the viewer may stop the run
             self._give_up(error)
 
     def see(
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
     ) -> None:
-        """Streams Δv, θ̂ by block, the levels of excitation and the robot, 20 times a second."""
+        """Streams Δv, θ̂ by block, excitation levels and the robot, at most 20 times a second."""
         now = time.perf_counter()
         if self._rec is None or now < self._next:
             return
@@ -67,7 +66,7 @@ class Live(Observer):
             self._give_up(error)
 
     def stop(self) -> None:
-        """Hands the viewer what is left. A window stays open; a server ends, its pages stay."""
+        """Sends the remaining data. A window stays open; the web server is stopped."""
         rec, self._rec = self._rec, None
         try:
             if rec is not None:
@@ -80,7 +79,7 @@ class Live(Observer):
 
     def _start(self, plant: Plant) -> None:
         self._space, self._scene = plant.system.space, Scene(plant.system, plant)
-        rng = np.random.default_rng(0)  # where the robot may go, as its structure says
+        rng = np.random.default_rng(0)  # of random states, which set up camera and arrows
         states = [plant.system.random_state(rng) for _ in range(50)]
         q, v, u = (np.array(part) for part in zip(*states, strict=True))
         rows = Rows(np.zeros(len(q)), q, v, u)
@@ -102,7 +101,7 @@ class Live(Observer):
         self._rec = rec
 
     def _open(self) -> str:
-        """Opens a window, which outlives the run; returns where to send the data."""
+        """Opens a window, which outlives the run; returns the address to send data to."""
         port = free_port(GRPC_PORT)
         flags = [*listening(port), "--hide-welcome-screen", "--expect-data-soon"]
         viewer = _launch(flags, start_new_session=True)
@@ -110,10 +109,10 @@ class Live(Observer):
         return _target(port)
 
     def _serve(self) -> str:
-        """Starts a web server for this machine only; returns where to send the data.
+        """Starts a web server on the loopback interface; returns the address to send data to.
 
-        `RecordingStream.serve_grpc` and `serve_web_viewer` would do it within this process, but
-        listen to the whole network.
+        `RecordingStream.serve_grpc` and `serve_web_viewer` do this within the process, but listen
+        on all network interfaces.
         """
         port, web = free_port(GRPC_PORT), free_port(WEB_PORT)
         self._server = _launch(serving(port, web))
@@ -149,7 +148,7 @@ class Live(Observer):
         self._rec = None
         self._end_server()
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        print(f"nsaid: the run goes on without a viewer: {reason}", file=sys.stderr)
+        print(f"nsaid: continuing without the viewer: {reason}", file=sys.stderr)
 
     def _end_server(self) -> None:
         server, self._server = self._server, None
@@ -173,22 +172,22 @@ def _launch(flags: list[str], start_new_session: bool = False) -> subprocess.Pop
 
 
 def _wait_for(viewer: subprocess.Popen[bytes], port: int) -> None:
-    """Waits until the viewer listens.
+    """Waits until the viewer accepts connections.
 
     Raises:
-        ConnectionError: it has ended.
-        TimeoutError: it does not answer.
+        ConnectionError: the viewer exited.
+        TimeoutError: the viewer did not answer.
     """
     end = time.monotonic() + _PATIENCE
     while time.monotonic() < end:
         if viewer.poll() is not None:
-            raise ConnectionError(f"Rerun's viewer ended with code {viewer.returncode}")
+            raise ConnectionError(f"the Rerun viewer exited with code {viewer.returncode}")
         try:
             socket.create_connection((LOCAL, port), timeout=0.2).close()
             return
         except OSError:
             time.sleep(0.05)
-    raise TimeoutError(f"Rerun's viewer did not answer within {_PATIENCE:g} s")
+    raise TimeoutError(f"the Rerun viewer did not answer within {_PATIENCE:g} s")
 
 
 def _target(port: int) -> str:
@@ -196,7 +195,7 @@ def _target(port: int) -> str:
 
 
 def _curves(plant: Plant) -> list[Curves]:
-    """What is streamed, without values."""
+    """The streamed curves, without values."""
 
     def empty(width: int) -> np.ndarray:
         return np.zeros((0, width))

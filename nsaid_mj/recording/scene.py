@@ -1,4 +1,4 @@
-"""The robot in 3D: its meshes, else the skeleton of its joints; a vehicle's path too."""
+"""The robot in 3D: its meshes, or a skeleton of its joints, and the path of a vehicle."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from ..systems.scalar import ScalarVehicle
 ROBOT = "robot"
 BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"
 CENTRE = f"{BODY}/centre"
-_TRAIL = 12.0  # how many times its size of a vehicle's last way is bright …
-_SHORTEST, _LONGEST = 1.0, 20.0  # … and for how long [s]
+_TRAIL = 12.0  # length of the bright part of a vehicle's path, over half its size
+_SHORTEST, _LONGEST = 1.0, 20.0  # bounds on the duration of the bright part [s]
 EYE = np.array([1.15, -1.45, 0.65]) / np.linalg.norm([1.15, -1.45, 0.65])
-_CREASE = np.cos(np.radians(35))  # faces that meet at more than this angle keep their edge
+_CREASE = np.cos(np.radians(35))  # edges between faces at a larger angle are drawn sharp
 _JOINT, _BONE, _STAND = (255, 176, 59), (130, 170, 255), (70, 78, 92)
 _WAY, _LAST_WAY = (58, 104, 128), (64, 214, 224)
-_GHOST, _LIGHT = 0.6, 0.25  # opacity, and share of white, of a vehicle that arrows go through
+_GHOST, _LIGHT = 0.6, 0.25  # opacity, and share of white, of meshes with arrows inside
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a 3D view is seen from.
+    """The camera of a 3D view, in world coordinates.
 
     Attributes:
         position: (3,) of the eye [m].
-        target: (3,) what it looks at [m].
-        size: radius of what there is to see [m].
+        target: (3,) point that it looks at [m].
+        size: radius of the visible scene [m].
         ground: height of the ground grid [m].
-        grid: distance of its lines [m].
-        follows: the entity that the eye goes along with, "" where it stands still.
-        centre: (3,) what it follows, in the vehicle's axes [m].
-        trail: for how long a vehicle's way stays bright [s].
+        grid: spacing of the ground grid [m].
+        follows: entity that the camera tracks; empty if it is fixed.
+        centre: (3,) tracked point, in the body frame [m].
+        trail: duration of the bright part of a vehicle's path [s].
     """
 
     position: Array
@@ -53,26 +53,26 @@ class Camera:
 
 
 class Scene:
-    """Draws a robot into a recording. It reads no true value: shapes and poses only.
+    """Draws a robot into a recording, from shapes and poses only; it reads no true value.
 
     Args:
-        system: the robot's structure; the skeleton of its joints is drawn where it has no meshes.
-        looks: its meshes and where they are; None where nobody has them.
+        system: the robot's structure; the skeleton of its joints is drawn if it has no meshes.
+        looks: its meshes and their poses; None if there are none.
 
     Attributes:
-        vehicle: whether a body moves freely, in space, in the plane or up and down.
+        vehicle: whether the robot has a free body: in space, in the plane, or along the vertical.
     """
 
     def __init__(self, system: SecondOrderSystem, looks: Looks | None):
         self._system, self._looks = system, looks
         self._meshes = looks.visuals() if looks is not None else []
-        self._rigid = isinstance(system, RigidBody | ScalarVehicle)  # its meshes are one
+        self._rigid = isinstance(system, RigidBody | ScalarVehicle)  # all meshes on one body
         home = BODY if self._rigid else ROBOT
         self._paths = [f"{home}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
         tree = system if isinstance(system, JointTree) else None
         self._skeleton = tree.model if tree and not self._meshes else None
         self.vehicle = len(body_axes(system)) > 0
-        self._place = np.zeros((0, 3))  # (1, 3) where a vehicle was when it was last drawn
+        self._place = np.zeros((0, 3))  # (1, 3) a vehicle's last logged position, once there is one
 
     @property
     def empty(self) -> bool:
@@ -82,12 +82,12 @@ class Scene:
     def log_shapes(
         self, rec: rr.RecordingStream, camera: Camera | None, ghost: bool = False
     ) -> None:
-        """Logs what does not move: axes, meshes, a stand from the ground to an arm's foot.
+        """Logs everything static: axes, meshes, and a stand below an arm that is above the ground.
 
         Args:
-            rec: where to.
-            camera: where it is seen from, None if it is not.
-            ghost: lets what is inside the meshes be seen.
+            rec: recording stream.
+            camera: of the view; None if there is no 3D view.
+            ghost: draws the meshes half transparent, to show arrows inside them.
         """
         rec.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for path, mesh in zip(self._paths, self._meshes, strict=True):
@@ -121,9 +121,9 @@ class Scene:
                 way = rr.LineStrips3D.from_fields(colors=[color], radii=radius)
                 rec.log(path, way, static=True)
             centre = rr.Points3D([camera.centre], colors=[_LAST_WAY], radii=[0.01 * camera.size])
-            rec.log(CENTRE, centre, static=True)  # the eye can follow nothing but what is drawn
+            rec.log(CENTRE, centre, static=True)  # the camera can track drawn entities only
         elif camera.ground < 0 and isinstance(self._system, JointTree):
-            stand = rr.Cylinders3D(  # an arm that reaches below its foot stands on something
+            stand = rr.Cylinders3D(  # supports an arm that reaches below its base
                 lengths=[-camera.ground],
                 radii=[0.045 * camera.size],
                 centers=[[0.0, 0.0, camera.ground / 2]],
@@ -133,9 +133,9 @@ class Scene:
             rec.log(f"{ROBOT}/stand", stand, static=True)
 
     def log_poses(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
-        """Logs the poses at times t (k,) [s] and positions q (k, m), all at once.
+        """Logs the poses at times t (k,) [s] and positions q (k, m) in one batch.
 
-        A vehicle's way goes on from where it was logged last.
+        A vehicle's path continues from its last logged position.
         """
         time = rr.TimeColumn("sim_time", duration=t)
         if self.vehicle:
@@ -152,7 +152,7 @@ class Scene:
             self._log_meshes(rec, [time], q)
 
     def _log_meshes(self, rec: rr.RecordingStream, time: list[rr.TimeColumn], q: Array) -> None:
-        """Logs the meshes' poses at positions q (k, m); without a time once and for all."""
+        """Logs the meshes' poses at positions q (k, m); static if there is no time column."""
         translations, quaternions = self._poses(q)
         for i, path in enumerate(self._paths):
             pose = rr.Transform3D.columns(
@@ -161,7 +161,7 @@ class Scene:
             rec.send_columns(path, time, pose)
 
     def _log_body(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
-        """Logs where a vehicle is, and the step from where it was: a view shows many of them."""
+        """Logs a vehicle's pose, and its path as one line segment per frame."""
         places, quaternions = base_poses(self._system, q)
         pose = rr.Transform3D.columns(translation=places, quaternion=quaternions)
         rec.send_columns(BODY, [rr.TimeColumn("sim_time", duration=t)], pose)
@@ -175,10 +175,10 @@ class Scene:
                 rec.send_columns(path, [time], strips)
 
     def camera(self, q: Array, v: Array) -> Camera:
-        """A view of all that the positions q (k, m) reach, or of a vehicle as it goes.
+        """A fixed camera on an arm's whole workspace, or one that tracks a vehicle.
 
         Args:
-            q: (k, m) positions, the first of them where the run begins.
+            q: (k, m) positions, the first at the start of the run.
             v: (k, n) velocities.
         """
         points, first = self._reach(q), self._reach(q[:1])
@@ -200,7 +200,7 @@ class Scene:
         return Camera(target + 2.7 * size * EYE, target, size, lowest, grid, CENTRE, centre, trail)
 
     def survey(self, q: Array) -> Camera:
-        """A view of a vehicle's whole way over positions q (k, m)."""
+        """A fixed camera on a vehicle's whole path over positions q (k, m)."""
         places = base_poses(self._system, q)[0]
         low, high = places.min(axis=0), places.max(axis=0)
         target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
@@ -208,7 +208,7 @@ class Scene:
         return Camera(target + 2.2 * size * EYE, target, size, ground, rounded(size / 5))
 
     def _reach(self, q: Array) -> Array:
-        """(…, 3) corners of the meshes' boxes, or the joints, at positions q (k, m)."""
+        """(j, 3) corners of the meshes' bounding boxes, or joints, at positions q (k, m) [m]."""
         if self._skeleton is not None:
             return self._bones(q).reshape(-1, 3)
         translations, quaternions = self._poses(q)
@@ -221,13 +221,13 @@ class Scene:
         return np.concatenate(points) if points else np.zeros((1, 3))
 
     def _poses(self, q: Array) -> tuple[Array, Array]:
-        """Translations and quaternions of the meshes at positions q (k, m)."""
+        """Translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) at positions q (k, m)."""
         if self._looks is None:
             return np.zeros((len(q), 0, 3)), np.zeros((len(q), 0, 4))
         return self._looks.poses(q)
 
     def _bones(self, q: Array) -> Array:
-        """(k, bones, 2, 3) segments from every joint to the frames that hang on it [m]."""
+        """(k, bones, 2, 3) segments between joints, and from joints to their frames [m]."""
         model = self._skeleton
         assert model is not None
         data = model.createData()
@@ -236,7 +236,7 @@ class Scene:
         for configuration in q:
             pin.forwardKinematics(model, data, configuration)
             origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
-            joints = range(2 if self.vehicle else 1, model.njoints)  # a base hangs on nothing
+            joints = range(2 if self.vehicle else 1, model.njoints)  # a free base has no parent
             segments = [(origin[i], origin[model.parents[i]]) for i in joints]
             segments += [
                 (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
@@ -247,25 +247,25 @@ class Scene:
 
 
 def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, Array]:
-    """Splits a mesh at its sharp edges, so that round parts shine and edges stay edges.
+    """Splits a mesh into separate triangles with normals smoothed across all but sharp edges.
 
     Args:
         vertices: (k, 3) [m].
         triangles: (f, 3) indices.
 
     Returns:
-        (3 f, 3) vertices, (f, 3) triangles and (3 f, 3) unit normals.
+        (3f, 3) vertices [m], (f, 3) triangles and (3f, 3) unit normals.
     """
     corners = vertices[triangles]  # (f, 3 corners, 3)
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(area, axis=1, keepdims=True)
     unit = area / np.where(length > 0, length, np.inf)
-    # Vertices that lie at one place are one point, whatever the file's indices say.
+    # Vertices at the same position are merged, even if the mesh file lists them separately.
     _, point = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
     at = point.ravel()[triangles].ravel()
     order, normals = np.argsort(at, kind="stable"), np.empty((len(at), 3))
     _, first, met = np.unique(at[order], return_index=True, return_counts=True)
-    for count in np.unique(met):  # points at which as many corners meet, all at once
+    for count in np.unique(met):  # vectorised over all points shared by `count` corners
         group = order[first[met == count, None] + np.arange(count)]
         face = group // 3
         near = unit[face] @ unit[face].swapaxes(1, 2) > _CREASE
@@ -277,14 +277,14 @@ def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, A
 
 
 def body_axes(system: SecondOrderSystem) -> list[int]:
-    """Along which of a vehicle's axes x, y, z its first velocities go; none are an arm's."""
+    """Indices of the body axes x, y, z of a vehicle's linear velocities; empty for an arm."""
     if isinstance(system, ScalarVehicle):
         return [2]
     return {6: [0, 1, 2], 3: [0, 1], 0: []}[system.group]
 
 
 def base_poses(system: SecondOrderSystem, q: Array) -> tuple[Array, Array]:
-    """(k, 3) places [m] and (k, 4) attitudes in x, y, z, w of a vehicle's body at q (k, m)."""
+    """(k, 3) positions [m] and (k, 4) quaternions (x, y, z, w) of a vehicle's body at q (k, m)."""
     if system.group == 6:
         return q[:, :3], q[:, 3:7]
     zero = np.zeros(len(q))
@@ -295,18 +295,18 @@ def base_poses(system: SecondOrderSystem, q: Array) -> tuple[Array, Array]:
 
 
 def rounded(length: float) -> float:
-    """The nearest of 1, 2, 5 · 10ⁿ [m]."""
+    """The closest of 1, 2, 5 · 10ⁿ to a length [m], on a logarithmic scale."""
     n = 10.0 ** np.floor(np.log10(length))
     return min((n, 2 * n, 5 * n, 10 * n), key=lambda step: abs(np.log(step / length)))
 
 
 def _rotate(quaternions: Array, points: Array) -> Array:
-    """(k, j, 3) points (j, 3) turned by quaternions (k, 4) in x, y, z, w."""
+    """(k, j, 3) points (j, 3) rotated by quaternions (k, 4) in x, y, z, w order."""
     axis, w = quaternions[:, None, :3], quaternions[:, None, 3:]
     cross = np.cross(axis, points[None])
     return points + 2 * (w * cross + np.cross(axis, cross))
 
 
 def _plain(name: str) -> str:
-    """A name that needs no escape in an entity path."""
+    """A name without characters that need an escape in an entity path."""
     return "".join(c if c.isalnum() else "_" for c in name)

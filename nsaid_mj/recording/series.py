@@ -1,4 +1,4 @@
-"""The curves: what each shows, its name with its unit, its colour."""
+"""Time series of a recording: values, names with units, and colours."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .text import drawable
 
 Indices = NDArray[np.intp]
 
-PALETTE = (
+PALETTE = (  # RGB
     (78, 161, 255), (255, 159, 64), (80, 200, 120), (255, 99, 110), (178, 135, 255),
     (64, 210, 210), (240, 215, 80), (255, 140, 200), (165, 140, 115), (170, 215, 110),
     (140, 160, 190), (230, 230, 230),
@@ -27,22 +27,22 @@ PALETTE = (
 _TWIST = {
     6: ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate"),
     3: ("u", "v", "r"),
-}  # of the body's velocities, by their number
-_FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of the generalised force along a velocity
-_PALE = 0.55  # how much of a colour the true direction's line keeps
+}  # names of the components of a body's twist, by its dimension
+_FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of the generalised force, by unit of its velocity
+_PALE = 0.55  # brightness of a pale line relative to its colour
 
 
 @dataclass(frozen=True)
 class Curves:
-    """Curves of one entity.
+    """The curves of one Rerun entity.
 
     Attributes:
-        path: the entity.
-        names: one name for each curve, with its unit.
-        values: (N, curves); (0, curves) where they are yet to come.
-        pale: a reference beside another entity's curves, in that one's colours.
-        steps: holds each value until the next.
-        color: index of the first one's colour.
+        path: of the entity.
+        names: one for each curve, with its unit.
+        values: (N, curves); (0, curves) if they are streamed later.
+        pale: drawn as a reference, in paler versions of the colours.
+        steps: drawn as a zero-order hold instead of linear interpolation.
+        color: index in `PALETTE` of the first curve's colour.
     """
 
     path: str
@@ -53,7 +53,7 @@ class Curves:
     color: int = 0
 
     def log_style(self, rec: rr.RecordingStream) -> None:
-        """Logs names, colours and widths."""
+        """Logs the curves' names, colours and widths."""
         colors = [PALETTE[(self.color + i) % len(PALETTE)] for i in range(len(self.names))]
         if self.pale:
             colors = [tuple(round(_PALE * c + 20) for c in color) for color in colors]
@@ -69,35 +69,35 @@ class Curves:
         )
 
     def log_values(self, rec: rr.RecordingStream, t: Array) -> None:
-        """Logs all values at times t (N,) [s]."""
+        """Logs all values in one batch, at times t (N,) [s]."""
         time = rr.TimeColumn("sim_time", duration=t)
         rec.send_columns(self.path, [time], rr.Scalars.columns(scalars=self.values))
 
 
 def path(*parts: str) -> str:
-    """An entity's path of parts in plain words."""
+    """An entity path made of parts; characters that would need an escape become underscores."""
     return "/".join(
         "".join(c if c.isalnum() or c == "-" else "_" for c in drawable(p)) for p in parts
     )
 
 
 def estimate_names(block: Block) -> list[str]:
-    """Names of θ̂/scale: each says what 1 stands for."""
+    """Labels of a block's parameters, each with its scale as the unit: "gain of elbow [20 N·m]"."""
     return [
-        f"{name} [{scale:.3g} {unit}]"
-        for name, scale, unit in zip(block.names, block.scale, block.units, strict=True)
+        f"{label} [{scale:.3g} {unit}]"
+        for label, scale, unit in zip(block.labels, block.scale, block.units, strict=True)
     ]
 
 
 def velocity_names(system: SecondOrderSystem, mark: str = "Δ") -> list[str]:
     """Names of the velocities, or of their errors, with units.
 
-    A body's twist has names of its own, and so have the joints that it carries; the velocities of
-    anything else have their numbers.
+    The components of a body's twist have names (surge, sway, …) and are followed by numbered joint
+    rates; the velocities of all other systems are numbered.
 
     Args:
-        system: whose they are.
-        mark: what stands before each.
+        system: whose velocities are named.
+        mark: prefix of every name.
     """
     units, twist = system.velocity_units, _TWIST.get(system.group, ())
     other = "joint rate" if twist else "v"
@@ -106,7 +106,7 @@ def velocity_names(system: SecondOrderSystem, mark: str = "Δ") -> list[str]:
 
 
 def excitation(everywhere: Array, perpendicular: Array) -> list[Curves]:
-    """The online levels (N, 1) of (2) and (75); each holds from the end of its window on."""
+    """Curves of the online excitation levels (N, 1) of (2) and (75), held between windows."""
     return [
         Curves("excitation/all", ["all of θ (2) [N·m·s]"], everywhere, steps=True),
         Curves(
@@ -120,22 +120,22 @@ def excitation(everywhere: Array, perpendicular: Array) -> list[Curves]:
 
 
 def shares(theta_hat: Array, truth: Array) -> Array:
-    """(N, k) estimates over truths (N, k), relative to the mean over the k: 1 is right."""
+    """(N, k) ratios of estimate to truth, both (N, k), over their mean; 1 where exact."""
     ratio = theta_hat / truth
     return ratio / ratio.mean(axis=1, keepdims=True)
 
 
 def along(theta_s: Array, true_s: Array) -> Array:
-    """(N,) the factors with which truths (N, p) are nearest to estimates (N, p), in θ/scale."""
+    """(N,) factors that bring the truth (N, p) closest to the estimate (N, p), in θ/scale."""
     return np.sum(theta_s * true_s, axis=1) / np.sum(true_s**2, axis=1)
 
 
 def shared(space: ParameterSpace, r: int, truth: Array) -> Indices:
-    """Indices of the parameters whose shares tell the story.
+    """Indices of the parameters whose ratios to the truth are shown relative to their mean.
 
-    The actuators, where there is more than one. A plant with a single actuator shares its scale
-    with everything else; then they are all parameters, as long as nothing but that scale is
-    unobservable.
+    These are the actuators if there are several. With a single actuator they are all parameters,
+    provided that the common scale is the only unobservable direction and no true value is zero;
+    otherwise there are none.
     """
     if len(space.actuators) > 1:
         return space.actuators.astype(np.intp)
@@ -147,10 +147,10 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
     """All curves of a run.
 
     Args:
-        run: a run that has ended.
+        run: a finished run.
         nullspace: P_s(θ) and P_⊥(θ).
-        rows: (N,) which rows of the record to show.
-        truth: of the run's plant; None where nobody knows it.
+        rows: (N,) indices of the rows of the record to show.
+        truth: of the run's plant; None if it is unknown.
     """
     record, system = run.record, run.system
     found = [
@@ -177,7 +177,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
 
 
 def _estimates(run: Run, rows: Indices, truth: Truth | None) -> list[Curves]:
-    """θ̂/scale by block; with the truth, beside it the true direction, as near as it gets to θ̂."""
+    """θ̂/scale by block and, if the truth is known, the true θ scaled as close as possible to θ̂."""
     space = run.system.space
     theta_s = run.record["theta_hat"][rows] / space.scale
     found = [
@@ -200,28 +200,29 @@ def _estimates(run: Run, rows: Indices, truth: Truth | None) -> list[Curves]:
 
 
 def _conserved(run: Run, rows: Indices) -> list[Curves]:
-    """The drift of what the run's own law conserves."""
+    """Relative drift of θ̂ᵀ Γ⁻¹ θ̂, which the law conserves, as log₁₀; empty if it does not."""
     record, identifier = run.record, run.identifiers[""]
     if not identifier.conserves:
         return []
     now = identifier.conserved(record["theta_hat"][rows]) + record["spent"][rows]
     drift = now / float(identifier.conserved(record["theta_hat"][0])) - 1
     size = np.log10(np.maximum(np.abs(drift), np.finfo(float).eps))
-    return [Curves("conserved", ["drift of ‖θ̂‖² under Γ⁻¹ [log₁₀]"], size[:, None])]
+    return [Curves("conserved", ["drift of the conserved quantity [log₁₀]"], size[:, None])]
 
 
 def _predictions(run: Run, rows: Indices) -> list[Curves]:
-    """Predicted beside measured velocities, and forces of the plant beside the actuators'.
+    """Predicted velocities v̂, and the two sides of the force balance at the estimate.
 
-    The forces are the two sides of W(t, x, v, v̇) θ̂ = 0 with the measured v̇: what the motion takes
-    and what the actuators give, under θ̂. They need every command, so a record of every row.
+    The force balance W(t, x, v, v̇) θ̂ = 0 uses the measured v̇: on one side the forces that the
+    motion requires, on the other those of the actuators. It needs the command of every time step
+    and is left out if the record skips rows.
     """
     record, system = run.record, run.system
     names = velocity_names(system, "")
     found = [Curves("velocity/predicted", names, record["v_hat"][rows], pale=True)]
     if run.scenario.record_every > 1 or len(record) < 2:
         return found
-    log, first = record.log, np.minimum(rows, len(record) - 2)
+    log, first = record.log, np.minimum(rows, len(record) - 2)  # the last row has no successor
     parts = [midpoints(log.part(k, k + 2), system, 1) for k in first]
     t, x, v, u, a = (np.concatenate(part) for part in zip(*parts, strict=True))
     terms = system.regressor(t, x, v, a, u) * record["theta_hat"][first][:, None]
@@ -236,7 +237,7 @@ def _predictions(run: Run, rows: Indices) -> list[Curves]:
 
 
 def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list[Curves]:
-    """What the truth says of the estimates."""
+    """Curves that compare the estimates with the truth."""
     record, space, t = run.record, run.system.space, run.record["t"][rows]
     theta_hat, true = record["theta_hat"][rows], truth.theta_at(t)
     components = [f"θ̄_P⊥ {i} [1]" for i in range(1, nullspace.P_perp.shape[1] + 1)]
@@ -244,10 +245,10 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
         Curves("theta_perp", components, theta_hat / space.scale @ nullspace.P_perp),
         Curves("lyapunov", ["V (66) [J]"], energy(run, truth)[rows, None]),
     ]
-    told = shared(space, nullspace.r, truth.theta)
-    if len(told):
-        names = [f"{space.names[i]} [1]" for i in told]
-        found.append(Curves("share", names, shares(theta_hat[:, told], true[:, told])))
+    chosen = shared(space, nullspace.r, truth.theta)
+    if len(chosen):
+        names = [f"{space.labels[i]} [1]" for i in chosen]
+        found.append(Curves("share", names, shares(theta_hat[:, chosen], true[:, chosen])))
     for k, name in enumerate(["", *record.rivals]):
         suffix, title = (f"_{name}", name) if name else ("", OWN)
         estimate = record[f"theta_hat{suffix}"][rows]
@@ -256,8 +257,8 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
             ("distance", "[1]", ratio),
             ("log_distance", "[log₁₀]", np.log10(np.maximum(ratio, 1e-16))),
         ]
-        if len(told):
-            error = np.abs(shares(estimate[:, told], true[:, told]) - 1).max(axis=1)
+        if len(chosen):
+            error = np.abs(shares(estimate[:, chosen], true[:, chosen]) - 1).max(axis=1)
             of.append(("share_error", "[%]", 100 * error))
         found += [
             Curves(path(what, title), [f"{title} {unit}"], values[:, None], color=k)

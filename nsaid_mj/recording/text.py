@@ -1,14 +1,14 @@
-"""What a run has found, in words and a few numbers, as Markdown."""
+"""The results of a run as Markdown, in the characters that the viewer's font has."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..evaluation import FIGURES, OWN, figure, unobservable_lines
+from ..evaluation import FIGURES, OWN, figure, observable_line, unobservable_lines
 from ..experiment.loop import Run
 
 _SPELLED = {"θ̄": "θ", "θ̂": "θ^", "_P⊥": "_perp", "P⊥": "P_perp", "⊥": "perp", "ᵀ": "'"}
-_FONT = (  # of Inter, the viewer's font, what a robot's names and units may need
+_FONT = (  # ranges of Inter, the viewer's font, that names and units may need
     (0x20, 0x7E), (0xA0, 0x148), (0x300, 0x31E), (0x388, 0x38A), (0x38E, 0x3A1), (0x3A3, 0x3C9),
     (0x400, 0x45F), (0x1E00, 0x1EFF), (0x2010, 0x2027), (0x2030, 0x205E), (0x2070, 0x2071),
     (0x2074, 0x208E), (0x2190, 0x2199), (0x2202, 0x2202), (0x2206, 0x2206), (0x2211, 0x2212),
@@ -17,19 +17,17 @@ _FONT = (  # of Inter, the viewer's font, what a robot's names and units may nee
 
 
 def result(run: Run, summary: dict[str, Any]) -> str:
-    """The text of a run that has ended.
+    """The text of the Result panel.
 
     Args:
-        run: a run that has ended.
-        summary: its summary.json.
+        run: a finished run.
+        summary: the content of its summary.json.
     """
-    r, p = summary["r"], summary["p"]
     identifiers = {OWN: summary, **summary["rivals"]}
     lines = [
         f"## {run.folder.resolve().name}: {summary['status']}",
         "",
-        f"{summary['sim_s']:.4g} s, {summary['sensors']} sensors. "
-        f"**{p - r} of {p}** directions of θ can be known from motion, **{r}** cannot.",
+        f"{summary['sim_s']:.4g} s, {summary['sensors']} sensors. {observable_line(summary)}.",
         "",
         *_conditions(summary),
         f"| | {' | '.join(identifiers)} |",
@@ -45,16 +43,18 @@ def result(run: Run, summary: dict[str, Any]) -> str:
             f"{summary['status_remedy']}",
             "",
         ]
-    lines += ["", "### What motion cannot tell, and what would", ""]
+    lines += ["", "### Unobservable directions, and what would fix them", ""]
     lines += [f"- **{what}**: {fix}" for what, fix in unobservable_lines(summary)]
     return drawable("\n".join(lines) + "\n")
 
 
 def _conditions(summary: dict[str, Any]) -> list[str]:
-    """What the plant did that the structure does not know, as far as anybody knows."""
-    if "mismatch" not in summary:
-        return ["The true θ is not known: the estimate is judged by what it predicts.", ""]
+    """Sensor noise, mismatches and faults; without a truth, how the estimate is judged instead."""
     lines = []
+    if summary["sensor_noise"]:
+        lines += [f"Sensors: {summary['sensor_noise']}.", ""]
+    if "mismatch" not in summary:
+        return [*lines, "The true θ is unknown: the estimate is judged by its predictions.", ""]
     if summary["mismatch"]:
         lines += [f"Not in the structure: {'; '.join(summary['mismatch'])}.", ""]
     if summary["fault"]:
@@ -63,10 +63,10 @@ def _conditions(summary: dict[str, Any]) -> list[str]:
 
 
 def drawable(text: str) -> str:
-    """The text in characters that the viewer's font has.
+    """Replaces the characters that the viewer's font lacks.
 
-    Rerun brings one font and asks no other: a missing character is a box in its window, and ends
-    its screenshots. The font sets a hat upon θ's bar, where nobody sees it.
+    Rerun uses its own font only. A missing character is drawn as a box and makes its screenshots
+    fail. A combining hat over θ̄ is drawn on top of the bar and is invisible, so both are spelled.
     """
     for mark, words in _SPELLED.items():
         text = text.replace(mark, words)

@@ -1,4 +1,4 @@
-"""Rerun's own program: where it is, whether it can be seen, how it is started."""
+"""Finds Rerun's viewer program and makes the command lines that start it."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import rerun_cli
 from ..errors import BadRun
 
 LOCAL = "127.0.0.1"
-GRPC_PORT, WEB_PORT = 9876, 9090  # Rerun's own; taken where they are free
+GRPC_PORT, WEB_PORT = 9876, 9090  # Rerun's defaults, used if they are free
 
 
 def viewer_command(file: Path, web: bool) -> list[str]:
     """The command line that opens a recording.
 
     Args:
-        file: the recording.
-        web: serve it to browsers of this machine instead of opening a window.
+        file: path of the recording.
+        web: serve it to a browser on this machine instead of opening a window.
 
     Raises:
-        BadRun: a window is wanted and there is no display.
+        BadRun: there is no display to open a window on.
     """
     if not web:
         if not has_display():
@@ -35,17 +35,17 @@ def viewer_command(file: Path, web: bool) -> list[str]:
 
 
 def listening(port: int) -> list[str]:
-    """Flags for a viewer that this machine alone can reach; Rerun's default is the whole net."""
+    """Flags for a viewer that listens on the loopback interface; Rerun's default is all of them."""
     return ["--bind", LOCAL, "--port", str(port)]
 
 
 def serving(port: int, web_port: int) -> list[str]:
-    """Flags that serve the viewer to browsers of this machine alone."""
+    """Flags that serve the viewer to browsers on this machine only."""
     return ["--serve-web", *listening(port), "--web-viewer-port", str(web_port)]
 
 
 def program() -> list[str]:
-    """Rerun's program itself: ending its console script would leave the program behind."""
+    """Command of the viewer binary; terminating Rerun's console script would leave it running."""
     folder = Path(rerun_cli.__file__).parent
     for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe"):
         if (folder / name).is_file():
@@ -54,14 +54,14 @@ def program() -> list[str]:
 
 
 def has_display() -> bool:
-    """Whether a window can be opened: always on a Mac or Windows, else where X or Wayland runs."""
+    """Whether a window can be opened: always on macOS and Windows, else if X or Wayland runs."""
     if sys.platform in ("darwin", "win32"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def free_port(wish: int) -> int:
-    """The wished port of this machine, or any other where that one is taken."""
+    """A free port on the loopback interface: `wish` if it is free, else any other."""
     for port in (wish, 0):
         with socket.socket() as probe:
             try:

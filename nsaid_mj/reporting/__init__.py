@@ -1,1 +1,1 @@
-"""What a person reads of a run: pages, plots, the terminal, progress."""
+"""Reports on runs: HTML pages, plots, the terminal summary, progress while a command runs."""

@@ -1,4 +1,4 @@
-"""Draws panels in a child process, which loads matplotlib while this one does other work."""
+"""Draws panels in a child process, which loads matplotlib in parallel to other work."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from typing import Any
 
 from .panels import Curve, Panel
 
-_TIMEOUT = 60.0  # after which a child is taken for stuck [s]
+_TIMEOUT = 60.0  # after which the child counts as hung [s]
 
 
 class Drawer:
-    """Turns panels into SVG; a context in which the child process lives.
+    """Converts panels to SVG; a context manager that owns the child process.
 
-    matplotlib takes half a second to load. A run's end has other work for as long, so the child
-    is started before it and asked after it. Where matplotlib is already loaded, or the child
-    fails, this process draws; the bytes are the same.
+    matplotlib takes half a second to load. Post-processing has other work in the meantime, so the
+    child is started first and used last. If matplotlib is already loaded, or if the child fails,
+    this process draws; the SVG is identical.
     """
 
     def __init__(self) -> None:
@@ -29,8 +29,8 @@ class Drawer:
 
     def __enter__(self) -> Drawer:
         if "matplotlib.figure" not in sys.modules and sys.executable:
-            # The child's path is this one's: neither the folder it starts in nor PYTHONPATH
-            # may put another package before ours.
+            # The child uses this process's sys.path: neither its working directory nor PYTHONPATH
+            # may shadow our package.
             code = f"import sys; sys.path = {sys.path!r}; from {__name__} import serve; serve()"
             with contextlib.suppress(OSError):
                 self._child = subprocess.Popen(
@@ -53,7 +53,7 @@ class Drawer:
             self._child.communicate()
 
     def draw(self, panels: Sequence[Panel]) -> list[str]:
-        """An SVG element for each panel."""
+        """Draws one SVG element per panel."""
         drawn = self._ask(panels)
         if drawn is None:
             from .plots import over_time
@@ -62,7 +62,7 @@ class Drawer:
         return drawn
 
     def _ask(self, panels: Sequence[Panel]) -> list[str] | None:
-        """The child's drawings; None where there is no child or it does not answer."""
+        """The child's drawings; None if there is no child or it fails."""
         child, self._child = self._child, None
         if child is None:
             return None
@@ -77,7 +77,7 @@ class Drawer:
 
 
 def _plain(panel: Panel) -> dict[str, Any]:
-    """A panel as JSON takes it."""
+    """A panel as JSON-serialisable values."""
     return asdict(panel) | {
         "curves": [
             asdict(curve) | {"t": curve.t.tolist(), "values": curve.values.tolist()}
@@ -90,15 +90,15 @@ def _plain(panel: Panel) -> dict[str, Any]:
 
 
 def serve() -> None:
-    """Draws the panels that come on the standard input as JSON."""
+    """Reads panels from the standard input as JSON and writes their SVG to the standard output."""
     import numpy as np
 
     from .plots import over_time
 
     panels = []
-    for told in json.load(sys.stdin):
-        panel = Panel(**(told | {"curves": []}))
-        for curve in told["curves"]:
+    for fields in json.load(sys.stdin):
+        panel = Panel(**(fields | {"curves": []}))
+        for curve in fields["curves"]:
             arrays = {key: np.array(curve[key], dtype=np.float64) for key in ("t", "values")}
             panel.curves.append(Curve(**(curve | arrays)))
         panels.append(panel)

@@ -1,4 +1,4 @@
-"""Post-processing of a run: summary, scenario, recording and report in its folder."""
+"""Post-processing of a run: writes summary, scenario, recording and report into its folder."""
 
 from __future__ import annotations
 
@@ -22,9 +22,11 @@ SUMMARY, SCENARIO = "summary.json", "scenario.json"
 def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
 
+    A run without any row has no recording and no report.
+
     Args:
-        run: a run that has ended, however it did.
-        say: called with what is being done.
+        run: a finished run, completed or not.
+        say: called with the name of each stage, for a progress display.
     """
     with report.Drawer() as drawer:
         say("evaluating the estimate")
@@ -33,7 +35,7 @@ def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, A
         write_json(run.folder / SUMMARY, summary)
         write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
         if not len(run.record):
-            return summary  # nothing to show
+            return summary
         say("writing recording and report")
         recording.write(run, summary, truth)
         report.write(run, summary, truth, drawer)
@@ -41,10 +43,10 @@ def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, A
 
 
 def rebuild(folder: Path) -> dict[str, Any]:
-    """Post-processes a run from its record, such as one that was killed.
+    """Post-processes a run, such as one that was killed, from its record alone.
 
     Raises:
-        BadRun: the folder has no readable record, or one with less than two rows.
+        BadRun: the folder has no readable record, or one with fewer than two rows.
     """
     record = Record.read(folder)
     if len(record) < 2:
@@ -56,16 +58,16 @@ def rebuild(folder: Path) -> dict[str, Any]:
 
 
 def _recall_ending(run: Run) -> None:
-    """Restores what a record does not hold from summary.json, if that is of this very run."""
+    """Restores ending, confidence and cost from summary.json, if that belongs to this record."""
     try:
         summary = json.loads((run.folder / SUMMARY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # a run that was killed has none
+    except (OSError, ValueError):  # a killed run has none
         return
     scenario, end = run.scenario, float(run.record["t"][-1])
     try:
         since = summary["status_time"] - end
         same = summary["scenario_hash"] == scenario.hash
-    except (KeyError, TypeError):  # not a summary of ours
+    except (KeyError, TypeError):  # not a run's summary
         return
     near = -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
     if not (same and near and run.record.complete):
@@ -78,6 +80,6 @@ def _recall_ending(run: Run) -> None:
     steps = round(end / scenario.dt)
     cost = run.cost
     cost.wall, cost.steps = summary["wall_s"], steps
-    cost.compile = summary.get("compile_s", 0.0)  # runs of earlier versions do not say
+    cost.compile = summary.get("compile_s", 0.0)  # absent in earlier versions
     cost.plant = 1e-6 * summary["plant_us_per_step"] * steps
     cost.identifier = 1e-6 * summary["identifier_us_per_step"] * steps

@@ -1,4 +1,4 @@
-"""HTML pages from templates: one self-contained file each, every value escaped."""
+"""Renders HTML pages from templates: one self-contained file each, with every value escaped."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 
 def render(template: str, **values: Any) -> str:
-    """A page from a template.
+    """Renders a template.
 
     Args:
-        template: its file's name.
-        values: what the template speaks of. Text is escaped, but for `markupsafe.Markup`.
+        template: file name of the template.
+        values: variables of the template. Text is escaped unless it is `markupsafe.Markup`.
     """
     return _environment().get_template(template).render(values)
 
 
 @cache
 def _environment() -> Any:
-    import jinja2  # only now: a run writes its page when it has ended
+    import jinja2  # imported late: needed only after a run
 
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),

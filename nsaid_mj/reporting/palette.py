@@ -1,4 +1,4 @@
-"""Colours of plots and pages; a page may replace them, as it does where the screen is dark."""
+"""Colours of plots and pages, for light and dark screens."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLOURS = (
     "#5c7080",
     "#7a4a21",
 )
-"""Of curves; every one stands out from white."""
+"""Colours of curves on a light page."""
 
 DARK = (
     "#4fb3dc",
@@ -29,9 +29,9 @@ DARK = (
     "#9fb3c3",
     "#cf9a6b",
 )
-"""The same curves on a dark page."""
+"""Colours of curves on a dark page, in the order of `COLOURS`."""
 
 VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
     colour: f"--c{k}" for k, colour in enumerate(COLOURS)
 }
-"""Colour to the CSS variable that holds it in a page."""
+"""CSS variable of each colour, which a page redefines on dark screens."""

@@ -1,4 +1,4 @@
-"""What is to be drawn of a run: curves over time, as data, without any plotting library."""
+"""Curves over time as plain data, independent of the plotting library."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ..parameters import Array, Indices
 from .palette import COLOURS, VARIABLES
 
 POINTS = 1500
-"""How many points of a curve are drawn, at most."""
+"""Largest number of points drawn of one curve."""
 
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
-"""Line styles of matplotlib, and SVG's for the same."""
+"""SVG dash patterns of matplotlib's line styles."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Curve:
 
     Attributes:
         t: (N,) times [s].
-        values: (N,); NaN interrupts the line.
-        name: for the legend.
+        values: (N,) values; NaN interrupts the line.
+        name: entry in the legend.
         colour: of the line.
-        dash: matplotlib's line style.
+        dash: line style of matplotlib.
     """
 
     t: Array
@@ -42,11 +42,11 @@ class Panel:
     """Curves over time in one pair of axes.
 
     Attributes:
-        title: what is shown, in words.
+        title: above the panel.
         label: of the vertical axis, with its unit.
-        logarithmic: whether the vertical axis is; values ≤ 0 are left out then.
-        level: where a horizontal reference line is drawn, if anywhere.
-        curves: see `add`.
+        logarithmic: whether the vertical axis is logarithmic; values ≤ 0 are then left out.
+        level: of a horizontal reference line; None for no line.
+        curves: added by `add`.
     """
 
     title: str
@@ -56,27 +56,34 @@ class Panel:
     curves: list[Curve] = field(default_factory=list)
 
     def add(self, t: Array, values: Array, name: str = "") -> None:
-        """Adds a curve with the next colour, and with the next dashes once all are used."""
+        """Adds a curve in the next colour; once all are used, with the next dash pattern."""
         round_, colour = divmod(len(self.curves), len(COLOURS))
         dash = list(DASHES)[round_ % len(DASHES)]
         self.curves.append(Curve(t, values, name, COLOURS[colour], dash))
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
-        """Name, colour and dash of curves to be named below the plot; none where it is but one."""
+        """(name, colour, dash) of the named curves; empty if there is only one curve."""
         named = [(c.name, c.colour, c.dash) for c in self.curves if c.name]
         return named if len(self.curves) > 1 else []
 
 
 def thin(rows: int, points: int = POINTS) -> Indices:
-    """Indices of at most `points` of all rows, evenly spread, with the first and the last."""
+    """Indices of at most `points` of all rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, rows - 1, min(rows, points)).round().astype(np.intp))
 
 
 def template_figure(
     title: str, drawing: str, legend: Sequence[tuple[str, str, str]], wide: bool = False
 ) -> dict[str, Any]:
-    """One figure of the template; its legend has (name, colour, dash) of each entry."""
+    """Variables of one figure for the template `parts.html`.
+
+    Args:
+        title: above the figure.
+        drawing: SVG element.
+        legend: (name, colour, dash) of each entry.
+        wide: whether the figure takes the whole width of the page.
+    """
     from markupsafe import Markup
 
     entries = [

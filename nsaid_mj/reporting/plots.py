@@ -1,7 +1,7 @@
-"""Plots by matplotlib in one style: SVG that takes its colours from the page, PNG for the docs.
+"""matplotlib plots in one style: SVG with colours defined by the page, and PNG.
 
-Figures are made without pyplot, so that nothing is kept between two of them. The same data give
-the same bytes: no date, no random ids, no setting from a user's matplotlibrc.
+Figures are created without pyplot, so they share no state. Equal data give equal bytes: no date, no
+random ids, no settings from a user's matplotlibrc.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .palette import GRID, INK, VARIABLES
 from .panels import Panel, template_figure
 
 COLUMNS = 8
-"""How many columns of categories a panel of ordinary width holds, at most."""
+"""Largest number of categories in a panel of ordinary width."""
 
 _WIDTH, _HEIGHT = 4.3, 2.6  # of one panel on a page [inch]
-_HUGE = 1e200  # beyond it matplotlib's margins overflow; such values are not drawn
+_HUGE = 1e200  # larger values are not drawn: matplotlib's margins overflow
 _DPI = 110  # of a PNG
-_LONG = 28  # letters of a category's label
+_LONG = 28  # characters of a category's label, at most
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
     "font.size": 8,
@@ -71,7 +71,7 @@ _STYLE: dict[str, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Our settings and otherwise matplotlib's own, whatever the user's matplotlibrc says."""
+    """Applies our settings over matplotlib's defaults and ignores the user's matplotlibrc."""
     default = matplotlib.rcParamsDefault.items()
     settings: Any = {key: value for key, value in default if not key.startswith("backend")}
     with matplotlib.rc_context(settings | _STYLE):
@@ -79,7 +79,7 @@ def style() -> Iterator[None]:
 
 
 def over_time(panel: Panel) -> str:
-    """An SVG element of a panel's curves; its title and legend are left to the page."""
+    """Draws a panel's curves as an SVG element; title and legend are left to the page."""
     with style():
         figure = Figure(figsize=(_WIDTH, _HEIGHT))
         axis = figure.add_axes((0.15, 0.165, 0.81, 0.79))
@@ -97,12 +97,12 @@ def over_time(panel: Panel) -> str:
 
 
 def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> dict[str, Any]:
-    """What the template `parts.html` needs of a panel that is drawn by a function of its axes.
+    """Variables of one figure for the template `parts.html`, drawn by a function of its axes.
 
     Args:
         title: above the panel.
-        draw: draws it; labels of bars make the legend, which the page shows below the panel.
-        wide: whether it takes the whole width of the page.
+        draw: draws the panel; labels of bars become legend entries below it.
+        wide: whether the panel takes the whole width of the page.
     """
     with style():
         size = (2 * _WIDTH if wide else _WIDTH, _HEIGHT)
@@ -117,7 +117,7 @@ def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) ->
 
 
 def categories(axis: Axes, labels: Sequence[str], name: str) -> None:
-    """Puts words under columns 0, 1, 2 …, upright where there are many or long ones."""
+    """Labels columns 0, 1, 2 …; the labels are rotated if they are many or long."""
     short = [label if len(label) <= _LONG else label[: _LONG - 1] + "…" for label in labels]
     longest = max((len(part) for label in short for part in label.split("\n")), default=0)
     axis.set_xticks(range(len(short)), short, rotation=90 if longest * len(short) > 60 else 0)
@@ -126,9 +126,9 @@ def categories(axis: Axes, labels: Sequence[str], name: str) -> None:
 
 
 def logarithmic(axis: Any, which: str = "y") -> None:
-    """Makes an axis logarithmic, with ticks at round numbers however little or much it spans.
+    """Makes an axis logarithmic, with ticks at round numbers over any range.
 
-    An axis that shows no value > 0 stays linear. Call it when everything is drawn.
+    An axis without any value > 0 stays linear. Call this after everything is drawn.
     """
     ruler = axis.xaxis if which == "x" else axis.yaxis
     shown = [line.get_xdata() if which == "x" else line.get_ydata() for line in axis.get_lines()]
@@ -151,7 +151,7 @@ def logarithmic(axis: Any, which: str = "y") -> None:
 
 
 def number(value: float, plain: bool = True) -> str:
-    """A tick's number: 0.02, 300, 2·10⁻⁵; where it is not to be plain, 10⁻² and 10² too."""
+    """Formats a tick label: 0.02, 300, 2·10⁻⁵; always as a power of ten if not `plain`."""
     if value == 0 or (plain and 1e-3 <= abs(value) < 1e4):
         return f"{value:.4g}"
     digits, _, power = f"{value:.3e}".partition("e")
@@ -164,14 +164,14 @@ def number(value: float, plain: bool = True) -> str:
 
 
 def svg(figure: Figure, title: str) -> str:
-    """An SVG element to stand in an HTML page, next to others.
+    """Renders a figure as an SVG element for an HTML page with other drawings.
 
-    Ids that something refers to carry a hash of the whole drawing, so that two drawings on one
-    page never share one; all others are removed. Colours of `palette.VARIABLES` become the page's.
+    Ids that are referenced are prefixed with a hash of the drawing, so that they are unique on the
+    page; all others are removed. Colours in `palette.VARIABLES` become CSS variables.
 
     Args:
-        figure: the figure; its text remains text.
-        title: what a screen reader says.
+        figure: the figure; text stays text.
+        title: for screen readers.
     """
     stream = io.StringIO()
     with style():
@@ -181,7 +181,7 @@ def svg(figure: Figure, title: str) -> str:
     drawing = ElementTree.fromstring(text)
     for parent in list(drawing.iter()):
         for child in list(parent):
-            if _local(child.tag) in {"metadata", "style"}:  # the page has its own style
+            if _local(child.tag) in {"metadata", "style"}:  # replaced by the page's style
                 parent.remove(child)
     used = set(re.findall(r'url\(#([^)]*)\)|:href="#([^"]*)"', text))
     used = {one or other for one, other in used}
@@ -213,18 +213,18 @@ _FONT = re.compile(r"(font: [\d.]+px) [^;]*")
 
 
 def _local(name: str) -> str:
-    """A tag's or attribute's name without its namespace, which HTML does not write."""
+    """A tag's or attribute's name without its namespace, as HTML requires."""
     return name.rpartition("}")[2]
 
 
 def _page_style(text: str) -> str:
-    """An element's style with the page's font and colours."""
+    """An element's style with the font and the colours of the page."""
     text = _FONT.sub(r"\1 system-ui, sans-serif", text)
     return _COLOUR.sub(lambda match: f"var({VARIABLES[match[0]]}, {match[0]})", text)
 
 
 def png(figure: Figure, path: Path) -> Path:
-    """Writes a figure as PNG, whole or not at all; returns the path."""
+    """Writes a figure as PNG, atomically, and returns the path."""
     partial = path.with_name(f".{path.name}.part")
     with style():
         figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": None})
@@ -235,10 +235,10 @@ def png(figure: Figure, path: Path) -> Path:
 def png_of(
     lines: Sequence[Mapping[str, Callable[[Axes], None]]], size: tuple[float, float], path: Path
 ) -> Path:
-    """Writes lines of panels, each drawn by a function of its axes and called by its title, as PNG.
+    """Writes a grid of panels as PNG, each drawn by a function of its axes.
 
     Args:
-        lines: of the picture, from above; all have the same titles.
+        lines: drawing functions by title, from top to bottom; all lines have the same titles.
         size: of the whole picture [inch].
         path: of the file; it is returned.
     """
@@ -248,7 +248,7 @@ def png_of(
             for axis, draw in zip(row, line.values(), strict=True):
                 draw(axis)
                 if axis.get_legend_handles_labels()[0]:
-                    axis.set_ylim(top=1.4 * axis.get_ylim()[1])  # room for the legend
+                    axis.set_ylim(top=1.4 * axis.get_ylim()[1])  # space for the legend
                     axis.legend(loc="upper left")
         for axis, title in zip(axes[0], lines[0], strict=True):
             axis.set_title(title)
@@ -256,6 +256,6 @@ def png_of(
 
 
 def grid(lines: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
-    """A figure of lines × columns panels, and its axes as an array; call it within `style`."""
+    """A figure of lines × columns panels and the array of its axes; call this within `style`."""
     figure = Figure(figsize=size, layout="constrained")
     return figure, figure.subplots(lines, columns, squeeze=False)

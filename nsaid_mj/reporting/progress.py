@@ -1,4 +1,4 @@
-"""What a command is doing, on the terminal while it does it: a spinner, or a bar for a run."""
+"""Progress of a command on the terminal: a spinner, or a progress bar during a run."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ..numerics.kernels import clock, on_compiling
 from ..plants import Plant
 
 COMPILING = "compiling, once (about a minute)"
-_PERIOD = 0.1  # between two updates of the bar, at least [s]
+_PERIOD = 0.1  # smallest interval between two updates of the bar [s]
 
 
 class Progress(Observer):
-    """One line on the terminal for a whole command, gone when the command is done.
+    """One transient line on the terminal for a whole command.
 
-    A run is a bar with simulated time, real-time factor and velocity error; anything else is a
-    spinner with the words of `say`. While kernels are compiled, the line says so.
+    During a run it is a bar with simulated time, real-time factor and velocity error, at other
+    times a spinner with the text set by `say`. It reports when kernels are being compiled.
 
     Args:
         name: of the run.
@@ -44,7 +44,7 @@ class Progress(Observer):
         )
         self._task = self._bar.add_task(name, total=None, figures="")
         self._stack = ExitStack()
-        self._told = False
+        self._announced = False
 
     def __enter__(self) -> Progress:
         """Shows the line."""
@@ -65,16 +65,16 @@ class Progress(Observer):
         self._stack.close()
 
     def say(self, words: str) -> None:
-        """Shows the spinner with these words."""
+        """Shows the spinner with a text."""
         self._bar.update(self._task, description=f"{self._name}: {words}")
 
     def _compiling(self) -> None:
-        """Says that kernels are being compiled, until something else is said."""
+        """Reports that kernels are being compiled; once only if there is no terminal."""
         if self._console.is_terminal:
             self.say(COMPILING)
-        elif not self._told:
+        elif not self._announced:
             self._console.print(f"{self._name}: {COMPILING}", highlight=False)
-        self._told = True
+        self._announced = True
 
     def start(self, scenario: Scenario, plant: Plant) -> None:
         """Shows an empty bar."""
@@ -84,7 +84,7 @@ class Progress(Observer):
     def see(
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
     ) -> None:
-        """Moves the bar, ten times a second at most."""
+        """Updates the bar, at most ten times a second."""
         now = clock()
         if now - self._last < _PERIOD:
             return
@@ -109,17 +109,17 @@ class Progress(Observer):
 
 @contextmanager
 def announcing(console: Console) -> Iterator[None]:
-    """Prints one line when the first kernel is compiled, above any bar that the console shows.
+    """Prints one line when the first kernel is compiled, above any bar on the console.
 
     Args:
-        console: where to print; a quiet one prints nothing.
+        console: prints the line; a quiet one prints nothing.
     """
-    told: list[bool] = []
+    announced: list[bool] = []
 
-    def tell() -> None:
-        if not told:
-            told.append(True)
+    def announce() -> None:
+        if not announced:
+            announced.append(True)
             console.print(COMPILING, highlight=False)
 
-    with on_compiling(tell):
+    with on_compiling(announce):
         yield

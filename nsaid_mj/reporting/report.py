@@ -1,7 +1,8 @@
-"""report.html: one page that says what a run has found, readable without any viewer."""
+"""report.html: the results of a run on one self-contained page."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,21 +20,21 @@ from .pages import render
 from .panels import Panel, template_figure, thin
 
 FILE = "report.html"
-_OPEN = 12  # parameters of a block or of all, up to which nothing is collapsed
+_OPEN = 12  # parameters in total, up to which no table is collapsed
 _ABSENT = "–"
 
 
 def write(
     run: Run, summary: dict[str, Any], truth: Truth | None, drawer: Drawer | None = None
 ) -> Path:
-    """Writes a run's report.html, whole or not at all, and returns its path.
+    """Writes a run's report.html atomically and returns its path.
 
     Args:
-        run: a run that has ended, with at least one row in its record.
-        summary: its summary.json.
-        truth: the true parameters; None where nobody knows them, as on a robot's log. What
-            compares with the truth is left out then.
-        drawer: draws the curves; this process does where there is none.
+        run: a finished run with at least one row in its record.
+        summary: the content of its summary.json.
+        truth: of its plant; None if it is unknown, as on a robot's log. Comparisons with the
+            truth are then left out.
+        drawer: draws the curves; None draws them in this process.
     """
     path = run.folder / FILE
     write_text(path, page(run, summary, truth, drawer))
@@ -49,11 +50,12 @@ def page(
     return render(
         "report.html",
         name=run.folder.name,
-        folder=run.folder,
+        folder=shlex.quote(str(run.folder)),
         robot=_robot(run),
         lead=_lead(summary),
         verdict=summary.get("verdict"),
         ended=_ended(summary),
+        sensor_noise=summary["sensor_noise"],
         mismatch=summary.get("mismatch", []),
         fault=summary.get("fault"),
         figures=_figures(summary),
@@ -63,8 +65,7 @@ def page(
             for panel, drawing in zip(panels, drawings, strict=True)
         ],
         confidence=_confidence(summary),
-        p=summary["p"],
-        r=summary["r"],
+        observable=evaluation.observable_line(summary),
         unobservable=evaluation.unobservable_lines(summary),
         parameters_note=_parameters_note(summary),
         parameters=_parameters(run.system.space, summary),
@@ -75,7 +76,7 @@ def page(
 
 
 def _robot(run: Run) -> str:
-    """What the run's robot is called: the field that chooses it, or its plant's class."""
+    """The robot's name: the plant's `robot` or `vehicle` field, or the name of its class."""
     plant = run.scenario.plant
     chosen = getattr(plant, "robot", "") or getattr(plant, "vehicle", "")
     return Path(chosen).stem if chosen else type(plant).__name__.removesuffix("Plant")
@@ -90,7 +91,7 @@ def _lead(summary: dict[str, Any]) -> str:
 
 
 def _ended(summary: dict[str, Any]) -> str:
-    """How a run ended early; empty where it completed."""
+    """How a run ended early; empty if it completed."""
     if summary["status"] == "completed":
         return ""
     at = f"Ended early: {summary['status']} at t = {summary['status_time']:.4g} s"
@@ -99,7 +100,7 @@ def _ended(summary: dict[str, Any]) -> str:
 
 
 def _figures(summary: dict[str, Any]) -> dict[str, Any]:
-    """The table of every identifier's figures, without those that are absent."""
+    """The table of figures, one column for each identifier; rows absent from all are left out."""
     identifiers = {evaluation.OWN: summary, **summary["rivals"]}
     lines = [
         [label, *(evaluation.figure(found.get(key), unit) for found in identifiers.values())]
@@ -110,22 +111,22 @@ def _figures(summary: dict[str, Any]) -> dict[str, Any]:
 
 
 def _checks(summary: dict[str, Any]) -> str:
-    """What the theory promises, and whether the run kept it."""
+    """How far the run agrees with the theory: Lyapunov function, conserved quantity, excitation."""
     said = []
     if "lyapunov_violations" in summary:
         said.append(
-            f"The Lyapunov function rose by more than the integration error allows in "
-            f"{summary['lyapunov_violations']} steps."
+            f"The Lyapunov function rose by more than the integration error in "
+            f"{summary['lyapunov_violations']} time steps."
         )
     if (drift := summary.get("conserved_drift")) is not None:
-        said.append(f"The conserved quantity θ̂ᵀΓ⁻¹θ̂ drifted by {drift:.1e} of itself.")
+        said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {drift:.1e}.")
     levels = [
         f"{summary[key]:.2g} N·m·s in ({equation})"
         for key, equation in (("pe_level_perp", "75"), ("pe_level", "2"))
         if summary.get(key) is not None
     ]
     if levels:
-        said.append(f"Level of excitation ε₀ over all windows: at least {', '.join(levels)}.")
+        said.append(f"Smallest level of excitation ε₀ of any window: {', '.join(levels)}.")
     return " ".join(said)
 
 
@@ -155,25 +156,26 @@ def _panels(run: Run, truth: Truth | None) -> list[Panel]:
 
 
 def _gains(space: ParameterSpace, t: Array, theta_hat: Array, true: Array | None) -> Panel:
-    """Actuator parameters over the true ones, or over the prior where nobody knows the truth."""
+    """Actuator parameters relative to the true ones, or to the prior if the truth is unknown."""
     k = space.actuators
     ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
     over = "k̂/k̂(0)" if true is None else "k̂/k"
-    title = "Actuators relative to the prior" if true is None else "Actuators: 1 is right"
-    panel = Panel(title, f"{over}, over the mean of all [–]", level=1.0)
-    for name, share in zip(k, (ratio / ratio.mean(axis=1, keepdims=True)).T, strict=True):
-        panel.add(t, share, space.names[name])
+    title = "Actuators relative to the " + ("prior" if true is None else "truth (1 is exact)")
+    panel = Panel(title, f"{over}, relative to the mean [–]", level=1.0)
+    for i, share in zip(k, (ratio / ratio.mean(axis=1, keepdims=True)).T, strict=True):
+        panel.add(t, share, space.labels[i])
     return panel
 
 
 def _confidence(summary: dict[str, Any]) -> dict[str, Any] | None:
-    """What the confidence says, and the directions that are known least; None without one."""
+    """The stated confidence in words, and the least known directions; None if none is stated."""
     stated = summary["confidence"]
     if stated is None:
         return None
+    label = {row["name"]: row["label"] for row in summary["parameters"]}
     worst = [
         [
-            ", ".join(f"{weight:+.2f} {name}" for name, weight in row["parameters"].items()),
+            ", ".join(f"{weight:+.2f} {label[name]}" for name, weight in row["parameters"].items()),
             f"±{row['deviation']:.2g}",
             "below the noise" if row["below_noise"] else "",
         ]
@@ -183,22 +185,22 @@ def _confidence(summary: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _parameters_note(summary: dict[str, Any]) -> str:
-    words = "An estimate is right up to the directions above."
+    words = "Estimates are determined up to the unobservable directions above."
     if _true(summary["parameters"]):
         words += (
-            " For comparison, prior and estimate are scaled by the one factor that brings the "
-            "estimate nearest to the truth in θ/scale."
+            " For comparison, prior and estimate are multiplied by the one factor that brings the "
+            "estimate closest to the truth in θ/scale."
         )
     if summary["confidence"] is not None:
         words += (
-            " The 95 % interval of an actuator is that of its share of all actuators, without the "
-            "common scale, which no motion shows."
+            " The 95 % interval of an actuator is that of its gain relative to the mean of all; "
+            "their common scale is unobservable."
         )
     return words
 
 
 def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str, Any]]:
-    """A table for every block of θ; those of actuators are open."""
+    """A table for each block of θ; those of actuators are expanded."""
     rows, stated = summary["parameters"], summary["confidence"]
     shares = {} if stated is None else stated["actuators"]
     factor = _common_factor(rows) if _true(rows) else 1.0
@@ -211,7 +213,7 @@ def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str
         lines = []
         for row in some:
             estimate = factor * row["estimate"]
-            line = [row["name"], row["unit"], f"{factor * row['prior']:.4g}", f"{estimate:.4g}"]
+            line = [row["label"], row["unit"], f"{factor * row['prior']:.4g}", f"{estimate:.4g}"]
             if intervals:
                 line.append(_interval(estimate, shares.get(row["name"])))
             if _true(rows):
@@ -223,12 +225,12 @@ def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str
 
 
 def _true(rows: Sequence[dict[str, Any]]) -> bool:
-    """Whether the summary's parameters come with their true values."""
+    """Whether the parameters of a summary include their true values."""
     return all("true" in row for row in rows)
 
 
 def _common_factor(rows: Sequence[dict[str, Any]]) -> float:
-    """By which the estimate comes nearest to the truth in θ/scale."""
+    """The factor that brings the estimate closest to the truth in θ/scale, by least squares."""
     true, estimate = (
         np.array([row[key] / row["scale"] for row in rows]) for key in ("true", "estimate")
     )
@@ -236,7 +238,7 @@ def _common_factor(rows: Sequence[dict[str, Any]]) -> float:
 
 
 def _interval(estimate: float, deviation: float | None) -> str:
-    """The 95 % interval of a value whose relative standard deviation is given."""
+    """The 95 % interval of a value, from its relative standard deviation; – if that is None."""
     if deviation is None:
         return _ABSENT
     half = INTERVAL * deviation

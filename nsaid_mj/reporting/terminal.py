@@ -1,7 +1,8 @@
-"""What a run has found, on the terminal."""
+"""The summary of a run on the terminal."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from .. import evaluation, recording
 from . import report
 
 _GAINS, _DIRECTIONS = 12, 3  # printed at most; the report has all of them
-_COMPILED = 0.5  # compiling is mentioned when it took longer [s]
+_LENGTH = 120  # characters of a printed list of parameters, at most
+_COMPILED = 0.5  # compile times below this are not mentioned [s]
 _COLOURS = {
     "converged": "green",
     "still converging": "yellow",
@@ -24,12 +26,12 @@ _COLOURS = {
 
 
 def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
-    """Prints the verdict on a run, then what it rests on and where the files are.
+    """Prints the verdict on a run, the figures behind it, and the paths of its files.
 
     Args:
         name: of the run.
-        summary: of the run.
-        folder: where its files are.
+        summary: the content of its summary.json.
+        folder: of the run.
     """
     console = Console(highlight=False)
     judgement, _, figures = summary["verdict"].partition(":")
@@ -45,12 +47,14 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
     console.print(
         f"  {summary['sim_s']:.4g} s simulated in {summary['wall_s']:.1f} s "
         f"({summary['real_time_factor']:.1f} × real time)"
-        + (f"; compiling, once, took {compiled:.0f} s" if compiled > _COMPILED else ""),
+        + (f"; {compiled:.0f} s of compiling, once, not counted" if compiled > _COMPILED else ""),
         soft_wrap=True,
     )
     if summary["mismatch"]:
         words = "; ".join(summary["mismatch"])
         console.print(f"  not in the structure: {escape(words)}", soft_wrap=True)
+    if summary["sensor_noise"]:
+        console.print(f"  sensors: {escape(summary['sensor_noise'])}", soft_wrap=True)
     if summary["fault"]:
         console.print(f"  fault: {escape(summary['fault'])}", soft_wrap=True)
     _print_gains(console, summary)
@@ -59,19 +63,20 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
         console.print(f"  {escape(line)}", soft_wrap=True)
     _print_unobservable(console, summary, folder)
     console.print(
-        f"\n  recording  {folder / recording.FILE}   (nsaid view {folder})\n"
+        f"\n  recording  {folder / recording.FILE}   (nsaid view {shlex.quote(str(folder))})\n"
         f"  report     {folder / report.FILE}",
         soft_wrap=True,
+        markup=False,
     )
 
 
 def _print_gains(console: Console, summary: dict[str, Any]) -> None:
-    """The actuators' gains and how well they are known, where the law states it."""
+    """Prints the actuators' gains with their intervals, if the law states any."""
     rows = evaluation.gain_rows(summary)
     if not rows:
         return
     relative, true = rows[0][1] is not None, rows[0][3] is not None
-    heads = [("of their mean", relative), ("± (95 %)", True), ("true", true)]
+    heads = [("gain / mean", relative), ("± (95 %)", True), ("true", true)]
     table = _table("actuators", *(head for head, shown in heads if shown))
     for label, value, interval, truth in rows[:_GAINS]:
         cells = [f"{value:.4f}"] if value is not None else []
@@ -80,11 +85,11 @@ def _print_gains(console: Console, summary: dict[str, Any]) -> None:
         table.add_row("  " + escape(label), *cells)
     console.print(table)
     if len(rows) > _GAINS:
-        console.print(f"    … and {len(rows) - _GAINS} more")
+        console.print(f"    … and {len(rows) - _GAINS} more in the report")
 
 
 def _print_figures(console: Console, summary: dict[str, Any]) -> None:
-    """The figures of every identifier of the run."""
+    """Prints the figures of every identifier of the run."""
     identifiers = {evaluation.OWN: summary, **summary["rivals"]}
     table = _table("figures", *(identifiers if len(identifiers) > 1 else [""]))
     for label, key, unit in evaluation.FIGURES:
@@ -102,11 +107,20 @@ def _table(title: str, *heads: str) -> Table:
 
 
 def _print_unobservable(console: Console, summary: dict[str, Any], folder: Path) -> None:
-    """What no motion can tell, and what would."""
-    r, p = summary["r"], summary["p"]
-    console.print(f"\n  {p - r} of {p} directions of θ are observable; {r} are not, among them:")
+    """Prints the directions that no motion reveals, and what would fix them."""
     lines = evaluation.unobservable_lines(summary)
+    among = ", among them" if len(lines) > _DIRECTIONS else ""
+    end = f"{among}:" if lines else ""
+    console.print(f"\n  {evaluation.observable_line(summary)}{end}")
     for what, fix in lines[:_DIRECTIONS]:
-        console.print(f"    {escape(what)}\n      {escape(fix)}", soft_wrap=True)
+        console.print(f"    {escape(_cut(what))}\n      {escape(_cut(fix))}", soft_wrap=True)
     if len(lines) > _DIRECTIONS:
-        console.print(f"    … all of them in {folder / report.FILE}", soft_wrap=True)
+        console.print(f"    … all in {folder / report.FILE}", soft_wrap=True, markup=False)
+
+
+def _cut(words: str) -> str:
+    """A list in words; a long one is cut after a comma."""
+    if len(words) <= _LENGTH:
+        return words
+    end = words.rfind(", ", 0, _LENGTH)
+    return f"{words[: end if end > 0 else _LENGTH]}, …"

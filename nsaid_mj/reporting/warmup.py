@@ -1,4 +1,4 @@
-"""Compiles the kernels of a scenario before any clock starts."""
+"""Compiles the kernels that a scenario needs before its run is timed."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from ..experiment.scenario import Scenario
 from ..identifiers import Status
 from ..numerics.kernels import FOLDER, compile_seconds
 
-_SECONDS, _STEPS = 1.5, 50  # of the short run: the longer of the two; a memory has learnt by then
+_SECONDS, _STEPS = 1.5, 50  # length of the short run, the longer of the two; a memory is in use
 
 
 def warm_up(scenario: Scenario) -> float:
     """Compiles every kernel that a run of a scenario and its evaluation call, if any is missing.
 
-    A short run of its own does it, in a folder that is deleted again; no random stream of the
-    scenario is used. Where a scenario of the same kind was warmed up before, nothing is done.
+    It makes a short run in a temporary folder, with random streams of its own. If a scenario of the
+    same kind was warmed up before, it does nothing.
 
     Args:
-        scenario: what is going to be run; it is not changed.
+        scenario: the scenario that is going to be run.
 
     Returns:
-        How long compiling took [s].
+        Time spent compiling [s].
 
     Raises:
         NsaidError: the scenario cannot be started.
@@ -50,14 +50,14 @@ def warm_up(scenario: Scenario) -> float:
 
 
 def is_warm(scenario: Scenario) -> bool:
-    """Whether the kernels for scenarios of this kind are known to be on disk."""
+    """Whether the kernels for scenarios of this kind are known to be cached on disk."""
     return _mark(scenario).exists()
 
 
 def mark_warm(result: Run) -> None:
-    """Notes that a run's kernels are on disk, now that it has been run and evaluated."""
-    if result.ending.status is Status.completed:  # else it may have missed some
-        with suppress(OSError):  # without the mark it is only done again
+    """Notes that the kernels of a run, which has been evaluated, are cached on disk."""
+    if result.ending.status is Status.completed:  # else some kernels may not have been called
+        with suppress(OSError):  # without the mark the next run warms up again
             _mark(result.scenario).touch()
 
 
@@ -66,9 +66,9 @@ def _mark(scenario: Scenario) -> Path:
 
 
 def kind_of(scenario: Scenario) -> str:
-    """Twelve hexadecimal digits that scenarios share which differ in numbers only.
+    """Twelve hexadecimal digits, equal for scenarios that differ in numbers only.
 
-    Kernels are compiled for types: no number of a scenario changes which are needed.
+    Kernels are compiled for types, so the numbers of a scenario do not affect which are needed.
     """
     found = json.dumps(_without_numbers(json.loads(scenario.to_json())), sort_keys=True)
     return hashlib.sha256(found.encode()).hexdigest()[:12]

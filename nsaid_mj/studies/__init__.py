@@ -1,1 +1,1 @@
-"""Many runs: methods compared, fields swept, Monte-Carlo."""
+"""Studies of many runs: comparison of methods, parameter sweeps, Monte Carlo."""

@@ -1,4 +1,4 @@
-"""What a comparison finds: a cell for each method on each stretch of log, and their medians."""
+"""Results of a comparison: a cell per method and log, and statistics over the seeds."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ from ..baselines import BATCH
 from ..identifiers import NullspaceAID
 
 PRIOR = "prior"
-"""The prior itself, judged beside the methods."""
+"""Name of the prior, which is judged like a method."""
 
 LAWS: tuple[str, ...] = get_args(get_type_hints(NullspaceAID)["law"])
 
 METHODS = ("conventional", *LAWS, *BATCH, "sysid")
-DEFAULT = METHODS[:-1]  # all that take seconds
+DEFAULT = METHODS[:-1]  # all but sysid, which takes minutes
 
 FIGURES = (
     ("distance to the true set", "theta_perp_ratio"),
-    ("error of an actuator's share", "actuator_ratio_error"),
+    ("error of an actuator's relative gain", "actuator_ratio_error"),
     ("force residual, held out", "force_residual_ratio"),
     ("wall time [s]", "wall_s"),
 )
-"""What is compared: label, key."""
+"""The figures that are compared: label, key."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One method on one stretch of one log.
+    """The result of one method on one log.
 
     Attributes:
-        method: its name.
+        method: name of the method.
         seed: of the run.
         noise: multiple of the scenario's sensor noise.
-        duration: of the log [s].
-        theta_perp_ratio: as in summary.json; None, as those below, where the method failed.
-        actuator_ratio_error: as in summary.json.
-        force_residual_ratio: as in summary.json; None too where the plant diverges on the
-            held-out trajectory.
-        wall_s: what the method took, forming its regressors included [s].
-        note: what it chose by itself.
-        failure: why it failed, "" where it did not.
+        duration: length of the log [s].
+        theta_perp_ratio: as in summary.json; None if the method failed.
+        actuator_ratio_error: as in summary.json; None if the method failed.
+        force_residual_ratio: as in summary.json; None if the method failed, or if the plant
+            diverges on the held-out trajectory.
+        wall_s: wall time of the method, including its regressors [s].
+        note: settings that the method chose by itself.
+        failure: why it failed; empty if it did not.
     """
 
     method: str
@@ -59,23 +59,23 @@ class Cell:
 
 
 def sensors(noise: float) -> str:
-    """A multiple of the scenario's noise in words."""
+    """A multiple of the scenario's sensor noise, in words."""
     return "exact sensors" if noise == 0 else f"{noise:g} × noise"
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method over all seeds; a figure of a failed seed counts as infinite.
+    """Statistics of one method over all seeds; figures of a failed seed count as infinite.
 
     Attributes:
-        method: its name.
+        method: name of the method.
         noise: multiple of the scenario's sensor noise.
-        duration: of the log [s].
+        duration: length of the log [s].
         median: median over the seeds, by key of `FIGURES`.
         worst: largest over the seeds, by key of `FIGURES`.
         best: smallest over the seeds, by key of `FIGURES`.
-        failures: why it failed, one for each seed that did.
-        notes: what it chose by itself, each once.
+        failures: one reason for each failed seed.
+        notes: settings that the method chose by itself, without duplicates.
     """
 
     method: str
@@ -89,7 +89,7 @@ class Row:
 
 
 def rows(cells: Sequence[Cell]) -> list[Row]:
-    """Medians, worst and best over the seeds, in the order of `METHODS`."""
+    """Statistics over the seeds, ordered by noise, duration and `METHODS`."""
     groups: dict[tuple[float, float, str], list[Cell]] = {}
     for cell in cells:
         groups.setdefault((cell.noise, cell.duration, cell.method), []).append(cell)

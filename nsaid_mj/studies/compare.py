@@ -1,8 +1,8 @@
-"""One log, many methods, the same figures: `nsaid compare`.
+"""`nsaid compare`: identification methods on the same logs, judged by the same figures.
 
-For every seed and every level of noise the scenario's plant is driven once. Each method gets the
-log's first seconds, the structure, one and the same prior and the sensors' stated levels, and is
-judged by the plant's truth after the fact.
+The scenario's plant is driven once for every seed and every level of noise. All methods get the
+first part of the log, the structure, the same prior and the sensors' stated levels. Their estimates
+are then judged by the plant's truth.
 """
 
 from __future__ import annotations
@@ -35,28 +35,28 @@ from ..resources import write_json, write_text
 from .cells import DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
 from .study import Study
 
-_HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gains' shares", "force residual", "time [s]")
+_HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "relative gains", "force residual", "time [s]")
 
 FILES = ("compare.json", "compare.csv")
 
 
 @dataclass(frozen=True)
 class Plan(Study):
-    """What is compared on what.
+    """The methods of a comparison and the logs that they get.
 
     Attributes:
-        script: the scenario's packed name, or its script's path.
+        script: name of the packaged scenario, or path of its script.
         scenario: the plant, its excitation, and the gains of our identifiers.
-        arguments: flags of `nsaid run` that made the scenario.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
         methods: names; see `METHODS`.
         seeds: of truth, prior, excitation and sensors.
-        durations: how much of the log a method gets [s].
-        noises: multiples of the scenario's sensor noise; 0 is exact sensors.
-        budget: search time of `sysid`, at most [s].
+        durations: lengths of log that the methods get [s].
+        noises: multiples of the scenario's sensor noise; 0 for exact sensors.
+        budget: time limit of the search by `sysid` [s].
 
     Raises:
-        UnknownName: a method is not known.
-        InvalidInput: there is nothing to compare, or a value cannot be used.
+        UnknownName: a method is unknown.
+        InvalidInput: a list is empty or has duplicates, or a value is out of range.
     """
 
     methods: tuple[str, ...] = DEFAULT
@@ -72,23 +72,25 @@ class Plan(Study):
         for name in ("methods", "seeds", "durations", "noises"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
-                raise InvalidInput(name, "one or more, none twice", values, "Give each once.")
+                raise InvalidInput(name, "one or more, no duplicates", values, "Give each once.")
         if not isinstance(self.scenario.identifier, NullspaceAID):
             kind = type(self.scenario.identifier).__name__
-            raise InvalidInput("scenario", "the identifier NullspaceAID", kind, "Change it.")
+            remedy = "Compare a scenario with that identifier; the methods include the others."
+            raise InvalidInput("scenario", "the identifier NullspaceAID", kind, remedy)
         if min(self.seeds) < 0:
             raise InvalidInput("seeds", "whole numbers ≥ 0", self.seeds, "0:3 is 0,1,2.")
         if not all(np.isfinite(s) and s >= 0 for s in self.noises):
             raise InvalidInput("noises", "multiples ≥ 0", self.noises, "1 is the scenario's.")
         if not self.budget > 0:
-            raise InvalidInput("budget", "seconds > 0", self.budget, f"{BUDGET:g} will do.")
+            raise InvalidInput("budget", "seconds > 0", self.budget, f"The default is {BUDGET:g}.")
         shortest = 3 * self.scenario.dt
         if not all(np.isfinite(d) and d >= shortest for d in self.durations):
-            raise InvalidInput("durations", f"times ≥ {shortest:g} s", self.durations, "Longer.")
+            remedy = "Give longer durations."
+            raise InvalidInput("durations", f"times ≥ {shortest:g} s", self.durations, remedy)
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What the results depend on; JSON, the scenario as text."""
+        """Everything that the results depend on, as JSON values; the scenario as JSON text."""
         return self.manifest_of(
             methods=list(self.methods),
             seeds=list(self.seeds),
@@ -99,11 +101,11 @@ class Plan(Study):
 
 
 def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Cell]:
-    """Yields the cells of a comparison as they are known.
+    """Yields the cells of a comparison as they become available.
 
     Args:
-        plan: what is compared.
-        report: is called with what is being done, in words.
+        plan: methods and logs.
+        report: called with a description of each stage, for a progress display.
     """
     warm = False
     for seed in plan.seeds:
@@ -126,10 +128,15 @@ def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Itera
 
 
 class World:
-    """One driven plant: its log, the methods that get it, and the truth that judges them.
+    """The log of one plant, the methods that get it, and the truth that judges them.
+
+    Args:
+        plan: methods and logs.
+        seed: of the run.
+        noise: multiple of the scenario's sensor noise.
 
     Raises:
-        NsaidError: it cannot be built, or diverges.
+        NsaidError: the plant cannot be built, or diverges.
     """
 
     def __init__(self, plan: Plan, seed: int, noise: float):
@@ -152,14 +159,14 @@ class World:
         }
 
     def warm_up(self) -> None:
-        """Lets every quick method run once, so that no figure counts compiling."""
+        """Runs every fast method once, so that no wall time includes compilation."""
         short = self._problem._replace(log=self._problem.log.first(64))
         for name, method in self._methods.items():
             if name != "sysid":
                 _attempt(method, short)
 
     def cell(self, name: str, duration: float) -> Cell:
-        """One method on the log's first seconds, judged."""
+        """Runs one method on the first `duration` [s] of the log and judges its estimate."""
         problem = self._problem._replace(log=self._problem.log.until(duration))
         begin = time.perf_counter()
         estimate, failure = _attempt(self._methods[name], problem)
@@ -173,7 +180,7 @@ class World:
         return replace(cell, **figures)  # pyright: ignore[reportArgumentType]
 
     def _judge(self, duration: float) -> evaluation.Judge:
-        """The judge of estimates at a time of the run: a fault may change the truth."""
+        """The judge of estimates made at a time [s]; a fault may have changed the truth by then."""
         truth = evaluation.Truth(self._setup, duration)
         struck = bool(truth.struck(duration))
         if struck not in self._judges:
@@ -182,10 +189,10 @@ class World:
 
 
 def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
-    """The scenario of one log; the prior lies in the cone, as for the laws that need it there."""
+    """The scenario of one log, with a prior in the cone because some laws require that."""
     base = plan.scenario
     identifier = base.identifier
-    assert isinstance(identifier, NullspaceAID)  # a plan's always is
+    assert isinstance(identifier, NullspaceAID)  # checked by the plan
     rivals: dict[str, IdentifierConfig] = {
         law: replace(identifier, law=law) for law in LAWS if law in plan.methods
     }
@@ -210,9 +217,9 @@ def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
 
 
 def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
-    """A method's estimate, or None and why there is none."""
+    """A method's estimate and "", or None and the reason of the failure."""
     try:
-        with np.errstate(all="ignore"):  # an estimate that is not finite counts as a failure
+        with np.errstate(all="ignore"):  # estimates that are not finite are handled below
             estimate = method(problem)
     except NsaidError as error:
         return None, str(error)
@@ -223,11 +230,11 @@ def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
     return estimate, ""
 
 
-# -- what is left behind -----------------------------------------------------------------------
+# -- output ------------------------------------------------------------------------------------
 
 
 def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
-    """Writes compare.json and compare.csv: every cell, and how to run it again.
+    """Writes compare.json, with all cells and the plan, and compare.csv.
 
     Raises:
         BadRun: the folder cannot be written.
@@ -248,14 +255,14 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
 
 
 def print_table(cells: Sequence[Cell], console: Console) -> None:
-    """Prints one table: the median over the seeds, and the worst in brackets; then what failed."""
+    """Prints a table of medians over the seeds, with the worst in brackets, and the failures."""
     several = len({cell.seed for cell in cells}) > 1
-    roomy = console.width >= 110
+    wide = console.width >= 110
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column("", no_wrap=True)
     for head in _HEADS:
         table.add_column(escape(head), justify="right", no_wrap=True)
-    if roomy:
+    if wide:
         table.add_column("")
     section: tuple[float, float] | None = None
     failures = []
@@ -268,21 +275,22 @@ def print_table(cells: Sequence[Cell], console: Console) -> None:
             + (f" ({_digits(row.worst[key])})" if several and key != "wall_s" else "")
             for _, key in FIGURES
         ]
-        table.add_row(f"  {row.method}", *shown, *(["; ".join(row.notes)] if roomy else []))
+        table.add_row(f"  {row.method}", *shown, *(["; ".join(row.notes)] if wide else []))
         if row.failures:
             failures.append(
                 f"  {row.method}, {sensors(row.noise)}, {row.duration:g} s, failed on "
-                f"{len(row.failures)} seed(s): {row.failures[0]}"
+                f"{len(row.failures)} {'seed' if len(row.failures) == 1 else 'seeds'}: "
+                f"{row.failures[0]}"
             )
     console.print(table)
     if several:
-        console.print("Medians over the seeds, the worst in brackets; a failed seed counts as –.")
+        console.print("Medians over the seeds, worst in brackets; – stands for a failed seed.")
     for line in failures:
         console.print(line, soft_wrap=True, markup=False)
 
 
 def _digits(value: float) -> str:
-    """Two digits, without the zeros of an exponent."""
+    """Formats a figure with two digits; – if it is not finite."""
     if not np.isfinite(value):
         return "–"
     digits = f"{value:.1e}" if value < 0.01 else f"{value:.2g}"
@@ -290,13 +298,13 @@ def _digits(value: float) -> str:
 
 
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
-    """Compares, writes the folder's files and plots, and prints the table.
+    """Runs a comparison, writes its files and plots, and prints the table.
 
-    Stopped by Ctrl-C, it writes what it has.
+    After Ctrl-C it writes the cells that are available.
 
     Args:
-        plan: what is compared.
-        folder: where to write; it is made.
+        plan: methods and logs.
+        folder: of the results; created if missing.
         quiet: print nothing.
     """
     cells: list[Cell] = []
@@ -310,7 +318,7 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
         transient=True,
         disable=quiet,
     )
-    write(folder, plan, cells)  # a folder that cannot be written is reported before the work
+    write(folder, plan, cells)  # fails before the work if the folder cannot be written
     try:
         with bar, announcing(bar.console):
             task = bar.add_task("", total=total)

@@ -1,4 +1,4 @@
-"""Pictures of a comparison: accuracy against data length, against noise, against wall time."""
+"""Plots of a comparison: accuracy over data length, over noise, and over wall time."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _STYLES = {
 
 
 def draw(folder: Path, cells: Sequence[Cell]) -> list[Path]:
-    """Writes the pictures that the cells suffice for, and returns their paths.
+    """Writes the plots for which there are enough cells, and returns their paths.
 
-    Lines and marks are medians over the seeds, bars reach from the best to the worst seed; a
-    median of failures is not drawn.
+    Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
+    that are not finite are left out.
     """
     found = rows(cells)
     noises, durations = sorted({r.noise for r in found}), sorted({r.duration for r in found})
@@ -98,7 +98,7 @@ def _against_time(found: list[Row], noises: list[float], duration: float) -> Any
 
 
 def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
-    """One method's medians, with bars from best to worst."""
+    """Draws one method's medians, with error bars from the best to the worst seed."""
     chosen = [row for row in chosen if np.isfinite(row.median[key]) and row.median[key] > 0]
     if not chosen:
         return

@@ -1,16 +1,18 @@
-"""Many runs of one scenario in one process, data first: `nsaid montecarlo`.
+"""`nsaid montecarlo`: many runs of one scenario in one process.
 
-Plants are driven first, and then identifiers follow the logs, both in compiled code during which
-other threads run. With one plant for all, what its motion alone decides of every step is computed
-once for a group of identifiers; those of trees with the paper's law have one SIMD lane each.
+Plants are simulated first, then identifiers follow their logs. Both happen in compiled code that
+releases the GIL, so that threads run in parallel. If all runs share one plant, the motion's stages
+are computed once for a group of identifiers; with the paper's law on a tree, each identifier of the
+group gets a SIMD lane.
 
-A run's number says all about it: how many there are, and how many at once, changes no bit.
+The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shlex
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -46,47 +48,47 @@ from .sweep_results import MANIFEST, ROWS, TABLE, Group, Row, Sweep, digits, rea
 
 FIGURES = {
     "theta_perp_ratio": "distance at end",
-    "actuator_ratio_error": "actuators' shares",
+    "actuator_ratio_error": "error of relative gains",
     "conserved_drift": "conserved drift",
     "time_to_converge": "converged after [s]",
 }
-"""Columns that are printed, and in which words."""
+"""Columns of the printed table, and their labels."""
 QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 
-_PIECE = 500  # steps, about, that a group of identifiers makes before it looks up
+_PIECE = 500  # time steps in a segment, about; progress is reported after each
 _GROUP = 32  # identifiers that share a motion, at most: one batch
-_PLANTS = 32  # plants whose logs are held at once
-_LINES = 40  # of lost runs on the terminal
+_PLANTS = 32  # plants whose logs are in memory at the same time
+_LINES = 40  # lost runs that are printed, at most
 
 Seen = Callable[[float], object]
-"""Called with the number of runs, or parts of runs, done since the last call."""
+"""Called with the progress since the last call, in runs, also fractional."""
 
 
 @dataclass(frozen=True)
 class Plan(Study):
-    """Which runs there are. Draw i is `sweep.seed_of(scenario.seed, i)`, however many there are.
+    """The runs of a Monte Carlo study. Draw i has the seed `sweep.seed_of(scenario.seed, i)`.
 
     Attributes:
-        script: the scenario's packed name, or its script's path.
-        scenario: what is run; its seed is the master seed.
-        arguments: flags of `nsaid run` that made the scenario.
-        runs: how many.
-        shared: one plant and one motion, those of the scenario, and a prior for every draw; else
-            draw i is what `nsaid run` makes of its seed, its own truth and motion included.
+        script: name of the packaged scenario, or path of its script.
+        scenario: the scenario; its seed is the master seed.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
+        runs: number of runs.
+        shared: whether all draws share the scenario's plant and motion and differ in the prior
+            only; otherwise draw i equals `nsaid run` with its seed, including truth and motion.
 
     Raises:
-        InvalidInput: there is nothing to run.
+        InvalidInput: `runs` is less than 1.
     """
 
     runs: int
     shared: bool = True
 
     def __post_init__(self) -> None:
-        _at_least_one("runs", self.runs, "256 give distributions.")
+        _at_least_one("runs", self.runs, "256 runs give distributions.")
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What the results depend on: as a sweep's that varies nothing."""
+        """Everything that the results depend on, in the format of a sweep without varied fields."""
         return self.manifest_of(
             montecarlo={"shared": self.shared},
             vary={},
@@ -97,13 +99,13 @@ class Plan(Study):
 
 @dataclass(eq=False)
 class Course:
-    """What a plant did, and its truth, which is read after the fact only.
+    """The simulated motion of one plant, and its truth, which is read only after identification.
 
     Attributes:
-        setup: what was simulated.
-        log: what was measured, as far as it is sound.
-        status: how it ended.
-        time: when [s].
+        setup: the simulated scenario.
+        log: the measurements, up to the first that is not finite.
+        status: how the simulation ended.
+        time: of its end [s].
     """
 
     setup: Setup
@@ -112,11 +114,11 @@ class Course:
     time: float
 
     def __post_init__(self) -> None:
-        self.workspace = threading.Lock()  # some systems have one workspace: one thread at a time
+        self.workspace = threading.Lock()  # some systems have a single workspace
         self.truth = Truth(self.setup, self.time)
 
     def ratio(self, theta_hat: Array) -> Array:
-        """(...,) ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (..., p) from the true set at the end."""
+        """(...,) distance ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (..., p) to the true set at the end."""
         return self.truth.nullspace.ratio(theta_hat / self.setup.system.space.scale)
 
 
@@ -124,11 +126,11 @@ class Course:
 
 
 def simulate(scenarios: Sequence[Scenario], pool: Executor) -> list[Course]:
-    """Makes every scenario's plant and drives it, as `experiment.run` does.
+    """Builds and drives every scenario's plant, with results identical to those of a run.
 
-    Compiled drives in threads give the bits of one after the other, under feedback too.
-    `mujoco.rollout` cannot: its initial states leave out userdata, where our callbacks have their
-    numbers. `mujoco.batch` gives the same bits as fast, but knows no driver that looks.
+    Compiled drives in threads give the same bits as sequential ones, with feedback too.
+    `mujoco.rollout` is no alternative: its initial states leave out userdata, which our callbacks
+    use. `mujoco.batch` is equally fast and gives the same bits, but has no feedback drivers.
     """
     setups = [Setup.of(scenario) for scenario in scenarios]
     if len({id(setup.plant.passive) for setup in setups}) == 1:  # MuJoCo has one callback for all
@@ -142,7 +144,7 @@ def simulate(scenarios: Sequence[Scenario], pool: Executor) -> list[Course]:
 
 
 def _drive(setup: Setup) -> Course:
-    """Drives a plant that is running."""
+    """Drives a running plant for the scenario's duration."""
     log = setup.simulate()
     end = ended(setup.plant, log.at(-1))
     status = end[0] if end else Status.completed
@@ -154,10 +156,10 @@ def _drive(setup: Setup) -> Course:
 
 
 class Draw:
-    """An identifier on its way along a log, and its estimates at every check.
+    """An identifier along a log, and its estimates at every check.
 
     Attributes:
-        following: the identifier's state along the log.
+        following: the identifier and its state along the log.
         t: times of the checks [s].
         theta_hat: (p,) estimates at the checks.
     """
@@ -168,7 +170,7 @@ class Draw:
         self.theta_hat = [self.following.state.theta_hat]
 
     def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> None:
-        """Takes over what following a stretch has given; rows `due` are checked and kept."""
+        """Absorbs the estimates of a segment; those at rows `due` are checked and stored."""
         estimates = self.following.absorb(log, state, estimates, due)
         due = due[due < len(estimates.pivot)]
         self.t += [float(t) for t in log.t[due]]
@@ -178,12 +180,15 @@ class Draw:
 def identify(
     course: Course, draws: Sequence[tuple[int, Scenario]], seen: Seen = float
 ) -> list[Row]:
-    """Follows a course's log from the prior of every draw, and judges where that has led.
+    """Identifies from the prior of every draw along a course's log, and judges the last estimates.
 
     Args:
-        course: what the plant did.
-        draws: number and scenario of each; the scenario's seed draws the prior.
-        seen: is called as the work proceeds.
+        course: the simulated motion.
+        draws: number and scenario of each draw; the scenario's seed draws the prior.
+        seen: called with the progress.
+
+    Returns:
+        One row of results per draw.
     """
     begin, steps = time.perf_counter(), max(1, len(course.log.t) - 1)
     runs = follow(course, [scenario for _, scenario in draws], seen)
@@ -192,7 +197,7 @@ def identify(
 
 
 def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) -> list[Draw]:
-    """The identifiers of scenarios on a course's log, side by side, to its end or their own."""
+    """Runs the identifiers of scenarios along a course's log, to its end or until they fail."""
     log, dt = course.log, course.setup.scenario.dt
     with course.workspace:
         runs = [Draw(_identifier(course, scenario), log) for scenario in scenarios]
@@ -214,7 +219,7 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
 
 
 def _identifier(course: Course, scenario: Scenario) -> Identifier:
-    """A scenario's own identifier, with its prior about the truth of a course's plant."""
+    """A scenario's own identifier, with a prior drawn about the truth of a course's plant."""
     setup = course.setup.with_prior_of(scenario)
     return replace(setup, scenario=replace(scenario, rivals={})).identifiers()[""]
 
@@ -222,7 +227,7 @@ def _identifier(course: Course, scenario: Scenario) -> Identifier:
 def _followed(
     runs: Sequence[Draw], log: Log, motion: Motion | None
 ) -> Iterator[tuple[State, Estimates]]:
-    """What every run's identifier makes of a stretch, from where it is."""
+    """Yields state and estimates of every run's identifier along a segment, from its last state."""
     following = [run.following for run in runs]
     if motion is None:
         yield from (each.identifier.follow(each.state, log) for each in following)
@@ -233,14 +238,14 @@ def _followed(
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:
-    """What identifiers of one kind share on a log; None where each goes its own way."""
+    """The motion that identifiers of one kind share on a log; None if they have to run alone."""
     if isinstance(identifier, NullspaceIdentifier) and identifier.memory is None:
         return identifier.motion(log)
     return None
 
 
 def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) -> Row:
-    """What has become of a run."""
+    """The row of results of a run."""
     status, t, following = course.status, course.time, run.following
     if following.ended is not None:
         status, t = following.state.status, following.ended
@@ -265,28 +270,29 @@ def _what(draw: int, scenario: Scenario) -> Row:
     return {"run": draw, "draw": draw, "seed": scenario.seed}
 
 
-# -- all of it -------------------------------------------------------------------------------------
+# -- the whole study -------------------------------------------------------------------------------
 
 
 def monte_carlo(
     scenario: Scenario, runs: int, jobs: int | None = None, shared: bool = True
 ) -> list[Row]:
-    """Makes all runs.
+    """Executes all runs of a Monte Carlo study in memory.
 
     Args:
-        scenario: what is run; its seed is the master seed, and its rivals are left out.
-        runs: how many.
-        jobs: how many at once; None is as many as there are processors.
+        scenario: the scenario; its seed is the master seed, its rivals are left out.
+        runs: number of runs.
+        jobs: number of threads; None for the number of processors.
         shared: see `Plan`.
 
     Returns:
-        A row for every run, in their order: how it ended, and the figures of its last estimate.
+        A row for every run, in order of their numbers: how it ended, and the figures of its last
+        estimate.
 
     Raises:
-        InvalidInput: there is nothing to run, or nobody to run it.
+        InvalidInput: `runs` or `jobs` is less than 1.
         NsaidError: the scenario cannot be started.
     """
-    _at_least_one("runs", runs, "256 give distributions.")
+    _at_least_one("runs", runs, "256 runs give distributions.")
     rows = [row for part in _rows(scenario, range(runs), jobs, shared) for row in part]
     return sorted(rows, key=lambda row: row["run"])
 
@@ -294,15 +300,15 @@ def monte_carlo(
 def _rows(
     scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, seen: Seen = float
 ) -> Iterator[list[Row]]:
-    """Rows of the draws to do, as they are known."""
+    """Yields groups of rows of the draws to do, as they become available."""
     jobs = (os.cpu_count() or 1) if jobs is None else jobs
-    _at_least_one("jobs", jobs, "2 use two processors.")
+    _at_least_one("jobs", jobs, "The default is the number of processors.")
     draws = [(k, replace(scenario, seed=seed_of(scenario.seed, k))) for k in todo]
     pool = ThreadPoolExecutor(jobs)
     try:
         if shared:
             (course,) = simulate([scenario], pool)
-            _ = course.truth.nullspace  # before threads ask for it
+            _ = course.truth.nullspace  # computed before the threads use it
             groups = [(course, group) for group in grouped(draws, jobs)]
             yield from _identified(groups, pool, seen)
             return
@@ -316,7 +322,7 @@ def _rows(
 
 
 def grouped(draws: Sequence[Any], jobs: int) -> list[Sequence[Any]]:
-    """Draws of one course, as many together as leaves every thread some."""
+    """Splits the draws of one course into groups, at least one per thread if there are enough."""
     size = max(1, min(_GROUP, -(-len(draws) // jobs)))
     return [draws[at : at + size] for at in range(0, len(draws), size)]
 
@@ -324,7 +330,7 @@ def grouped(draws: Sequence[Any], jobs: int) -> list[Sequence[Any]]:
 def _identified(
     groups: Sequence[tuple[Course, Sequence[tuple[int, Scenario]]]], pool: Executor, seen: Seen
 ) -> Iterator[list[Row]]:
-    """Rows of groups of draws, as they are known."""
+    """Yields the rows of groups of draws, as they become available."""
     for done in as_completed([pool.submit(identify, *group, seen) for group in groups]):
         yield done.result()
 
@@ -335,21 +341,22 @@ def _at_least_one(name: str, number: int, remedy: str) -> None:
 
 
 def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) -> Sweep:
-    """Makes the runs that a folder does not have yet, and writes what a sweep would.
+    """Executes the runs that are missing in a folder, and writes the files of a sweep.
 
-    Stopped by Ctrl-C, it keeps what it has; the same call goes on from there.
+    After Ctrl-C, finished runs are kept and the same call resumes the study.
 
     Args:
-        plan: which runs.
-        folder: where to write; it is made.
-        jobs: how many runs at once.
+        plan: the runs.
+        folder: of the results; created if missing.
+        jobs: number of threads; None for the number of processors.
         quiet: show no progress.
 
     Raises:
         BadRun: the folder cannot be written, or holds something else.
-        NsaidError: as for `monte_carlo`.
+        InvalidInput: `jobs` is less than 1.
+        NsaidError: the scenario cannot be started.
     """
-    _at_least_one("jobs", 1 if jobs is None else jobs, "2 use two processors.")
+    _at_least_one("jobs", 1 if jobs is None else jobs, "The default is the number of processors.")
     if folder.is_dir() and not (folder / MANIFEST).is_file() and any(folder.iterdir()):
         raise BadRun(folder, "it holds something else", "Give another folder with --out")
     known = opened(folder, plan.manifest)
@@ -385,9 +392,9 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
 
 
 def quantiles(sweep: Sweep) -> dict[str, dict[str, float]]:
-    """Quantiles of the figures, by name; infinite where so many runs are lost, or never get there.
+    """Quantiles of the figures by name, infinite if they fall on lost or unconverged runs.
 
-    A lost run is worse than any other.
+    Figures of a lost run count as infinite.
     """
     last = [
         row | dict.fromkeys(FIGURES) if row["status"] != Status.completed.words else row
@@ -401,17 +408,17 @@ def quantiles(sweep: Sweep) -> dict[str, dict[str, float]]:
 
 
 def lost(sweep: Sweep) -> list[Row]:
-    """Runs that ended before their time."""
+    """Runs that ended before the scenario's duration."""
     return [row for row in sweep.rows if row["status"] != Status.completed.words]
 
 
 def cost(sweep: Sweep) -> float:
-    """What a step of a run's identifier takes of a thread's time, the median of all runs [µs]."""
+    """Median over the runs of an identifier's thread time per time step [µs]."""
     return float(np.median([row["identifier_us_per_step"] for row in sweep.rows]))
 
 
 def document(sweep: Sweep) -> dict[str, Any]:
-    """What `nsaid montecarlo --json` prints."""
+    """The output of `nsaid montecarlo --json`."""
     found = {
         key: {name: value if np.isfinite(value) else None for name, value in each.items()}
         for key, each in quantiles(sweep).items()
@@ -427,7 +434,7 @@ def document(sweep: Sweep) -> dict[str, Any]:
 
 
 def print_summary(sweep: Sweep) -> None:
-    """Prints the figures' quantiles, the lost runs, and where the files are."""
+    """Prints the quantiles of the figures, the lost runs, and the paths of the files."""
     console, gone = Console(highlight=False), lost(sweep)
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for head in ("", *QUANTILES):
@@ -435,7 +442,7 @@ def print_summary(sweep: Sweep) -> None:
     for key, each in quantiles(sweep).items():
         table.add_row(FIGURES[key], *(digits(value) for value in each.values()))
     shared = sweep.manifest["montecarlo"]["shared"]
-    kind = "priors on one motion" if shared else "plants, each with its motion"
+    kind = "priors on one motion" if shared else "plants, each with its own motion"
     console.print(f"[bold]{sweep.folder.name}[/bold]: {len(sweep.rows)} {kind}, {len(gone)} lost")
     console.print(table)
     for row in gone[:_LINES]:
@@ -448,8 +455,9 @@ def print_summary(sweep: Sweep) -> None:
     if len(gone) > _LINES:
         console.print(f"  … and {len(gone) - _LINES} more")
     console.print(
-        f"  identifier {cost(sweep):.2g} µs of a thread per run and step\n"
+        f"  identifier {cost(sweep):.2g} µs of thread time per run and time step\n"
         f"  table      {sweep.folder / TABLE}\n"
-        f"  plots      nsaid report {sweep.folder}",
+        f"  plots      nsaid report {shlex.quote(str(sweep.folder))}",
         soft_wrap=True,
+        markup=False,
     )

@@ -1,4 +1,4 @@
-"""What every study is made of: a scenario, where it comes from, and how to repeat it."""
+"""The common part of all studies: a scenario, its script, and the flags to repeat a run."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Study:
     """A scenario that is run many times.
 
     Attributes:
-        script: the scenario's packed name, or its script's path.
-        scenario: what is run.
-        arguments: flags of `nsaid run` that made the scenario, to repeat a run.
+        script: name of the packaged scenario, or path of its script.
+        scenario: the scenario.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
     """
 
     script: str
@@ -28,14 +28,14 @@ class Study:
 
     @cached_property
     def digest(self) -> str:
-        """Of the script's text."""
+        """SHA-256 of the script."""
         return digest_of(self.script)
 
     def manifest_of(self, **own: Any) -> dict[str, Any]:
-        """What the results depend on, and what a reader needs to know of them; JSON.
+        """The study's manifest: everything that its results depend on, as JSON values.
 
         Args:
-            own: what the kind of study adds.
+            own: entries of the particular kind of study.
         """
         return {
             "script": self.script,

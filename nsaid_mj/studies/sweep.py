@@ -1,8 +1,8 @@
-"""Many runs of one scenario with fields varied and seeds drawn: `nsaid sweep`.
+"""`nsaid sweep`: many runs of one scenario, with varied fields and drawn seeds.
 
-joblib spreads the runs over local processes or a cluster. A run's number says all about it, so
-that neither the number of workers nor the order in which they finish changes a result. A line of
-`rows.jsonl` is written as soon as its run is known; a sweep that was killed goes on from there.
+joblib distributes the runs over local processes or a cluster. The result of a run depends only on
+its number, not on the number of workers or on the order in which they finish. A row is appended to
+`rows.jsonl` as soon as its run is finished, so a killed sweep can be resumed.
 """
 
 from __future__ import annotations
@@ -35,25 +35,25 @@ from .sweep_worker import Job
 def seed_of(master: int, draw: int) -> int:
     """The `Scenario.seed` of a draw: 63 bits of SeedSequence(master, spawn_key=(draw,))."""
     sequence = np.random.SeedSequence(master, spawn_key=(draw,))
-    return int(sequence.generate_state(1, np.uint64)[0]) >> 1  # as a signed column can hold it
+    return int(sequence.generate_state(1, np.uint64)[0]) >> 1  # must fit a signed column
 
 
 @dataclass(frozen=True)
 class Plan(Study):
-    """Which runs a sweep is made of: every combination of the varied fields, with every seed.
+    """The runs of a sweep: every combination of the varied fields with every seed.
 
-    Run k is draw k // C of combination k % C, of C. A draw has one and the same seed in all
-    combinations: they are compared on the same plants, priors and noise.
+    With C combinations, run k is draw k // C of combination k % C. A draw has the same seed in all
+    combinations, so these are compared on the same plants, priors and noise.
 
     Attributes:
-        script: the scenario's packed name, or its script's path.
-        scenario: what is varied; its seed is the master seed.
-        arguments: flags of `nsaid run` that made the scenario, to repeat a run.
-        vary: dotted field to the values it takes.
+        script: name of the packaged scenario, or path of its script.
+        scenario: the scenario that is varied; its seed is the master seed.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
+        vary: values by dotted field name.
         seeds: number of draws.
 
     Raises:
-        InvalidInput: there is nothing to run, a value comes twice, or a scenario refuses one.
+        InvalidInput: there is nothing to run, a value is duplicate or not valid in the scenario.
     """
 
     vary: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
@@ -61,18 +61,18 @@ class Plan(Study):
 
     def __post_init__(self) -> None:
         if self.seeds < 1:
-            raise InvalidInput("seeds", "a number ≥ 1", self.seeds, "100 give distributions.")
+            raise InvalidInput("seeds", "a number ≥ 1", self.seeds, "100 seeds give distributions.")
         for path, values in self.vary.items():
             if not values or len(set(values)) < len(values):
-                raise InvalidInput(path, "values, none twice", values, "Give each once.")
+                raise InvalidInput(path, "values without duplicates", values, "Give each once.")
             if path == "seed":
-                remedy = "--seeds draws; --seed is the master that they are drawn from."
+                remedy = "Give --seeds, the number of draws, and --seed, the master seed."
                 raise InvalidInput("seed", "a field other than the seed", "seed", remedy)
         _ = self.scenarios
 
     @cached_property
     def combinations(self) -> list[dict[str, Any]]:
-        """The varied fields' values, combination by combination, the last field fastest."""
+        """All combinations of the varied fields' values; the last field varies fastest."""
         return [
             dict(zip(self.vary, values, strict=True))
             for values in itertools.product(*self.vary.values())
@@ -80,7 +80,7 @@ class Plan(Study):
 
     @cached_property
     def scenarios(self) -> list[Scenario]:
-        """The scenario of every combination, with the master seed still."""
+        """The scenario of every combination, still with the master seed."""
         return [with_fields(self.scenario, values) for values in self.combinations]
 
     def __len__(self) -> int:
@@ -99,7 +99,7 @@ class Plan(Study):
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What the results depend on, and what a reader needs to know of them."""
+        """Everything that the results depend on, as JSON values."""
         return self.manifest_of(
             vary={path: list(values) for path, values in self.vary.items()},
             seeds=self.seeds,
@@ -109,18 +109,19 @@ class Plan(Study):
 
 
 def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
-    """Fields and their values, from `field=value,value` of a command line.
+    """Parses varied fields and their values from `field=value,value`.
 
     Raises:
-        UnknownName: no field, or more than one, is called so.
-        InvalidInput: a text is not of this form, a value not of its field's type, or a field
-            comes twice.
+        UnknownName: there is no such field, or several.
+        InvalidInput: a text is not of this form, a value is not of its field's type, or a field is
+            given twice.
     """
     found: dict[str, tuple[Any, ...]] = {}
     for text in texts:
         name, equals, values = text.partition("=")
         if not equals:
-            raise InvalidInput("--vary", "field=value,value", text, "identifier.gain=0.1,1 is one.")
+            remedy = "Such as identifier.gain=0.1,1."
+            raise InvalidInput("--vary", "field=value,value", text, remedy)
         path = field_path(name, scenario)
         if path in found:
             raise InvalidInput("--vary", "every field once", path, "Give all its values together.")
@@ -131,16 +132,16 @@ def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...
 def run(
     plan: Plan, folder: Path, engine: Engine | None = None, quiet: bool = False, retry: bool = False
 ) -> Sweep:
-    """Makes the runs that a folder does not have yet.
+    """Executes the runs that are missing in a folder.
 
-    Stopped by Ctrl-C, it keeps what it has; the same call goes on from there.
+    After Ctrl-C, finished runs are kept and the same call resumes the sweep.
 
     Args:
-        plan: which runs.
-        folder: where to write; it is made.
-        engine: makes the runs; None is local processes.
+        plan: the runs.
+        folder: of the results; created if missing.
+        engine: executes the runs; None for local processes.
         quiet: show no progress.
-        retry: repeat runs that have no result.
+        retry: repeat runs without a result.
 
     Raises:
         BadRun: the folder cannot be written, or holds another sweep.
@@ -185,7 +186,11 @@ def run(
 
 
 def opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
-    """Makes a sweep's folder, or finds the rows that an earlier one of the same plan has left."""
+    """Creates a sweep's folder, or reads the rows that an earlier run of the same plan wrote.
+
+    Raises:
+        BadRun: the folder cannot be written, or holds another sweep.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / MANIFEST).is_file():
@@ -195,13 +200,13 @@ def opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
                 raise BadRun(
                     folder,
                     f"it holds another sweep; {', '.join(differ)} differ",
-                    "Give another folder with --out, or take this one away",
+                    "Give another folder with --out, or delete this one",
                 )
         else:
             write_json(folder / MANIFEST, manifest)
             (folder / ROWS).write_bytes(b"")
         rows, size = read_rows(folder)
-        os.truncate(folder / ROWS, size)  # half a line is no row
+        os.truncate(folder / ROWS, size)  # removes an incomplete last line
     except OSError as error:
         raise BadRun(
             folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"

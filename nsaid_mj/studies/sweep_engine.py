@@ -1,4 +1,4 @@
-"""Who makes the runs of a sweep: joblib on this machine's processors, or on a cluster's."""
+"""Executes the runs of a sweep with joblib, on local processes or on a cluster."""
 
 from __future__ import annotations
 
@@ -19,19 +19,23 @@ from ..experiment.scenario import Scenario
 from .sweep_worker import Job, supervised
 
 ENGINES = ("loky", "dask")
-_UNFIT = "`python -m nsaid_mj.studies.sweep_worker` on a worker's machine says why."
+_UNFIT = "Run `python -m nsaid_mj.studies.sweep_worker` on a worker's machine to see why."
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Who makes the runs.
+    """Executes runs in parallel.
 
     Attributes:
-        name: `loky` is processes of this machine; `dask` is a cluster.
-        address: of the cluster's scheduler.
-        jobs: how many runs at once; None is as many as there are processors.
-        timeout: wall time of a run after which it counts as hung [s]; None is two minutes, and
-            twenty times its simulated time.
+        name: `loky` for processes on this machine, `dask` for a cluster.
+        address: of the cluster's scheduler; None for loky.
+        jobs: number of parallel runs; None for the number of processors.
+        timeout: wall time after which a run counts as hung [s]; None for two minutes plus twenty
+            times its simulated time.
+
+    Raises:
+        UnknownName: there is no such engine.
+        InvalidInput: an attribute is out of range, or the address does not fit the engine.
     """
 
     name: str = "loky"
@@ -46,32 +50,32 @@ class Engine:
             expected = "none for loky, which is local" if self.address else "a cluster's"
             raise InvalidInput("address", expected, self.address, "tcp://host:8786 is Dask's form.")
         if self.jobs is not None and self.jobs < 1:
-            raise InvalidInput("jobs", "a number ≥ 1", self.jobs, "Leave it out.")
+            raise InvalidInput("jobs", "a number ≥ 1", self.jobs, "Omit it for all processors.")
         if self.timeout is not None and not (math.isfinite(self.timeout) and self.timeout > 0):
-            raise InvalidInput("timeout", "seconds > 0", self.timeout, "Leave it out.")
+            raise InvalidInput("timeout", "seconds > 0", self.timeout, "Omit it for the default.")
 
     def time(self, scenario: Scenario) -> float:
-        """The wall time that a run of a scenario may take [s]."""
+        """The wall time after which a run of a scenario counts as hung [s]."""
         return self.timeout or 120.0 + 20.0 * (scenario.duration + scenario.held_out)
 
     def make(
         self, numbers: Sequence[int], job: Callable[[int], Job], longest: float
     ) -> Iterator[dict[str, Any]]:
-        """Yields the figures of runs as they are known, in any order.
+        """Executes runs and yields their figures as they become available, in any order.
 
-        A worker that dies takes all that joblib has under way with it. Those runs are repeated one
-        at a time, where a worker's death is the fault of one run. (A run that dies or hangs does
-        so in its worker's child, and does not come here.)
+        If a worker dies, joblib loses all runs in progress. They are repeated one at a time, so
+        that the death of a worker can be attributed to one run. A run that crashes or hangs does so
+        in a child process of its worker, so the worker survives.
 
         Args:
-            numbers: which runs.
-            job: what each of them is.
-            longest: the longest time that one of them may take [s].
+            numbers: of the runs.
+            job: makes the job of a run from its number.
+            longest: largest wall time that one of them may take [s].
 
         Raises:
-            InvalidInput: the engine is not there, or its workers cannot make any run.
+            InvalidInput: the engine is not available, or its workers cannot execute any run.
         """
-        patience = 60.0 + 2 * longest  # as long without any row, and a worker has gone silently
+        patience = 60.0 + 2 * longest  # without a row for so long, a worker must have died
 
         def parallel(some: Sequence[int], begun: list[int]) -> Iterator[dict[str, Any]]:
             return self._parallel(some, job, begun, patience)
@@ -104,7 +108,7 @@ class Engine:
         begun: list[int],
         patience: float,
     ) -> Iterator[dict[str, Any]]:
-        """Rows of runs by joblib; it says which runs have begun."""
+        """Yields the rows of runs from joblib; appends the number of each started run to `begun`."""
         at_once = self.jobs or (joblib.cpu_count() if self.name == "loky" else -1)
 
         def tasks() -> Iterator[Any]:
@@ -112,14 +116,14 @@ class Engine:
                 begun.append(number)
                 yield joblib.delayed(supervised)(job(number))
 
-        in_turn = at_once == 1  # joblib then starts no worker, and cannot lose patience
+        in_turn = at_once == 1  # joblib then starts no worker and has no timeout
         settings: dict[str, Any] = {"n_jobs": at_once, "pre_dispatch": "n_jobs", "batch_size": 1}
         parallel: Any = partial(joblib.Parallel, timeout=None if in_turn else patience, **settings)
         yield from parallel(return_as="generator_unordered")(tasks())
 
     @contextmanager
     def _open(self) -> Iterator[tuple[type[Exception], ...]]:
-        """Makes joblib use the engine; yields the exceptions that say that workers have died."""
+        """Makes joblib use the engine; yields the exceptions that mean that a worker died."""
         broken: tuple[type[Exception], ...] = (BrokenExecutor, multiprocessing.TimeoutError)
         if self.name == "loky":
             with joblib.parallel_config("loky"):
@@ -139,7 +143,7 @@ class Engine:
             return connect()
         except (OSError, ValueError) as error:
             raise InvalidInput(
-                "address", f"that of a {self.name} cluster which answers", self.address, str(error)
+                "address", f"that of a running {self.name} cluster", self.address, str(error)
             ) from error
 
 

@@ -1,4 +1,4 @@
-"""A sweep on one page: how its figures are distributed over the varied fields, and what failed."""
+"""The report of a sweep: distributions of its figures over the varied fields, and failures."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from ..resources import write_text
 from .sweep_results import HEADS, Group, Sweep, cells
 
 PICTURE = "distributions.png"
-_DOTS = 400  # drawn of one group's runs, at most
+_DOTS = 400  # runs of one group that are drawn as dots, at most
 _EARLY = (COLOURS[1], COLOURS[5], COLOURS[9], COLOURS[8], COLOURS[2])
 _NONE = "no result"
 _NOTE = (
-    "Every dot is a run with a result{thinned}. Boxes hold the middle half, whiskers the middle "
-    "90 %; the line is the median. Where several fields vary, a column is over all values of the "
-    "others. A run has converged once its distance to the true set stays at most 0.01; times are "
-    "those of the converged runs, which are counted under each column."
+    "Each dot is a run with a result{thinned}. Boxes span the quartiles, whiskers the 5 % to 95 % "
+    "quantiles; the line is the median. If several fields vary, a column includes all values of "
+    "the others. A run has converged when its distance to the true set stays within 0.01; times "
+    "are those of converged runs, which are counted below each column."
 )
 
 Draw = Callable[[Any], None]
-"""Draws one panel into matplotlib's axes."""
+"""Draws one panel into matplotlib axes."""
 
 
 def write(sweep: Sweep) -> list[Path]:
@@ -80,9 +80,9 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> str:
 
 
 def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
-    """The panels over one varied field, or over all runs where none varies, by title.
+    """The panels by title, over one varied field or, if `field` is empty, over all runs.
 
-    Failures have a panel where there are any.
+    There is a panel of failures only if any run failed.
     """
     groups = sweep.by(field) if field else sweep.by()
     labels = [str(next(iter(group.values.values()), "all runs")) for group in groups]
@@ -116,8 +116,8 @@ def _times(groups: list[Group], labels: list[str], field: str, axis: Any) -> Non
 
 
 def _distribution(axis: Any, groups: list[Group], key: str) -> None:
-    """A box and dots for each group's finite values."""
-    rng = np.random.default_rng(0)  # of the dots' places, which mean nothing
+    """Draws a box and dots for the finite values of each group."""
+    rng = np.random.default_rng(0)  # of the dots' horizontal jitter
     for place, group in enumerate(groups):
         values = np.sort(group.column(key))
         values = values[np.isfinite(values)]
@@ -139,7 +139,7 @@ def _distribution(axis: Any, groups: list[Group], key: str) -> None:
 def _failed(
     groups: list[Group], labels: list[str], field: str, endings: list[str], axis: Any
 ) -> None:
-    """Stacked bars: runs without a result, and runs that ended before their time, by reason."""
+    """Draws stacked bars of runs without a result and of runs that ended early, by reason."""
     bottom = np.zeros(len(groups))
     colours = [BAD, *(_EARLY[k % len(_EARLY)] for k in range(len(endings)))]
     for ending, colour in zip([_NONE, *endings], colours, strict=True):
@@ -159,5 +159,5 @@ def _count(group: Group) -> Counter[str]:
 
 
 def _endings(sweep: Sweep) -> list[str]:
-    """How runs have ended before their time, each once."""
+    """The statuses of runs that ended early, without duplicates."""
     return sorted({row["status"] for group in sweep.by() for row in group.early})

@@ -1,4 +1,4 @@
-"""What a sweep has found: its folder read back, its runs by combination, tables and text."""
+"""Results of a sweep: reads its folder, groups its runs, writes tables and prints them."""
 
 from __future__ import annotations
 
@@ -26,25 +26,29 @@ FIGURES = ("theta_perp_ratio", "time_to_converge")
 QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
 HEADS = ("distance at end", "converged after [s]", "converged", "early", "lost")
 COSTS = (
-    "wall_s", "compile_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step",
-)  # fmt: skip
-"""Columns that differ when a run is repeated; all others are the same to the bit."""
+    "wall_s",
+    "compile_s",
+    "real_time_factor",
+    "identifier_us_per_step",
+    "plant_us_per_step",
+)
+"""Columns that differ when a run is repeated; all others are identical to the bit."""
 
-_TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # where all may be null
-_LINES = 40  # of a table on the terminal
+_TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # columns that may be all null
+_LINES = 40  # of a table on the terminal, at most
 
 Row = dict[str, Any]
-"""`run`, `draw`, `seed`, the varied fields, and what `sweep_worker.supervised` has found."""
+"""`run`, `draw`, `seed`, the varied fields, and the figures from `sweep_worker.supervised`."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep, read back, whole or as far as it got.
+    """A sweep read from its folder, complete or interrupted.
 
     Attributes:
-        folder: where it is.
-        manifest: what it is made of; see `Plan.manifest`.
-        rows: what its runs have found, in the order of their numbers.
+        folder: of the sweep.
+        manifest: see `Plan.manifest`.
+        rows: of the finished runs, in order of their numbers.
     """
 
     folder: Path
@@ -53,11 +57,11 @@ class Sweep:
 
     @property
     def groups(self) -> list[Group]:
-        """Its runs by combination of the varied fields."""
+        """The runs grouped by combination of the varied fields."""
         return self.by(*self.manifest["vary"])
 
     def by(self, *fields: str) -> list[Group]:
-        """Its runs by the values of some of the varied fields, in the order these were given."""
+        """The runs grouped by the values of some varied fields, in the order of these values."""
         values = [self.manifest["vary"][path] for path in fields]
         return [
             Group(
@@ -77,7 +81,7 @@ class Sweep:
         return [row for row in self.rows if row["failure"] is not None]
 
     def command(self, row: Row) -> str:
-        """The command line that repeats a run alone."""
+        """The command line that repeats a single run."""
         words = ["nsaid", "run", self.manifest["script"], *self.manifest["arguments"]]
         for path in self.manifest["vary"]:
             value = row[path]
@@ -88,10 +92,10 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Group:
-    """Runs that share values of varied fields.
+    """Runs with equal values of some varied fields.
 
     Attributes:
-        values: of the fields.
+        values: of these fields, by name.
         rows: of the runs.
     """
 
@@ -100,36 +104,36 @@ class Group:
 
     @property
     def results(self) -> list[Row]:
-        """Runs that have a result, however they ended."""
+        """Runs with a result, completed or not."""
         return [row for row in self.rows if row["failure"] is None]
 
     @property
     def early(self) -> list[Row]:
-        """Runs that ended before their time, with a result."""
+        """Runs with a result that ended before the scenario's duration."""
         return [row for row in self.results if row["status"] != "completed"]
 
     def column(self, key: str) -> np.ndarray:
-        """A figure of the runs with a result; infinite where it is None."""
+        """(k,) a figure of the runs with a result; infinite where it is None."""
         return np.array([np.inf if row[key] is None else row[key] for row in self.results], float)
 
     def quantile(self, key: str, share: float) -> float:
-        """The figure that a share of the runs does not exceed; infinite where there is none."""
+        """The quantile of a figure at a share of the runs; infinite if there are no runs."""
         column = self.column(key)
         return float(np.quantile(column, share, method="inverted_cdf")) if len(column) else np.inf
 
 
 def read(folder: Path) -> Sweep:
-    """A sweep's folder.
+    """Reads a sweep's folder.
 
     Raises:
-        BadRun: there is no sweep in it, or what there is cannot be read.
+        BadRun: there is no sweep in it, or it is unreadable.
     """
     rows, _ = read_rows(folder) if (folder / ROWS).is_file() else ({}, 0)
     return Sweep(folder, read_manifest(folder), [rows[number] for number in sorted(rows)])
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """What a sweep is made of; see `Plan.manifest`.
+    """Reads a sweep's manifest; see `Plan.manifest`.
 
     Raises:
         BadRun: there is no manifest, or it is not a sweep's.
@@ -141,31 +145,33 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise BadRun(
             folder,
-            f"there is no sweep, for lack of a {MANIFEST}",
-            "Give the folder that `nsaid sweep` has written",
+            f"it is no sweep: {MANIFEST} is missing",
+            "Give a folder that `nsaid sweep` has written",
         ) from error
     except (ValueError, AttributeError):
         pass
-    raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Take the folder away")
+    raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Delete the folder")
 
 
 def read_rows(folder: Path) -> tuple[dict[int, Row], int]:
-    """Rows by number, the last one where there are two, and how many bytes are whole lines.
+    """Reads the rows, by run number, and the number of bytes in complete lines.
+
+    If there are several rows of one run, the last one counts.
 
     Raises:
-        BadRun: a whole line is not a row.
+        BadRun: a complete line is not a row.
     """
     data = (folder / ROWS).read_bytes()
     size = data.rfind(b"\n") + 1
     try:
         rows = {row["run"]: row for row in map(json.loads, data[:size].splitlines())}
     except (ValueError, KeyError, TypeError) as error:
-        raise BadRun(folder / ROWS, "not a sweep's rows", "Take the folder away") from error
+        raise BadRun(folder / ROWS, "not a sweep's rows", "Delete the folder") from error
     return rows, size
 
 
 def write_table(folder: Path) -> Path:
-    """Writes all rows there are as one Parquet table, with the manifest as its metadata."""
+    """Writes all rows as one Parquet table, with the manifest as metadata."""
     sweep = read(folder)
     names = dict.fromkeys(key for row in sweep.rows for key in row)
     table = pa.table({name: _column(name, [row.get(name) for row in sweep.rows]) for name in names})
@@ -181,7 +187,7 @@ def _column(name: str, values: list[Any]) -> pa.Array:
         return pa.array(values, _TYPES[name])
     try:
         return pa.array(values)
-    except (pa.ArrowInvalid, pa.ArrowTypeError):  # a field that takes numbers and words
+    except (pa.ArrowInvalid, pa.ArrowTypeError):  # a field with values of several types
         return pa.array([None if value is None else str(value) for value in values])
 
 
@@ -189,7 +195,7 @@ def _column(name: str, values: list[Any]) -> pa.Array:
 
 
 def document(sweep: Sweep) -> dict[str, Any]:
-    """What `nsaid sweep --json` prints."""
+    """The output of `nsaid sweep --json`."""
     return {
         "folder": str(sweep.folder),
         "runs": sweep.manifest["runs"],
@@ -224,7 +230,7 @@ def _finite(value: float) -> float | None:
 
 
 def print_summary(sweep: Sweep) -> None:
-    """Prints what the combinations have come to, what failed, and where the files are."""
+    """Prints the figures of all combinations, the failures, and the paths of the files."""
     console = Console(highlight=False)
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     fields = list(sweep.manifest["vary"])
@@ -239,12 +245,12 @@ def print_summary(sweep: Sweep) -> None:
     console.print(f"[bold]{sweep.folder.name}[/bold]: {results} of {runs} runs have a result")
     console.print(table)
     console.print(
-        "Medians, 5 % and 95 % in brackets, – is never; early: ended before their time; lost: "
-        "without a result.",
+        "Medians, with 5 % and 95 % quantiles in brackets; – means never. Early: ended before the "
+        "scenario's duration. Lost: no result.",
         soft_wrap=True,
     )
     if len(sweep.groups) > _LINES:
-        console.print(f"… and {len(sweep.groups) - _LINES} combinations more")
+        console.print(f"… and {len(sweep.groups) - _LINES} more combinations")
     for row in sweep.lost[:_LINES]:
         console.print(
             f"  [red]run {row['run']}[/red]: {escape(row['failure'])}\n"
@@ -252,15 +258,17 @@ def print_summary(sweep: Sweep) -> None:
             soft_wrap=True,
         )
     if len(sweep.lost) > _LINES:
-        console.print(f"  … and {len(sweep.lost) - _LINES} failures more")
+        console.print(f"  … and {len(sweep.lost) - _LINES} more failures")
     console.print(
-        f"  table      {sweep.folder / TABLE}\n  plots      nsaid report {sweep.folder}",
+        f"  table      {sweep.folder / TABLE}\n"
+        f"  plots      nsaid report {shlex.quote(str(sweep.folder))}",
         soft_wrap=True,
+        markup=False,
     )
 
 
 def cells(group: Group) -> list[str]:
-    """A group's line in a table, under `HEADS`."""
+    """A group's cells in a table, in the order of `HEADS`."""
     spreads = []
     for key in FIGURES:
         low, median, high = (digits(group.quantile(key, share)) for share in QUANTILES.values())
@@ -271,5 +279,5 @@ def cells(group: Group) -> list[str]:
 
 
 def digits(value: float) -> str:
-    """Two digits, without the zeros of an exponent; – where it is infinite."""
+    """Formats a figure with two digits; – if it is infinite."""
     return f"{value:.2g}".replace("e-0", "e-") if math.isfinite(value) else "–"

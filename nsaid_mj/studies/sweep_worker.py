@@ -1,8 +1,8 @@
-"""One run of a sweep, in a process of its own that may die or hang without harm to others.
+"""Executes the runs of a sweep in a child process, which may crash or hang without loss of others.
 
-An engine's worker (joblib's local process, or a thread of a cluster's) makes no run itself. It
-keeps one child process, hands it a run at a time as a line of JSON and waits for a line in answer.
-A child that dies or does not answer in time costs the run it was at; the next run gets a new one.
+An engine's worker (a local process of joblib, or a thread on a cluster) executes no run itself. It
+keeps one child process, sends it one run at a time as a line of JSON, and waits for a line in
+answer. If the child crashes or times out, its current run is lost and the next gets a new child.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
     from ..evaluation import Truth
     from ..experiment.loop import SimulatedRun
 
-_START = 300.0  # time that a child has for its imports [s]
-_GRACE = 10.0  # beyond its time a child that nobody watches any more ends itself [s]
-_LEFT_OUT = {"versions", "status_remedy"}  # of a summary: the same for many runs
+_START = 300.0  # timeout for a child's imports [s]
+_GRACE = 10.0  # after a run's timeout, at which a child without a worker exits by itself [s]
+_LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary that are equal for many runs
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 class Job(NamedTuple):
-    """A run to be made.
+    """A run to execute.
 
     Attributes:
         number: of the run in its sweep.
-        script: the packed name or the path of the scenario that defines the types.
-        digest: of the script's text, so that no other version of it is run.
-        scenario: what to run, as JSON.
-        timeout: wall time that it may take [s].
+        script: name of a packaged scenario, or path of the script that defines its types.
+        digest: SHA-256 of the script, to detect a different version of it.
+        scenario: the scenario as JSON.
+        timeout: wall time after which the run counts as hung [s].
     """
 
     number: int
@@ -53,10 +53,11 @@ class Job(NamedTuple):
 
 
 def supervised(job: Job) -> dict[str, Any]:
-    """Figures of a run by key, or why there are none as its `failure`; always with its number.
+    """Executes a job in this thread's child process.
 
-    Where no run could be made at all, for want of a process that imports this package, `unfit`
-    says so.
+    Returns:
+        The run's number and figures by key, or its number and the reason of a `failure`. If no
+        child process can import this package, the number and the reason as `unfit`.
     """
     child: _Child | None = getattr(_mine, "child", None)
     if child is None or not child.serves(job):
@@ -69,11 +70,11 @@ def supervised(job: Job) -> dict[str, Any]:
         return {"run": job.number} | child.ask(job, folder)
 
 
-_mine = threading.local()  # a cluster's worker may have several threads, each with a child
+_mine = threading.local()  # a worker on a cluster may have several threads, each with a child
 
 
 class _Child:
-    """A process that makes runs, seen from the one that waits for them."""
+    """A child process that executes runs, as seen from its worker."""
 
     def __init__(self, job: Job):
         self._key = job.script, job.digest
@@ -86,20 +87,20 @@ class _Child:
             encoding="utf-8",
         )
         atexit.register(self.stop)
-        self.fault = self._wait(_START)[1]  # imports are no part of a run's time
+        self.fault = self._wait(_START)[1]  # imports do not count towards a run's timeout
 
     def serves(self, job: Job) -> bool:
-        """Whether it is alive and of the job's script."""
+        """Whether the process is alive and has loaded the job's script."""
         same = self._key == (job.script, job.digest)
         return same and not self.fault and self._process.poll() is None
 
     def ask(self, job: Job, folder: str) -> dict[str, Any]:
-        """What the run has found, or how the process failed."""
+        """The run's figures, or how the process failed."""
         answer, self.fault = self._wait(job.timeout, json.dumps([*job, folder]) + "\n")
         return {"failure": self.fault} if self.fault else json.loads(answer)
 
     def _wait(self, timeout: float, question: str = "") -> tuple[str, str]:
-        """The process's next line, and "" or what has become of it instead."""
+        """Sends a question; returns the answered line and "", or "" and how the process failed."""
         assert self._process.stdin is not None and self._process.stdout is not None
         expired = threading.Event()
 
@@ -116,30 +117,30 @@ class _Child:
             answer = self._process.stdout.readline()
         except BrokenPipeError:
             answer = ""
-        except BaseException:  # Ctrl-C: nobody will ask for the answer
+        except BaseException:  # Ctrl-C: the answer is not needed any more
             self.stop()
             raise
         finally:
             timer.cancel()
             timer.join()
         if expired.is_set():
-            self._process.wait()  # dead now, or the next run would still take it for alive
+            self._process.wait()  # else `poll` could still report it as alive
         if answer.endswith("\n"):
             return answer, ""
         if expired.is_set():
-            return "", f"no end within {timeout:g} s"
+            return "", f"not finished within {timeout:g} s"
         code = self._process.wait()
         how = signal.strsignal(-code) if code < 0 else f"exit code {code}"
         return "", f"its process died: {how}"
 
     def stop(self) -> None:
-        """Ends the process, and waits until it has."""
+        """Stops the process and waits for it."""
         atexit.unregister(self.stop)
         if self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.close()
         try:
-            self._process.wait(0.5)  # its own way out, if it has none of its own making
+            self._process.wait(0.5)  # it exits when its standard input is closed
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -151,10 +152,10 @@ class _Child:
 
 
 def serve() -> None:
-    """Makes the runs that come on the standard input, until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the sweep's: a run cut off is no row
+    """Executes the runs that arrive on the standard input, until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the sweep
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what a scenario prints must not pass for an answer
+    os.dup2(2, 1)  # output of a scenario's script must not be taken for an answer
 
     print("ready", file=answers, flush=True)
     for line in sys.stdin:
@@ -167,14 +168,14 @@ def serve() -> None:
 
 
 def _attempt(job: Job, folder: Path) -> str:
-    """The figures of a run as JSON, or why it has none: an error of a scenario's script too."""
+    """The figures of a run as JSON, or its failure, which may be an error in the script."""
     from ..experiment.loop import run
     from ..experiment.scenario import Scenario
 
     try:
         _types_of(job.script)
         if digest_of(job.script) != job.digest:
-            return _failure(f"{job.script} is not what the sweep was started with")
+            return _failure(f"{job.script} has changed since the sweep was started")
         found = figures(run(Scenario.from_json(job.scenario), folder))
         return json.dumps(found, ensure_ascii=False, allow_nan=False)
     except NsaidError as error:
@@ -189,14 +190,14 @@ def _failure(why: str) -> str:
 
 @cache
 def _types_of(script: str) -> None:
-    """Loads a script, for the types that its scenario is made of."""
+    """Loads a script, which defines the types of its scenario."""
     from ..experiment.library import load
 
     load(script)
 
 
 def figures(run: SimulatedRun) -> dict[str, Any]:
-    """The plain figures of a run's summary by key, dotted where nested, and `time_to_converge`."""
+    """Scalar entries of a run's summary by key, dotted if nested, and `time_to_converge`."""
     from .. import evaluation
     from ..reporting.warmup import mark_warm
 
@@ -218,9 +219,9 @@ def _plain(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def time_to_converge(run: SimulatedRun, truth: Truth) -> float | None:
-    """From when on the distance to the true set stays small; see `evaluation.converged_at` [s].
+    """The time from which on the distance to the true set stays small [s].
 
-    None where it does not, or where the run ended before its time.
+    See `evaluation.converged_at`. None if it does not stay small, or if the run ended early.
     """
     from ..evaluation import converged_at
     from ..identifiers import Status

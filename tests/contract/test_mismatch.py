@@ -299,18 +299,25 @@ ALL = Mismatch(lag=0.1, delay=0.05, flow=(0.1, 0.0, -0.2), fluid="ellipsoid")
 SHORT: dict[str, Any] = {"duration": 1.0, "held_out": 1.0, "pe_window": 0.5}
 
 
-def test_the_summary_tells_every_mismatch(tmp_path):
+def test_the_summary_lists_every_mismatch_and_the_sensors_noise_by_itself(tmp_path):
     scenario = replace(load("bluerov2"), plant=BlueROV2Plant(mismatch=ALL), **SHORT)
     noise = SensorNoise(1e-3, 2e-3, 0.01)
-    for sensors, more in (
-        ("ideal", []),
-        ("noisy", ["sensor noise 0.001 and 0.002 [SI]", "positions quantised to 0.01"]),
+    for sensors, words in (
+        ("ideal", ""),
+        (
+            "noisy",
+            "noise of 1e-3 m and rad, 2e-3 m/s and rad/s; positions quantised to 0.01 m and rad",
+        ),
     ):
         done = run(replace(scenario, sensors=sensors, noise=noise), tmp_path / sensors)
-        assert summarize(done, truth_of(done))["mismatch"] == [
-            "actuators lag by 0.1 s", "commands arrive 0.05 s late", "flow of 0.1, 0, -0.2 m/s",
-            "MuJoCo's ellipsoid fluid instead of the structure's", *more,
-        ]  # fmt: skip
+        summary = summarize(done, truth_of(done))
+        assert summary["sensor_noise"] == words
+        assert summary["mismatch"] == [
+            "actuators lag by 0.1 s",
+            "commands arrive 0.05 s late",
+            "flow of 0.1, 0, -0.2 m/s",
+            "MuJoCo's ellipsoid fluid instead of the structure's",
+        ]
     exact = run(replace(load("bluerov2"), **SHORT), tmp_path / "exact")
     assert summarize(exact, truth_of(exact))["mismatch"] == []
 

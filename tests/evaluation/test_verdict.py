@@ -31,8 +31,8 @@ def summary(name: str, law: str, duration: float, delay: float = 0.0, **more: fl
         held_out=2.0,
     )
     with tempfile.TemporaryDirectory() as folder:
-        result = run(scenario, Path(folder))
-        return summarize(result, truth_of(result))
+        done = run(scenario, Path(folder))
+        return summarize(done, truth_of(done))
 
 
 def without_truth(found: dict[str, Any]) -> dict[str, Any]:

@@ -111,7 +111,7 @@ def test_without_excitation_75_fails_and_theorem_2_does_not_apply(tmp_path):
 @pytest.mark.parametrize(
     ("scenario", "why"),
     [
-        (replace(LONG, sensors="noisy"), "sensor noise"),
+        (replace(LONG, sensors="noisy"), "sensor noise of 1e-4 m, "),
         (replace(LONG, plant=replace(LONG.plant, mismatch=replace(LONG.plant.mismatch, lag=0.1))),
          "lag"),
         (replace(LONG, identifier=ConventionalAID(K=10.0, gain=0.3)), "holds parameters"),
@@ -184,7 +184,7 @@ def test_a_sabotaged_folder_exits_with_1_and_says_what_fails(honest, tmp_path):
     code, said = shell("verify", "--run", tmp_path)
     text = flat(said.out)
     assert code == 1 and said.err == ""
-    assert "fails Theorem 1 (69): V falls in every step 1 of 6000 steps rose by more" in text
+    assert "fails Theorem 1 (69): V decreases in every time step V rose in 1 of 6000" in text
     verdicts = strict((tmp_path / "verify.json").read_text(encoding="utf-8"))["statements"]
     assert verdicts[0]["verdict"] == "fails" and verdicts[0]["number"] > verdicts[0]["bound"]
 

@@ -117,7 +117,7 @@ def test_live_without_any_viewer_goes_on_with_one_line(
     code, said = script(SHORT, "--out", tmp_path, "--live", "--json")
     assert code == 0
     lines = said.err.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("nsaid: the run goes on without a viewer: ")
+    assert len(lines) == 1 and lines[0].startswith("nsaid: continuing without the viewer: ")
 
 
 def test_a_watched_run_is_the_same_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -393,7 +393,7 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
     np.testing.assert_allclose(origins[0, 1], [0, 0.5, up], atol=1e-6)
     np.testing.assert_allclose(origins[1, 0], [-1, 0, up], atol=1e-6)
     np.testing.assert_allclose(origins[1, 1] + vectors[1, 1], [0, 0.5, up], atol=1e-6)  # inwards
-    across = np.einsum("ja,ja->j", arrows.beside, [[1.0, 0, 0], [0, 1, 0], fin])
+    across = np.einsum("ja,ja->j", arrows.offsets, [[1.0, 0, 0], [0, 1, 0], fin])
     np.testing.assert_allclose(across, 0, atol=1e-12)
 
 
@@ -458,7 +458,7 @@ def test_a_viewer_that_fails_ends_no_run(
     result = run(ROV, tmp_path, recording.Live("rov"))
     assert result.ending.status is Status.completed
     told = [x for x in capfd.readouterr().err.splitlines() if x.startswith("nsaid:")]
-    assert len(told) == 1 and "goes on without a viewer" in told[0]
+    assert len(told) == 1 and "continuing without the viewer" in told[0]
 
 
 def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

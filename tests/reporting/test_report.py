@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+import shlex
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -97,7 +98,7 @@ def test_every_parameter_and_every_unobservable_direction_is_told(
     summary: dict[str, Any], text: str
 ) -> None:
     page = Page.of(text)
-    assert [row["name"] for row in summary["parameters"]] == [
+    assert [row["label"] for row in summary["parameters"]] == [
         row[0] for table in page.tables for row in table.rows if "estimate" in table.heads
     ]
     words = unescape(text)
@@ -145,13 +146,14 @@ def test_everything_from_outside_is_escaped(
         "status_signal": EVIL,
         "status_remedy": EVIL,
         "mismatch": [EVIL],
+        "sensor_noise": EVIL,
         "fault": EVIL,
         "law": EVIL,
         "sensors": EVIL,
         "seed": EVIL,
         "scenario_hash": EVIL,
         "versions": {EVIL: EVIL},
-        "unobservable": [{"direction": EVIL, "fix": EVIL, "parameters": [EVIL, EVIL]}],
+        "unobservable": [{"direction": EVIL, "fix": EVIL, "labels": [EVIL, EVIL]}],
         "rivals": {EVIL: told["rivals"]["conventional"]},
         "confidence": {
             "directions": 2,
@@ -164,12 +166,21 @@ def test_everything_from_outside_is_escaped(
         },
     }
     for row in told["parameters"]:
-        row |= {"name": EVIL, "unit": EVIL}
+        row |= {"name": EVIL, "label": EVIL, "unit": EVIL}
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
     text = report.page(evil, told, metrics.truth_of(done))
     assert "<script" not in text
     assert unescape(text).count("<script>") > 20
     Page.of(text)
+
+
+def test_commands_on_the_page_quote_the_folder(
+    done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = tmp_path / "it's a run"
+    text = unescape(report.page(replace(done, folder=folder), summary, metrics.truth_of(done)))
+    for command in ("nsaid view", "nsaid verify --run"):
+        assert f"{command} {shlex.quote(str(folder))}" in text
 
 
 def test_without_a_truth_everything_but_the_comparison_is_there(
@@ -179,6 +190,8 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
         raise AssertionError("the truth was asked for")
 
     monkeypatch.setattr(metrics, "energy", nobody_knows)
+    for name in ("distance", "theta_at", "nullspace_at"):
+        monkeypatch.setattr(metrics.Truth, name, nobody_knows)
     monkeypatch.setattr(type(done.plant), "truth_at", nobody_knows)
     told = copy.deepcopy(summary)
     for found in (told, *told["rivals"].values()):
@@ -197,7 +210,7 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
     assert labels == ["Actuators relative to the prior", "Velocity error"]
     assert "true" not in {head for table in page.tables for head in table.heads}
     assert "Lyapunov" not in text
-    assert "rms Δv over the last tenth [SI]" in text
+    assert "rms Δv over the last tenth of the run [SI]" in text
     told_estimates = [
         float(row[3]) for table in page.tables for row in table.rows if "estimate" in table.heads
     ]

@@ -405,7 +405,7 @@ def test_a_run_that_dies_or_hangs_costs_itself_only(fates: Path, tmp_path: Path)
     plan = Plan(str(fates), scenario, {"excitation.fate": named}, seeds=1)
     found = run(plan, tmp_path / "out", Engine(jobs=2, timeout=3.0), quiet=True)
     why = {"lives": None, "dies": "its process died: exit code 3", "kills": "its worker died",
-           "hangs": "no end within 3 s", "errs": "ZeroDivisionError: by nought"}  # fmt: skip
+           "hangs": "not finished within 3 s", "errs": "ZeroDivisionError: by nought"}  # fmt: skip
     assert [row["run"] for row in found.rows] == list(range(len(plan)))
     assert [row["failure"] for row in found.rows] == [why[row["excitation.fate"]]
                                                       for row in found.rows]  # fmt: skip
