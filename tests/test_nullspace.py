@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.nullspace import TOLERANCE, Nullspace, directions, split, structural
 from nsaid_mj.plants import ArmPlant, ScalarRovPlant
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=40)
-seeds = st.integers(0, 2**32 - 1)
 dims = st.tuples(st.integers(1, 8), st.integers(0, 8)).filter(lambda d: d[1] <= d[0])
 PLANTS = {
     "scalar": ScalarRovPlant(),

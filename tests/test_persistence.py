@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.persistence import PersistenceMonitor, level
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=50)
-seeds = st.integers(0, 2**32 - 1)
 DT = 0.01
 
 

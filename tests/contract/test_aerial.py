@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -18,10 +17,10 @@ from nsaid_mj.nullspace import directions, structural
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, QuadrotorPlant
 from nsaid_mj.resources import numbers
 from nsaid_mj.systems.aerial import Quadrotor
+from tests.support.strategies import seeds
 from tests.support.vehicles import acceleration
 
 FEW = settings(deadline=None, max_examples=15)
-seeds = st.integers(0, 2**32 - 1)
 MODELS = ["hummingbird", "crazyflie"]
 models = pytest.mark.parametrize("model", MODELS)
 HOVER = {"hummingbird": 0.31, "crazyflie": 0.71}  # rotor speeds that about hold the weight

@@ -16,7 +16,7 @@ from nsaid_mj.numerics import spatial
 from nsaid_mj.numerics.interpolation import body_half_way
 from nsaid_mj.parameters import Array
 from nsaid_mj.system import SecondOrderSystem
-from tests.paper.bench import Motion, estimates, identify, lyapunov, order
+from tests.support.bench import Motion, estimates, identify, lyapunov, order
 from tests.support.dense import Dense
 from tests.support.vehicles import VEHICLES
 

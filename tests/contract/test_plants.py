@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
 from nsaid_mj.plants.world.robots import known_robots, load_robot
+from tests.support.strategies import seeds
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 FEW = settings(deadline=None, max_examples=15)
-seeds = st.integers(0, 2**32 - 1)
 CONFIGS = (
     {"scalar": ScalarRovPlant()}
     | {name: ArmPlant(robot=name) for name in ("double_pendulum", "kinova", "panda", "solo12")}

@@ -17,10 +17,10 @@ from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
 from nsaid_mj.resources import scenarios
 from nsaid_mj.system import checked
 from nsaid_mj.systems.multibody import Multibody
+from tests.support.strategies import seeds
 from tests.support.vehicles import VEHICLES
 
 FEW = settings(deadline=None, max_examples=10)
-seeds = st.integers(0, 2**32 - 1)
 ARMS = ["ur5", "kinova", "panda", "double_pendulum", "talos_arm", "solo12"]
 PLANTS = {"scalar": ScalarRovPlant()} | {name: ArmPlant(robot=name) for name in ARMS} | VEHICLES
 systems = pytest.mark.parametrize("name", PLANTS)

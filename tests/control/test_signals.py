@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from nsaid_mj.control.signals import FourierTrajectory, Multisine
 from nsaid_mj.errors import InvalidInput
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=30)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def fourier(seed, *, low=(-1.0, 0.0, 2.0), high=(1.0, 3.0, 2.5), speed=(1.0, 9.0, 0.3), f=0.2, h=5):

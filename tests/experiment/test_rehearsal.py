@@ -29,11 +29,11 @@ from nsaid_mj.parameters import Array
 from nsaid_mj.plants import BlueROV2Plant, ScalarRovPlant
 from nsaid_mj.plants.world.body import Vehicle
 from nsaid_mj.system import SecondOrderSystem
-from tests.paper.bench import TwoVehicles
+from tests.support.bench import TwoVehicles
+from tests.support.strategies import seeds
 from tests.support.vehicles import VEHICLES
 
 FEW = settings(deadline=None, max_examples=25)
-seeds = st.integers(0, 2**32 - 1)
 THETA = np.array([2.0, 1.5, 0.3, 3.0, 1.0, 0.8, -0.2, 2.0])
 
 

@@ -20,9 +20,9 @@ from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, BlueROV2Plant, Plant, REMUS100Plant
 from nsaid_mj.systems.general import midpoints_by_sample, tensor_motion
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=15)
-seeds = st.integers(0, 2**32 - 1)
 CONFIGS = {
     "rov": BlueROV2Plant(), "torpedo": REMUS100Plant(), "pendulum": ArmPlant("double_pendulum"),
 }  # fmt: skip

@@ -15,9 +15,9 @@ from nsaid_mj.log import EXACT
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
 from tests.support.remembered import Log, driven, noisy, remember
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=25)
-seeds = st.integers(0, 2**32 - 1)
 NAMES = ["scalar_rov", "bluerov2", "double_pendulum", "crazyflie"]
 NOISE = SensorNoise()
 

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from tests.paper.bench import Bench, Motion, bench, swing
+from tests.support.bench import Bench, Motion, bench, swing
 
 SEEDS = [0, 1, 2]
 

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.numerics import spatial
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=60)
-seeds = st.integers(0, 2**32 - 1)
 SIZES = [0.0, 1e-300, 1e-12, 1e-8, 1e-5, 9.99e-3, 1e-2, 1.001e-2, 0.1, 1.0, 2.0, 3.0, np.pi - 1e-6]
 sizes = st.sampled_from(SIZES) | st.floats(0, 3.1)
 GROUPS = {3: 3, 6: 6, 0: 4, -6: 9}  # group → n; −6 stands for a twist with three joints

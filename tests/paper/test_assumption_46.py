@@ -14,7 +14,7 @@ from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
-from tests.paper.bench import TwoVehicles, bench, simulate
+from tests.support.bench import TwoVehicles, bench, simulate
 
 
 def mass_tensor(table, x: Array) -> Array:

@@ -8,7 +8,7 @@ import pytest
 
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants.arm import Arm
-from tests.paper.bench import Bench, TwoVehicles, bench
+from tests.support.bench import Bench, TwoVehicles, bench
 
 
 def test_36_Q_is_orthogonal(table: Bench):

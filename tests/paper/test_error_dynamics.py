@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.parameters import Array
-from tests.paper.bench import accelerations, bench, columns, estimates, identify, order, swing
+from tests.support.bench import accelerations, bench, columns, estimates, identify, order, swing
 
 
 class Errors(NamedTuple):

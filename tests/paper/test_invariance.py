@@ -6,7 +6,7 @@ import numpy as np
 
 from nsaid_mj.identifiers import ConventionalAID, NullspaceAID
 from nsaid_mj.parameters import Array
-from tests.paper.bench import Bench, bench, identify
+from tests.support.bench import Bench, bench, identify
 
 
 def member(table: Bench, rng: np.random.Generator, x: Array) -> Array:

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.parameters import Array
-from tests.paper.bench import bench, estimates, identify, order, swing
+from tests.support.bench import bench, estimates, identify, order, swing
 
 
 def positive_definite(diagonal: Array, rng: np.random.Generator) -> Array:

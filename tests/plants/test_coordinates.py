@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from nsaid_mj.numerics.spatial import planar_difference, pose_difference, quaternion_of, rotation
 from nsaid_mj.plants.world.coordinates import (
@@ -24,9 +23,9 @@ from nsaid_mj.plants.world.coordinates import (
     joint_map,
     pose_of,
 )
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=25)
-seeds = st.integers(0, 2**32 - 1)
 DT = 1e-3
 
 BODY = """<mujoco><option timestep="{dt}" integrator="RK4" gravity="0.3 -0.2 -9.81"/>

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.plants import SensorNoise
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=50)
-seeds, levels = st.integers(0, 2**32 - 1), st.floats(1e-6, 10)
+levels = st.floats(1e-6, 10)
 
 
 def corrupt(noise: SensorNoise, position, velocity, seed=0):
