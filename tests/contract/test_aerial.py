@@ -17,6 +17,8 @@ from nsaid_mj.nullspace import directions, structural
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, QuadrotorPlant
 from nsaid_mj.resources import numbers
 from nsaid_mj.systems.aerial import Quadrotor
+from tests.support.matrices import skew
+from tests.support.plants import drive, hold, plant
 from tests.support.strategies import seeds
 from tests.support.vehicles import acceleration
 
@@ -38,22 +40,8 @@ START = (
 )
 
 
-@cache
-def plant(model, seed=1, dt=1e-3, **options):
-    return QuadrotorPlant(vehicle=model, **options).build(dt, seed)
-
-
 def command(model):
     return HOVER[model] + UNEVEN[model] * np.array([1.0, -0.5, 0.3, -1.0])
-
-
-def driven(p, seconds, u, start=START):
-    """(12,) position numbers and twist after some seconds of a held command."""
-    with p.running():
-        p.reset(*start)
-        for _ in range(round(seconds / p.dt)):
-            p.step(u)
-        return np.concatenate(p.coordinates())
 
 
 def named(p):
@@ -74,11 +62,7 @@ def physical(model, p):
             [k["Ixz"], k["Iyz"], k["Izz"]],
         ]
     )
-    return m, c, origin + m * np.linalg.matrix_power(hat(c), 2), k  # Huygens and Steiner
-
-
-def hat(a):
-    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    return m, c, origin + m * np.linalg.matrix_power(skew(c), 2), k  # Huygens and Steiner
 
 
 def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
@@ -94,12 +78,12 @@ def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
         torque = np.zeros(3)
         for i, ((x, y), spin) in enumerate(zip(d["places"], d["spin"], strict=True)):
             arm = np.array([x * lever, y * lever, 0.0])
-            local = through_air + hat(omega) @ arm
+            local = through_air + skew(omega) @ arm
             drag = np.diag([k["rotor_drag_h"], k["rotor_drag_h"], k["rotor_drag_z"]])
             thrust = k[f"thrust_{i + 1}"] * u[i] ** 2 + k["lift"] * (local[:2] @ local[:2])
             push = np.array([0, 0, thrust]) - u[i] * drag @ local
             force = force + push
-            torque = torque + hat(arm) @ push + [0, 0, spin * k[f"torque_{i + 1}"] * u[i] ** 2]
+            torque = torque + skew(arm) @ push + [0, 0, spin * k[f"torque_{i + 1}"] * u[i] ** 2]
         return force, torque
 
     def rate(_, s):
@@ -111,7 +95,7 @@ def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
             [
                 velocity,
                 R @ force / m - [0, 0, 9.81],
-                (R @ hat(omega)).ravel(),
+                (R @ skew(omega)).ravel(),
                 np.linalg.solve(inertia, moment - np.cross(omega, inertia @ omega)),
             ]
         )
@@ -130,7 +114,7 @@ def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
 def apart(p, model, seconds, u, **options):
     """Largest difference of MuJoCo's pose and twist to the textbook's."""
     place, R, twist = textbook(model, p, seconds, u, **options)
-    end = driven(p, seconds, u)
+    end = hold(p, START, u, seconds)
     turn = (Rotation.from_matrix(R).inv() * Rotation.from_rotvec(end[3:6])).as_rotvec()
     return np.abs(np.concatenate([end[:3] - place, turn, end[6:] - twist])).max()
 
@@ -337,7 +321,9 @@ def test_all_drag_brakes_and_no_rotor_drag_acts_on_rotors_that_stand(model, seed
 def test_each_mismatch_moves_it_otherwise_and_says_so(model, field, value):
     off = plant(model, mismatch=Mismatch(**{field: value}))
     assert off.mismatches and not plant(model).mismatches
-    difference = driven(off, 1.0, command(model)) - driven(plant(model), 1.0, command(model))
+    difference = hold(off, START, command(model), 1.0) - hold(
+        plant(model), START, command(model), 1.0
+    )
     assert np.abs(difference).max() > 1e-3 and np.isfinite(difference).all()
 
 
@@ -348,7 +334,7 @@ def test_a_lag_is_one_of_the_rotors_speed(model):
     p = plant(model, mismatch=Mismatch(lag=tau), spread=0.0)
     u, rest = np.full(4, HOVER[model]), (np.zeros(6), np.zeros(6))
     assert acceleration(p, *rest, u)[2] == pytest.approx(-9.81, rel=1e-12)
-    driven(p, 0.05, u, rest)
+    hold(p, rest, u, 0.05)
     np.testing.assert_allclose(p.data.act, u * (1 - np.exp(-0.05 / tau)), rtol=1e-6)
 
 
@@ -382,9 +368,7 @@ def flight(model, seed, seconds=40.0, **switches):
     setup = Setup.of(scenario)
     p = setup.plant
     driver = scenario.excitation.build(p.system, setup.prior, np.random.default_rng(seed))
-    with p.running():
-        rows = trajectory(p, driver, round(seconds / p.dt)).rows
-    t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))
+    t, q, v, u = drive(p, driver, seconds)
     return np.array([driver._path(time)[0] for time in t]), q, v, u
 
 

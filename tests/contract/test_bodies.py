@@ -18,6 +18,7 @@ from nsaid_mj.parameters import Array
 from nsaid_mj.system import SecondOrderSystem
 from tests.support.bench import Motion, estimates, identify, lyapunov, order
 from tests.support.dense import Dense
+from tests.support.matrices import coupled
 from tests.support.vehicles import VEHICLES
 
 BODIES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "scalar_rov"]
@@ -36,15 +37,6 @@ def driven(name: str):
     return plant.system, prior, scenario.identifier, scenario.dt, seen
 
 
-def full(diagonal: Array, rng: np.random.Generator) -> Array:
-    """A positive definite matrix with off-diagonal entries of every sign, as large as diagonal."""
-    p = len(diagonal)
-    A = 0.3 * rng.standard_normal((p, p)) / np.sqrt(p)
-    root = np.sqrt(diagonal)
-    gain = np.outer(root, root) * (np.eye(p) + A @ A.T)
-    return 0.5 * (gain + gain.T)
-
-
 @bodies
 @pytest.mark.parametrize("gains", ["diagonal", "full"])
 @pytest.mark.parametrize("hermite", [True, False])
@@ -55,7 +47,7 @@ def test_the_compiled_step_is_the_generic_one(name, gains, hermite):
     K, Gamma = np.full(system.n, law.K), law.gain * system.space.scale**2
     if gains == "full":
         rng = np.random.default_rng(1)
-        K, Gamma = full(K, rng), full(Gamma, rng)
+        K, Gamma = coupled(K, rng), coupled(Gamma, rng)
     fast, dense = (
         identify(paper_identifier(s, K, Gamma, prior, dt, hermite), seen)
         for s in (system, Dense(system))
@@ -225,7 +217,7 @@ def test_the_sphere_is_kept_and_V_falls(name):
     system, prior, law, dt, seen = driven(name)
     truth = Setup.of(load(name)).plant.truth
     Gamma = law.gain * system.space.scale**2
-    for gain in (Gamma, full(Gamma, np.random.default_rng(3))):
+    for gain in (Gamma, coupled(Gamma, np.random.default_rng(3))):
         identifier = paper_identifier(system, np.full(system.n, law.K), gain, prior, dt)
         states = identify(identifier, seen)
         conserved = identifier.conserved(estimates(states)[1])

@@ -31,15 +31,16 @@ from nsaid_mj.plants import (
     ScalarRovPlant,
 )
 from nsaid_mj.reporting import finish
-from tests.contract.test_mismatch import DT, inputs, path, start, unknown
+from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 EXACT = [
     ScalarRovPlant(), ArmPlant("double_pendulum"), ArmPlant("kinova"), FloatingBasePlant("bolt"),
     *VEHICLES.values(),
 ]  # fmt: skip
-exact_plants = pytest.mark.parametrize("config", EXACT, ids=unknown)
-every_plant = pytest.mark.parametrize("config", [*EXACT, *INEXACT.values()], ids=unknown)
+exact_plants = pytest.mark.parametrize("config", EXACT, ids=name_of)
+every_plant = pytest.mark.parametrize("config", [*EXACT, *INEXACT.values()], ids=name_of)
+DT = 2e-3
 STEP = 20  # at which the actuator weakens
 
 
@@ -89,7 +90,7 @@ def test_mujoco_accelerates_as_the_structure_does_under_the_changed_truth(config
 @every_plant
 def test_until_then_the_motion_is_the_sound_plants_to_the_bit(config):
     sound = made(config)
-    u, at = inputs(sound), start(sound)
+    u, at = random_commands(sound), start_of(sound)
     expected = path(sound, u, *at)
     for k in list(actuators(sound))[:: max(1, sound.system.n_u - 1)]:
         p = made(config, loss=0.4, actuator=k, time=STEP * DT)
@@ -105,7 +106,7 @@ def test_until_then_the_motion_is_the_sound_plants_to_the_bit(config):
 def test_it_weakens_at_the_step_nearest_to_its_time(config):
     dt = 1e-5
     sound = made(config, dt)
-    k, (numbers, v), u = next(actuators(sound)), start(sound), inputs(sound)[0]
+    k, (numbers, v), u = next(actuators(sound)), start_of(sound), random_commands(sound)[0]
     for time in (2.6 * dt, 3.4 * dt):
         p = made(config, dt, loss=0.5, actuator=k, time=time)
         rows = path(p, np.tile(u, (6, 1)), numbers, v)
@@ -122,7 +123,7 @@ def test_it_weakens_at_the_step_nearest_to_its_time(config):
 def test_lag_and_delay_go_on_acting():
     config = BlueROV2Plant(mismatch=Mismatch(lag=0.05, delay=5 * DT))
     sound, p = made(config), made(config, loss=0.4, actuator=3, time=STEP * DT)
-    u, at = inputs(sound), start(sound)
+    u, at = random_commands(sound), start_of(sound)
     one, other = path(sound, u, *at), path(p, u, *at)
     assert (one[: STEP + 1] == other[: STEP + 1]).all()
     assert (one[STEP + 1 :] != other[STEP + 1 :]).any(axis=1).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -34,8 +33,9 @@ from nsaid_mj.plants import (
     SensorNoise,
     UvmsPlant,
 )
-from tests.contract.test_underwater import apart, commands, ends, flown, true_numbers, vehicle
-from tests.support.vehicles import VEHICLES, acceleration, coordinate_map, draw_numbers
+from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
+from tests.support.plants import name_of, path, random_commands, start_of
+from tests.support.vehicles import VEHICLES, acceleration, coordinate_map
 
 FLOW = (0.4, -0.3, 0.2)
 DT = 2e-3
@@ -45,35 +45,8 @@ def made(config: PlantConfig, dt: float = DT, **switches: Any) -> Plant:
     return replace(config, mismatch=Mismatch(**switches)).build(dt, 4)
 
 
-def path(p: Plant, inputs: Iterable[Array], numbers: Array, v: Array) -> Array:
-    """(steps + 1, 2 n) states."""
-    with p.running():
-        p.reset(numbers, v)
-        rows = [np.concatenate(p.coordinates())]
-        for u in inputs:
-            p.step(u)
-            rows.append(np.concatenate(p.coordinates()))
-    return np.array(rows)
-
-
-def inputs(p: Plant, steps: int = 60, seed: int = 0) -> Array:
-    """(steps, n_u) commands of operation."""
-    rng = np.random.default_rng(seed)
-    return np.array([p.system.random_state(rng)[2] for _ in range(steps)])
-
-
-def start(p: Plant, seed: int = 1) -> tuple[Array, Array]:
-    rng = np.random.default_rng(seed)
-    _, v, _ = p.system.random_state(rng)
-    return 0.3 * draw_numbers(p.system, rng), v
-
-
-def unknown(config: PlantConfig) -> str:
-    return type(config).__name__ + getattr(config, "robot", "") + getattr(config, "model", "")
-
-
 ANY = [ScalarRovPlant(), ArmPlant("double_pendulum"), FloatingBasePlant("bolt"), *VEHICLES.values()]
-every_plant = pytest.mark.parametrize("config", ANY, ids=unknown)
+every_plant = pytest.mark.parametrize("config", ANY, ids=name_of)
 
 
 # -- delay -------------------------------------------------------------------------------------
@@ -83,9 +56,9 @@ every_plant = pytest.mark.parametrize("config", ANY, ids=unknown)
 @pytest.mark.parametrize("k", [1, 7])
 def test_a_delayed_command_arrives_k_steps_later(config, k):
     prompt, late = made(config), made(config, delay=k * DT)
-    u = inputs(prompt)
+    u = random_commands(prompt)
     waiting = np.vstack([np.zeros((k, prompt.system.n_u)), u[:-k]])
-    at = start(prompt)
+    at = start_of(prompt)
     expected = path(prompt, waiting, *at)
     assert (path(late, u, *at) == expected).all()
     assert (path(late, u, *at) == expected).all()  # a reset forgets what was on its way
@@ -96,7 +69,7 @@ def test_a_delayed_command_arrives_k_steps_later(config, k):
 def test_from_rest_the_late_motion_is_the_prompt_one_shifted():
     """A free-flyer at rest waits; to the bit, since nothing depends on the time."""
     prompt, late = made(AstrobeePlant()), made(AstrobeePlant(), delay=5 * DT)
-    u, rest = inputs(prompt), (np.zeros(6), np.zeros(6))
+    u, rest = random_commands(prompt), (np.zeros(6), np.zeros(6))
     one, other = path(prompt, u, *rest), path(late, u, *rest)
     assert (other[:6] == 0).all() and (other[5:] == one[:-5]).all()
 
@@ -104,7 +77,7 @@ def test_from_rest_the_late_motion_is_the_prompt_one_shifted():
 def test_a_late_command_is_what_it_was_when_it_was_given():
     """A driver may write every command into one and the same array."""
     p, rest = made(AstrobeePlant(), delay=5 * DT), (np.zeros(6), np.zeros(6))
-    u, one = inputs(p), np.zeros(12)
+    u, one = random_commands(p), np.zeros(12)
 
     def overwritten():
         for row in u:
@@ -128,14 +101,14 @@ def test_a_delay_is_told_as_the_steps_it_becomes():
 @every_plant
 def test_a_lagging_actuator_is_a_first_order_filter(config):
     tau, p = 0.05, made(config, lag=0.05)
-    u = inputs(p)[0]
+    u = random_commands(p)[0]
     with p.running():
-        p.reset(*start(p))
+        p.reset(*start_of(p))
         assert (p.data.act == 0).all()
         for k in range(1, 101):
             p.step(u)
             np.testing.assert_allclose(p.data.act, u * (1 - np.exp(-k * DT / tau)), rtol=1e-6)
-        p.reset(*start(p))
+        p.reset(*start_of(p))
         assert (p.data.act == 0).all()
     assert p.mismatches == (f"actuators lag by {tau:g} s",)
 
@@ -143,7 +116,7 @@ def test_a_lagging_actuator_is_a_first_order_filter(config):
 @every_plant
 def test_what_acts_is_the_activation_and_not_the_command(config):
     prompt, lagging = made(config), made(config, lag=0.05)
-    (numbers, v), u = start(prompt), inputs(prompt)[0]
+    (numbers, v), u = start_of(prompt), random_commands(prompt)[0]
     at_zero = acceleration(prompt, numbers, v, 0 * u)
     assert (acceleration(lagging, numbers, v, u) == at_zero).all()
     with lagging.running():
@@ -221,12 +194,12 @@ def turned(p: Plant) -> Array:
 FLUID = [BlueROV2Plant(), VEHICLES["remus100"], QuadrotorPlant()]
 
 
-@pytest.mark.parametrize("config", FLUID, ids=unknown)
+@pytest.mark.parametrize("config", FLUID, ids=name_of)
 @pytest.mark.parametrize("fluid", ["exact", "ellipsoid"])
 def test_at_rest_relative_to_the_flow_it_is_as_at_rest_in_still_fluid(config, fluid):
     """Galilei: no drag, no lift, no added mass's force, whatever the vehicle's attitude."""
     still, flowing = made(config, fluid=fluid), made(config, fluid=fluid, flow=FLOW)
-    u = 0 * inputs(still)[0]
+    u = 0 * random_commands(still)[0]
     expected = acceleration(still, turned(still), np.zeros(6), u)
     found = acceleration(flowing, turned(still), drifting(flowing), u)
     np.testing.assert_allclose(found, expected, atol=1e-10 * (1 + np.abs(expected).max()))
@@ -234,11 +207,11 @@ def test_at_rest_relative_to_the_flow_it_is_as_at_rest_in_still_fluid(config, fl
     assert np.abs(against - expected).max() > 1e-3
 
 
-@pytest.mark.parametrize("config", FLUID, ids=unknown)
+@pytest.mark.parametrize("config", FLUID, ids=name_of)
 def test_a_steady_flow_is_a_moving_frame(config):
     """The whole motion in a flow is that in still fluid, carried along."""
     still, flowing = made(config), made(config, flow=FLOW)
-    u = inputs(still, 200)
+    u = random_commands(still, 200)
     at = turned(still), np.array([0.3, -0.2, 0.1, 0.4, 0.2, -0.3])
     carried = at[0], at[1] + drifting(still)
     one, other = path(still, u, *at), path(flowing, u, *carried)
@@ -274,10 +247,10 @@ def test_a_level_wind_pushes_a_car():
 # -- MuJoCo's own fluid ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("config", FLUID, ids=unknown)
+@pytest.mark.parametrize("config", FLUID, ids=name_of)
 def test_the_ellipsoids_brake_but_have_no_added_inertia(config):
     exact, other = made(config), made(config, fluid="ellipsoid")
-    idle, place = 0 * inputs(exact)[0], np.zeros(6)
+    idle, place = 0 * random_commands(exact)[0], np.zeros(6)
     M = np.zeros((6, 6))
     mujoco.mj_forward(other.model, other.data)
     mujoco.mj_fullM(other.model, other.data, M)

@@ -1,6 +1,5 @@
 """One contract over all plants: MuJoCo moves as the structure says, and failing is told."""
 
-from functools import cache
 from typing import Any
 
 import mujoco
@@ -12,12 +11,13 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
 from nsaid_mj.plants.world.robots import known_robots, load_robot
+from tests.support.plants import assert_engines_agree, plant
 from tests.support.strategies import seeds
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 FEW = settings(deadline=None, max_examples=15)
 CONFIGS = (
-    {"scalar": ScalarRovPlant()}
+    {"scalar_rov": ScalarRovPlant()}
     | {name: ArmPlant(robot=name) for name in ("double_pendulum", "kinova", "panda", "solo12")}
     | VEHICLES
 )
@@ -25,11 +25,6 @@ ALL = CONFIGS | INEXACT
 plants = pytest.mark.parametrize("name", CONFIGS)
 all_plants = pytest.mark.parametrize("name", ALL)
 PENDULUM = ArmPlant(robot="double_pendulum")
-
-
-@cache
-def plant(name: str) -> Plant:
-    return ALL[name].build(1e-4, 7)
 
 
 def draw(system, rng):
@@ -50,18 +45,6 @@ def drive(plant: Plant, steps: int, seed: int = 0):
             plant.step(draw(plant.system, rng)[2])
         states.append(np.concatenate(plant.coordinates()))
     return np.array(states)
-
-
-def assert_engines_agree(plant: Plant, seed: int, tolerance: float) -> None:
-    """v̇ of MuJoCo against (29), and W(t, x, v, v̇) θ = 0 (10), at the truth."""
-    system, theta = plant.system, plant.truth
-    coordinates, v, u = draw(system, np.random.default_rng(seed))
-    a = acceleration(plant, coordinates, v, u)
-    x = np.concatenate([plant.position(coordinates), v])
-    expected = system.acceleration(0.0, x, v, u, theta)
-    assert np.abs(a - expected).max() <= 1e-9 * np.abs(expected).max()
-    W = system.regressor(0.0, x, v, a, u)
-    assert np.abs(W @ theta).max() <= tolerance * (np.abs(W) @ np.abs(theta)).max()
 
 
 # -- MuJoCo is the system ----------------------------------------------------------------------
@@ -294,8 +277,8 @@ def test_nothing_stays_installed_whatever_happens(name):
         mujoco.set_mjcb_passive(None)
 
 
-@pytest.mark.parametrize("outer", ["double_pendulum", "scalar", "bluerov2", "astrobee"])
-@pytest.mark.parametrize("inner", ["double_pendulum", "scalar", "kinova", "remus100"])
+@pytest.mark.parametrize("outer", ["double_pendulum", "scalar_rov", "bluerov2", "astrobee"])
+@pytest.mark.parametrize("inner", ["double_pendulum", "scalar_rov", "kinova", "remus100"])
 def test_two_plants_do_not_run_inside_each_other(outer, inner):
     refused = pytest.raises(RuntimeError, match="one after another")
     with refused, plant(outer).running(), plant(inner).running():

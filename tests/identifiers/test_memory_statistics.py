@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import fields
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +16,8 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.identifiers.memory.cost import quotient
 from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder
 from nsaid_mj.log import EXACT, SensorLevels
-from nsaid_mj.plants import ArmPlant, Plant, RoverPlant, ScalarRovPlant, SensorNoise
+from nsaid_mj.plants import ArmPlant, RoverPlant, ScalarRovPlant, SensorNoise
+from tests.support.plants import plant
 from tests.support.remembered import Log, added, blocks, driven, noisy, off, regressors, remember
 from tests.support.vehicles import VEHICLES
 
@@ -30,11 +30,6 @@ PLANTS = (
 )
 EXACTLY = ["bluerov2", "remus100", "f1tenth", "crazyflie", "astrobee", "uvms", "borinot", "rover"]
 """Systems whose Cᵀ v has a closed form."""
-
-
-@cache
-def plant(name: str) -> Plant:
-    return PLANTS[name].build(1e-3, 7)
 
 
 def recorder(

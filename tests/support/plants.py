@@ -40,8 +40,14 @@ def plant(name: str, seed: int = 1, dt: float = 1e-3, **options: Any) -> Any:
 # -- states and priors -----------------------------------------------------------------------------
 
 
-def draw_state(system: Any, rng: np.random.Generator) -> tuple[Array, Array, Array, Array, Array]:
-    """(x, w, a, u) of the size seen in operation, and (n,) the position numbers of x."""
+def draw_state(
+    system: Any, rng: np.random.Generator | int
+) -> tuple[Array, Array, Array, Array, Array]:
+    """(x, w, a, u) of the size seen in operation, and (n,) the position numbers of x.
+
+    `rng` may be a seed.
+    """
+    rng = np.random.default_rng(rng)
     numbers = draw_numbers(system, rng)
     _, v, u = system.random_state(rng)
     w, a = rng.standard_normal((2, system.n))
@@ -100,10 +106,15 @@ def assert_engines_agree(
 ) -> None:
     """MuJoCo's v̇ is (29), and W(t, x, v, v̇) θ = 0 (10), at the truth and a random state."""
     system, theta = plant.system, plant.truth
-    x, _, _, u, numbers = draw_state(system, np.random.default_rng(seed))
+    x, _, _, u, numbers = draw_state(system, seed)
     v = x[system.m :]
     a = acceleration(plant, numbers, v, u)
     expected = system.acceleration(0.0, x, v, u, theta)
     assert np.abs(a - expected).max() <= acceleration_tolerance * np.abs(expected).max()
     W = system.regressor(0.0, x, v, a, u)
     assert np.abs(W @ theta).max() <= tolerance * (np.abs(W) @ np.abs(theta)).max()
+
+
+def name_of(config: PlantConfig) -> str:
+    """A configuration's name in a test's id."""
+    return type(config).__name__ + getattr(config, "robot", "") + getattr(config, "model", "")
