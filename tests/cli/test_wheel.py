@@ -75,7 +75,7 @@ def test_the_wheel_has_scenarios_and_assets_and_nothing_made_by_running(wheel: P
     assert [name for name in names if name.endswith("licenses/LICENSE")]
 
 
-def test_the_package_is_the_wheels_and_not_the_checkouts(binaries: Path, tmp_path: Path) -> None:
+def test_the_wheel_environment_imports_the_wheels_package(binaries: Path, tmp_path: Path) -> None:
     question = "import nsaid_mj, sys; print(nsaid_mj.__file__); print(sys.path)"
     asked = call(binaries / "python", "-c", question, cwd=tmp_path)
     file, path = asked.stdout.splitlines()
@@ -83,7 +83,7 @@ def test_the_package_is_the_wheels_and_not_the_checkouts(binaries: Path, tmp_pat
     assert repr(str(CHECKOUT)) not in path
 
 
-def test_it_lists_and_runs_a_scenario_by_name_from_an_empty_folder(
+def test_the_wheel_lists_and_runs_a_scenario_from_an_empty_folder(
     binaries: Path, tmp_path: Path
 ) -> None:
     listed = call(binaries / "nsaid", "list", cwd=tmp_path)

@@ -121,12 +121,12 @@ def apart(p, model, seconds, u, **options):
 
 @models
 @pytest.mark.parametrize("seed", range(2))
-def test_mujoco_moves_as_the_textbook_integrated_apart(model, seed):
+def test_mujoco_moves_as_the_textbooks_equations_integrated_by_scipy(model, seed):
     assert apart(plant(model, seed, 5e-4), model, 3.0, command(model)) <= 1e-8
 
 
 @models
-def test_so_it_does_in_wind(model):
+def test_mujoco_moves_as_the_textbooks_equations_in_wind(model):
     wind = (3.0, -1.0, 0.5)
     p = plant(model, dt=5e-4, mismatch=Mismatch(flow=wind))
     assert apart(p, model, 2.0, command(model), wind=wind) <= 1e-8
@@ -134,7 +134,7 @@ def test_so_it_does_in_wind(model):
 
 
 @models
-def test_the_difference_is_the_steps_of_fourth_order(model):
+def test_the_error_of_mujocos_steps_is_of_fourth_order(model):
     steps, u = np.array([0.02, 0.01, 0.005]), command(model)
     errors = np.array([apart(plant(model, 1, float(dt)), model, 1.0, u) for dt in steps])
     assert errors[-1] > 1e-12
@@ -196,7 +196,7 @@ def test_mujocos_mass_matrix_is_the_systems(model):
 @models
 @FEW
 @given(seeds)
-def test_the_mass_matrix_turns_no_energy(model, seed):
+def test_c_is_skew(model, seed):
     """M is constant in the body, so Ṁ − 2C is skew if C is."""
     p = plant(model)
     q, v, _ = p.system.random_state(np.random.default_rng(seed))
@@ -206,7 +206,7 @@ def test_the_mass_matrix_turns_no_energy(model, seed):
 
 @models
 @pytest.mark.parametrize("spread", [0.1, 0.9])
-def test_every_drawn_inertia_belongs_to_a_body(model, spread):
+def test_every_drawn_inertia_is_physical(model, spread):
     """However far it is drawn from the published one, a moment is less than the other two."""
     for seed in range(20):
         _, _, inertia, _ = physical(model, plant(model, seed, spread=spread))
@@ -214,13 +214,13 @@ def test_every_drawn_inertia_belongs_to_a_body(model, spread):
         assert moments[0] > 0 and moments[2] < moments[0] + moments[1]
 
 
-def test_the_printed_inertia_of_the_crazyflie_does_not():
+def test_the_published_inertia_of_the_crazyflie_is_not_physical():
     x, y, z = numbers("crazyflie")["inertia"]
     assert z < x + y < 2.89e-5
 
 
 @models
-def test_hidden_numbers_deviate_and_the_scale_does_not_know_them(model):
+def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale(model):
     one, other, nominal = plant(model, 1), plant(model, 2), plant(model, 1, spread=0.0)
     scale = one.system.space.scale
     assert (scale == other.system.space.scale).all() and (scale == nominal.system.space.scale).all()
@@ -273,7 +273,7 @@ def test_the_mounts_are_where_thrust_acts_and_a_torque_has_none(model):
         ((1, 3), 5, -1),
     ],
 )
-def test_faster_rotors_turn_it_as_told(model, faster, axis, sign):
+def test_faster_rotors_turn_the_vehicle_about_the_documented_axis(model, faster, axis, sign):
     p, rest = plant(model, spread=0.0), (np.zeros(6), np.zeros(6))
     u = np.full(4, HOVER[model])
     level = acceleration(p, *rest, u)
@@ -284,7 +284,7 @@ def test_faster_rotors_turn_it_as_told(model, faster, axis, sign):
 
 
 @models
-def test_it_hovers_where_the_thrust_is_its_weight(model):
+def test_thrust_equal_to_the_weight_hovers(model):
     d = numbers(model)
     u = np.full(
         4, np.sqrt(d["mass"] * 9.81 / (4 * d["rotors"]["thrust"])) / d["rotors"]["top_speed"]
@@ -318,7 +318,7 @@ def test_all_drag_brakes_and_no_rotor_drag_acts_on_rotors_that_stand(model, seed
     "field,value",
     [("lag", 0.05), ("delay", 0.05), ("flow", (2.0, -1.0, 0.3)), ("fluid", "ellipsoid")],
 )
-def test_each_mismatch_moves_it_otherwise_and_says_so(model, field, value):
+def test_each_mismatch_changes_the_motion_and_is_reported(model, field, value):
     off = plant(model, mismatch=Mismatch(**{field: value}))
     assert off.mismatches and not plant(model).mismatches
     difference = hold(off, START, command(model), 1.0) - hold(
@@ -328,7 +328,7 @@ def test_each_mismatch_moves_it_otherwise_and_says_so(model, field, value):
 
 
 @models
-def test_a_lag_is_one_of_the_rotors_speed(model):
+def test_lag_acts_on_the_rotors_speed(model):
     """Released with its rotors at rest it falls as a stone, and thrust grows as (1 − e^(−t/τ))²."""
     tau = 0.1
     p = plant(model, mismatch=Mismatch(lag=tau), spread=0.0)
@@ -339,7 +339,7 @@ def test_a_lag_is_one_of_the_rotors_speed(model):
 
 
 @models
-def test_rotors_are_no_ellipsoids(model):
+def test_the_ellipsoid_fluid_model_leaves_the_rotors_out(model):
     """Else their discs would brake like plates; only what is a body does."""
     p = plant(model, mismatch=Mismatch(fluid="ellipsoid"))
     names = [p.model.geom(i).name for i in range(p.model.ngeom)]
@@ -384,7 +384,7 @@ def airborne(model, way, q, u) -> None:
 
 @models
 @pytest.mark.parametrize("seed", [0, 3, 4, 10])  # of the first 24 the hardest are among them
-def test_it_stays_in_the_air_with_every_gain_wrong(model, seed):
+def test_the_controller_stays_airborne_with_every_gain_wrong(model, seed):
     way, q, v, u = flight(model, seed)
     airborne(model, way, q, u)
     speed = np.linalg.norm(v[:, :3], axis=1)
@@ -396,20 +396,20 @@ def test_it_stays_in_the_air_with_every_gain_wrong(model, seed):
 @pytest.mark.slow
 @models
 @pytest.mark.parametrize("seed", range(24))
-def test_it_stays_in_the_air_for_five_minutes(model, seed):
+def test_the_controller_stays_airborne_for_five_minutes(model, seed):
     way, q, _, u = flight(model, seed, 300.0)
     airborne(model, way, q, u)
 
 
 @models
 @pytest.mark.parametrize("name,value", [("lag", 0.02), ("delay", 0.01), ("flow", (3.0, -2.0, 0.5))])
-def test_so_it_does_with_what_it_does_not_know(model, name, value):
+def test_the_controller_stays_airborne_under_unmodelled_lag_delay_and_wind(model, name, value):
     way, q, _, u = flight(model, 0, 20.0, **{name: value})
     airborne(model, way, q, u)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_path_is_where_it_is_told_to_be_and_smooth(seed):
+def test_the_reference_path_is_smooth_and_reaches_its_stated_speeds(seed):
     p = plant("hummingbird")
     config = QuadrotorFlight(radius=5.0, speed=6.0, climb=3.0, yaw_rate=2.0)
     driver = config.build(p.system, p.truth, np.random.default_rng(seed))
@@ -430,7 +430,7 @@ def test_the_path_is_where_it_is_told_to_be_and_smooth(seed):
     np.testing.assert_allclose(turned, path[0, 1, :3], atol=1e-12)
 
 
-def test_with_the_truth_as_prior_and_calm_it_follows_closely():
+def test_with_the_true_prior_and_no_dither_the_path_is_tracked_closely():
     """Gains right, no dither, slow: what is left is drag, and the integral takes that."""
     p = plant("hummingbird", dt=2.5e-3)
     driver = CALM.build(p.system, p.truth, np.random.default_rng(0))
@@ -441,7 +441,7 @@ def test_with_the_truth_as_prior_and_calm_it_follows_closely():
 
 
 @pytest.mark.parametrize("astray", [0.0, 1.0, 2.0, 3.0])
-def test_a_tilt_is_righted_whatever_the_heading(astray):
+def test_tilt_is_corrected_at_any_heading_error(astray):
     """A heading far off must not turn the tilt's correction about."""
     p = plant("hummingbird", dt=2.5e-3)
     driver = CALM.build(p.system, p.truth, np.random.default_rng(1))
@@ -457,7 +457,7 @@ def test_a_tilt_is_righted_whatever_the_heading(astray):
     assert min(upright) > 0.5 and max(upright) > 0.95  # it started at 0.54
 
 
-def test_a_driver_that_starts_again_forgets():
+def test_restarting_a_driver_resets_its_state():
     p = plant("crazyflie", dt=2.5e-3)
     driver = FLIGHT["crazyflie"].build(p.system, p.truth, np.random.default_rng(0))
     first, again = ([], [])
@@ -467,7 +467,7 @@ def test_a_driver_that_starts_again_forgets():
     assert (np.array(first) == np.array(again)).all()
 
 
-def test_the_controller_knows_the_prior_only():
+def test_the_controller_uses_only_the_prior():
     """Other hidden numbers and the same prior: the same command."""
     one, other = plant("hummingbird", 1), plant("hummingbird", 2)
     prior = draw_prior(one.truth, one.system.space, 0.3, None, np.random.default_rng(0))
@@ -482,7 +482,7 @@ def test_the_controller_knows_the_prior_only():
 # -- bad input -----------------------------------------------------------------------------------
 
 
-def test_it_flies_quadrotors_only():
+def test_the_controller_refuses_other_vehicles():
     rov = BlueROV2Plant().build(0.01, 0)
     with pytest.raises(InvalidInput) as caught:
         QuadrotorFlight().build(rov.system, rov.truth, np.random.default_rng(0))
@@ -490,7 +490,7 @@ def test_it_flies_quadrotors_only():
 
 
 @pytest.mark.parametrize("vehicle", ["phantom", "Hummingbird", "no/such/folder", "no.toml"])
-def test_an_unknown_vehicle_is_named_with_near_ones(vehicle):
+def test_an_unknown_vehicle_is_refused_with_near_names(vehicle):
     with pytest.raises(UnknownName) as caught:
         QuadrotorPlant(vehicle=vehicle).build(2.5e-3, 0)
     assert caught.value.name == vehicle and "hummingbird" in caught.value.choices

@@ -40,7 +40,7 @@ def driven(name: str):
 @bodies
 @pytest.mark.parametrize("gains", ["diagonal", "full"])
 @pytest.mark.parametrize("hermite", [True, False])
-def test_the_compiled_step_is_the_generic_one(name, gains, hermite):
+def test_the_compiled_step_equals_the_generic_one(name, gains, hermite):
     """200 steps; what differs is the order of sums."""
     system, prior, law, dt, seen = driven(name)
     assert system.inertia is not None
@@ -131,7 +131,7 @@ def middles(n: int, dt: float, hermite: bool) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("n", [6, 3])
-def test_half_way_is_of_fourth_order(n):
+def test_the_interpolated_midpoint_is_of_fourth_order(n):
     steps = np.array([0.2, 0.1, 0.05, 0.025])
     place, speed = np.array([middles(n, dt, True) for dt in steps]).T
     assert 3.7 < order(steps, place) < 4.5, place
@@ -140,14 +140,14 @@ def test_half_way_is_of_fourth_order(n):
 
 
 @pytest.mark.parametrize("n", [6, 3])
-def test_linear_half_way_is_of_second_order_in_the_velocity(n):
+def test_the_linear_midpoint_is_of_second_order_in_the_velocity(n):
     steps = np.array([0.2, 0.1, 0.05, 0.025])
     place, speed = np.array([middles(n, dt, False) for dt in steps]).T
     assert 3.7 < order(steps, place) < 4.5
     assert 1.9 < order(steps, speed) < 2.1
 
 
-def test_without_the_bracket_half_way_is_of_second_order(monkeypatch):
+def test_without_the_bracket_the_midpoint_is_of_second_order(monkeypatch):
     """The test above can fail: steps added as if they commuted lose two orders."""
     from nsaid_mj.numerics.interpolation import half_way
 
@@ -196,7 +196,7 @@ def exact(system, K: float, Gamma: Array, prior: Array, m: Motion) -> Array:
 
 
 @pytest.mark.parametrize("name", STARTS)
-def test_the_law_is_of_fourth_order_and_ends_where_44_and_45_do(name):
+def test_the_law_converges_to_44_and_45_with_fourth_order(name):
     system, truth, m = motion(name)
     rng, scale = np.random.default_rng(2), system.space.scale
     prior = truth * (1 + 0.3 * rng.uniform(-1, 1, system.p))
@@ -212,7 +212,7 @@ def test_the_law_is_of_fourth_order_and_ends_where_44_and_45_do(name):
 
 
 @bodies
-def test_the_sphere_is_kept_and_V_falls(name):
+def test_the_estimate_stays_on_its_sphere_and_V_falls(name):
     """(30, 45): θ̂ᵀ Γ⁻¹ θ̂ stays, full Γ or diagonal; (69): V falls by more than that error."""
     system, prior, law, dt, seen = driven(name)
     truth = Setup.of(load(name)).plant.truth

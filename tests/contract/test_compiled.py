@@ -129,12 +129,12 @@ def check_evaluate(robot: str, seeds) -> None:
 
 
 @robots
-def test_every_regressor_is_pinocchios(robot):
+def test_every_regressor_equals_pinocchios(robot):
     check_regressors(robot, range(3))
 
 
 @pytest.mark.parametrize("joint", [pin.JointModelRY(), pin.JointModelPX()])
-def test_one_joint_is_a_tree_too(joint):
+def test_a_tree_of_one_joint_equals_pinocchios(joint):
     """Of which Pinocchio makes vectors where others have matrices."""
     alone, rng = pin.Model(), np.random.default_rng(1)
     place = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, -0.3]))
@@ -156,7 +156,7 @@ def test_one_joint_is_a_tree_too(joint):
 
 
 @robots
-def test_evaluate_is_pinocchios_for_any_estimate(robot):
+def test_evaluate_equals_pinocchios_for_any_estimate(robot):
     check_evaluate(robot, range(9))
 
 
@@ -180,7 +180,7 @@ def test_c_is_pinocchios_and_m_dot_minus_2c_is_skew(robot):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("base,least", [("held", 25), ("free", 25)])
-def test_all_robots(base, least):
+def test_compiled_regressors_equal_pinocchios_for_every_robot(base, least):
     checked = 0
     for name in known_robots():
         try:
@@ -213,7 +213,7 @@ def motion(robot: str, steps: int, dt: float) -> list[Measurement]:
 @robots
 @pytest.mark.parametrize("interpolation", ["hermite", "linear"])
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])
-def test_the_step_in_one_call_is_the_step_by_pinocchio(robot, law, interpolation):
+def test_the_compiled_step_equals_the_step_by_pinocchio(robot, law, interpolation):
     config = NullspaceAID(law=law, interpolation=interpolation,
                           memory=MemoryConfig(block=0.004, interval=0.01))  # fmt: skip
     samples, ends = motion(robot, 30, 1e-3), []
@@ -238,7 +238,7 @@ def test_the_step_in_one_call_is_the_step_by_pinocchio(robot, law, interpolation
     assert ours.pivot == pytest.approx(theirs.pivot, rel=1e-5 if law == "memory" else 1e-8)
 
 
-def test_a_dense_gain_is_the_diagonal_one():
+def test_a_dense_gain_equals_the_diagonal_one():
     ours = pair("kinova held")[1]
 
     K, Gamma, samples = (
@@ -259,7 +259,7 @@ def test_a_dense_gain_is_the_diagonal_one():
 
 @pytest.mark.parametrize("part", ["q", "v", "u"])
 @pytest.mark.parametrize("law", ["paper", "cone"])
-def test_not_a_number_stays_visible(part, law):
+def test_nan_in_a_measurement_is_not_hidden(part, law):
     robot = "kinova held"
     ours, samples = pair(robot)[1], motion(robot, 1, 1e-3)
     identifier = NullspaceAID(law=law).build(ours, true_theta(robot), 1e-3)
@@ -276,7 +276,7 @@ def test_not_a_number_stays_visible(part, law):
     assert np.isnan(a).any() or np.isnan(W).any()
 
 
-def test_an_indefinite_estimate_ends_the_step_as_it_does_elsewhere():
+def test_an_indefinite_estimate_ends_the_compiled_step_as_the_generic_one():
     robot = "kinova held"
     samples, ends = motion(robot, 1, 1e-3), []
     for system in pair(robot):
@@ -288,7 +288,7 @@ def test_an_indefinite_estimate_ends_the_step_as_it_does_elsewhere():
     assert (ends[1].theta_hat == -true_theta(robot)).all()
 
 
-def test_a_run_comes_to_the_same_end(tmp_path):
+def test_runs_with_both_backends_end_alike(tmp_path):
     scenario = replace(load("double_pendulum"), duration=1.0)
     assert isinstance(scenario.plant, ArmPlant)
     theirs, ours = (
@@ -309,7 +309,7 @@ def test_the_backend_chooses_the_structure_and_pinocchio_is_the_default():
         assert type(plant.build(1e-3, 0).system) is structure
 
 
-def test_an_import_compiles_nothing():
+def test_importing_the_package_compiles_nothing():
     code = """
 import nsaid_mj.identifiers, nsaid_mj.systems.multibody, nsaid_mj.dynamics.tree as recursion
 kernels = [part for part in vars(recursion).values() if hasattr(part, "signatures")]

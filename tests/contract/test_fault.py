@@ -88,7 +88,7 @@ def test_mujoco_accelerates_as_the_structure_does_under_the_changed_truth(config
 
 
 @every_plant
-def test_until_then_the_motion_is_the_sound_plants_to_the_bit(config):
+def test_before_the_fault_the_motion_is_the_sound_plants_to_the_bit(config):
     sound = made(config)
     u, at = random_commands(sound), start_of(sound)
     expected = path(sound, u, *at)
@@ -103,7 +103,7 @@ def test_until_then_the_motion_is_the_sound_plants_to_the_bit(config):
 
 
 @exact_plants
-def test_it_weakens_at_the_step_nearest_to_its_time(config):
+def test_a_fault_strikes_at_the_step_nearest_to_its_time(config):
     dt = 1e-5
     sound = made(config, dt)
     k, (numbers, v), u = next(actuators(sound)), start_of(sound), random_commands(sound)[0]
@@ -120,7 +120,7 @@ def test_it_weakens_at_the_step_nearest_to_its_time(config):
             assert np.abs(rate[row] - right).max() < 0.1 * np.abs(wrong - right).max()
 
 
-def test_lag_and_delay_go_on_acting():
+def test_a_fault_leaves_lag_and_delay_acting():
     config = BlueROV2Plant(mismatch=Mismatch(lag=0.05, delay=5 * DT))
     sound, p = made(config), made(config, loss=0.4, actuator=3, time=STEP * DT)
     u, at = random_commands(sound), start_of(sound)
@@ -130,7 +130,7 @@ def test_lag_and_delay_go_on_acting():
     assert p.mismatches == sound.mismatches and len(p.mismatches) == 2  # a fault is none
 
 
-def test_of_a_rotor_thrust_and_torque_weaken_and_are_told():
+def test_a_rotor_fault_weakens_thrust_and_torque_and_is_reported():
     p = made(VEHICLES["hummingbird"], loss=0.4, actuator=3, time=60.0)
     assert p.fault.told(p.system) == "thrust_3 and torque_3 lose 40 % at 60 s"
     p = made(BlueROV2Plant(), loss=0.125, actuator=3, time=2.5)
@@ -167,7 +167,7 @@ def sound(tmp_path_factory) -> SimulatedRun:
     return run(BASE, tmp_path_factory.mktemp("sound"))
 
 
-def test_the_record_is_the_sound_runs_until_then(failed: SimulatedRun, sound: SimulatedRun):
+def test_before_the_fault_the_record_is_the_sound_runs(failed: SimulatedRun, sound: SimulatedRun):
     assert (failed.prior == sound.prior).all()
     strike = 1 + round(FAULT.time / BASE.dt)
     for column in ("q", "v", "u", "v_hat", "theta_hat"):
@@ -196,7 +196,7 @@ def test_the_estimate_is_judged_against_the_truth_at_the_end(
     assert summary["pe_level_perp"] > 0.1 * plain["pe_level_perp"] > 0
 
 
-def test_the_held_out_trajectory_has_the_loss_from_its_start(failed: SimulatedRun):
+def test_the_held_out_trajectory_has_the_fault_from_its_start(failed: SimulatedRun):
     later, system = truth_of(failed).held_out, failed.plant.system
     weak, sound = (force_residual_ratio(system, later, theta, None)
                    for theta in (truth_of(failed).theta, failed.plant.truth))  # fmt: skip
@@ -205,7 +205,7 @@ def test_the_held_out_trajectory_has_the_loss_from_its_start(failed: SimulatedRu
     assert sound > 0.05
 
 
-def test_v_jumps_with_the_truth_and_that_is_no_violation(failed: SimulatedRun):
+def test_a_jump_of_v_at_the_fault_is_no_violation(failed: SimulatedRun):
     V, t = energy(failed, truth_of(failed)), failed.record["t"]
     assert (np.flatnonzero(np.diff(V) > 0) == [np.searchsorted(t, 12.0 - 1e-9) - 1]).all()
     assert summarize(failed, truth_of(failed))["lyapunov_violations"] == 0
@@ -234,7 +234,7 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
     assert np.abs(others - 1).max() <= 0.25
 
 
-def test_recording_report_and_a_rebuild_know_it(failed: SimulatedRun):
+def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
     summary = finish.finish(failed)
     assert "thrust_3 loses 40 % at 12 s" in (failed.folder / "report.html").read_text("utf-8")
     again = finish.rebuild(failed.folder)
@@ -244,7 +244,7 @@ def test_recording_report_and_a_rebuild_know_it(failed: SimulatedRun):
     }
 
 
-def test_a_run_that_ends_before_is_judged_as_sound(tmp_path):
+def test_a_run_that_ends_before_the_fault_is_judged_as_sound(tmp_path):
     early = replace(BASE, duration=4.0, plant=BlueROV2Plant(fault=FAULT))
     done = run(early, tmp_path)
     assert (truth_of(done).theta == done.plant.truth).all()
@@ -256,7 +256,7 @@ def test_a_run_that_ends_before_is_judged_as_sound(tmp_path):
 # -- as data -----------------------------------------------------------------------------------
 
 
-def test_a_fault_survives_json_and_the_hash_tells_it():
+def test_a_fault_survives_json_and_changes_the_hash():
     scenario = Scenario(plant=BlueROV2Plant(fault=FAULT))
     again = Scenario.from_json(scenario.to_json())
     assert again == scenario and again.hash == scenario.hash

@@ -43,7 +43,7 @@ def rotors(plant: Arm):
     return plant.truth[plant.system.space["rotor inertia"]]
 
 
-def test_there_are_fifteen_and_all_float():
+def test_at_least_fifteen_robots_have_a_floating_base():
     assert len(ROBOTS) >= 15
     assert all(afloat(robot).system.group == 6 for robot in ROBOTS)
 
@@ -65,7 +65,7 @@ def test_the_regressors_are_linear_and_sum_up(robot):
 
 
 @robots
-def test_m_and_c_are_pinocchios(robot):
+def test_m_and_c_equal_pinocchios(robot):
     system, theta = afloat(robot).system, afloat(robot).truth
     for seed in range(3):
         x, w, _, _, _ = draw_state(system, seed)
@@ -91,7 +91,7 @@ def test_m_dot_minus_2c_is_skew(robot):
 
 
 @FEW
-def test_the_bracket_of_twists_is_needed(robot):
+def test_without_the_bracket_of_twists_c_is_not_pinocchios(robot):
     """Without it Ṁ − 2C would not be skew: the test above can fail."""
     system, theta = afloat(robot).system, afloat(robot).truth
     x, w, _, _, _ = draw_state(system, 1)
@@ -162,7 +162,7 @@ def test_a_measurement_is_in_the_systems_coordinates(robot):
 
 
 @FEW
-def test_kinematics(robot):
+def test_integrate_difference_and_J_are_consistent(robot):
     system = afloat(robot).system
     rng, h = np.random.default_rng(2), 1e-6
     q, v, u = system.random_state(rng)
@@ -211,7 +211,7 @@ def test_all_robots_that_float_build_or_say_why():
 # -- refusals ----------------------------------------------------------------------------------
 
 
-def test_a_fixed_base_cannot_be_free():
+def test_a_fixed_base_robot_cannot_float():
     with pytest.raises(BadRobot, match="fixed"):
         FloatingBasePlant(robot="ur5").build(1e-3, 0)
 
@@ -223,7 +223,7 @@ def test_a_robot_without_joints_has_no_motor():
     assert load_robot("iris", "free").model.nv == 6
 
 
-def test_a_file_may_float(tmp_path):
+def test_a_urdf_file_may_have_a_floating_base(tmp_path):
     body = """<inertial><mass value="1"/>
     <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
     path = tmp_path / "two.urdf"

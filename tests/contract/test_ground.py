@@ -100,7 +100,7 @@ START = {
 
 @cars
 @pytest.mark.parametrize("wind", [(0.0, 0.0), (2.0, -3.0)])
-def test_mujoco_drives_as_the_textbook_says(name, wind):
+def test_mujoco_moves_as_the_single_track_model(name, wind):
     p = car(name, dt=1e-3, mismatch=Mismatch(flow=(*wind, 0.0)))
     q, v, u = START[name]
     expected = SingleTrack(p, p.system.wheelbase, u, wind).end(q, v, 3.0)
@@ -119,7 +119,7 @@ def test_the_plant_is_of_fourth_order_in_the_step(name):
 
 @cars
 @pytest.mark.parametrize("seed", range(3))
-def test_w_theta_is_0_on_mujocos_own_motion(name, seed):
+def test_w_theta_is_zero_along_mujocos_motion(name, seed):
     p = car(name, seed)
     system, theta = p.system, p.truth
     t, q, v, u = driven(name, p, 20, seed)
@@ -130,7 +130,7 @@ def test_w_theta_is_0_on_mujocos_own_motion(name, seed):
 
 
 @cars
-def test_m_is_positive_definite_and_c_skew(name):
+def test_m_is_positive_definite_and_c_is_skew(name):
     p, rng = car(name), np.random.default_rng(0)
     q, v, _ = p.system.random_state(rng)
     M = p.system.mass_matrix(np.r_[q, v], p.truth)
@@ -145,7 +145,7 @@ def test_m_is_positive_definite_and_c_skew(name):
 @pytest.mark.parametrize(
     "name,stiffness", [("f1tenth", (94.274, 100.949)), ("bmw320i", (129.7e3, 105.4e3))]
 )
-def test_without_spread_it_is_the_published_car(name, stiffness):
+def test_without_spread_theta_is_the_published_car(name, stiffness):
     d, truth = numbers(name), car(name, spread=0.0).truth
     off = 0.5 * (d["rear"] - d["front"])  # the heavier end is the nearer one
     expected = [d["mass"], d["mass"] * off, d["inertia"] + d["mass"] * off**2, *stiffness,
@@ -165,7 +165,7 @@ def test_mujocos_own_inertia_is_that_of_the_truth(name):
 
 
 @cars
-def test_hidden_numbers_deviate_and_the_scale_does_not_know_them(name):
+def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale(name):
     one, other, nominal = car(name, 1), car(name, 2), car(name, spread=0.0)
     assert (one.system.space.scale == other.system.space.scale).all()
     ratio = one.truth / nominal.truth
@@ -190,7 +190,7 @@ def test_only_the_common_scale_is_unobservable(name):
 
 
 @cars
-def test_it_goes_where_it_is_steered_and_coasts_to_slower(name):
+def test_a_car_turns_as_steered_and_slows_down_when_coasting(name):
     p = car(name)
     q, v = np.zeros(3), np.array([START[name][1][0], 0.0, 0.0])
     left = hold(p, (q, v), np.array([0.0, 0.02]), 1.0)
@@ -243,7 +243,7 @@ def test_head_wind_adds_its_speed_to_the_cars(name):
 
 @pytest.mark.parametrize("config", [*CARS.values(), RoverPlant])
 @pytest.mark.parametrize("switch", [{"fluid": "ellipsoid"}, {"flow": (0.0, 0.0, 1.0)}])
-def test_what_no_car_has_is_refused(config, switch):
+def test_a_mismatch_no_car_has_is_refused(config, switch):
     with pytest.raises(InvalidInput) as caught:
         config(mismatch=Mismatch(**switch))
     assert caught.value.name == f"mismatch.{next(iter(switch))}"
@@ -254,7 +254,7 @@ def test_what_no_car_has_is_refused(config, switch):
 
 @pytest.mark.parametrize("name", DRIVES)
 @pytest.mark.parametrize("seed", range(2))
-def test_the_driver_keeps_to_the_ground_and_to_speeds_that_the_tyres_know(name, seed):
+def test_the_driver_stays_on_its_ground_and_within_the_tyres_speeds(name, seed):
     p = car(name, seed + 3)
     _, q, v, u = driven(name, p, 60 if name == "rover" else 120, seed)
     config, speed = DRIVES[name], v[:, 0]
@@ -266,7 +266,7 @@ def test_the_driver_keeps_to_the_ground_and_to_speeds_that_the_tyres_know(name, 
     assert np.abs(np.arctan2(v[:, 1] - 0.5 * p.system.wheelbase * v[:, 2], speed)).max() < 0.15
 
 
-def test_the_driver_knows_the_prior_only():
+def test_the_driver_uses_only_the_prior():
     one, other = car("f1tenth", 1), car("f1tenth", 2)
     commands = [
         DRIVES["f1tenth"].build(p.system, wrong_prior(one), np.random.default_rng(0))
@@ -276,7 +276,7 @@ def test_the_driver_knows_the_prior_only():
     assert (commands[0] == commands[1]).all()
 
 
-def test_the_driver_drives_nothing_else():
+def test_the_driver_refuses_other_vehicles():
     system = BlueROV2Plant().build(0.01, 0).system
     with pytest.raises(InvalidInput) as caught:
         Driving().build(system, system.space.scale, np.random.default_rng(0))
@@ -322,7 +322,7 @@ def test_the_truth_of_a_rover_is_its_parts():
     assert 0.05 < c_D < 0.5 and 0.5 < C_f / C_r < 2
 
 
-def test_straight_ahead_a_rover_is_what_its_parts_say_plus_its_wheels_spin():
+def test_straight_ahead_a_rovers_mass_is_that_of_its_parts_and_wheel_spin():
     """k_d, k_v and c_0 are right and m along x is I/r² a wheel more, to a few percent."""
     p, d = rover(spread=0.0), numbers("rover")
     m, _, _, _, _, k_d, k_v, c_0, c_D = p.truth
@@ -340,7 +340,7 @@ def test_straight_ahead_a_rover_is_what_its_parts_say_plus_its_wheels_spin():
         assert end - 1.5 == pytest.approx(speed(command) - 1.5, rel=0.05)
 
 
-def test_a_rovers_measurement_is_its_motion_seen_from_above():
+def test_a_rovers_measurement_is_its_planar_motion():
     p = rover(dt=2.5e-3)
     with p.running():
         p.reset(np.array([3.0, -1.0, 3.0]), np.array([2.0, 0.1, 0.4]))
@@ -355,7 +355,7 @@ def test_a_rovers_measurement_is_its_motion_seen_from_above():
         np.testing.assert_allclose(step, simpson, rtol=1e-4, atol=1e-7)
 
 
-def test_a_rover_rolls_about_the_point_that_its_wheels_point_at():
+def test_a_rover_turns_at_its_kinematic_yaw_rate():
     p = rover(spread=0.0)
     for delta in (-0.3, 0.1, 0.3):
         end = hold(p, (np.zeros(3), np.array([1.0, 0, 0])), np.array([0.12, delta]), 4.0)
@@ -377,7 +377,7 @@ def test_the_rack_turns_each_wheel_by_its_own_angle():
     )
 
 
-def test_a_tyre_of_the_rover_answers_the_speed_of_its_slip():
+def test_a_rovers_cornering_stiffness_grows_with_speed():
     """What the linear tyre misses first: the cornering stiffness grows with the speed."""
     p = rover(spread=0.0)
     stiffness = []
@@ -388,7 +388,7 @@ def test_a_tyre_of_the_rover_answers_the_speed_of_its_slip():
     assert stiffness[0] == pytest.approx(stiffness[1], rel=0.1)  # per speed, not per angle
 
 
-def test_a_rovers_mismatch_is_told():
+def test_a_rovers_mismatch_is_reported():
     p = rover()
     assert len(p.mismatches) >= 4 and "slip" in " ".join(p.mismatches)
     blown = rover(mismatch=Mismatch(flow=(5.0, 0.0, 0.0), lag=0.05))
@@ -421,7 +421,7 @@ def predicted(p: Plant, samples: Any, theta: Array) -> float:
     return float(np.sqrt(np.mean(residual**2) / np.mean(force**2)))
 
 
-def test_the_measure_itself_finds_nothing_where_the_structure_is_exact():
+def test_the_prediction_error_is_small_where_the_structure_is_exact():
     p = car("f1tenth")
     assert predicted(p, driven("f1tenth", p, 10, 7), p.truth) < 0.02
 

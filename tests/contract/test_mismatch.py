@@ -66,7 +66,7 @@ def test_a_delayed_command_arrives_k_steps_later(config, k):
     assert late.mismatches == (f"commands arrive {k * DT:g} s late",)
 
 
-def test_from_rest_the_late_motion_is_the_prompt_one_shifted():
+def test_from_rest_a_delay_shifts_the_motion():
     """A free-flyer at rest waits; to the bit, since nothing depends on the time."""
     prompt, late = made(AstrobeePlant()), made(AstrobeePlant(), delay=5 * DT)
     u, rest = random_commands(prompt), (np.zeros(6), np.zeros(6))
@@ -74,7 +74,7 @@ def test_from_rest_the_late_motion_is_the_prompt_one_shifted():
     assert (other[:6] == 0).all() and (other[5:] == one[:-5]).all()
 
 
-def test_a_late_command_is_what_it_was_when_it_was_given():
+def test_a_delayed_command_is_a_copy_of_the_command_given():
     """A driver may write every command into one and the same array."""
     p, rest = made(AstrobeePlant(), delay=5 * DT), (np.zeros(6), np.zeros(6))
     u, one = random_commands(p), np.zeros(12)
@@ -87,7 +87,7 @@ def test_a_late_command_is_what_it_was_when_it_was_given():
     assert (path(p, overwritten(), *rest) == path(p, u, *rest)).all()
 
 
-def test_a_delay_is_told_as_the_steps_it_becomes():
+def test_a_delay_is_reported_in_whole_steps():
     assert made(AstrobeePlant(), delay=0.4 * DT).mismatches == ()
     assert made(AstrobeePlant(), delay=2.4 * DT).mismatches == (
         f"commands arrive {2 * DT:g} s late",
@@ -114,7 +114,7 @@ def test_a_lagging_actuator_is_a_first_order_filter(config):
 
 
 @every_plant
-def test_what_acts_is_the_activation_and_not_the_command(config):
+def test_force_follows_the_activation_not_the_command(config):
     prompt, lagging = made(config), made(config, lag=0.05)
     (numbers, v), u = start_of(prompt), random_commands(prompt)[0]
     at_zero = acceleration(prompt, numbers, v, 0 * u)
@@ -130,7 +130,7 @@ def test_what_acts_is_the_activation_and_not_the_command(config):
     assert np.abs(expected - at_zero).max() > 1e-6
 
 
-def test_a_lagging_bluerov2_is_fossens_with_eight_more_states():
+def test_a_lagging_bluerov2_follows_fossens_equations_with_eight_more_states():
     true, series = true_numbers("full current"), commands(2)
     p = vehicle(true, 1e-3, Mismatch(lag=0.2))
     expected, found = flown(true, series, 1.0, lag=0.2), ends(p, series, 1.0)
@@ -139,7 +139,7 @@ def test_a_lagging_bluerov2_is_fossens_with_eight_more_states():
     assert apart(found, flown(true, series, 1.0)) > 1e-2
 
 
-def test_a_lag_is_of_fourth_order_too():
+def test_steps_with_a_lag_are_of_fourth_order():
     """In steps of any size; MuJoCo's `filterexact` would be of first order under RK4."""
     true = replace(true_numbers("full"), quadratic=np.zeros(6))
     expected = flown(true, commands(1), 0.64, lag=0.2)
@@ -196,7 +196,7 @@ FLUID = [BlueROV2Plant(), VEHICLES["remus100"], QuadrotorPlant()]
 
 @pytest.mark.parametrize("config", FLUID, ids=name_of)
 @pytest.mark.parametrize("fluid", ["exact", "ellipsoid"])
-def test_at_rest_relative_to_the_flow_it_is_as_at_rest_in_still_fluid(config, fluid):
+def test_at_rest_in_the_flow_acceleration_is_that_at_rest_in_still_fluid(config, fluid):
     """Galilei: no drag, no lift, no added mass's force, whatever the vehicle's attitude."""
     still, flowing = made(config, fluid=fluid), made(config, fluid=fluid, flow=FLOW)
     u = 0 * random_commands(still)[0]
@@ -208,7 +208,7 @@ def test_at_rest_relative_to_the_flow_it_is_as_at_rest_in_still_fluid(config, fl
 
 
 @pytest.mark.parametrize("config", FLUID, ids=name_of)
-def test_a_steady_flow_is_a_moving_frame(config):
+def test_motion_in_a_steady_flow_is_that_in_still_fluid_carried_along(config):
     """The whole motion in a flow is that in still fluid, carried along."""
     still, flowing = made(config), made(config, flow=FLOW)
     u = random_commands(still, 200)
@@ -248,7 +248,7 @@ def test_a_level_wind_pushes_a_car():
 
 
 @pytest.mark.parametrize("config", FLUID, ids=name_of)
-def test_the_ellipsoids_brake_but_have_no_added_inertia(config):
+def test_the_ellipsoid_model_brakes_without_added_inertia(config):
     exact, other = made(config), made(config, fluid="ellipsoid")
     idle, place = 0 * random_commands(exact)[0], np.zeros(6)
     M = np.zeros((6, 6))
@@ -272,7 +272,7 @@ ALL = Mismatch(lag=0.1, delay=0.05, flow=(0.1, 0.0, -0.2), fluid="ellipsoid")
 SHORT: dict[str, Any] = {"duration": 1.0, "held_out": 1.0, "pe_window": 0.5}
 
 
-def test_the_summary_tells_every_mismatch(tmp_path):
+def test_the_summary_lists_every_mismatch(tmp_path):
     scenario = replace(load("bluerov2"), plant=BlueROV2Plant(mismatch=ALL), **SHORT)
     noise = SensorNoise(1e-3, 2e-3, 0.01)
     for sensors, more in (
@@ -313,7 +313,7 @@ NOTHING_TO_ACT_ON = [
 
 
 @pytest.mark.parametrize(("config", "fields"), NOTHING_TO_ACT_ON, ids=lambda x: str(x)[:20])
-def test_a_switch_without_effect_is_refused_with_the_remedy(config, fields):
+def test_a_mismatch_without_effect_is_refused_with_the_remedy(config, fields):
     for name in fields:
         with pytest.raises(InvalidInput) as caught:
             replace(config, mismatch=Mismatch(**{name: getattr(ALL, name)}))
@@ -331,7 +331,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("field", "value"), [(f, v) for f, bad in BAD.items() for v in bad])
-def test_a_bad_switch_is_named(field, value):
+def test_a_bad_mismatch_value_is_refused_by_name(field, value):
     with pytest.raises(InvalidInput) as caught:
         Mismatch(**{field: value})
     assert caught.value.name == f"mismatch.{field}" and caught.value.remedy
@@ -340,7 +340,7 @@ def test_a_bad_switch_is_named(field, value):
 # -- as data -----------------------------------------------------------------------------------
 
 
-def test_a_mismatch_survives_json_and_the_hash_tells_it():
+def test_a_mismatch_survives_json_and_changes_the_hash():
     scenario = Scenario(plant=BlueROV2Plant(mismatch=ALL))
     again = Scenario.from_json(scenario.to_json())
     assert again == scenario and again.hash == scenario.hash
@@ -365,7 +365,7 @@ def test_a_mismatch_survives_json_and_the_hash_tells_it():
         ("--fluid ellipsoid", {"fluid": "ellipsoid"}),
     ],
 )
-def test_a_switch_is_a_flag(words, expected):
+def test_a_mismatch_is_a_flag(words, expected):
     scenario, _ = parse("bluerov2", load("bluerov2"), words.split())
     assert scenario.plant.mismatch == Mismatch(**expected)
     assert replace(scenario, plant=BlueROV2Plant()) == load("bluerov2")
@@ -380,7 +380,7 @@ def test_a_run_from_the_command_line(tmp_path, capsys):
     assert told.plant.mismatch == Mismatch(lag=0.1)
 
 
-def test_a_refused_switch_is_told_on_the_command_line_before_anything_is_written(tmp_path):
+def test_a_refused_mismatch_ends_the_command_before_anything_is_written(tmp_path):
     with pytest.raises((InvalidInput, SystemExit)):
         command(["run", "ur5", "--fluid", "ellipsoid", "--out", str(tmp_path / "out")])
     assert not (tmp_path / "out").exists()

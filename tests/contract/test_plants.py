@@ -68,7 +68,7 @@ ROBOTS = [
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_robot_of_the_catalogue_is_a_plant(robot):
+def test_mujoco_accelerates_as_the_system_says_for_every_catalogued_robot(robot):
     assert robot in known_robots()
     built = ArmPlant(robot=robot).build(1e-5, 1)
     for seed in range(3):
@@ -118,7 +118,7 @@ def test_momentum_changes_as_the_forces_say(name):
 
 
 @all_plants
-def test_reset_puts_the_plant_where_it_is_told(name):
+def test_reset_sets_the_given_state(name):
     p = plant(name)
     coordinates, v, u = draw(p.system, np.random.default_rng(3))
     for _ in range(2):
@@ -136,7 +136,7 @@ def test_reset_puts_the_plant_where_it_is_told(name):
 
 
 @all_plants
-def test_what_the_plant_hands_out_is_a_copy(name):
+def test_arrays_from_the_plant_are_copies(name):
     p = plant(name)
     coordinates, v, u = draw(p.system, np.random.default_rng(4))
     with p.running():
@@ -261,7 +261,7 @@ class ThrownError(Exception):
 
 
 @all_plants
-def test_nothing_stays_installed_whatever_happens(name):
+def test_callback_and_warning_handler_are_restored_after_an_exception(name):
     heard = []
     mujoco.set_mju_user_warning(heard.append)
     handler = mujoco.get_mju_user_warning()
@@ -279,7 +279,7 @@ def test_nothing_stays_installed_whatever_happens(name):
 
 @pytest.mark.parametrize("outer", ["double_pendulum", "scalar_rov", "bluerov2", "astrobee"])
 @pytest.mark.parametrize("inner", ["double_pendulum", "scalar_rov", "kinova", "remus100"])
-def test_two_plants_do_not_run_inside_each_other(outer, inner):
+def test_running_a_plant_inside_another_is_refused(outer, inner):
     refused = pytest.raises(RuntimeError, match="one after another")
     with refused, plant(outer).running(), plant(inner).running():
         pass
@@ -317,7 +317,7 @@ def test_hidden_numbers_are_within_the_spread(seed, spread):
     assert spread < 1e-9 or np.unique(ratio).size == 4
 
 
-def test_a_data_sheet_is_the_middle_of_what_is_hidden():
+def test_hidden_numbers_are_drawn_about_the_data_sheet():
     numbers: dict[str, Any] = {"damping": 0.02, "friction": 0.01, "armature": 0.03, "gain": 2.0}
     blocks = ("viscous friction", "Coulomb friction", "rotor inertia", "motor gain")
     exact = ArmPlant("double_pendulum", **numbers, spread=0.0).build(1e-4, 3)
@@ -328,7 +328,7 @@ def test_a_data_sheet_is_the_middle_of_what_is_hidden():
         assert (np.abs(ratio - 1) <= 0.1).all() and ratio[0] != ratio[1]
 
 
-def test_a_motor_that_turns_the_other_way_does():
+def test_a_negative_gain_reverses_the_motor():
     """A negative data-sheet gain is a negative gain, or refused; never silently positive."""
     try:
         p = ArmPlant("double_pendulum", gain=-1.0).build(1e-4, 0)
@@ -349,7 +349,7 @@ DIVERSE = [PENDULUM, ScalarRovPlant(), *(VEHICLES[name] for name in ("bluerov2",
 
 @pytest.mark.parametrize("config", DIVERSE)
 @pytest.mark.parametrize("dt", [0.0, -1e-3, np.nan, np.inf])
-def test_a_step_that_is_no_time_is_refused(config, dt):
+def test_a_time_step_that_is_not_positive_is_refused(config, dt):
     with pytest.raises(InvalidInput) as caught:
         config.build(dt, 0)
     assert caught.value.name == "dt"
@@ -359,7 +359,7 @@ def test_a_step_that_is_no_time_is_refused(config, dt):
 
 
 @pytest.mark.parametrize("config", DIVERSE)
-def test_a_diverging_plant_says_so_and_nothing_else(config, capfd, tmp_path, monkeypatch):
+def test_a_diverging_plant_reports_it_once_and_prints_nothing(config, capfd, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo would write MUJOCO_LOG.TXT here
     p = config.build(1e-3, 0)
     before = drive(p, 20)
@@ -398,7 +398,7 @@ def test_an_unknown_robot_gives_near_names():
     assert "Did you mean ur5" in str(caught.value) and ".urdf" in str(caught.value)
 
 
-def test_a_robot_without_any_near_name_lists_all():
+def test_an_unknown_robot_without_near_names_lists_all():
     with pytest.raises(UnknownName) as caught:
         load_robot("§§§")
     assert caught.value.near == () and "solo12" in str(caught.value)
@@ -412,7 +412,7 @@ def test_a_missing_file_is_a_bad_robot(tmp_path, where):
 
 
 @pytest.mark.parametrize("text", ["", "no xml", "<robot/>", "<robot name='x'><link/></robot>"])
-def test_what_is_no_urdf_is_a_bad_robot(tmp_path, text):
+def test_a_file_that_is_no_urdf_is_a_bad_robot(tmp_path, text):
     path = tmp_path / "robot.urdf"
     path.write_text(text)
     with pytest.raises(BadRobot) as caught:
@@ -451,7 +451,7 @@ def body(mass: float, xx: float, yy: float, zz: float) -> str:
         ('<robot name="rock"><link name="base"/></robot>', "", "no moving joint"),
     ],
 )
-def test_a_robot_that_cannot_be_is_named_with_the_part_and_the_remedy(tmp_path, urdf, part, reason):
+def test_an_impossible_robot_is_refused_with_the_part_and_the_remedy(tmp_path, urdf, part, reason):
     path = tmp_path / "bad.urdf"
     path.write_text(urdf)
     with pytest.raises(BadRobot) as caught:
@@ -462,7 +462,7 @@ def test_a_robot_that_cannot_be_is_named_with_the_part_and_the_remedy(tmp_path, 
 
 
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "continuous", "fixed"])
-def test_joints_of_one_degree_of_freedom_are_welcome(tmp_path, kind):
+def test_every_joint_type_of_one_degree_of_freedom_is_supported(tmp_path, kind):
     path = tmp_path / "good.urdf"
     path.write_text(chain(kind))
     p = ArmPlant(robot=str(path)).build(1e-4, 0)
@@ -503,7 +503,7 @@ def trees(draw):
 
 @FEW
 @given(trees(), seeds)
-def test_any_tree_is_a_plant(tmp_path_factory, urdf, seed):
+def test_any_kinematic_tree_is_a_plant(tmp_path_factory, urdf, seed):
     path = tmp_path_factory.mktemp("tree") / "tree.urdf"
     path.write_text(urdf)
     assert_engines_agree(ArmPlant(robot=str(path)).build(1e-4, seed), seed, 1e-11)
@@ -554,7 +554,7 @@ def test_meshes_have_names_triangles_and_poses(name):
 
 
 @all_plants
-def test_a_plant_may_be_looked_at_while_it_runs(name):
+def test_reading_meshes_and_poses_does_not_change_the_motion(name):
     """A live viewer does so; neither state nor callback may be touched."""
     p = plant(name)
     coordinates, v, u = draw(p.system, np.random.default_rng(5))

@@ -69,7 +69,7 @@ def apart(found: Array, expected: Array) -> float:
 U = np.random.default_rng(1).uniform(0, 1, 12)
 
 
-def test_ten_seconds_of_mujoco_are_ten_seconds_of_newton_and_euler():
+def test_mujoco_follows_newton_and_euler_for_ten_seconds():
     p, found = ends(5e-3, U, 10.0)
     assert apart(found, flown(p, U, 10.0)) <= 1e-8
 
@@ -93,7 +93,7 @@ def test_theta_is_the_published_body_about_its_own_origin():
 
 
 @pytest.mark.parametrize("nozzle", range(12))
-def test_a_nozzle_pushes_where_the_table_says(nozzle):
+def test_a_nozzle_acts_where_the_published_table_says(nozzle):
     p = AstrobeePlant().build(1e-2, 3)
     places, forces = nozzle_forces(p)
     M = p.system.mass_matrix(np.r_[p.position(np.zeros(6)), np.zeros(6)], p.truth)

@@ -44,7 +44,7 @@ def draw(system, rng, batch=()):
 
 @systems
 @pytest.mark.parametrize("batch", [(), (1,), (3,), (2, 3)])
-def test_every_answer_has_its_shape_and_a_batch_is_a_loop(name, batch):
+def test_results_have_their_shapes_and_a_batch_equals_a_loop(name, batch):
     system, theta = plant(name).system, plant(name).truth
     n, p = system.n, system.p
     t, x, w, a, u = draw(system, np.random.default_rng(1), batch)
@@ -151,7 +151,7 @@ def test_the_regressors_are_linear(name, seed, alpha, beta):
 @systems
 @FEW
 @given(seeds)
-def test_w_is_w_m_plus_w_c_minus_f(name, seed):
+def test_the_regressor_is_w_m_plus_w_c_minus_f(name, seed):
     system, rng = plant(name).system, np.random.default_rng(seed)
     t, x, w, a, u = draw(system, rng)
     theta = system.space.scale * rng.standard_normal(system.p)
@@ -181,7 +181,7 @@ def test_the_acceleration_solves_the_equation(name, seed):
 @systems
 @FEW
 @given(seeds)
-def test_one_sample_evaluates_to_what_the_definitions_give(name, seed):
+def test_evaluate_at_agrees_with_the_definitions(name, seed):
     system, theta = plant(name).system, plant(name).truth
     t, x, w, _, u = draw(system, np.random.default_rng(seed))
     q, v = system.split(x)
@@ -194,7 +194,7 @@ def test_one_sample_evaluates_to_what_the_definitions_give(name, seed):
 
 
 @systems
-def test_an_instant_takes_estimates_that_no_body_could_have(name):
+def test_evaluate_at_accepts_estimates_of_no_physical_body(name):
     """Massless and negative links, as an estimate passes them: no exception, no wrong number."""
     system, truth = plant(name).system, plant(name).truth
     t, x, w, _, u = draw(system, np.random.default_rng(8))
@@ -227,7 +227,7 @@ def test_evaluate_is_acceleration_and_regressor_of_many_samples(name, each):
 
 
 @pytest.mark.parametrize("name", ["scalar_rov", "double_pendulum", "bluerov2"])
-def test_evaluate_goes_on_where_m_is_not_positive_definite(name):
+def test_evaluate_solves_for_the_acceleration_where_m_is_not_positive_definite(name):
     system, theta = plant(name).system, -plant(name).truth
     t, x, w, _, u = draw(system, np.random.default_rng(5), (3,))
     a, W = system.evaluate(t, x, w, u, theta)
@@ -310,7 +310,7 @@ def test_j_is_the_derivative_of_integrate(name, seed):
 
 
 @systems
-def test_a_random_state_is_of_operation_and_seeded(name):
+def test_random_states_are_in_the_operating_range_and_seeded(name):
     system = plant(name).system
     states = [system.random_state(np.random.default_rng(seed)) for seed in range(200)]
     for part, size in zip(states[0], (system.m, system.n, system.n_u), strict=True):
@@ -382,7 +382,7 @@ def test_every_parameter_has_a_name_a_unit_and_a_scale(name):
             assert (ratio > 0.3).all() and (ratio < 3).all()  # a guess of its size
 
 
-def test_a_sliding_joint_is_told_in_newtons():
+def test_a_prismatic_joint_has_units_of_newtons():
     space = plant("panda").system.space
     units = dict(zip(space.names, space.units, strict=True))
     assert (units["gain_8"], units["viscous_8"], units["rotor_9"]) == ("N/unit", "N·s/m", "kg")
@@ -403,7 +403,7 @@ ALWAYS = {"remus100": "fin lift"}  # an actuator that acts without a command, to
 @systems
 @FEW
 @given(seeds)
-def test_every_parameter_moves_what_it_is_said_to_move(name, seed):
+def test_an_actuators_column_depends_on_its_own_command_only(name, seed):
     """A motor's column is its own command; no parameter of an actuator acts without one."""
     system = plant(name).system
     t, x, _, _, u = draw(system, np.random.default_rng(seed))
@@ -460,7 +460,7 @@ def test_a_system_is_built_without_any_inertia(name):
 
 
 @arms
-def test_evaluate_writes_estimates_only(name):
+def test_evaluate_leaves_only_estimates_in_the_model(name):
     robot, old = plant(name).robot, plant(name).system
     system = Multibody(robot.model, old.scales, old.friction_speed)
     rng = np.random.default_rng(9)

@@ -36,7 +36,7 @@ def cruise(p, seconds, seed=0, **options):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_w_theta_is_0_on_mujocos_own_motion(seed):
+def test_w_theta_is_zero_along_mujocos_motion(seed):
     p = remus(seed)
     system, theta = p.system, p.truth
     for t, q, v, u in cruise(p, 20, seed)[::50]:
@@ -47,7 +47,7 @@ def test_w_theta_is_0_on_mujocos_own_motion(seed):
         assert np.abs(W @ theta).max() <= 1e-10 * force
 
 
-def test_m_is_positive_definite_and_c_skew():
+def test_m_is_positive_definite_and_c_is_skew():
     system, theta, rng = remus().system, remus().truth, np.random.default_rng(0)
     q, v, _ = system.random_state(rng)
     M = system.mass_matrix(np.r_[q, v], theta)
@@ -82,12 +82,12 @@ def bilinear(i, j, remove):
         ("N_uv", 5, 1, -24.0, 0), ("N_ur", 5, 5, -2.0, 0),
     ],
 )  # fmt: skip
-def test_the_prints_coefficients_of_body_and_fins_together_come_out(name, i, j, printed, rigid):
+def test_body_and_fins_together_have_the_published_coefficients(name, i, j, printed, rigid):
     """Two of the eight went in; the others follow from fins, added mass and body lift."""
     assert bilinear(i, j, rigid) == pytest.approx(printed, abs=0.011), name
 
 
-def test_full_thrust_drives_it_as_fast_as_the_real_one():
+def test_full_thrust_reaches_the_published_speed():
     """2.5 m/s at 1525 rpm, Allen et al. (2000); K_T and drag are theirs, the speed is not used."""
     p = remus(spread=0.0)
     place, v = np.zeros(6), np.zeros(6)
@@ -96,7 +96,7 @@ def test_full_thrust_drives_it_as_fast_as_the_real_one():
     assert np.linalg.norm(end[6:9]) == pytest.approx(2.5, rel=0.06)
 
 
-def test_hidden_numbers_deviate_and_the_scale_does_not_know_them():
+def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale():
     one, other, nominal = remus(1), remus(2), remus(1, spread=0.0)
     assert (one.system.space.scale == other.system.space.scale).all()
     assert (np.log2(one.system.space.scale) % 1 == 0).all()
@@ -119,7 +119,7 @@ def test_drag_and_fins_at_rest_brake_every_motion():
         assert (power[drag] < 0).all() and (power[fins] <= 0).all()
 
 
-def test_positive_deflections_turn_it_as_told():
+def test_positive_fin_deflections_turn_the_vehicle_as_documented():
     """The rudders' lift to the left, astern, turns the nose right; the planes' upwards, down."""
     p = remus(spread=0.0)
     start = np.zeros(6), np.r_[2.0, np.zeros(5)]
@@ -130,7 +130,7 @@ def test_positive_deflections_turn_it_as_told():
     assert apart[9] < -0.1  # upper rudder to the left, lower to the right
 
 
-def test_it_rights_itself_and_floats():
+def test_the_torpedo_rights_itself_and_floats():
     p = remus(spread=0.0)
     heeled = np.array([0, 0, 0, 0.3, 0, 0.0])
     after = hold(p, (heeled, np.zeros(6)), np.zeros(5), 0.1)
@@ -234,11 +234,11 @@ def distance(p, seconds):
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_mujoco_moves_as_the_printed_equations_integrated_apart(seed):
+def test_mujoco_moves_as_the_published_equations_integrated_by_scipy(seed):
     assert distance(remus(seed, dt=0.001), 4.0) <= 1e-8
 
 
-def test_the_difference_to_them_is_the_steps_of_fourth_order():
+def test_the_error_of_mujocos_steps_is_of_fourth_order():
     """Before any velocity passes 0, where |v| v has a kink."""
     steps = np.array([0.04, 0.02, 0.01])
     errors = np.array([distance(remus(1, dt=float(dt)), 0.2) for dt in steps])
@@ -252,7 +252,7 @@ STILL = {"lag": 0.1, "delay": 0.1, "flow": (0.2, -0.3, 0.1), "fluid": "ellipsoid
 
 
 @pytest.mark.parametrize("field,value", STILL.items())
-def test_each_mismatch_moves_it_otherwise_and_says_so(field, value):
+def test_each_mismatch_changes_the_motion_and_is_reported(field, value):
     off = remus(mismatch=Mismatch(**{field: value}))
     assert off.mismatches and not remus().mismatches
     difference = hold(off, START, COMMAND, 3.0) - hold(remus(), START, COMMAND, 3.0)
@@ -260,7 +260,7 @@ def test_each_mismatch_moves_it_otherwise_and_says_so(field, value):
 
 
 @pytest.mark.parametrize("fluid", ["exact", "ellipsoid"])
-def test_in_steady_water_it_moves_as_in_still_water_carried_along(fluid):
+def test_motion_in_steady_flow_is_that_in_still_water_carried_along(fluid):
     flow = np.array([0.3, -0.2, 0.1])
     still = remus(dt=0.002, mismatch=Mismatch(fluid=fluid))
     carried = remus(dt=0.002, mismatch=Mismatch(fluid=fluid, flow=tuple(flow)))
@@ -273,7 +273,7 @@ def test_in_steady_water_it_moves_as_in_still_water_carried_along(fluid):
     assert np.abs(two[9:] - one[9:]).max() < 1e-8
 
 
-def test_a_lag_is_one_of_the_deflection_not_of_the_force():
+def test_lag_acts_on_the_fins_deflection_not_on_its_force():
     """The actuators' activation is what the fins do: it ends at the command."""
     p = remus(mismatch=Mismatch(lag=0.1))
     hold(p, START, COMMAND, 2.0)
@@ -295,7 +295,7 @@ def test_a_lag_is_one_of_the_deflection_not_of_the_force():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_autopilot_keeps_it_under_way_upright_and_within_its_fins(seed):
+def test_the_autopilot_keeps_speed_and_attitude_within_the_fins_range(seed):
     seen = cruise(remus(seed, dt=0.02), 120, seed)
     q, v, u = (np.array([row[i] for row in seen]) for i in (1, 2, 3))
     assert v[0, 0] > 1 and (v[0, 1:] == 0).all()  # it starts under way
@@ -323,7 +323,7 @@ def test_without_dither_depth_and_heading_follow_their_references():
     assert np.std(depth) < 1.0 and np.std(heading) < 0.2
 
 
-def test_the_autopilot_knows_the_prior_only():
+def test_the_autopilot_uses_only_the_prior():
     """With another plant and the same prior it gives the same command."""
     one, other = remus(1), remus(2)
     prior = wrong_prior(one, 0)
@@ -336,7 +336,7 @@ def test_the_autopilot_knows_the_prior_only():
         assert (a == b).all()
 
 
-def test_it_steers_torpedoes_only():
+def test_the_autopilot_refuses_other_vehicles():
     rov = BlueROV2Plant().build(0.01, 0)
     with pytest.raises(InvalidInput) as caught:
         DepthHeadingAutopilot().build(rov.system, rov.truth, np.random.default_rng(0))

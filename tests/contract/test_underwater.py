@@ -31,7 +31,7 @@ from tests.support.vehicles import acceleration
 
 
 @pytest.mark.parametrize("kind", ["published", "full", "full current"])
-def test_ten_seconds_of_mujoco_are_ten_seconds_of_fossen(kind):
+def test_mujoco_follows_fossens_equations_for_ten_seconds(kind):
     true, series = true_numbers(kind), commands(4)
     expected = flown(true, series, 2.5)
     p = vehicle(true, 1e-3)
@@ -41,7 +41,7 @@ def test_ten_seconds_of_mujoco_are_ten_seconds_of_fossen(kind):
     assert not p.diverged
 
 
-def test_the_config_builds_the_same_plant():
+def test_the_public_configuration_builds_the_tested_plant():
     """The public plant is the one tested here, in the current, too."""
     for flow in ((0.0, 0.0, 0.0), FLOW):
         p = BlueROV2Plant(mismatch=Mismatch(flow=flow)).build(2e-3, 8)
@@ -144,7 +144,7 @@ def path(p: Plant, steps: int = 50) -> Array:
 
 
 @pytest.mark.parametrize("how", [CrashError, KeyboardInterrupt, SystemExit, "forgotten"])
-def test_a_crashed_run_leaves_nothing_to_the_next(how):
+def test_a_crashed_run_does_not_affect_the_next(how):
     arm, rov = ArmPlant("double_pendulum").build(1e-3, 1), BlueROV2Plant().build(1e-2, 1)
     clean = path(arm), path(rov)
     if how == "forgotten":
@@ -163,7 +163,7 @@ def test_a_crashed_run_leaves_nothing_to_the_next(how):
     assert (path(fresh) == clean[1]).all()
 
 
-def test_somebody_elses_callback_is_told_and_left_alone():
+def test_a_foreign_mujoco_callback_is_reported_and_kept():
     rov = BlueROV2Plant().build(1e-2, 1)
 
     def foreign(model: Any, data: Any) -> None:
@@ -179,7 +179,7 @@ def test_somebody_elses_callback_is_told_and_left_alone():
     path(rov)
 
 
-def test_a_state_that_is_not_finite_stays_visible():
+def test_a_nonfinite_state_is_not_hidden():
     """The callback neither stops the process nor hides a NaN."""
     rov = BlueROV2Plant().build(1e-2, 1)
     for bad in (np.nan, np.inf, 1e200):

@@ -68,7 +68,7 @@ def test_m_dot_minus_2c_is_skew(name):
 
 
 @vehicles
-def test_one_sample_evaluates_to_what_the_definitions_give(name):
+def test_evaluate_at_agrees_with_the_definitions(name):
     system, theta = plant(name).system, plant(name).truth
     for seed in range(5):
         x, w, _, u, _ = draw_state(system, seed)
@@ -83,7 +83,7 @@ def test_one_sample_evaluates_to_what_the_definitions_give(name):
         assert not pivot > 0 and np.isnan(a).all() and np.isfinite(W).all()
 
 
-def test_a_base_in_water_is_the_vehicle_alone():
+def test_without_its_arm_the_uvms_is_the_underwater_vehicle():
     """With the arm's parameters at 0, base and vehicle are one system."""
     p, alone = plant("uvms"), BlueROV2Plant().build(1e-2, 0).system
     system, space = p.system, p.system.space
@@ -98,7 +98,7 @@ def test_a_base_in_water_is_the_vehicle_alone():
     assert np.abs((system._W(0.0, q, v, w, a, u) @ theta)[6:]).max() == 0
 
 
-def test_a_links_added_mass_is_that_of_its_strips():
+def test_added_mass_of_a_link_is_that_of_its_strips():
     """½ vᵀ M v of unit added mass is ½ ∫ |v_⊥|² ds/L along the axis, and drag brakes."""
     system = plant("uvms").system
     assert isinstance(system, UnderwaterManipulator)
@@ -152,7 +152,7 @@ def test_actuators_act_where_they_are_mounted(name):
     assert (system.F(0.0, x, 0 * u)[:, others] == F[:, others]).all()
 
 
-def test_full_command_is_full_gain():
+def test_full_command_gives_the_full_gain():
     for name, block in (("uvms", "thruster gain"), ("borinot", "rotor thrust gain")):
         system = plant(name).system
         q = system.position(np.zeros(system.n))
@@ -161,7 +161,7 @@ def test_full_command_is_full_gain():
 
 
 @pytest.mark.parametrize("name,r", [("uvms", 13), ("borinot", 7), ("iris", 1)])
-def test_the_structure_leaves_what_it_must(name, r):
+def test_the_nullspace_has_the_expected_dimension(name, r):
     """A common scale, and what a joint's fixed axis hides of the links before and behind it."""
     found = structural(plant(name).system, plant(name).truth, np.random.default_rng(0))
     assert found.r == r
@@ -228,7 +228,7 @@ def possible(name: str, system) -> np.ndarray:
 
 
 @systems
-def test_a_stage_is_that_of_the_regressors(name):
+def test_compiled_stages_equal_the_regressors(name):
     system = SYSTEMS[name]()
     tree = system.loaded
     work, a, gradient = loaded_work(tree, system.n), np.empty(system.n), np.empty(system.p)
@@ -284,7 +284,7 @@ def driven(name: str) -> tuple[VehicleWithArm, Log]:
 @vehicles
 @pytest.mark.parametrize("law", ["paper", "cone"])
 @pytest.mark.parametrize("interpolation", ["hermite", "linear"])
-def test_the_compiled_loop_is_the_generic_one(name, law, interpolation):
+def test_the_compiled_loop_equals_the_generic_one(name, law, interpolation):
     """150 steps; what differs is the order of sums."""
     p, log = driven(name)
     prior, scale = p.truth.copy(), p.system.space.scale
@@ -304,7 +304,7 @@ def test_the_compiled_loop_is_the_generic_one(name, law, interpolation):
 
 
 @vehicles
-def test_full_gains_and_ends_are_the_generic_ones(name):
+def test_full_gains_and_endings_equal_the_generic_ones(name):
     p, log = driven(name)
     rng, scale = np.random.default_rng(1), p.system.space.scale
     gains = coupled(np.full(p.system.n, 20.0), rng), coupled(0.1 * scale**2, rng)
@@ -326,7 +326,7 @@ def test_full_gains_and_ends_are_the_generic_ones(name):
 
 
 @systems
-def test_cv_is_what_the_motion_makes_of_the_momentum(name):
+def test_transport_is_the_rate_of_momentum_along_the_motion(name):
     """Cᵀ v = Ṁ v − C v, by differences along the motion."""
     system = SYSTEMS[name]()
     for seed in range(3):
@@ -336,7 +336,7 @@ def test_cv_is_what_the_motion_makes_of_the_momentum(name):
 
 @systems
 @pytest.mark.parametrize("leak", [2.0, 0.0])
-def test_the_momentum_balance_is_the_generic_one(name, leak):
+def test_the_momentum_balance_equals_the_generic_one(name, leak):
     system = SYSTEMS[name]()
     rng = np.random.default_rng(4)
     q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)),
@@ -351,7 +351,7 @@ def test_the_momentum_balance_is_the_generic_one(name, leak):
 
 
 @vehicles
-def test_the_states_half_way_are_the_generic_ones(name):
+def test_interpolated_midpoints_equal_the_generic_ones(name):
     p, log = driven(name)
     for hermite in (True, False):
         middle = p.system.midpoints(log, hermite)
@@ -373,14 +373,14 @@ def test_mujoco_moves_as_the_system_says(name):
 
 @pytest.mark.parametrize("config", [UvmsPlant(spread=0.9), UvmsPlant(spread=0.0),
                                     FlyingArmPlant(spread=0.5)])  # fmt: skip
-def test_mujoco_follows_any_hidden_numbers(config):
+def test_mujoco_agrees_for_any_hidden_numbers(config):
     p = config.build(1e-3, 3)
     for seed in range(3):
         assert_engines_agree(p, seed)
 
 
 @pytest.mark.parametrize("name", ["uvms", "borinot"])
-def test_every_number_matters(name):
+def test_every_parameter_changes_the_motion(name):
     """A parameter that is off by a tenth is seen: the agreement above is no accident."""
     p = plant(name)
     system = p.system
@@ -393,7 +393,7 @@ def test_every_number_matters(name):
     assert (seen > 1e-6).all(), [system.space.names[i] for i in np.flatnonzero(seen <= 1e-6)]
 
 
-def test_water_that_flows_along_is_water_at_rest():
+def test_hydrodynamic_forces_depend_on_the_velocity_relative_to_the_water():
     """Added mass, drag and thrust see the velocity relative to the water only (Galilei)."""
     still, flow = plant("uvms"), np.array([0.3, -0.2, 0.1])
     moved = plant("uvms", mismatch=Mismatch(flow=(0.3, -0.2, 0.1)))
@@ -411,7 +411,7 @@ def test_water_that_flows_along_is_water_at_rest():
     assert np.abs(acceleration(moved, numbers, v, u) - expected).max() > 1e-2
 
 
-def test_a_lagging_thruster_comes_later():
+def test_thruster_lag_delays_the_force():
     prompt, late = plant("uvms"), plant("uvms", mismatch=Mismatch(lag=0.1))
     gained = []
     for p in (prompt, late):
@@ -445,7 +445,7 @@ def test_steps_are_of_fourth_order_with_the_callback(name):
 
 
 @vehicles
-def test_a_diverging_plant_says_so(name, capfd, tmp_path, monkeypatch):
+def test_a_diverging_plant_reports_it(name, capfd, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     p = plant(name, 0)
     with p.running():
@@ -457,7 +457,7 @@ def test_a_diverging_plant_says_so(name, capfd, tmp_path, monkeypatch):
 
 
 @vehicles
-def test_looks_move_with_the_bodies(name):
+def test_meshes_move_with_their_bodies(name):
     p = plant(name)
     meshes = p.visuals()
     assert meshes and len({mesh.name for mesh in meshes}) == len(meshes)
@@ -531,7 +531,7 @@ def test_a_robot_without_known_rotors_is_refused():
 
 @pytest.mark.parametrize("config", [UvmsPlant, FlyingArmPlant])
 @pytest.mark.parametrize("spread", [-0.1, 1.0, np.nan])
-def test_a_spread_that_is_no_share_is_refused(config, spread):
+def test_a_spread_outside_0_to_1_is_refused(config, spread):
     with pytest.raises(InvalidInput, match="spread"):
         config(spread=spread)
 
@@ -543,6 +543,6 @@ def test_a_spread_that_is_no_share_is_refused(config, spread):
         (FlyingArmPlant, Mismatch(flow=(1.0, 0.0, 0.0))),
     ],
 )
-def test_what_a_plant_cannot_do_is_refused(config, mismatch):
+def test_an_unsupported_mismatch_is_refused(config, mismatch):
     with pytest.raises(InvalidInput, match="mismatch"):
         config(mismatch=mismatch)

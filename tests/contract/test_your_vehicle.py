@@ -44,7 +44,7 @@ def nsaid(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_the_page_has_three_files_two_commands_and_a_reading():
+def test_the_page_has_three_files_two_commands_and_one_python_block():
     assert [name for _, name, _ in BLOCKS if name] == [
         "hexa/vehicle.toml", "hexa/model.xml", "hexa/hexa.py",
     ]  # fmt: skip
@@ -52,7 +52,7 @@ def test_the_page_has_three_files_two_commands_and_a_reading():
     assert [kind for kind, name, _ in BLOCKS if not name] == ["sh", "sh", "python"]
 
 
-def test_every_command_of_the_page_completes_and_its_reading_prints_what_it_says(tmp_path):
+def test_every_command_of_the_page_completes_and_its_python_prints_what_it_says(tmp_path):
     written(tmp_path)
     for command in COMMANDS:
         done = nsaid(f"{command} {SHORT}", tmp_path)
@@ -69,7 +69,7 @@ def test_every_command_of_the_page_completes_and_its_reading_prints_what_it_says
     assert both[0]["theta_perp_ratio"] < 0.5 * both[0]["theta_perp_ratio_initial"]
 
 
-def test_six_thrusters_are_six_columns_and_the_truth_is_the_sheets(tmp_path):
+def test_six_thrusters_give_six_columns_and_the_sheets_numbers(tmp_path):
     p = BlueROV2Plant(vehicle=str(written(tmp_path)), spread=0.0).build(1e-2, 0)
     space, theta = p.system.space, p.truth
     assert p.system.n_u == 6 and len(space) == 43
@@ -78,13 +78,13 @@ def test_six_thrusters_are_six_columns_and_the_truth_is_the_sheets(tmp_path):
     assert {mesh.name for mesh in p.visuals()} == {"float", "hull"}
 
 
-def test_a_vehicle_without_a_drawing_is_a_box_of_its_size(tmp_path):
+def test_a_vehicle_without_a_model_is_drawn_as_a_box(tmp_path):
     folder = written(tmp_path, without="hexa/model.xml")
     (box,) = BlueROV2Plant(vehicle=str(folder)).build(1e-2, 0).visuals()
     np.testing.assert_allclose(np.ptp(box.vertices, axis=0), [0.46, 0.34, 0.25])
 
 
-def test_a_vehicle_without_drawing_and_size_is_told_what_is_missing(tmp_path):
+def test_a_vehicle_without_model_or_size_is_refused_with_the_remedy(tmp_path):
     sheet = written(tmp_path, without="hexa/model.xml") / "vehicle.toml"
     text = sheet.read_text(encoding="utf-8")
     sheet.write_text(re.sub(r"^size.*$", "", text, flags=re.MULTILINE), encoding="utf-8")
@@ -106,7 +106,7 @@ def test_a_vehicle_without_drawing_and_size_is_told_what_is_missing(tmp_path):
         ),
     ],
 )
-def test_a_drawing_that_does_not_fit_is_refused(tmp_path, old, new, expected):
+def test_a_model_that_does_not_fit_the_sheet_is_refused(tmp_path, old, new, expected):
     folder = written(tmp_path)
     model = folder / "model.xml"
     text = model.read_text(encoding="utf-8")
@@ -117,7 +117,7 @@ def test_a_drawing_that_does_not_fit_is_refused(tmp_path, old, new, expected):
     assert caught.value.name == str(model)
 
 
-def test_the_drawings_own_mass_damping_and_medium_do_not_count(tmp_path):
+def test_mass_damping_and_medium_of_model_xml_are_ignored(tmp_path):
     """Only looks come from model.xml: the motion is that of the sheet, to the bit."""
     folder, ends = written(tmp_path), []
     model = folder / "model.xml"

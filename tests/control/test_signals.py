@@ -82,7 +82,7 @@ def test_multisine_is_bounded(seed, tones, amplitude, t):
 
 @FEW
 @given(seeds, st.floats(0.05, 0.5), st.floats(1.1, 20))
-def test_a_single_tone_lies_in_its_band(seed, low, ratio):
+def test_a_single_tone_lies_within_the_band(seed, low, ratio):
     """s̈ = −ω² s, so ω² shows in three samples."""
     signal, h = multisine(seed, low=low, high=low * ratio, tones=1), 1e-2
     t = np.linspace(0, 30, 50)
@@ -123,6 +123,6 @@ def test_multisine_refuses_a_bad_amplitude(amplitude):
 
 
 @pytest.mark.parametrize("make", [lambda s: fourier(s)(1.3)[0], lambda s: multisine(s)(1.3)])
-def test_one_seed_one_signal(make):
+def test_a_signal_is_determined_by_its_seed(make):
     assert (make(3) == make(3)).all()
     assert (make(3) != make(4)).any()

@@ -71,7 +71,7 @@ def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> N
 @plants
 @FEW
 @given(seeds, st.floats(0, 2))
-def test_what_is_drawn_is_inside_and_survives_the_chart(name, seed, error):
+def test_drawn_estimates_are_inside_the_cone_and_survive_the_chart(name, seed, error):
     cone, theta = geometry.cone_of(plant(name).system.space), inside(name, seed, error)
     assert geometry.inside(cone, theta) and np.isfinite(geometry.barrier(cone, theta))
     again = chart.from_chart(cone, chart.to_chart(cone, theta), geometry.coordinates(cone))
@@ -90,9 +90,7 @@ def test_any_chart_point_is_inside(name, seed):
 
 @FEW
 @given(seeds, st.floats(0, 2))
-def test_a_tied_matrix_is_drawn_as_numbers_and_keeps_a_share_of_its_distance_to_the_edge(
-    seed, error
-):
+def test_a_drawn_tied_matrix_keeps_a_share_of_its_distance_to_the_edge(seed, error):
     truth, theta = plant("torpedo").truth, inside("torpedo", seed, error)
     place = plant("torpedo").system.space["mass matrix"]
     assert np.abs(np.log((theta / truth)[place][:4])).max() <= error + 1e-12
@@ -156,7 +154,7 @@ def test_the_barrier_is_logarithmically_homogeneous(name, seed):
 @plants
 @FEW
 @given(seeds)
-def test_derivatives_are_differences(name, seed):
+def test_gradient_and_hessian_match_finite_differences(name, seed):
     cone, theta = geometry.cone_of(plant(name).system.space), inside(name, seed, 0.2)
     step = 1e-6 * (inside(name, seed + 1, 0.2) - theta)
     plus, minus = theta + step, theta - step
@@ -277,7 +275,7 @@ def theta_rate_of(space: ParameterSpace, theta: np.ndarray, rate: np.ndarray) ->
 
 @FEW
 @given(seeds, st.floats(1e-3, 1e3))
-def test_the_metric_is_solved_block_by_block_as_densely(seed, mu):
+def test_solving_the_metric_block_by_block_equals_the_dense_solution(seed, mu):
     rng = np.random.default_rng(seed)
     theta, gradient = physical(rng), rng.standard_normal(len(MIXED))
     A = rng.standard_normal((len(MIXED), len(MIXED)))
@@ -299,7 +297,7 @@ def test_the_metric_is_solved_block_by_block_as_densely(seed, mu):
 
 @FEW
 @given(seeds)
-def test_the_charts_rate_is_that_of_choleskys_factor(seed):
+def test_the_charts_rate_is_that_of_the_cholesky_factor(seed):
     rng = np.random.default_rng(seed)
     theta, theta_rate = physical(rng), rng.standard_normal(len(MIXED))
     eta = chart.to_chart(CONE, theta)
@@ -347,7 +345,7 @@ def test_links_do_not_depend_on_their_neighbours(seed, count, data):
 
 @FEW
 @given(seeds, st.floats(-6, 6))
-def test_a_step_of_a_tied_matrix_is_held_inside_whatever_its_length(seed, log_length):
+def test_a_step_of_a_tied_matrix_of_any_length_stays_inside(seed, log_length):
     rng = np.random.default_rng(seed)
     theta, step, place = physical(rng), rng.standard_normal(len(MIXED)), MIXED["tied"]
     start = chart.to_chart(CONE, theta)
@@ -369,7 +367,7 @@ def test_a_step_of_a_tied_matrix_is_held_inside_whatever_its_length(seed, log_le
 
 @pytest.mark.parametrize("name", ["gain", "link", "mass", "one", "tied"])
 @pytest.mark.parametrize("how", ["outside", "edge", "NaN"])
-def test_outside_is_seen_everywhere_and_in_its_own_block_only(name, how):
+def test_an_estimate_outside_gives_nan_in_its_own_block_only(name, how):
     theta, place = physical(np.random.default_rng(0)), MIXED[name]
     theta[place] = {"outside": -1.0, "edge": 0.0, "NaN": np.nan}[how] * theta[place]
     assert not geometry.inside(CONE, theta) and geometry.barrier(CONE, theta) == np.inf
@@ -424,7 +422,7 @@ def test_no_start_and_no_gain_leaves_the_cone():
     assert lost > 0
 
 
-def test_the_compiled_body_step_is_the_general_one(monkeypatch):
+def test_the_compiled_body_step_equals_the_general_one(monkeypatch):
     measured, law = rows("rov", 5.0)[:60], build("rov", inside("rov", 2))
     fast = identify(law, measured)[-1]
     monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
@@ -531,7 +529,7 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch,
     assert held > 0
 
 
-def test_without_a_barrier_it_is_the_papers_law():
+def test_without_a_barrier_the_cone_law_is_the_papers_law():
     p = plant("rov")
     config = NullspaceAID(K=6.0, gain=0.6, law="cone", barrier=0.0)
     law = config.build(p.system, p.truth, p.dt)

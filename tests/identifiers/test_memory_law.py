@@ -138,7 +138,7 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_spent_is_what_the_steps_cost_and_the_rest_stands(name):
+def test_the_conserved_quantity_falls_by_what_the_memory_steps_cost(name):
     """Q(θ̂) − Q(θ⁺) = D_ψ(θ⁺‖θ̂); Q and all costs together stand to RK4's error."""
     log = driven(name, 5.0)
     law = build(name, inside(log, 2))
@@ -181,7 +181,7 @@ def test_v_falls_in_every_step_of_a_run(name):
 
 @pytest.mark.parametrize("name", ["bluerov2", "f1tenth"])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_wild_start_stays_in_the_cone_and_converges(name, seed):
+def test_a_start_far_off_stays_in_the_cone_and_converges(name, seed):
     """e^{±1} on every block of the cone, 20 s: issue 4 asks for 0.01."""
     log = driven(name, 20.0)
     law = build(name, inside(log, seed, 1.0))
@@ -196,7 +196,7 @@ def test_a_wild_start_stays_in_the_cone_and_converges(name, seed):
 
 
 @pytest.mark.parametrize("levels", [EXACT, NOISE.levels], ids=["ideal", "noisy"])
-def test_what_no_row_observes_stays_where_it_was(levels):
+def test_unobserved_directions_keep_their_start(levels):
     """n·∇ψ(θ̂) stands for every n of P_s without an actuator: at any residual, noisy or not."""
     log = driven("double_pendulum", 3.0)
     space, basis = log.plant.system.space, nullspace("double_pendulum").P
@@ -218,7 +218,7 @@ def test_what_no_row_observes_stays_where_it_was(levels):
     assert np.abs(turn).max() < 1e-4 * np.abs(law.metric.mirror(law.prior)[0][:, None] * free).max()
 
 
-def test_a_long_run_does_not_blow_up_what_is_not_observed():
+def test_unobserved_directions_stay_bounded_over_a_long_run():
     """The trap of a normaliser on all of θ: a residual that stays makes the unobserved grow."""
     log = driven("bluerov2", 60.0)
     law = build("bluerov2", inside(log, 5))
@@ -267,7 +267,7 @@ def one_axis(kind: type[Heave], seconds: float) -> Log:
 
 
 @pytest.mark.parametrize("anchor", [None, 0.0])
-def test_noise_does_not_blow_up_what_nothing_moves(anchor):
+def test_unexcited_directions_stay_bounded_under_noise(anchor):
     """Where all that is seen of a direction is noise, its Gramian less N is not ⪰ 0."""
     log = one_axis(Heave, 20.0)
     scale = log.plant.system.space.scale
@@ -296,7 +296,7 @@ def test_no_seed_of_a_noisy_flight_ends_early():
     assert not ended
 
 
-def test_constant_commands_and_one_velocity():
+def test_v_does_not_rise_under_a_constant_command():
     log = driven("scalar_rov", 20.0)
     plant = log.plant
     rows = []
@@ -379,7 +379,7 @@ def test_a_deviation_shrinks_with_the_square_root_of_time():
     assert blocks[0] < 200  # 200 blocks there were, and neighbours are correlated
 
 
-def test_deviations_are_not_needlessly_wide():
+def test_stated_deviations_are_not_much_wider_than_the_errors():
     """An actuator's error is of the size that is stated: neither 10 times less nor more."""
     for seed in range(6):
         found, _, error = told(seed, 20.0)
@@ -398,7 +398,7 @@ def test_a_direction_that_nothing_moves_is_flagged():
     assert (weight > 0.5).all()
 
 
-def test_nothing_is_said_before_there_is_something_to_say():
+def test_confidence_is_absent_until_there_is_data():
     log = driven("bluerov2", 1.0)
     law = build("bluerov2", inside(log, 1))
     assert law.confidence(law.init(log.rows[0])) is None
@@ -438,7 +438,7 @@ def test_a_step_is_pure(levels):
     assert [bits(state) for state in states] == frozen
 
 
-def test_an_ending_keeps_the_memory_it_had():
+def test_a_run_that_ends_early_keeps_its_memory():
     log = driven("f1tenth", 1.0)
     law = build("f1tenth", inside(log, 1))
     state = follow(law, log.rows[:200])[-1]
@@ -473,7 +473,7 @@ def finished(request, tmp_path_factory):
     return run(scenario(sensors=request.param), tmp_path_factory.mktemp(request.param))
 
 
-def test_the_record_knows_what_was_spent_and_the_summary_what_is_known(finished):
+def test_the_record_has_what_was_spent_and_the_summary_the_confidence(finished):
     record, summary = finished.record, metrics.summarize(finished, metrics.truth_of(finished))
     steps = np.flatnonzero(np.diff(record["spent"])) + 1
     number = record["t"][steps] / 0.5

@@ -91,7 +91,7 @@ def test_the_balance_is_the_regressor_with_the_true_acceleration_behind_the_leak
     assert np.abs((Y - expected) * scale).max() < 1e-6 * np.abs(Y * scale).max()
 
 
-def test_two_leaks_are_related_as_their_windows():
+def test_filters_of_two_windows_are_related_by_their_leaks():
     """Ẏ = −a Y + W for every a, so Y_a − Y_b = (b − a) ∫ e^{−a(t−τ)} Y_b dτ."""
     log = driven("ur5", 0.5)
     slow, fast = (regressors(recorder(log, MemoryConfig(window=w)), log) for w in (0.5, 0.1))
@@ -118,7 +118,7 @@ def test_samples_need_not_be_regular(name):
 
 @pytest.mark.parametrize("horizon", [0.0, 0.7])
 @pytest.mark.parametrize("name", ["double_pendulum", "bluerov2"])
-def test_the_means_are_those_of_a_list_of_blocks(name, horizon):
+def test_recursive_means_equal_those_of_all_blocks(name, horizon):
     log = driven(name, 2.03)
     own = recorder(log, MemoryConfig(horizon=horizon))
     kept, listed = list(remember(own, log))[-1], blocks(own, log)
@@ -139,7 +139,7 @@ def test_the_means_are_those_of_a_list_of_blocks(name, horizon):
 
 
 @pytest.mark.parametrize("horizon", [0.0, 0.7])
-def test_the_innovations_gramian_is_that_of_the_listed_differences(horizon):
+def test_the_innovation_gramian_equals_that_of_all_differences(horizon):
     """Mean of (Y − ρ Y′)(Y − ρ Y′)ᵀ, ρ the correlation of neighbouring residuals at θ."""
     log = driven("bluerov2", 4.0)
     own, space = recorder(log, MemoryConfig(horizon=horizon)), log.plant.system.space
@@ -166,7 +166,7 @@ def test_the_innovations_gramian_is_that_of_the_listed_differences(horizon):
 
 
 @pytest.mark.parametrize("name", ["f1tenth", "bluerov2", "astrobee"])
-def test_the_noises_gramian_is_that_of_many_draws(name):
+def test_the_noise_gramian_equals_that_of_many_draws(name):
     """E[ΔY ΔYᵀ] of blocks measured with noise less the same without; neighbours likewise."""
     log, noise, draws = driven(name, 6.0), SensorNoise(), 20
     system, same = log.plant.system, recorder(log, levels=noise.levels)
@@ -194,7 +194,7 @@ def test_the_noises_gramian_is_that_of_many_draws(name):
 LOUD = SensorNoise(position=1e-3, velocity=2e-2)
 
 
-def test_noise_of_positions_or_of_velocities_alone_is_noise():
+def test_noise_of_positions_or_velocities_alone_is_accounted_for():
     log = driven("ur5", 0.3)
     for levels in (SensorLevels(position=1e-3), SensorLevels(velocity=1e-2)):
         own = recorder(log, levels=levels)
@@ -213,7 +213,7 @@ def flat(memory: Memory) -> bytes:
 
 
 @pytest.mark.parametrize("levels", [EXACT, LOUD.levels], ids=["exact", "noisy"])
-def test_adding_is_pure(levels):
+def test_absorbing_a_step_leaves_its_inputs_unchanged(levels):
     log = driven("f1tenth", 2.0)
     one, other = recorder(log, levels=levels), recorder(log, levels=levels)
     kept = list(remember(one, log))
@@ -235,7 +235,7 @@ def nbytes(value) -> int:
 
 
 @pytest.mark.parametrize("levels", [EXACT, LOUD.levels], ids=["exact", "noisy"])
-def test_it_does_not_grow(levels):
+def test_the_memory_does_not_grow_with_time(levels):
     log = driven("scalar_rov", 60.0)
     for interval in (0.5, 1e6):
         own = recorder(log, MemoryConfig(interval=interval), levels)
@@ -243,7 +243,7 @@ def test_it_does_not_grow(levels):
         assert max(sizes[-200:]) == max(sizes[:200]) == max(sizes) < 10_000
 
 
-def test_a_block_is_at_least_a_sample():
+def test_a_block_has_at_least_one_sample():
     log = driven("double_pendulum", 0.3)
     config = MemoryConfig(block=1e-4, interval=1e-4)
     own = recorder(log, config)
@@ -262,13 +262,13 @@ def test_a_plant_that_nothing_moves_leaves_no_quotient():
 
 @pytest.mark.parametrize("field", [field.name for field in fields(MemoryConfig)])
 @pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
-def test_a_bad_number_is_refused(field, bad):
+def test_a_memory_configuration_out_of_range_is_refused(field, bad):
     with pytest.raises(InvalidInput) as caught:
         MemoryConfig(**{field: bad})
     assert caught.value.name == f"memory.{field}" and caught.value.remedy
 
 
-def test_the_anchor_is_there_where_sensors_are_noisy():
+def test_the_anchor_defaults_to_1_for_noisy_and_0_for_ideal_sensors():
     assert MemoryConfig().weight(EXACT) == 0 and MemoryConfig().weight(LOUD.levels) == 1
     for anchor in (0.0, 0.3):
         for levels in (EXACT, LOUD.levels):

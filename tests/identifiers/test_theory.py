@@ -382,7 +382,7 @@ def test_small_implicit_steps_keep_the_conserved_quantity(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_implicit_steps_converge_to_the_member_that_is_foretold(seed):
+def test_implicit_steps_converge_to_the_predicted_member(seed):
     """Into N = {Gθ = 0}, to one point; n·∇ψ stands for every n of N without an actuator.
 
     What is left is bounded by what V was: Σ κh 2R e^{−1−V/μ} ≤ V(0) and Q(0) − Q(∞) ≤ V(0).

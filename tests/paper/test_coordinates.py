@@ -75,7 +75,7 @@ def test_r_of_an_arm_by_inverse_dynamics(arm: Bench):
     assert system.p - np.linalg.matrix_rank(stack, tol=1e-8) == arm.nullspace.r
 
 
-def test_r_by_hand():
+def test_r_of_two_vehicles_is_2():
     """r from textbooks: parameters less base parameters, and one for the common scale.
 
     Double pendulum, 28 parameters: 6 inertial base parameters of a planar 2R in gravity (a moment

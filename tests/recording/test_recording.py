@@ -115,7 +115,7 @@ def seconds(time: object) -> float:
     return time.total_seconds() if hasattr(time, "total_seconds") else float(time) * 1e-9  # type: ignore
 
 
-def test_an_arm_is_all_there(arm: SimulatedRun) -> None:
+def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
     entities = read(arm)
     for name in ("velocity_error", "distance/NS-AID", "theta_perp", "share", "lyapunov",
                  "conserved", "excitation/all", "excitation/perpendicular", "result",
@@ -146,7 +146,7 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
         assert times[-1] == pytest.approx(result.scenario.duration, abs=1e-9)
 
 
-def test_the_distance_is_the_summarys_and_rivals_have_theirs(rov: SimulatedRun) -> None:
+def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
     entities, summary = read(rov), metrics.summarize(rov, metrics.truth_of(rov))
     for name, numbers in (("NS-AID", summary), ("conventional", summary["rivals"]["conventional"])):
         values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
@@ -181,7 +181,7 @@ def test_series_have_names_with_units_that_the_viewer_can_draw(arm: SimulatedRun
             assert all(name.endswith("]") for name in names if name != "true direction"), entity
 
 
-def test_the_text_says_what_came_out(arm: SimulatedRun) -> None:
+def test_the_recorded_text_states_the_result(arm: SimulatedRun) -> None:
     text = read(arm)["/result"]["TextDocument:text"][0][0]
     assert "completed" in text and "57 of 84" in text and "gain_6" in text
     assert text == drawable(text)
@@ -224,7 +224,7 @@ def test_reruns_warnings_are_errors() -> None:
 
 
 @pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
-def test_no_view_is_on_two_pages(which: str, request: pytest.FixtureRequest) -> None:
+def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureRequest) -> None:
     result: SimulatedRun = request.getfixturevalue(which)
     space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
@@ -256,7 +256,7 @@ def drawn_rows(
     return rows
 
 
-def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: SimulatedRun) -> None:
+def test_force_arrows_start_at_their_thrusters(vehicle: SimulatedRun) -> None:
     entities, record, space = read(vehicle), vehicle.record, vehicle.plant.system.space
     body = scene.BODY
     rows = drawn_rows(vehicle, entities, body)
@@ -298,11 +298,11 @@ def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: SimulatedRun) -> None
     np.testing.assert_allclose(estimated, share[..., None] * vectors, atol=1e-5)
 
 
-def test_an_arm_has_neither_forces_nor_a_path(arm: SimulatedRun) -> None:
+def test_an_arm_has_no_force_arrows_and_no_path(arm: SimulatedRun) -> None:
     assert not {f"/{forces.COMMANDED}", f"/{scene.PATH}"} & set(read(arm))
 
 
-def test_a_heaving_vehicles_force_is_upright(rov: SimulatedRun) -> None:
+def test_the_force_arrow_of_a_heaving_vehicle_is_vertical(rov: SimulatedRun) -> None:
     entities = read(rov)
     rows = drawn_rows(rov, entities, forces.COMMANDED)
     vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")[:, 0]
@@ -312,7 +312,7 @@ def test_a_heaving_vehicles_force_is_upright(rov: SimulatedRun) -> None:
     np.testing.assert_allclose(heights, np.outer(rov.record["q"][rows], [0, 0, 1]), atol=1e-6)
 
 
-def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: SimulatedRun) -> None:
+def test_the_path_goes_through_all_measured_positions(vehicle: SimulatedRun) -> None:
     entities = read(vehicle)
     rows = drawn_rows(vehicle, entities, scene.BODY)
     places = vehicle.record["q"][rows, :3]
@@ -322,7 +322,7 @@ def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: Simulated
         np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
 
 
-def test_the_meshes_of_a_vehicle_move_as_one_and_as_mujoco_has_them(vehicle: SimulatedRun) -> None:
+def test_meshes_of_a_vehicle_move_rigidly_as_in_mujoco(vehicle: SimulatedRun) -> None:
     entities, plant = read(vehicle), vehicle.plant
     q = vehicle.record["q"][-1:]
     translations, quaternions = plant.poses(q)
@@ -442,7 +442,7 @@ def test_live_without_a_display_serves_this_machine_and_ends_its_server(
 
 
 @pytest.mark.parametrize("where", ["start", "see"])
-def test_a_viewer_that_fails_ends_no_run(
+def test_a_failing_viewer_does_not_end_the_run(
     where: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     no_display(monkeypatch)
@@ -489,7 +489,7 @@ def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
 # -- viewer --------------------------------------------------------------------------------------
 
 
-def test_the_viewers_command_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_display_the_viewer_needs_web(monkeypatch: pytest.MonkeyPatch) -> None:
     no_display(monkeypatch)
     with pytest.raises(BadRun, match="--web"):
         viewer.viewer_command(Path("run.rrd"), web=False)
@@ -498,7 +498,7 @@ def test_the_viewers_command_without_a_display(monkeypatch: pytest.MonkeyPatch) 
     assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 
-def test_the_viewers_command_with_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_a_display_the_viewer_opens_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     command = viewer.viewer_command(Path("run.rrd"), web=False)
     assert "--serve-web" not in command

@@ -69,7 +69,7 @@ def test_warming_up_changes_no_number_of_the_run(tmp_path: Path):
     assert all(np.array_equal(before[column], after[column]) for column in before.columns)
 
 
-def test_kinds_differ_with_what_is_compiled_and_not_with_numbers():
+def test_warm_up_kinds_depend_on_structure_not_on_numbers():
     kind = warmup.kind_of(ROV)
     assert kind == warmup.kind_of(replace(ROV, duration=3.0, seed=5))
     assert kind != warmup.kind_of(replace(ROV, sensors="noisy"))
@@ -77,7 +77,7 @@ def test_kinds_differ_with_what_is_compiled_and_not_with_numbers():
     assert kind != warmup.kind_of(replace(ROV, identifier=other))
 
 
-def test_a_line_that_is_shown_can_be_used_through_a_whole_run(tmp_path: Path):
+def test_progress_observes_a_whole_run_while_shown(tmp_path: Path):
     with Progress("rov") as progress:
         assert len(run(ROV, tmp_path, progress).record) > 1
         progress.say("evaluating the estimate")

@@ -86,14 +86,14 @@ def test_the_page_is_well_formed_and_has_its_title(text: str) -> None:
     assert len(page.ids) == len(set(page.ids))
 
 
-def test_it_needs_no_other_file_and_runs_no_script(text: str) -> None:
+def test_the_page_needs_no_other_file_and_runs_no_script(text: str) -> None:
     assert not re.findall(r"<(?:script|link|img|iframe|object)\b|\bsrc=|@import|javascript:", text)
     assert not re.findall(r"https?:", text)
     assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', text))
     assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", text))
 
 
-def test_every_parameter_and_every_unobservable_direction_is_told(
+def test_every_parameter_and_unobservable_direction_is_listed(
     summary: dict[str, Any], text: str
 ) -> None:
     page = Page.of(text)
@@ -106,9 +106,7 @@ def test_every_parameter_and_every_unobservable_direction_is_told(
         assert entry["direction"] in words or all(n in words for n in entry["parameters"])
 
 
-def test_true_values_prior_and_estimate_stand_in_their_columns(
-    summary: dict[str, Any], text: str
-) -> None:
+def test_truth_prior_and_estimate_are_in_their_columns(summary: dict[str, Any], text: str) -> None:
     tables = [table for table in Page.of(text).tables if "estimate" in table.heads]
     rows = summary["parameters"]
     told = [dict(zip(table.heads, row, strict=True)) for table in tables for row in table.rows]
@@ -229,7 +227,7 @@ def test_axes_have_labels_with_units(text: str) -> None:
         assert len(named) == 2, named
 
 
-def test_two_reports_of_one_run_are_equal(
+def test_reporting_a_run_twice_gives_the_same_page(
     done: SimulatedRun, summary: dict[str, Any], text: str
 ) -> None:
     assert report.page(done, summary, metrics.truth_of(done)) == text
