@@ -54,20 +54,6 @@ def test_the_regressors_are_linear_and_sum_up(name):
 
 
 @vehicles
-def test_m_dot_minus_2c_is_skew(name):
-    system, theta, h = plant(name).system, plant(name).truth, 1e-5
-    for seed in range(5):
-        x, _, _, _, _ = draw_state(system, seed)
-        q, v = system.split(x)
-        ahead, behind = (
-            system.mass_matrix(np.r_[system.integrate(q, step * v), v], theta) for step in (h, -h)
-        )
-        C = system.coriolis_matrix(x, theta)
-        M_dot = (ahead - behind) / (2 * h)
-        assert np.abs(M_dot - C - C.T).max() <= 1e-6 * max(np.abs(C).max(), np.abs(ahead).max())
-
-
-@vehicles
 def test_evaluate_at_agrees_with_the_definitions(name):
     system, theta = plant(name).system, plant(name).truth
     for seed in range(5):

@@ -6,12 +6,10 @@ import dataclasses
 import json
 import math
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from nsaid_mj import (
     ArmPlant,
@@ -30,6 +28,7 @@ from nsaid_mj.experiment.loop import Run, SimulatedRun, run
 from nsaid_mj.nullspace import structural
 from nsaid_mj.reporting import finish, report
 from tests.support.faulty import ROV
+from tests.support.recordings import entities_of
 
 NOISY = replace(
     ROV,
@@ -140,21 +139,13 @@ def test_a_run_without_rows_has_null_figures(tmp_path):
     assert whole["theta_perp_ratio"] is None and whole["pe_level_perp"] is None
 
 
-def entities(folder: Path) -> dict[str, set[str]]:
-    found: dict[str, set[str]] = {}
-    for chunk in RrdReader(folder / recording.FILE).stream():
-        columns = chunk.to_record_batch().schema.names
-        found.setdefault(str(chunk.entity_path), set()).update(columns)
-    return found
-
-
 def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
     summary = finish.finish(bare)
     assert json.loads((tmp_path / finish.SUMMARY).read_text(encoding="utf-8")) == summary
     page = (tmp_path / report.FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
-    seen = entities(tmp_path)
+    seen = entities_of(tmp_path / recording.FILE)
     wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}
     assert wanted <= seen.keys()
     absent = ("/distance", "/share", "/lyapunov", "/theta_perp", "/robot/body/force/commanded")
@@ -165,7 +156,7 @@ def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
     done = run(BOAT, tmp_path)
     bare = Run(**{field.name: getattr(done, field.name) for field in fields(Run)})
     recording.write(bare, summarize(bare, None), None)
-    seen = entities(tmp_path)
+    seen = entities_of(tmp_path / recording.FILE)
     assert "/robot/body" in seen and "/robot/body/force/estimated" in seen
     assert "/robot/body/force/commanded" not in seen
     assert any("Mesh3D" in column for columns in seen.values() for column in columns)

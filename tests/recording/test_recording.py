@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import subprocess
 import sys
@@ -11,19 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
-from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from nsaid_mj import (
     ArmPlant,
     Block,
     BlueROV2Plant,
-    ConventionalAID,
     FourierTracking,
     MultisineCommand,
     NullspaceAID,
     ParameterSpace,
-    ScalarRovPlant,
     Scenario,
     recording,
 )
@@ -38,6 +34,8 @@ from nsaid_mj.recording import forces, layout, live, scene, series, viewer
 from nsaid_mj.recording.file import spread
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.systems.rigid_body import RigidBody
+from tests.support.faulty import WITH_RIVAL as ROV
+from tests.support.recordings import entities_of
 
 ARM = Scenario(
     plant=ArmPlant(robot="ur5", damping=2.0, friction=1.0, armature=0.1),
@@ -46,16 +44,6 @@ ARM = Scenario(
     duration=0.3,
     pe_window=0.1,
     held_out=0.1,
-)
-ROV = Scenario(
-    plant=ScalarRovPlant(),
-    excitation=MultisineCommand(low=0.05, high=0.5, tones=8, amplitude=0.8),
-    identifier=NullspaceAID(K=5.0, gain=0.01),
-    rivals={"conventional": ConventionalAID(K=5.0, gain=0.01)},
-    duration=2.0,
-    dt=0.01,
-    pe_window=0.5,
-    held_out=1.0,
 )
 VEHICLE = Scenario(
     plant=BlueROV2Plant(),
@@ -88,22 +76,6 @@ def rov(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 @pytest.fixture(scope="module")
 def vehicle(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
     return recorded(VEHICLE, tmp_path_factory.mktemp("vehicle"))
-
-
-@functools.cache
-def entities_of(file: Path) -> dict[str, dict[str, list]]:
-    entities: dict[str, dict[str, list]] = {}
-    for chunk in RrdReader(file).stream():
-        columns = entities.setdefault(str(chunk.entity_path), {})
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            if name.startswith("Mesh3D:vertex_"):
-                columns[name] = [None]  # large, and not looked into
-                continue
-            if name == "log_time":  # nanoseconds since 1970, which datetime does not have
-                continue
-            columns.setdefault(name, []).extend(batch.column(name).to_pylist())
-    return entities
 
 
 def read(result: SimulatedRun) -> dict[str, dict[str, list]]:
@@ -409,21 +381,15 @@ def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: Simulat
 # -- live ----------------------------------------------------------------------------------------
 
 
-def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-
-
 def no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recording.Live, "_serve", lambda self: "")
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_, **__: None)
 
 
+@pytest.mark.usefixtures("no_display")
 def test_live_without_a_display_serves_this_machine_and_ends_its_server(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    no_display(monkeypatch)
     started: list[list[str]] = []
     servers: list[subprocess.Popen[bytes]] = []
 
@@ -441,11 +407,11 @@ def test_live_without_a_display_serves_this_machine_and_ends_its_server(
     assert servers[0].poll() is not None
 
 
+@pytest.mark.usefixtures("no_display")
 @pytest.mark.parametrize("where", ["start", "see"])
 def test_a_failing_viewer_does_not_end_the_run(
     where: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    no_display(monkeypatch)
     monkeypatch.setattr(live, "program", lambda: [sys.executable, "-c", "raise SystemExit(3)"])
     if where == "see":
         no_connection(monkeypatch)
@@ -456,8 +422,8 @@ def test_a_failing_viewer_does_not_end_the_run(
     assert len(told) == 1 and "goes on without a viewer" in told[0]
 
 
+@pytest.mark.usefixtures("no_display")
 def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_display(monkeypatch)
     no_connection(monkeypatch)
     plant = ROV.plant.build(ROV.dt, 0)
     monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
@@ -467,10 +433,10 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     observer.stop()
 
 
+@pytest.mark.usefixtures("no_display")
 def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    no_display(monkeypatch)
     no_connection(monkeypatch)
     file = tmp_path / "live.rrd"
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
@@ -489,8 +455,8 @@ def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
 # -- viewer --------------------------------------------------------------------------------------
 
 
-def test_without_a_display_the_viewer_needs_web(monkeypatch: pytest.MonkeyPatch) -> None:
-    no_display(monkeypatch)
+@pytest.mark.usefixtures("no_display")
+def test_without_a_display_the_viewer_needs_web() -> None:
     with pytest.raises(BadRun, match="--web"):
         viewer.viewer_command(Path("run.rrd"), web=False)
     command = viewer.viewer_command(Path("run.rrd"), web=True)

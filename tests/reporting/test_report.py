@@ -14,13 +14,6 @@ import numpy as np
 import pytest
 
 from nsaid_mj import (
-    ConventionalAID,
-    MultisineCommand,
-    NullspaceAID,
-    ScalarRovPlant,
-    Scenario,
-)
-from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.experiment.loop import SimulatedRun, run
@@ -28,17 +21,8 @@ from nsaid_mj.reporting import report
 from nsaid_mj.reporting.palette import COLOURS
 from tests.reporting.drawing import points_of, words_of
 from tests.reporting.markup import Page
+from tests.support.faulty import WITH_RIVAL as ROV
 
-ROV = Scenario(
-    plant=ScalarRovPlant(),
-    excitation=MultisineCommand(low=0.05, high=0.5, tones=8, amplitude=0.8),
-    identifier=NullspaceAID(K=5.0, gain=0.01),
-    rivals={"conventional": ConventionalAID(K=5.0, gain=0.01)},
-    duration=2.0,
-    dt=0.01,
-    pe_window=0.5,
-    held_out=1.0,
-)
 EVIL = "<script>alert('x')</script>\"&"
 
 
