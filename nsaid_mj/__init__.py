@@ -21,15 +21,18 @@ _NAMED = {
     "experiment.record": ("Record",),
     "experiment.scenario": ("Scenario",),
     "identifiers": ("ConventionalAID", "MemoryConfig", "NullspaceAID", "Status"),
-    "log": ("Log", "Measurement"),
+    "identifiers.cone.law": ("cone_identifier",),
+    "identifiers.memory.law": ("memory_identifier",),
+    "identifiers.nullspace_aid": ("NullspaceIdentifier", "paper_identifier"),
+    "log": ("Log", "Measurement", "SensorLevels"),
     "parameters": ("Block", "ParameterSpace"),
+    "reporting.finish": ("finish",),
     "plants": ("Fault", "Mismatch", "Plant", "PlantConfig", "SensorNoise", "Sensors"),
     "system": ("SecondOrderSystem",),
 }
 
 _FOUND = {
     "control/*.py": r"^class (\w+)\(DriverConfig\)",
-    "identifiers/**/*.py": r"^class (\w+)\(\w*Identifier\)",
     "plants/*.py": r"^class (\w+Plant)\(",
     "systems/*.py": r"^class ([A-Z]\w*)\b(?!\(NamedTuple\))",
 }

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import prepare
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
@@ -149,9 +149,10 @@ def test_an_identifier_refuses_a_log_of_another_robot(backend, name, width):
 def test_single_precision_and_column_slices_identify_like_plain_arrays():
     """As read from a table of floats: strided views, float32."""
     scenario = load("bluerov2")
-    plant, _, identifiers = prepare(scenario)
+    setup = Setup.of(scenario)
+    identifiers = setup.identifiers()
     rng = np.random.default_rng(0)
-    system = plant.system
+    system = setup.system
     q = np.repeat(system.position(np.zeros((1, system.n))), 20, axis=0)
     table = np.hstack([q, 1e-4 * rng.standard_normal((20, system.n)), rng.uniform(-1, 1, (20, 8))])
     table = np.asfortranarray(table.astype(np.float32))

@@ -13,7 +13,6 @@ from numba import njit
 from numba.extending import overload
 
 from ..log import Log, Middle
-from ..numerics.eight import zeros
 from ..numerics.linalg import solve_positive
 from ..numerics.spatial import bracket, coadjoint
 from ..parameters import Array
@@ -21,7 +20,8 @@ from ..system import SecondOrderSystem
 from .interpolation import tree_half_way
 from .loaded import loaded_gradient, loaded_work
 from .structures import ConstantInertia, Linkage, LoadedTree
-from .tree import MOTION, STATE, tree_gradient, tree_place
+from .tree import STATE, tree_gradient, tree_place, tree_work
+from .tree_lanes import LANES, lanes_gradient, lanes_work
 
 
 class TreeMotion(NamedTuple):
@@ -112,6 +112,28 @@ class TensorMotion(NamedTuple):
     F: Array
 
 
+class TreeBatch(NamedTuple):
+    """A tree's motion for a batch of `LANES` identifiers, one SIMD lane each.
+
+    RK4 sees one identifier of LANES n velocities and LANES p parameters: number i of lane l is at
+    LANES i + l of every vector, gains by their diagonals.
+
+    Attributes:
+        tree: what all lanes share.
+        t: (N,) times [s].
+        v: (N, LANES n) velocities, every one LANES times.
+        vm: (N−1, LANES n) velocities half-way between samples.
+        pivots: (N, LANES) smallest pivot of each lane's M̂ in the step up to there; written by the
+            stages from row 1 on.
+    """
+
+    tree: TreeMotion
+    t: Array
+    v: Array
+    vm: Array
+    pivots: Array
+
+
 # -- motions of a log ----------------------------------------------------------------------------
 
 
@@ -125,6 +147,12 @@ def force_regressors(system: SecondOrderSystem, log: Log, middle: Middle) -> Arr
             system.forces(t[1:], log.q[1:], log.v[1:], held),
         ]
     )
+
+
+def tree_batch(tree: TreeMotion) -> TreeBatch:
+    """A tree's motion for `LANES` identifiers."""
+    v, vm = (np.repeat(x, LANES, axis=1) for x in (tree.v, tree.vm))
+    return TreeBatch(tree, tree.t, v, vm, np.empty((len(tree.t), LANES)))
 
 
 @njit(cache=True, nogil=True)
@@ -145,8 +173,8 @@ def tree_motion(linkage, hermite, t, q, v, u):
 # -- one stage -----------------------------------------------------------------------------------
 
 
-def stage_room(motion, like):
-    """Workspace of `stage`, for numbers of the kind that the array `like` has."""
+def stage_room(motion):
+    """Workspace of `stage`."""
 
 
 def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
@@ -157,24 +185,31 @@ def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
 
 
 @overload(stage_room)
-def _stage_room(motion, like):
-    def tree(motion, like):
-        n = motion.v.shape[1]
-        bodies = zeros((motion.linkage[1].shape[0], MOTION), like)
-        return bodies, zeros((n, n), like), zeros((n, n), like)
+def _stage_room(motion):
+    def tree(motion):
+        return tree_work(motion.linkage, motion.v.shape[1])
 
-    def body(motion, like):
+    def batch(motion):
+        return lanes_work(motion.tree.linkage, motion.tree.v.shape[1]), np.empty(LANES)
+
+    def body(motion):
         n = motion.v.shape[1]
         return np.zeros((n, n)), np.zeros((n, n))
 
-    def loaded(motion, like):
+    def loaded(motion):
         return loaded_work(motion.loaded, motion.v.shape[1])
 
-    def tensor(motion, like):
+    def tensor(motion):
         n = motion.v.shape[1]
         return np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
 
-    rooms = {TreeMotion: tree, BodyMotion: body, LoadedMotion: loaded, TensorMotion: tensor}
+    rooms = {
+        TreeMotion: tree,
+        BodyMotion: body,
+        LoadedMotion: loaded,
+        TensorMotion: tensor,
+        TreeBatch: batch,
+    }
     return rooms[motion.instance_class]
 
 
@@ -212,7 +247,24 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
             gradient[0],
         )  # fmt: skip
 
-    stages = {TreeMotion: tree, BodyMotion: body, LoadedMotion: loaded, TensorMotion: tensor}
+    def batch(motion, at, k, v_hat, theta, work, a_hat, gradient):
+        tree, row, (room, pivots) = motion.tree, motion.pivots[k], work
+        state = tree.middles[k - 1] if at == 1 else tree.states[k - 1 + at // 2]
+        v = tree.vm[k - 1] if at == 1 else tree.v[k - 1 + at // 2]
+        pivot = lanes_gradient(
+            tree.linkage, state, v, tree.u[k - 1], v_hat, theta, room, a_hat, gradient[0], pivots
+        )
+        for lane in range(LANES):
+            row[lane] = pivots[lane] if at == 0 else min(row[lane], pivots[lane])
+        return pivot
+
+    stages = {
+        TreeMotion: tree,
+        BodyMotion: body,
+        LoadedMotion: loaded,
+        TensorMotion: tensor,
+        TreeBatch: batch,
+    }
     return stages[motion.instance_class]
 
 

@@ -22,7 +22,20 @@ from numba import njit
 
 from ..numerics.linalg import solve_positive
 from ..numerics.spatial import rotation
-from ..numerics.triples import add, back, cross, dot, forth, put, scale, symmetric, three
+from ..numerics.triples import (
+    add,
+    back,
+    cross,
+    dot,
+    forth,
+    nine,
+    put,
+    rotate,
+    scale,
+    symmetric,
+    three,
+    unrotate,
+)
 
 BASE, TURN, SLIDE, CIRCLE = 0, 1, 2, 3
 """Kinds of joint: a free flyer, an angle, a travel, and an angle by its cosine and sine."""
@@ -31,6 +44,121 @@ FIXED, COSINE, SINE, PLACE, TRAVEL, AXIS, FRICTION_SPEED, WIDTH = 0, 9, 18, 27, 
 AT, TWIST, SLIP, STATE = 9, 12, 18, 19
 """Columns of a state, after the nine of a rotation."""
 _W, _A, _F, _MASS, _H, _I, MOTION = 0, 6, 12, 18, 19, 22, 28  # columns of a motion
+
+# -- one body's formulas, on tuples: for a loop over bodies, and for one over SIMD lanes in it ----
+
+
+@njit(cache=True)
+def child_twist(R, p, linear, angular):
+    """A parent's twist as seen by a body that is rotated by R at p."""
+    return unrotate(R, add(linear, cross(angular, p))), unrotate(R, angular)
+
+
+@njit(cache=True, inline="always")
+def parent_wrench(R, p, force, torque):
+    """A body's wrench as seen by its parent."""
+    force = rotate(R, force)
+    return force, add(rotate(R, torque), cross(p, force))
+
+
+@njit(cache=True, inline="always")
+def parent_inertia(R, p, m, h, inertia):
+    """A body's first moment and inertia as seen by its parent; its mass m is the same for both."""
+    xx, xy, yy, xz, yz, zz = inertia
+    x, y, z = rotate(R, (xx, xy, xz)), rotate(R, (xy, yy, yz)), rotate(R, (xz, yz, zz))
+    r = rotate(R, (x[0], y[0], z[0]))
+    s = rotate(R, (x[1], y[1], z[1]))
+    t = rotate(R, (x[2], y[2], z[2]))
+    h = rotate(R, h)
+    k = add(h, scale(0.5 * m, p))
+    both = 2 * dot(p, k)
+    return add(h, scale(m, p)), (
+        r[0] + both - 2 * p[0] * k[0],
+        r[1] - p[0] * k[1] - p[1] * k[0],
+        s[1] + both - 2 * p[1] * k[1],
+        r[2] - p[0] * k[2] - p[2] * k[0],
+        s[2] - p[1] * k[2] - p[2] * k[1],
+        t[2] + both - 2 * p[2] * k[2],
+    )
+
+
+@njit(cache=True, inline="always")
+def across_joint(s_l, s_a, v_l, v_a, v, w, a, w_l, w_a, a_l, a_a):
+    """W and A of a body behind a joint with axis S = [s_l, s_a] and rates v, w and a.
+
+    [v_l, v_a] is V of the body; [w_l, w_a] and [a_l, a_a] are W and A of its parent, as it sees
+    them.
+    """
+    w_l = add(w_l, scale(w, s_l))
+    w_a = add(w_a, scale(w, s_a))
+    half_v, half_w = 0.5 * v, 0.5 * w
+    u_l = add(scale(half_w, v_l), scale(half_v, w_l))
+    u_a = add(scale(half_w, v_a), scale(half_v, w_a))
+    a_l = add(add(a_l, scale(a, s_l)), add(cross(u_a, s_l), cross(u_l, s_a)))
+    a_a = add(add(a_a, scale(a, s_a)), cross(u_a, s_a))
+    return w_l, w_a, a_l, a_a
+
+
+@njit(cache=True)
+def base_acceleration(v_l, v_a, w_l, w_a, up, a_l, a_a):
+    """A of a floating base: its acceleration a, gravity's, and ½[v, w]."""
+    turned = add(cross(v_a, w_l), cross(v_l, w_a))
+    return add(add(up, a_l), scale(0.5, turned)), add(a_a, scale(0.5, cross(v_a, w_a)))
+
+
+@njit(cache=True)
+def felt_acceleration(a, v_l, omega, w_l, turning):
+    """a* = a + ½ (ω_V × w + ω_W × v)."""
+    return add(a, scale(0.5, add(cross(omega, w_l), cross(turning, v_l))))
+
+
+@njit(cache=True, inline="always")
+def wrench(m, h, inertia, a, alpha, omega, turning):
+    """f and n of a body with parameters m, h, Ī; `a` is a*, ω = ω_V, `turning` ω_W."""
+    swung = add(cross(omega, cross(turning, h)), cross(turning, cross(omega, h)))
+    spun = add(cross(omega, symmetric(inertia, turning)), cross(turning, symmetric(inertia, omega)))
+    return (
+        add(add(scale(m, a), cross(alpha, h)), scale(0.5, swung)),
+        add(add(cross(h, a), symmetric(inertia, alpha)), scale(0.5, spun)),
+    )
+
+
+@njit(cache=True)
+def axis_wrench(s_l, s_a, m, h, inertia):
+    """Wrench under which a body at rest accelerates by the twist S."""
+    return add(scale(m, s_l), cross(s_a, h)), add(cross(h, s_l), symmetric(inertia, s_a))
+
+
+@njit(cache=True, inline="always")
+def power(d, delta, a, alpha, omega, turning):
+    """The ten columns of dᵀ f + δᵀ n of one body, linear in its parameters."""
+    x, y = cross(delta, omega), cross(delta, turning)
+    both = dot(omega, turning)
+    along, across = 0.5 * dot(turning, d), 0.5 * dot(omega, d)
+    h = add(
+        add(cross(d, alpha), cross(a, delta)),
+        add(add(scale(along, omega), scale(across, turning)), scale(-both, d)),
+    )
+    x, y = scale(0.5, x), scale(0.5, y)
+    return (
+        dot(d, a),
+        h[0],
+        h[1],
+        h[2],
+        delta[0] * alpha[0] + x[0] * turning[0] + y[0] * omega[0],
+        (delta[0] * alpha[1] + delta[1] * alpha[0])
+        + (x[0] * turning[1] + x[1] * turning[0])
+        + (y[0] * omega[1] + y[1] * omega[0]),
+        delta[1] * alpha[1] + x[1] * turning[1] + y[1] * omega[1],
+        (delta[0] * alpha[2] + delta[2] * alpha[0])
+        + (x[0] * turning[2] + x[2] * turning[0])
+        + (y[0] * omega[2] + y[2] * omega[0]),
+        (delta[1] * alpha[2] + delta[2] * alpha[1])
+        + (x[1] * turning[2] + x[2] * turning[1])
+        + (y[1] * omega[2] + y[2] * omega[1]),
+        delta[2] * alpha[2] + x[2] * turning[2] + y[2] * omega[2],
+    )
+
 
 # -- what depends on the measured state alone ------------------------------------------------------
 
@@ -97,10 +225,7 @@ def tree_place(linkage, q, v, state):
 @njit(cache=True)
 def carried(state, b, linear, angular):
     """A parent's twist, as body b sees it."""
-    return (
-        back(state, b, add(linear, cross(angular, three(state, b, AT)))),
-        back(state, b, angular),
-    )
+    return child_twist(nine(state, b), three(state, b, AT), linear, angular)
 
 
 @njit(cache=True)
@@ -120,19 +245,24 @@ def move(linkage, state, v, w, a, weight, motion):
         if kind == BASE:
             v_l, v_a = (v[0], v[1], v[2]), (v[3], v[4], v[5])
             w_l, w_a = (w[0], w[1], w[2]), (w[3], w[4], w[5])
-            turned = add(cross(v_a, w_l), cross(v_l, w_a))  # [v, w]
-            a_l = add(add(a_l, (a[0], a[1], a[2])), scale(0.5, turned))
-            a_a = add((a[3], a[4], a[5]), scale(0.5, cross(v_a, w_a)))
+            a_l, a_a = base_acceleration(
+                v_l, v_a, w_l, w_a, a_l, (a[0], a[1], a[2]), (a[3], a[4], a[5])
+            )
             column = 6
         else:
-            s_l, s_a = three(joints, b, AXIS), three(joints, b, AXIS + 3)
-            w_l = add(w_l, scale(w[column], s_l))
-            w_a = add(w_a, scale(w[column], s_a))
-            half_v, half_w = 0.5 * v[column], 0.5 * w[column]
-            u_l = add(scale(half_w, three(state, b, TWIST)), scale(half_v, w_l))
-            u_a = add(scale(half_w, three(state, b, TWIST + 3)), scale(half_v, w_a))
-            a_l = add(add(a_l, scale(a[column], s_l)), add(cross(u_a, s_l), cross(u_l, s_a)))
-            a_a = add(add(a_a, scale(a[column], s_a)), cross(u_a, s_a))
+            w_l, w_a, a_l, a_a = across_joint(
+                three(joints, b, AXIS),
+                three(joints, b, AXIS + 3),
+                three(state, b, TWIST),
+                three(state, b, TWIST + 3),
+                v[column],
+                w[column],
+                a[column],
+                w_l,
+                w_a,
+                a_l,
+                a_a,
+            )
             column += 1
         put(motion, b, _W, w_l, w_a)
         put(motion, b, _A, a_l, a_a)
@@ -168,10 +298,10 @@ def _push(linkage, state, a, motion):
 def felt(state, motion, b):
     """a*, α, ω_V and ω_W of a body."""
     omega, turning = three(state, b, TWIST + 3), three(motion, b, _W + 3)
-    swung = add(cross(omega, three(motion, b, _W)), cross(turning, three(state, b, TWIST)))
-    return (
-        add(three(motion, b, _A), scale(0.5, swung)), three(motion, b, _A + 3), omega, turning
-    )  # fmt: skip
+    a = felt_acceleration(
+        three(motion, b, _A), three(state, b, TWIST), omega, three(motion, b, _W), turning
+    )
+    return a, three(motion, b, _A + 3), omega, turning
 
 
 # -- columns of the regressor ----------------------------------------------------------------------
@@ -180,34 +310,10 @@ def felt(state, motion, b):
 @njit(cache=True)
 def write_power(W, i, k, d, delta, a, alpha, omega, turning):
     """Writes dᵀ f + δᵀ n of one body into W[i, k : k + 10], linear in its parameters."""
-    x, y = cross(delta, omega), cross(delta, turning)
-    both = dot(omega, turning)
-    along, across = 0.5 * dot(turning, d), 0.5 * dot(omega, d)
-    h = add(
-        add(cross(d, alpha), cross(a, delta)),
-        add(add(scale(along, omega), scale(across, turning)), scale(-both, d)),
-    )
-    W[i, k] = dot(d, a)
-    W[i, k + 1], W[i, k + 2], W[i, k + 3] = h
-    x, y = scale(0.5, x), scale(0.5, y)
-    W[i, k + 4] = delta[0] * alpha[0] + x[0] * turning[0] + y[0] * omega[0]
-    W[i, k + 6] = delta[1] * alpha[1] + x[1] * turning[1] + y[1] * omega[1]
-    W[i, k + 9] = delta[2] * alpha[2] + x[2] * turning[2] + y[2] * omega[2]
-    W[i, k + 5] = (
-        (delta[0] * alpha[1] + delta[1] * alpha[0])
-        + (x[0] * turning[1] + x[1] * turning[0])
-        + (y[0] * omega[1] + y[1] * omega[0])
-    )
-    W[i, k + 7] = (
-        (delta[0] * alpha[2] + delta[2] * alpha[0])
-        + (x[0] * turning[2] + x[2] * turning[0])
-        + (y[0] * omega[2] + y[2] * omega[0])
-    )
-    W[i, k + 8] = (
-        (delta[1] * alpha[2] + delta[2] * alpha[1])
-        + (x[1] * turning[2] + x[2] * turning[1])
-        + (y[1] * omega[2] + y[2] * omega[1])
-    )
+    (
+        W[i, k], W[i, k + 1], W[i, k + 2], W[i, k + 3], W[i, k + 4],
+        W[i, k + 5], W[i, k + 6], W[i, k + 7], W[i, k + 8], W[i, k + 9],
+    ) = power(d, delta, a, alpha, omega, turning)  # fmt: skip
 
 
 @njit(cache=True)
@@ -247,12 +353,7 @@ def _load(theta, state, motion):
             theta[k + 4], theta[k + 5], theta[k + 6], theta[k + 7], theta[k + 8], theta[k + 9]
         )  # fmt: skip
         a, alpha, omega, turning = felt(state, motion, b)
-        swung = add(cross(omega, cross(turning, h)), cross(turning, cross(omega, h)))
-        force = add(add(scale(m, a), cross(alpha, h)), scale(0.5, swung))
-        spun = add(
-            cross(omega, symmetric(inertia, turning)), cross(turning, symmetric(inertia, omega))
-        )
-        torque = add(add(cross(h, a), symmetric(inertia, alpha)), scale(0.5, spun))
+        force, torque = wrench(m, h, inertia, a, alpha, omega, turning)
         put(motion, b, _F, force, torque)
         motion[b, _MASS] = m
         for i in range(9):
@@ -260,40 +361,26 @@ def _load(theta, state, motion):
 
 
 @njit(cache=True)
-def _turned(state, b, motion):
-    """R Ī Rᵀ of a body's inertia, in its parent's axes."""
-    xx, xy, yy = motion[b, _I], motion[b, _I + 1], motion[b, _I + 2]
-    xz, yz, zz = motion[b, _I + 3], motion[b, _I + 4], motion[b, _I + 5]
-    x = forth(state, b, (xx, xy, xz))
-    y = forth(state, b, (xy, yy, yz))
-    z = forth(state, b, (xz, yz, zz))
-    r = forth(state, b, (x[0], y[0], z[0]))
-    s = forth(state, b, (x[1], y[1], z[1]))
-    t = forth(state, b, (x[2], y[2], z[2]))
-    return r[0], r[1], s[1], r[2], s[2], t[2]
+def _inertia(motion, b):
+    return (
+        motion[b, _I], motion[b, _I + 1], motion[b, _I + 2],
+        motion[b, _I + 3], motion[b, _I + 4], motion[b, _I + 5],
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def _hand_down(state, motion, b, parent):
     """Adds what body b carries, force and inertia, to what its parent carries."""
-    p = three(state, b, AT)
-    force = forth(state, b, three(motion, b, _F))
-    torque = add(forth(state, b, three(motion, b, _F + 3)), cross(p, force))
-    m, h = motion[b, _MASS], forth(state, b, three(motion, b, _H))
-    inertia = _turned(state, b, motion)
-    k = add(h, scale(0.5 * m, p))
-    both = 2 * dot(p, k)
+    R, p, m = nine(state, b), three(state, b, AT), motion[b, _MASS]
+    force, torque = parent_wrench(R, p, three(motion, b, _F), three(motion, b, _F + 3))
+    h, inertia = parent_inertia(R, p, m, three(motion, b, _H), _inertia(motion, b))
     for i in range(3):
         motion[parent, _F + i] += force[i]
         motion[parent, _F + 3 + i] += torque[i]
-        motion[parent, _H + i] += h[i] + m * p[i]
+        motion[parent, _H + i] += h[i]
     motion[parent, _MASS] += m
-    motion[parent, _I] += inertia[0] + both - 2 * p[0] * k[0]
-    motion[parent, _I + 1] += inertia[1] - p[0] * k[1] - p[1] * k[0]
-    motion[parent, _I + 2] += inertia[2] + both - 2 * p[1] * k[1]
-    motion[parent, _I + 3] += inertia[3] - p[0] * k[2] - p[2] * k[0]
-    motion[parent, _I + 4] += inertia[4] - p[1] * k[2] - p[2] * k[1]
-    motion[parent, _I + 5] += inertia[5] + both - 2 * p[2] * k[2]
+    for i in range(6):
+        motion[parent, _I + i] += inertia[i]
 
 
 @njit(cache=True)
@@ -304,10 +391,7 @@ def _gather(linkage, state, motion, M, force):
         parent = numbers[b, 0]
         last = joint_columns(numbers, b)[1]
         m, h = motion[b, _MASS], three(motion, b, _H)
-        inertia = (
-            motion[b, _I], motion[b, _I + 1], motion[b, _I + 2],
-            motion[b, _I + 3], motion[b, _I + 4], motion[b, _I + 5],
-        )  # fmt: skip
+        inertia = _inertia(motion, b)
         if numbers[b, 2] == BASE:
             xx, xy, yy, xz, yz, zz = inertia
             for i in range(6):
@@ -319,13 +403,11 @@ def _gather(linkage, state, motion, M, force):
             continue
         s_l, s_a = three(joints, b, AXIS), three(joints, b, AXIS + 3)
         force[last] = dot(s_l, three(motion, b, _F)) + dot(s_a, three(motion, b, _F + 3))
-        f = add(scale(m, s_l), cross(s_a, h))
-        n = add(cross(h, s_l), symmetric(inertia, s_a))
+        f, n = axis_wrench(s_l, s_a, m, h, inertia)
         M[last, last] = dot(s_l, f) + dot(s_a, n)
         below, ancestor = b, parent
         while ancestor >= 0:
-            f = forth(state, below, f)
-            n = add(forth(state, below, n), cross(three(state, below, AT), f))
+            f, n = parent_wrench(nine(state, below), three(state, below, AT), f, n)
             column = joint_columns(numbers, ancestor)[1]
             if numbers[ancestor, 2] == BASE:
                 M[last, 0], M[last, 1], M[last, 2] = f

@@ -15,8 +15,7 @@ import numpy as np
 from numba.extending import overload
 
 from ..errors import InvalidInput
-from ..numerics.eight import copy_into
-from ..numerics.linalg import times_into
+from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
 from .cone.barrier import Cone, inside
 from .cone.chart import chart_room, confine, from_chart_into, natural_rate_into, to_chart_into

@@ -6,18 +6,18 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from ..dynamics.motions import TreeMotion
+from ..dynamics.motions import TreeMotion, tree_batch
+from ..dynamics.tree_lanes import LANES
 from ..errors import InvalidInput
 from ..log import Log, Measurement
-from ..numerics.lanes import LANES
 from ..parameters import Array
 from ..system import Motion, SecondOrderSystem, checked
 from .base import Confidence, DataMemory, Estimates, Identifier, State, Status
 from .metric import ConstantMetric, Flat, Metric, positive_gain
-from .rk4 import follow, follow_eight
+from .rk4 import follow
 
 RK4_LIMIT = 2.5  # |λ| dt within which RK4 is stable on the negative real axis (2.785), with room
-_FEWEST = 4  # identifiers for which eight abreast, some idle, are faster than one after the other
+_FEWEST = 9  # identifiers for which a batch is faster than one after the other
 
 
 def paper_identifier(
@@ -246,58 +246,64 @@ def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[Sta
 def side_by_side(
     laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
 ) -> Iterator[tuple[State, Estimates]]:
-    """`along` of several identifiers of one system; which ways they go changes no bit.
+    """`along` of several identifiers of one system, to the bit.
 
-    Those of a tree with the paper's law and diagonal gains go eight abreast. Where one of them
-    fails, all go that log anew, one after the other: each ends where it does alone.
+    Those of a tree with the paper's law and diagonal gains are followed in batches, one SIMD lane
+    per identifier. A batch in which one fails is followed again, one after the other.
 
     Raises:
         InvalidInput: as for `along`.
     """
     for at in range(0, len(laws), LANES):
         group = laws[at : at + LANES], states[at : at + LANES]
-        made = _abreast(*group, log, motion) if _can_abreast(*group, motion) else None
+        made = _batch(*group, log, motion) if _fits_batch(*group, motion) else None
         if made is None:
             made = [law.along(state, log, motion) for law, state in zip(*group, strict=True)]
         yield from made
 
 
-def _can_abreast(
+def _fits_batch(
     laws: Sequence[NullspaceIdentifier], states: Sequence[State], motion: Motion
 ) -> bool:
     return (
         len(laws) >= _FEWEST
         and isinstance(motion, TreeMotion)
-        and all(isinstance(law.law, Flat) and law.K.ndim == law.Gamma.ndim == 1 for law in laws)
+        and all(isinstance(law.law, Flat) for law in laws)
+        and all(law.K.ndim == law.metric.Gamma.ndim == 1 for law in laws)
         and all(state.status is Status.completed for state in states)
     )
 
 
-def _abreast(
+def _batch(
     laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
 ) -> list[tuple[State, Estimates]] | None:
-    """The same of at most eight; None where one of them fails."""
+    """`along` of at most `LANES` identifiers; None where one of them fails."""
     laws[0]._check(log)
-    count = len(log.t)
-    full = np.minimum(np.arange(LANES), len(laws) - 1)  # the last is there more than once
+    assert isinstance(motion, TreeMotion)
+    count, batch = len(log.t), tree_batch(motion)
+    full = np.minimum(np.arange(LANES), len(laws) - 1)  # idle lanes repeat the last identifier
 
-    def columns(rows: Iterable[Array | float]) -> Array:
-        return np.ascontiguousarray(np.array(list(rows))[full].T)
+    def lanes(rows: Iterable[Array]) -> Array:
+        return np.array(list(rows))[full].T.ravel()
 
     def rows_from(start: Array) -> Array:
-        rows = np.empty((count, *start.shape))
+        rows = np.empty((count, len(start)))
         rows[0] = start
         return rows
 
-    v_hat = rows_from(columns(state.v_hat for state in states))
-    theta_hat = rows_from(columns(state.theta_hat for state in states))
-    pivot = rows_from(columns(state.pivot for state in states))
-    K, Gamma = columns(law.K for law in laws), columns(law.Gamma for law in laws)
-    if follow_eight(K, Gamma, motion, v_hat, theta_hat, pivot) < count:
+    law = Flat(lanes(law.K for law in laws), lanes(law.metric.Gamma for law in laws))
+    v_hat = rows_from(lanes(state.v_hat for state in states))
+    theta_hat = rows_from(lanes(state.theta_hat for state in states))
+    if follow(law, batch, v_hat, theta_hat, np.empty(count)) < count:
         return None
     made = []
-    for i, state in enumerate(states):
-        spent = np.full(count, state.spent)
-        own = Estimates(v_hat[..., i], theta_hat[..., i], pivot[..., i], spent)
+    for lane, state in enumerate(states):
+        batch.pivots[0, lane] = state.pivot
+        own = Estimates(
+            v_hat[:, lane::LANES],
+            theta_hat[:, lane::LANES],
+            batch.pivots[:, lane],
+            np.full(count, state.spent),
+        )
         made.append(_end(state, log, own, count))
     return made

@@ -6,19 +6,17 @@ import numpy as np
 from numba import njit
 
 from ..dynamics.motions import stage, stage_room
-from ..numerics.eight import copy_into, eights, zeros
-from ..numerics.linalg import times_into
-from .metric import Flat, adapt, chart, enter, hold, leave, sound
+from ..numerics.linalg import copy_into, times_into
+from .metric import adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
 
 
 @njit(cache=True)
-def work_room(law, n, p):
-    """What a step works with: its start, its stages' z = (v̂, η), RK4's total, a rate, θ̂."""
-    k, like = (n + p,), law.K
-    start, z, total, rate = zeros(k, like), zeros(k, like), zeros(k, like), zeros(k, like)
-    return start, z, total, rate, zeros((p,), like), chart(law)
+def room(law, n, p):
+    """Workspace of a step: its start, its stages' z = (v̂, η), RK4's total, a rate, θ̂."""
+    start, z, total, rate = np.zeros(n + p), np.zeros(n + p), np.zeros(n + p), np.zeros(n + p)
+    return start, z, total, rate, np.zeros(p), chart(law)
 
 
 @njit(cache=True)
@@ -84,8 +82,8 @@ def follow(law, motion, v_hats, theta_hats, pivots):
         The row at which M̂ was not positive definite, or θ̂ outside; N where all went well.
     """
     t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
-    stages, work = stage_room(motion, law.K), work_room(law, n, p)
-    a_hat, gradient = zeros((n,), law.K), zeros((1, p), law.K)
+    stages, work = stage_room(motion), room(law, n, p)
+    a_hat, gradient = np.zeros(n), np.zeros((1, p))
     z, theta = work[1], work[4]
     for k in range(1, t.shape[0]):
         dt = t[k] - t[k - 1]
@@ -109,22 +107,3 @@ def follow(law, motion, v_hats, theta_hats, pivots):
         copy_into(z[:n], v_hats[k])
         copy_into(theta, theta_hats[k])
     return t.shape[0]
-
-
-@njit(cache=True, nogil=True)
-def follow_eight(K, Gamma, motion, v_hats, theta_hats, pivots):
-    """The same for eight identifiers of a tree with the paper's law, abreast.
-
-    Args:
-        K: (n, 8) their gains' diagonals.
-        Gamma: (p, 8) likewise.
-        motion: of a tree.
-        v_hats: (N, n, 8) as for one.
-        theta_hats: (N, p, 8) likewise.
-        pivots: (N, 8) likewise.
-
-    Returns:
-        The row at which any of them failed; N where all went well.
-    """
-    law = Flat(eights(K), eights(Gamma))
-    return follow(law, motion, eights(v_hats), eights(theta_hats), eights(pivots))

@@ -1,9 +1,8 @@
-"""A formula on small matrices, emitted for eight of them at once as straight vector code.
+"""Formulas on small matrices, evaluated for several matrices at once: one SIMD lane per matrix.
 
-A loop over a 10 × 10 triangle is mostly counting, and the compiler does not vectorise it. Here a
-formula written for one matrix runs once in Python, on symbols in place of numbers, and what it does
-to them is the code: no loops, each operation on eight doubles. Processors with narrower registers
-take it in parts.
+LLVM vectorises a loop over lanes if its body is straight-line code. Loops over the entries of a
+10 × 10 triangle are not, so `over_lanes` unrolls them: it runs the formula once in Python, on
+symbols in place of numbers, and what the formula does to them becomes the body of the loop.
 """
 
 from __future__ import annotations
@@ -12,83 +11,85 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
-from numba import types
-from numba.core.cgutils import get_or_insert_function, ir  # llvmlite's, as numba has it
-from numba.extending import intrinsic
+from numba.extending import overload
 
 LANES = 8
-VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+"""Doubles in the widest vector register of today's processors."""
 
 
 class Symbol:
-    """Eight numbers that are known when the code runs; a formula may use + − × ÷ and np.sqrt."""
+    """A number known at run time; each operation on it appends one line of Python to `body`."""
 
-    def __init__(self, builder: ir.IRBuilder, value: Any):
-        self._builder, self.value = builder, value
+    def __init__(self, body: list[str], expression: str):
+        self._body, self.name = body, f"x{len(body)}"
+        body.append(f"{self.name} = {expression}")
 
-    def _emit(self, operation: str, left: Symbol | float, right: Symbol | float) -> Symbol:
-        a, b = (
-            x.value if isinstance(x, Symbol) else ir.Constant(VECTOR, [float(x)] * LANES)
-            for x in (left, right)
-        )
-        return Symbol(self._builder, getattr(self._builder, operation)(a, b))
+    def _append(self, *expression: object) -> Symbol:
+        return Symbol(self._body, " ".join(map(str, expression)))
+
+    def __str__(self) -> str:
+        return self.name
 
     def __add__(self, other: Symbol | float) -> Symbol:
-        return self if _is(other, 0) else self._emit("fadd", self, other)
+        return self if _is(other, 0) else self._append(self, "+", other)
 
     def __sub__(self, other: Symbol | float) -> Symbol:
-        return self if _is(other, 0) else self._emit("fsub", self, other)
+        return self if _is(other, 0) else self._append(self, "-", other)
 
     def __neg__(self) -> Symbol:
-        return Symbol(self._builder, self._builder.fneg(self.value))
+        return self._append("-", self)
 
     def __mul__(self, other: Symbol | float) -> Symbol:
-        return self if _is(other, 1) else self._emit("fmul", self, other)
+        return self if _is(other, 1) else self._append(self, "*", other)
 
     def __truediv__(self, other: Symbol | float) -> Symbol:
-        return self._emit("fdiv", self, other)
+        return self._append(self, "/", other)
 
     def __rtruediv__(self, other: float) -> Symbol:
-        return self._emit("fdiv", other, self)
+        return self._append(other, "/", self)
 
     __radd__, __rmul__ = __add__, __mul__
 
     def sqrt(self) -> Symbol:
-        """What np.sqrt calls."""
-        of_one, name = ir.FunctionType(VECTOR, [VECTOR]), f"llvm.sqrt.v{LANES}f64"
-        root = get_or_insert_function(self._builder.module, of_one, name)
-        return Symbol(self._builder, self._builder.call(root, [self.value]))
+        """√ of it: the method that np.sqrt calls."""
+        return self._append("sqrt(", self, ")")
 
 
 def _is(x: Symbol | float, number: int) -> bool:
     return not isinstance(x, Symbol) and x == number
 
 
-def abreast(formula: Callable[[np.ndarray], Iterable[Symbol]], rows: int) -> Any:
-    """What compiled code calls as f(source, result): row i of result is the formula's i-th value.
+def over_lanes(formula: Callable[[np.ndarray], Iterable[Symbol]], size: int) -> Any:
+    """A function for compiled code that evaluates a formula in every lane.
 
     Args:
-        formula: of an array (rows,) of numbers, one per row of `source`; without any decision
-            that depends on them.
-        rows: how many it takes; `source` and `result`, C-contiguous, have 8 columns each.
+        formula: maps an array (size,) of symbols to symbols by + − × ÷ and np.sqrt, without any
+            decision that depends on them.
+        size: how many numbers it takes.
+
+    Returns:
+        f(rows), where number i of lane l is rows[LANES * i + l]; the array is flat because LLVM
+        must know all offsets when it compiles. The values overwrite the numbers from i = 0 on.
     """
 
-    @intrinsic
-    def emitted(typing, source, result):  # noqa: ARG001, numba's signature
-        def emit(context, builder, signature, arguments):
-            def place(argument: int, row: int) -> ir.Value:
-                array = context.make_array(signature.args[argument])
-                first = array(context, builder, arguments[argument]).data
-                at = builder.gep(first, [ir.Constant(ir.IntType(64), row * LANES)])
-                return builder.bitcast(at, VECTOR.as_pointer())
+    def evaluate(rows: np.ndarray) -> None:
+        raise NotImplementedError  # called by compiled code only
 
-            numbers = np.empty(rows, dtype=object)
-            for row in range(rows):
-                numbers[row] = Symbol(builder, builder.load(place(0, row), align=8))
-            for row, number in enumerate(formula(numbers)):
-                builder.store(number.value, place(1, row), align=8)
-            return context.get_dummy_value()
+    @overload(evaluate, jit_options={"error_model": "numpy"})
+    def _evaluate(rows):  # noqa: ARG001, numba's signature
+        names: dict[str, Any] = {"sqrt": np.sqrt}
+        exec(_loop(formula, size), names)
+        return names["loop"]
 
-        return types.void(source, result), emit
+    return evaluate
 
-    return emitted
+
+def _loop(formula: Callable[[np.ndarray], Iterable[Symbol]], size: int) -> str:
+    """Python source of the loop over lanes."""
+    body: list[str] = []
+    numbers = [Symbol(body, f"rows[{LANES * i} + lane]") for i in range(size)]
+    values = formula(np.array(numbers, dtype=object))
+    body += [f"rows[{LANES * i} + lane] = {value}" for i, value in enumerate(values)]
+    return "\n  ".join(
+        ("def loop(rows):", f"for lane in range({LANES}):", *(f" {x}" for x in body))
+    )

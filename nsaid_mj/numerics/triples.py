@@ -1,7 +1,6 @@
 """Vectors of three numbers and rotations of nine, compiled: no array, so all stay in registers.
 
-A vector is a tuple of three floats. Rotations are the first nine columns of a row of an array, body
-to parent.
+A vector is a tuple of three floats, a rotation (body to parent) a tuple of nine, row by row.
 """
 
 from __future__ import annotations
@@ -47,23 +46,41 @@ def cross(a, b):
 
 
 @njit(cache=True)
-def forth(x, b, a):
+def nine(x, b):
+    """x[b, :9], a rotation."""
+    return x[b, 0], x[b, 1], x[b, 2], x[b, 3], x[b, 4], x[b, 5], x[b, 6], x[b, 7], x[b, 8]
+
+
+@njit(cache=True)
+def rotate(R, a):
     """R a, from a body's axes to its parent's."""
     return (
-        x[b, 0] * a[0] + x[b, 1] * a[1] + x[b, 2] * a[2],
-        x[b, 3] * a[0] + x[b, 4] * a[1] + x[b, 5] * a[2],
-        x[b, 6] * a[0] + x[b, 7] * a[1] + x[b, 8] * a[2],
+        R[0] * a[0] + R[1] * a[1] + R[2] * a[2],
+        R[3] * a[0] + R[4] * a[1] + R[5] * a[2],
+        R[6] * a[0] + R[7] * a[1] + R[8] * a[2],
     )
 
 
 @njit(cache=True)
-def back(x, b, a):
+def unrotate(R, a):
     """Rᵀ a, from a parent's axes to its body's."""
     return (
-        x[b, 0] * a[0] + x[b, 3] * a[1] + x[b, 6] * a[2],
-        x[b, 1] * a[0] + x[b, 4] * a[1] + x[b, 7] * a[2],
-        x[b, 2] * a[0] + x[b, 5] * a[1] + x[b, 8] * a[2],
+        R[0] * a[0] + R[3] * a[1] + R[6] * a[2],
+        R[1] * a[0] + R[4] * a[1] + R[7] * a[2],
+        R[2] * a[0] + R[5] * a[1] + R[8] * a[2],
     )
+
+
+@njit(cache=True)
+def forth(x, b, a):
+    """R a with the rotation R = x[b, :9], from a body's axes to its parent's."""
+    return rotate(nine(x, b), a)
+
+
+@njit(cache=True)
+def back(x, b, a):
+    """Rᵀ a with the rotation R = x[b, :9], from a parent's axes to its body's."""
+    return unrotate(nine(x, b), a)
 
 
 @njit(cache=True)

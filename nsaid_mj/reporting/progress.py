@@ -37,7 +37,7 @@ class Progress(Observer):
         self._bar = Bar(
             SpinnerColumn(),
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(bar_width=16),
             TextColumn("{task.fields[figures]}"),
             console=self._console,
             transient=True,
@@ -101,7 +101,9 @@ class Progress(Observer):
         )
 
     def stop(self) -> None:
-        """Turns the bar back into a spinner."""
+        """Turns the bar back into a spinner; a run too quick for any update is still shown."""
+        if self._console.is_terminal:
+            self._bar.refresh()
         self._bar.reset(self._task, total=None, description=self._name, figures="")
 
 

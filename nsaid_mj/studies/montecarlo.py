@@ -2,7 +2,7 @@
 
 Plants are driven first, and then identifiers follow the logs, both in compiled code during which
 other threads run. With one plant for all, what its motion alone decides of every step is computed
-once for a whole group of identifiers, and those of trees with the paper's law go eight abreast.
+once for a group of identifiers; those of trees with the paper's law have one SIMD lane each.
 
 A run's number says all about it: how many there are, and how many at once, changes no bit.
 """
@@ -54,7 +54,7 @@ FIGURES = {
 QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 
 _PIECE = 500  # steps, about, that a group of identifiers makes before it looks up
-_GROUP = 16  # identifiers that share a motion, at most
+_GROUP = 32  # identifiers that share a motion, at most: one batch
 _PLANTS = 32  # plants whose logs are held at once
 _LINES = 40  # of lost runs on the terminal
 

@@ -12,6 +12,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from nsaid_mj.dynamics.tree import tree_gradient, tree_state, tree_work
+from nsaid_mj.dynamics.tree_lanes import LANES, lanes_gradient, lanes_work
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
@@ -131,6 +133,33 @@ def check_evaluate(robot: str, seeds) -> None:
 @robots
 def test_every_regressor_equals_pinocchios(robot):
     check_regressors(robot, range(3))
+
+
+@robots
+def test_every_lane_of_a_stage_has_the_bits_of_the_stage_alone(robot):
+    ours, rng = pair(robot)[1], np.random.default_rng(7)
+    linkage, (q, v, _, _, u) = ours.linkage, draw(robot, 7)
+    assert linkage is not None
+    state, w = tree_state(linkage, q, v), v + rng.standard_normal((LANES, ours.n))
+    theta = true_theta(robot) * (1 + 0.1 * rng.uniform(-1, 1, (LANES, ours.p)))
+    a, gradient, pivots = np.empty(LANES * ours.n), np.empty(LANES * ours.p), np.empty(LANES)
+    work = lanes_work(linkage, ours.n)
+
+    def stage() -> float:
+        flat = w.T.ravel(), theta.T.ravel()
+        return lanes_gradient(linkage, state, v, u, *flat, work, a, gradient, pivots)
+
+    smallest = stage()
+    assert smallest == pivots.min() > 0
+    for lane in range(LANES):
+        own = np.empty(ours.n), np.empty((1, ours.p))
+        pivot = tree_gradient(linkage, state, v, u, w[lane], theta[lane],
+                              tree_work(linkage, ours.n), *own)  # fmt: skip
+        assert pivot == pivots[lane]
+        assert a[lane::LANES].tobytes() == own[0].tobytes()
+        assert gradient[lane::LANES].tobytes() == own[1].tobytes()
+    theta[LANES // 2] *= -1  # M̂ of one lane is negative definite: the stage fails
+    assert not stage() > 0 and not pivots[LANES // 2] > 0
 
 
 @pytest.mark.parametrize("joint", [pin.JointModelRY(), pin.JointModelPX()])
@@ -302,10 +331,13 @@ def test_runs_with_both_backends_end_alike(tmp_path):
 # -- the backend as a field ------------------------------------------------------------------------
 
 
-def test_the_backend_chooses_the_structure_and_pinocchio_is_the_default():
+def test_the_backend_chooses_the_structure_and_compiled_is_the_default():
     assert set(get_args(Backend)) == {"pinocchio", "compiled"}
-    for plant, structure in ((ArmPlant(), Multibody), (ArmPlant(backend="pinocchio"), Multibody),
-                             (ArmPlant(backend="compiled"), CompiledMultibody)):  # fmt: skip
+    for plant, structure in (
+        (ArmPlant(), CompiledMultibody),
+        (ArmPlant(backend="pinocchio"), Multibody),
+        (ArmPlant(backend="compiled"), CompiledMultibody),
+    ):
         assert type(plant.build(1e-3, 0).system) is structure
 
 

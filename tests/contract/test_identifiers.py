@@ -25,6 +25,7 @@ from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup, trajectory
 from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
+from nsaid_mj.identifiers.metric import ConstantMetric
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
 from nsaid_mj.plants.scalar_rov import ScalarRov
@@ -289,7 +290,9 @@ def test_the_scale_of_theta_is_a_symmetry(name, law):
 
     def scaled(alpha):
         other = copy.copy(one)
-        other.prior, other.Gamma = alpha * one.prior, alpha * one.metric.Gamma
+        held = None if one.conserves else one.metric.Gamma == 0
+        other.metric = ConstantMetric(alpha * one.metric.Gamma, held)
+        other.prior, other.law = alpha * one.prior, other.metric.law(one.K)
         return identify(other, seen)
 
     states = identify(one, seen)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import plant_for
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Measurement
 from nsaid_mj.plants import ArmPlant, ScalarRovPlant
 from nsaid_mj.resources import scenarios
@@ -501,13 +501,13 @@ def test_other_true_inertias_leave_the_system_bit_identical(name):
 
 @pytest.mark.parametrize("name", scenarios())
 def test_every_parameter_has_a_label_of_its_own_that_is_no_symbol(name):
-    space = plant_for(load(name)).system.space
+    space = Setup.of(load(name)).system.space
     assert len(set(space.labels)) == len(space.labels)
     assert not [label for label in space.labels if "_" in label.split(" of ")[0]]
 
 
 def test_an_arms_labels_are_its_models_joint_and_link_names():
-    space = plant_for(load("ur5")).system.space
+    space = Setup.of(load("ur5")).system.space
     label = dict(zip(space.names, space.labels, strict=True))
     assert label["gain_2"] == "gain of shoulder_lift_joint"
     assert label["viscous_2"] == "viscous friction of shoulder_lift_joint"
@@ -516,7 +516,7 @@ def test_an_arms_labels_are_its_models_joint_and_link_names():
 
 
 def test_a_floating_base_is_named_first_and_links_without_a_name_are_numbered():
-    borinot, uvms = (plant_for(load(name)).system for name in ("borinot", "uvms"))
+    borinot, uvms = (Setup.of(load(name)).system for name in ("borinot", "uvms"))
     assert borinot.space.labels[0] == "mass of borinot__base_link"
     assert "mass of link 3" in uvms.space.labels
     assert "buoyancy of link 4" in uvms.space.labels

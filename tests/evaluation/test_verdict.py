@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Mismatch
-from nsaid_mj.evaluation import summarize
+from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.evaluation.verdict import residual_floor, verdict
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.setup import plant_for
+from nsaid_mj.experiment.setup import Setup
 
 NEED_A_TRUTH = ("theta_perp_ratio", "theta_perp_ratio_initial", "actuator_ratio_error",
                 "plant_direction_error")  # fmt: skip
@@ -31,7 +31,8 @@ def summary(name: str, law: str, duration: float, delay: float = 0.0, **more: fl
         held_out=2.0,
     )
     with tempfile.TemporaryDirectory() as folder:
-        return summarize(run(scenario, Path(folder)))
+        result = run(scenario, Path(folder))
+        return summarize(result, truth_of(result))
 
 
 def without_truth(found: dict[str, Any]) -> dict[str, Any]:
@@ -87,7 +88,7 @@ def test_without_a_truth_the_verdict_is_the_same(case):
 
 
 def test_no_theta_has_a_smaller_residual_than_the_floor():
-    system = plant_for(load("bluerov2")).system
+    system = Setup.of(load("bluerov2")).system
     rng = np.random.default_rng(0)
     W = rng.standard_normal((40, system.n, system.p)) / system.space.scale
     floor, k = residual_floor(system, W), system.space.actuators
@@ -105,7 +106,7 @@ def test_no_theta_has_a_smaller_residual_than_the_floor():
 
 
 def test_a_motion_under_a_true_theta_leaves_no_floor():
-    plant = plant_for(load("scalar_rov"))
+    plant = Setup.of(load("scalar_rov")).plant
     system, rng = plant.system, np.random.default_rng(0)
     states = [system.random_state(rng) for _ in range(50)]
     q, v, u = (np.array(part) for part in zip(*states, strict=True))

@@ -265,7 +265,7 @@ def test_two_identifiers_of_a_run_share_one_rehearsal(monkeypatch):
     scenario = replace(load("bluerov2"), identifier=law, rivals={"twin": law}, duration=2.0)
     identifiers = setup.Setup.of(scenario).identifiers()
     assert calls == [2.0]  # and no longer than the run
-    assert (identifiers[""].Gamma == identifiers["twin"].Gamma).all()  # pyright: ignore
+    assert (identifiers[""].metric.Gamma == identifiers["twin"].metric.Gamma).all()  # pyright: ignore
 
 
 # -- the wall ------------------------------------------------------------------------------------
@@ -314,7 +314,7 @@ def test_removing_the_truth_after_the_prior_does_not_change_the_record(
 
 def test_the_simulated_gain_depends_on_prior_and_excitation_only():
     def gain(scenario: Scenario) -> Array:
-        return setup.Setup.of(scenario).identifiers()[""].Gamma  # pyright: ignore
+        return setup.Setup.of(scenario).identifiers()[""].metric.Gamma  # pyright: ignore
 
     base = simulated("bluerov2", duration=3.0)
     assert (gain(base) == gain(replace(base, sensors="noisy", held_out=7.0))).all()

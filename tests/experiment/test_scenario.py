@@ -134,7 +134,7 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         yield ()
     elif isinstance(value, str):
         others = {"sensors": "noisy", "interpolation": "linear", "gamma": "simulated",
-                  "law": "cone", "fluid": "ellipsoid", "backend": "compiled"}  # fmt: skip
+                  "law": "cone", "fluid": "ellipsoid", "backend": "pinocchio"}  # fmt: skip
         yield others.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1

@@ -293,7 +293,7 @@ def test_the_charts_rate_is_that_of_the_cholesky_factor(seed):
 @FEW
 @given(seeds, st.integers(1, 19), st.data())
 def test_links_do_not_depend_on_their_neighbours(seed, count, data):
-    """Eight are computed abreast: each as if it were alone, and one in NaN stays so alone."""
+    """Each has a SIMD lane: it gets the bits it gets alone, and NaN stays in its own lane."""
     rng = np.random.default_rng(seed)
     links = tuple(block(f"link {i}", 10, "pseudo_inertia") for i in range(count))
     many, one = (geometry.cone_of(ParameterSpace(part)) for part in (links, links[:1]))

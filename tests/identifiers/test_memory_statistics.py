@@ -265,7 +265,7 @@ def test_a_plant_that_nothing_moves_leaves_no_quotient():
 def test_a_memory_configuration_out_of_range_is_refused(field, bad):
     with pytest.raises(InvalidInput) as caught:
         MemoryConfig(**{field: bad})
-    assert caught.value.name == f"memory.{field}" and caught.value.remedy
+    assert caught.value.name == f"identifier.memory.{field}" and caught.value.remedy
 
 
 def test_the_anchor_defaults_to_1_for_noisy_and_0_for_ideal_sensors():

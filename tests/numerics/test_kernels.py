@@ -80,9 +80,10 @@ def test_folders_left_out_of_the_digest_define_no_kernels():
 @pytest.mark.parametrize("room", sorted(set(rooms_with_kernels()) - {"numerics"}))
 def test_folders_with_kernels_set_the_cache_directory_first(room: str):
     first = next(
-        node for node in ast.parse((PACKAGE / room / "__init__.py").read_text("utf-8")).body
-        if isinstance(node, ast.Import | ast.ImportFrom)
-    )  # fmt: skip
+        node
+        for node in ast.parse((PACKAGE / room / "__init__.py").read_text("utf-8")).body
+        if isinstance(node, ast.ImportFrom) and node.level
+    )
     assert ast.unparse(first) == "from .. import numerics as numerics"
 
 

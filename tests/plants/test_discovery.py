@@ -13,7 +13,6 @@ import pytest
 import nsaid_mj
 from nsaid_mj import plants
 from nsaid_mj.control import DriverConfig
-from nsaid_mj.identifiers import Identifier
 from nsaid_mj.plants import PlantConfig
 from nsaid_mj.system import SecondOrderSystem
 
@@ -51,7 +50,7 @@ def test_the_log_the_multibody_systems_and_the_vehicles_are_public():
     assert expected <= set(dir(nsaid_mj))
 
 
-@pytest.mark.parametrize("base", [PlantConfig, SecondOrderSystem, DriverConfig, Identifier])
+@pytest.mark.parametrize("base", [PlantConfig, SecondOrderSystem, DriverConfig])
 def test_every_implementation_of_an_interface_is_public(base):
     for name in nsaid_mj.__all__:  # imports all modules
         getattr(nsaid_mj, name)

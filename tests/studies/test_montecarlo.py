@@ -22,19 +22,22 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.cli.commands import command
+from nsaid_mj.dynamics.motions import TreeBatch
+from nsaid_mj.dynamics.tree_lanes import LANES
 from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment import following
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid, rk4
+from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid
 from nsaid_mj.identifiers.base import Estimates
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
+from nsaid_mj.parameters import Array
 from nsaid_mj.studies import montecarlo, sweep_results
 from nsaid_mj.studies.montecarlo import Course, Plan, monte_carlo
 
 ARM = Scenario(
-    ArmPlant("double_pendulum", backend="compiled"), FourierTracking(0.2),
+    ArmPlant("double_pendulum"), FourierTracking(0.2),
     NullspaceAID(gain=0.3), duration=1.2,
 )  # fmt: skip
 BOAT = Scenario(
@@ -43,7 +46,9 @@ BOAT = Scenario(
 SCENARIOS = {
     "arm": ARM,
     "arm, cone": replace(ARM, identifier=NullspaceAID(gain=0.3, law="cone")),
-    "arm, Pinocchio": replace(ARM, plant=ArmPlant("double_pendulum"), duration=0.2),
+    "arm, Pinocchio": replace(
+        ARM, plant=ArmPlant("double_pendulum", backend="pinocchio"), duration=0.2
+    ),
     "arm, noise": replace(ARM, sensors="noisy"),
     "arm, memory": replace(
         ARM, identifier=NullspaceAID(law="memory", memory=MemoryConfig(interval=0.1)), duration=0.6
@@ -168,7 +173,9 @@ def test_zero_runs_or_zero_jobs_is_refused(runs, jobs, name):
     assert told.value.name == name
 
 
-# -- eight abreast -----------------------------------------------------------------------------
+# -- batches: one SIMD lane per identifier -------------------------------------------------------
+
+FULL = 12  # identifiers: enough for a batch
 
 
 def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
@@ -178,9 +185,13 @@ def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
         scenario = replace(course.setup.scenario, seed=100 + k)
         law = course.setup.with_prior_of(scenario).identifiers()[""]
         assert isinstance(law, NullspaceIdentifier)
-        law.K, law.metric.Gamma = law.K * (1 + 0.01 * k), law.metric.Gamma * (1 + 0.1 * k)
-        laws.append(law)
+        laws.append(with_gains(law, law.K * (1 + 0.01 * k), law.metric.Gamma * (1 + 0.1 * k)))
     return laws
+
+
+def with_gains(law: NullspaceIdentifier, K: Array, Gamma: Array) -> NullspaceIdentifier:
+    """The paper's identifier with other gains."""
+    return paper_identifier(law.system, K, Gamma, law.prior, ARM.dt, law.hermite)
 
 
 def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
@@ -193,19 +204,21 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
 
 
 def followed(laws: list[NullspaceIdentifier], log: Log, monkeypatch) -> tuple[list, int]:
-    """What `side_by_side` makes of them, and how often eight went abreast to the end."""
-    calls = []
+    """What `side_by_side` makes of them, and how many batches reached the end of the log."""
+    rows, follow = [], nullspace_aid.follow
 
-    def spied(*arguments):
-        calls.append(rk4.follow_eight(*arguments))
-        return calls[-1]
+    def spied(law, motion, *arguments):
+        row = follow(law, motion, *arguments)
+        if isinstance(motion, TreeBatch):
+            rows.append(row)
+        return row
 
-    monkeypatch.setattr(nullspace_aid, "follow_eight", spied)
+    monkeypatch.setattr(nullspace_aid, "follow", spied)
     states = [law.init(log.at(0)) for law in laws]
     motion = laws[0].motion(log)
     assert motion is not None
     made = list(nullspace_aid.side_by_side(laws, states, log, motion))
-    return made, sum(row == len(log.t) for row in calls)
+    return made, sum(row == len(log.t) for row in rows)
 
 
 def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:
@@ -219,55 +232,55 @@ def arm() -> Course:
 
 @pytest.mark.parametrize("robot", ["double_pendulum", "z1", "ur5"])
 def test_each_lane_of_a_batch_gets_the_bits_of_a_single_run(robot, monkeypatch):
-    plant = ArmPlant(robot, backend="compiled", armature=0.1, damping=0.5, friction=0.5)
+    plant = ArmPlant(robot, armature=0.1, damping=0.5, friction=0.5)
     course = course_of(replace(ARM, plant=plant, duration=0.6))
-    laws = laws_of(course, 8)
-    made, abreast = followed(laws, course.log, monkeypatch)
-    assert abreast == 1
+    laws = laws_of(course, LANES)
+    made, batches = followed(laws, course.log, monkeypatch)
+    assert batches == 1
     for law, one in zip(laws, made, strict=True):
         assert equal(one, alone(law, course.log))
-    assert len({one[0].theta_hat.tobytes() for one in made}) == 8
+    assert len({one[0].theta_hat.tobytes() for one in made}) == LANES
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 7, 9, 13, 16])
-def test_a_batch_may_have_any_number_of_lanes(count, arm, monkeypatch):
+@pytest.mark.parametrize("count", [1, 8, 9, 20, 32, 40, 41])
+def test_any_number_of_identifiers_is_followed_in_batches(count, arm, monkeypatch):
     laws = laws_of(arm, count)
-    made, abreast = followed(laws, arm.log, monkeypatch)
-    whole, rest = divmod(count, 8)
-    assert abreast == whole + (rest >= nullspace_aid._FEWEST)
+    made, batches = followed(laws, arm.log, monkeypatch)
+    whole, rest = divmod(count, LANES)
+    assert batches == whole + (rest >= nullspace_aid._FEWEST)
     assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
 
 
 @pytest.mark.parametrize("hot", [[0], [3], [1, 6]])
 def test_a_failing_lane_ends_as_alone_and_the_others_continue(hot, arm, monkeypatch):
-    laws = laws_of(arm, 8)
+    laws = laws_of(arm, FULL)
     for k in hot:
-        laws[k].Gamma = 1e7 * laws[k].Gamma
-    made, abreast = followed(laws, arm.log, monkeypatch)
-    assert abreast == 0
+        laws[k] = with_gains(laws[k], laws[k].K, 1e7 * laws[k].metric.Gamma)
+    made, batches = followed(laws, arm.log, monkeypatch)
+    assert batches == 0
     for k, (law, one) in enumerate(zip(laws, made, strict=True)):
         assert (one[0].status is Status.completed) == (k not in hot)
         assert equal(one, alone(law, arm.log))
 
 
 def test_a_nonfinite_measurement_ends_every_lane_as_alone(arm, monkeypatch):
-    laws, v = laws_of(arm, 8), arm.log.v.copy()
+    laws, v = laws_of(arm, FULL), arm.log.v.copy()
     v[40, 0] = np.nan
-    log = arm.log._replace(v=v)
+    log = Log.unchecked(arm.log.t, arm.log.q, v, arm.log.u)
     made, _ = followed(laws, log, monkeypatch)
     for law, one in zip(laws, made, strict=True):
         assert one[0].status is Status.measurement_not_finite and len(one[1].pivot) < 42
         assert equal(one, alone(law, log))
 
 
-def test_identifiers_that_cannot_share_a_batch_run_alone(arm, monkeypatch):
+def test_identifiers_that_fit_no_batch_run_alone(arm, monkeypatch):
     """A law with a whole Γ, and one that has ended."""
-    laws = laws_of(arm, 8)
-    laws[2].Gamma = np.diag(laws[2].Gamma)
-    made, abreast = followed(laws, arm.log, monkeypatch)
-    assert abreast == 0
+    laws = laws_of(arm, FULL)
+    laws[2] = with_gains(laws[2], laws[2].K, np.diag(laws[2].metric.Gamma))
+    made, batches = followed(laws, arm.log, monkeypatch)
+    assert batches == 0
     assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
-    laws = laws_of(arm, 8)
+    laws = laws_of(arm, FULL)
     ended = laws[1].init(arm.log.at(0))._replace(status=Status.adaptation_too_fast)
     states = [ended if k == 1 else law.init(arm.log.at(0)) for k, law in enumerate(laws)]
     motion = laws[0].motion(arm.log)

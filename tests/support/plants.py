@@ -18,12 +18,14 @@ from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 
 def config_of(name: str) -> PlantConfig:
-    """A vehicle by name, an arm by its robot's (`ur5`), or a floating base (`solo12 free`)."""
+    """A vehicle by name, or a robot: `ur5`, `solo12 free` (floating), `ur5 pinocchio` (backend)."""
     known = {"scalar_rov": ScalarRovPlant()} | VEHICLES | INEXACT
     if name in known:
         return known[name]
-    robot, _, base = name.partition(" ")
-    return FloatingBasePlant(robot) if base == "free" else ArmPlant(robot)
+    robot, _, kind = name.partition(" ")
+    if kind == "pinocchio":
+        return ArmPlant(robot, backend="pinocchio")
+    return FloatingBasePlant(robot) if kind == "free" else ArmPlant(robot)
 
 
 @cache

@@ -6,14 +6,14 @@ diagonal: any η is inside. Blocks without a sign are their own chart.
 So are tied matrices, for a Cholesky factor leaves the span of their E_l: there not any η is inside.
 Instead `confine` holds a step to a Dikin ellipsoid, which lies inside the cone.
 
-Links, of which an arm has many, are taken eight abreast (`lanes`), by the formulas of the rest.
+An arm's links are many and equal in size: one SIMD lane each, by the formulas of other blocks.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...numerics.lanes import LANES, abreast
+from ...numerics.lanes import LANES, over_lanes
 from ...parameters import Block, ParameterSpace
 from .barrier import (
     compiled,
@@ -38,13 +38,12 @@ _REACH = 0.9  # of a step of a tied block, in the metric ∇²b; a Dikin ellipso
 
 @compiled
 def chart_room(cone):
-    """Scratch for the functions below."""
+    """Workspace of the functions below: matrices (4, k, k), (c, c), (c,), and links in lanes."""
     k, c = 1, 1
     for block in cone.others:
         k = max(k, cone.blocks[block, 2])
         c = max(c, cone.blocks[block, 1] - cone.blocks[block, 0])
-    matrices = np.empty((4, k, k))
-    return matrices, np.empty((c, c)), np.empty(c), np.ones((30, LANES)), np.empty((10, LANES))
+    return np.empty((4, k, k)), np.empty((c, c)), np.empty(c), np.ones(30 * LANES)
 
 
 @compiled
@@ -91,19 +90,17 @@ def to_chart_into(cone, theta, eta, room):
                 at += i + 1
         if not is_inside:
             eta[start:end] = np.nan
-    source, result = room[3:]
+    rows = room[3]
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]
-        gather(links, theta, source)
-        _link_factor(source, result)
-        for i in range(4):
-            at = i * (i + 3) // 2
-            for lane in range(links.shape[0]):
-                result[at, lane] = -np.log(result[at, lane])
+        gather(links, theta, rows, 0, 1.0)
+        _link_factor(rows)
         for lane, at in enumerate(links):
-            is_inside = result[9, lane] > -np.inf
-            for row in range(10):
-                eta[at + row] = result[row, lane] if is_inside else np.nan
+            for i in _DIAGONAL:
+                rows[LANES * i + lane] = -np.log(rows[LANES * i + lane])
+            is_inside = rows[LANES * 9 + lane] > -np.inf
+            for i in range(10):
+                eta[at + i] = rows[LANES * i + lane] if is_inside else np.nan
 
 
 @compiled
@@ -131,19 +128,22 @@ def natural_rate(cone, eta, theta, stiffness, mu, gradient):
 
 
 @compiled
-def gather(links, vector, rows):
-    """Writes the links' parameters in a vector (p,) into rows (10, 8), one column each."""
+def gather(links, vector, rows, first, factor):
+    """Writes the links' parts of factor · vector (p,) as numbers first … first + 9 of their lanes.
+
+    See `over_lanes` for `rows`; links[l] is where the ten numbers of lane l begin in the vector.
+    """
     for lane, at in enumerate(links):
-        for row in range(10):
-            rows[row, lane] = vector[at + row]
+        for i in range(10):
+            rows[LANES * (first + i) + lane] = factor * vector[at + i]
 
 
 @compiled
 def scatter(links, rows, vector):
-    """The way back."""
+    """Writes numbers 0 … 9 of every lane into the links' parts of a vector (p,)."""
     for lane, at in enumerate(links):
-        for row in range(10):
-            vector[at + row] = rows[row, lane]
+        for i in range(10):
+            vector[at + i] = rows[LANES * i + lane]
 
 
 @compiled
@@ -162,11 +162,11 @@ def unpack(eta, sign, L, k):
 
 @compiled
 def gather_factors(links, eta, sign, rows):
-    """Writes what `unpack` does of links into rows (10, 8)."""
-    gather(links, eta, rows)
-    for i in range(4):
-        for lane in range(links.shape[0]):
-            rows[i * (i + 3) // 2, lane] = np.exp(sign * rows[i * (i + 3) // 2, lane])
+    """Writes the links' Cholesky factors as numbers 0 … 9 of their lanes; see `unpack`."""
+    gather(links, eta, rows, 0, 1.0)
+    for lane in range(links.shape[0]):
+        for i in _DIAGONAL:
+            rows[LANES * i + lane] = np.exp(sign * rows[LANES * i + lane])
 
 
 @compiled
@@ -193,12 +193,12 @@ def from_chart_into(cone, eta, pairing, theta, room):
             unpack(eta[start:end], 1.0, L, k)
             squared_into(L, P, k)
             read(cone, block, P, pairing, theta)
-    source, result = room[3:]
+    rows = room[3]
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]
-        gather_factors(links, eta, 1.0, source)
-        _link_parameters(source, result)
-        scatter(links, result, theta)
+        gather_factors(links, eta, 1.0, rows)
+        _link_parameters(rows)
+        scatter(links, rows, theta)
 
 
 @compiled
@@ -258,7 +258,7 @@ def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room):
     for j in cone.positive:
         rate[j] = gradient[j] / (stiffness[j] * theta[j] + mu / theta[j])
     share = 1 / mu
-    (L, X, S, P_rate), metric, x, source, result = room
+    (L, X, S, P_rate), metric, x, rows = room
     for block in cone.others:
         start, end, k, first, last = cone.blocks[block]
         c, entries, values = end - start, cone.entries[first:last], cone.values[first:last]
@@ -283,21 +283,20 @@ def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room):
             pack(P_rate, rate[start:end], k)
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]
-        gather_factors(links, eta, -1.0, source)
-        for lane, at in enumerate(links):
-            for row in range(10):
-                source[10 + row, lane] = share * stiffness[at + row]
-                source[20 + row, lane] = share * gradient[at + row]
-        _link_rate(source, result)
-        scatter(links, result, rate)
+        gather_factors(links, eta, -1.0, rows)
+        gather(links, stiffness, rows, 10, share)
+        gather(links, gradient, rows, 20, share)
+        _link_rate(rows)
+        scatter(links, rows, rate)
 
 
-# -- the same for links, eight abreast ---------------------------------------------------------
+# -- formulas of one link, which `over_lanes` evaluates for several ------------------------------
 
 _LINK = cone_of(
     ParameterSpace((Block("link", tuple("0123456789"), ("",) * 10, np.ones(10), "pseudo_inertia"),))
 )
 _LOWER = np.tril_indices(4)
+_DIAGONAL = (0, 2, 5, 9)  # of a lower triangle (4, 4), row by row
 
 
 def _of(*shape: int):
@@ -305,21 +304,24 @@ def _of(*shape: int):
 
 
 def _factor(theta):
+    """θ (10,) to the Cholesky factor of P(θ), its diagonal inverted."""
     L = _of(4, 4)
     matrix_into.py_func(_LINK.entries, _LINK.values, 0, theta, L, 4)
     factor_in_place.py_func(L, 4)
     return L[_LOWER]
 
 
-def _parameters(eta):
+def _parameters(factor):
+    """The Cholesky factor of P(θ) to θ (10,)."""
     L, P, theta = _of(4, 4), _of(4, 4), _of(10)
-    L[_LOWER] = eta
+    L[_LOWER] = factor
     squared_into.py_func(L, P, 4)
     read_into.py_func(_LINK.entries, coordinates(_LINK), 0, P, theta)
     return theta
 
 
 def _rate(numbers):
+    """η̇ (10,) from the factor, its diagonal inverted, Γ⁻¹/μ and the gradient/μ, (30,) in all."""
     L, X, S, P_rate, metric = _of(4, 4), _of(4, 4), _of(4, 4), _of(4, 4), _of(10, 10)
     L[_LOWER], x = numbers[:10], numbers[20:].copy()
     inverse_into.py_func(L, X, S, 4)
@@ -332,5 +334,5 @@ def _rate(numbers):
     return P_rate[_LOWER]
 
 
-_link_factor, _link_parameters = abreast(_factor, 10), abreast(_parameters, 10)
-_link_rate = abreast(_rate, 30)
+_link_factor, _link_parameters = over_lanes(_factor, 10), over_lanes(_parameters, 10)
+_link_rate = over_lanes(_rate, 30)
