@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup, trajectory
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.numerics import spatial
@@ -19,6 +19,7 @@ from nsaid_mj.system import SecondOrderSystem
 from tests.support.bench import Motion, estimates, identify, lyapunov, order
 from tests.support.dense import Dense
 from tests.support.matrices import coupled
+from tests.support.plants import drive
 from tests.support.vehicles import VEHICLES
 
 BODIES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "scalar_rov"]
@@ -32,8 +33,7 @@ def driven(name: str):
     setup = Setup.of(scenario)
     plant, prior = setup.plant, setup.prior
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
-    with plant.running():
-        seen = trajectory(plant, driver, 200).rows
+    seen = drive(plant, driver, 200 * scenario.dt).rows
     return plant.system, prior, scenario.identifier, scenario.dt, seen
 
 

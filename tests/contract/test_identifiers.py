@@ -22,13 +22,14 @@ from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.experiment.setup import Setup, trajectory
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
 from nsaid_mj.identifiers.metric import ConstantMetric
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
 from nsaid_mj.plants.scalar_rov import ScalarRov
+from tests.support.plants import drive
 
 FEW = settings(deadline=None, max_examples=15)
 VEHICLES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "uvms", "borinot"]
@@ -70,8 +71,7 @@ def motion(name: str):
     setup = Setup.of(scenario)
     plant, prior = setup.plant, setup.prior
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
-    with plant.running():
-        seen = trajectory(plant, driver, 40).rows
+    seen = drive(plant, driver, 0.04).rows
     return plant.system, prior, seen
 
 

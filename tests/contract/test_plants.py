@@ -11,19 +11,14 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
 from nsaid_mj.plants.world.robots import known_robots, load_robot
-from tests.support.plants import assert_engines_agree, plant
+from tests.support.plants import assert_engines_agree, config_of, plant
 from tests.support.strategies import seeds
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 FEW = settings(deadline=None, max_examples=15)
-CONFIGS = (
-    {"scalar_rov": ScalarRovPlant()}
-    | {name: ArmPlant(robot=name) for name in ("double_pendulum", "kinova", "panda", "solo12")}
-    | VEHICLES
-)
-ALL = CONFIGS | INEXACT
-plants = pytest.mark.parametrize("name", CONFIGS)
-all_plants = pytest.mark.parametrize("name", ALL)
+NAMES = ["scalar_rov", "double_pendulum", "kinova", "panda", "solo12", *VEHICLES]
+plants = pytest.mark.parametrize("name", NAMES)
+all_plants = pytest.mark.parametrize("name", [*NAMES, *INEXACT])
 PENDULUM = ArmPlant(robot="double_pendulum")
 
 
@@ -78,7 +73,7 @@ def test_mujoco_accelerates_as_the_system_says_for_every_catalogued_robot(robot)
 @plants
 def test_a_measurement_is_in_the_systems_coordinates(name):
     """q̇ = v: over two steps of a held command q moves by Simpson's rule of the measured v."""
-    p = CONFIGS[name].build(1e-4, 3)
+    p = plant(name, 3, 1e-4)
     coordinates, v, u = draw(p.system, np.random.default_rng(1))
     with p.running():
         p.reset(coordinates, v)
@@ -99,7 +94,7 @@ def test_momentum_changes_as_the_forces_say(name):
 
     No acceleration is needed: Ṁ v = C v + Cᵀ v takes it out of the acceleration form.
     """
-    p = CONFIGS[name].build(1e-4, 4)
+    p = plant(name, 4, 1e-4)
     system, theta = p.system, p.truth
     coordinates, v, u = draw(system, np.random.default_rng(2))
     momentum, rate = [], []
@@ -293,7 +288,7 @@ def test_running_a_plant_inside_another_is_refused(outer, inner):
 
 @plants
 def test_one_seed_one_plant_another_seed_another(name):
-    one, same, other = (CONFIGS[name].build(1e-4, seed) for seed in (1, 1, 2))
+    one, same, other = (config_of(name).build(1e-4, seed) for seed in (1, 1, 2))
     assert (one.truth == same.truth).all()
     assert (drive(one, 30) == drive(same, 30)).all()
     assert (drive(one, 30) == drive(one, 30)).all()  # and again, by itself
@@ -304,7 +299,7 @@ def test_one_seed_one_plant_another_seed_another(name):
 
 @plants
 def test_the_step_does_not_change_the_truth(name):
-    assert (CONFIGS[name].build(1e-4, 7).truth == CONFIGS[name].build(5e-5, 7).truth).all()
+    assert (plant(name, dt=1e-4).truth == plant(name, dt=5e-5).truth).all()
 
 
 @FEW

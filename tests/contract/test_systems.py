@@ -12,7 +12,6 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Measurement
-from nsaid_mj.plants import ArmPlant, ScalarRovPlant
 from nsaid_mj.resources import scenarios
 from nsaid_mj.system import checked
 from nsaid_mj.systems.multibody import Multibody
@@ -23,8 +22,9 @@ from tests.support.vehicles import VEHICLES
 
 FEW = settings(deadline=None, max_examples=10)
 ARMS = ["ur5", "kinova", "panda", "double_pendulum", "talos_arm", "solo12"]
-PLANTS = {"scalar_rov": ScalarRovPlant()} | {name: ArmPlant(robot=name) for name in ARMS} | VEHICLES
-systems = pytest.mark.parametrize("name", PLANTS)
+BY_PINOCCHIO = ["kinova pinocchio", "solo12 pinocchio"]
+NAMES = ["scalar_rov", *ARMS, *BY_PINOCCHIO, *VEHICLES]
+systems = pytest.mark.parametrize("name", NAMES)
 arms = pytest.mark.parametrize("name", ARMS)
 vehicles = pytest.mark.parametrize("name", VEHICLES)
 
@@ -433,7 +433,7 @@ def inertias(model):
 @vehicles
 def test_other_true_numbers_leave_a_vehicles_system_bit_identical(name):
     """Plants of two seeds differ in the truth; what they tell of themselves is the same."""
-    one, other = (PLANTS[name].build(1e-4, seed) for seed in (1, 2))
+    one, other = (plant(name, seed) for seed in (1, 2))
     assert (one.truth != other.truth).any()
     t, x, w, a, u = draw(one.system, np.random.default_rng(11))
     answers = []

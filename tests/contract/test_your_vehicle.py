@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 import subprocess
@@ -13,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import nsaid_mj
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.plants import BlueROV2Plant
+from tests.support.faulty import CHECKOUT, call
 
-CHECKOUT = Path(nsaid_mj.__file__).parents[1]
 PAGE = (CHECKOUT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 COMMANDS = [line for kind, _, text in BLOCKS if kind == "sh" for line in text.splitlines()]
@@ -34,16 +32,6 @@ def written(folder: Path, *, without: str = "") -> Path:
     return folder / "hexa"
 
 
-def nsaid(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    words = shlex.split(command)
-    assert words[0] == "nsaid"
-    code = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
-    return subprocess.run(
-        [sys.executable, "-c", code, *words[1:]], cwd=folder, capture_output=True, text=True,
-        timeout=600, check=False, env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
-    )  # fmt: skip
-
-
 def test_the_page_has_three_files_two_commands_and_one_python_block():
     assert [name for _, name, _ in BLOCKS if name] == [
         "hexa/vehicle.toml", "hexa/model.xml", "hexa/hexa.py",
@@ -55,7 +43,9 @@ def test_the_page_has_three_files_two_commands_and_one_python_block():
 def test_every_command_of_the_page_completes_and_its_python_prints_what_it_says(tmp_path):
     written(tmp_path)
     for command in COMMANDS:
-        done = nsaid(f"{command} {SHORT}", tmp_path)
+        program, *words = shlex.split(f"{command} {SHORT}")
+        assert program == "nsaid"
+        done = call(*words, cwd=tmp_path)
         assert (done.returncode, done.stderr) == (0, ""), command
     (reading,) = [text for kind, name, text in BLOCKS if kind == "python" and not name]
     done = subprocess.run(

@@ -1,8 +1,5 @@
 """What a terminal shows while a command works, and kernels compiled before the clock."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,23 +11,18 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.reporting import warmup
 from nsaid_mj.reporting.progress import COMPILING, Progress
+from tests.support.faulty import call
 
 ROV = replace(load("scalar_rov"), duration=1.0)
-COMMAND = [sys.executable, "-c", "from nsaid_mj.cli import run_from_shell; run_from_shell()"]
-
-
-def nsaid(*words: object, cache: Path, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *map(str, words)], cwd=folder, capture_output=True, text=True, check=True,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, timeout=300,
-    )  # fmt: skip
 
 
 def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path: Path):
     words = ("run", "scalar_rov", "--duration", "1", "--law", "memory", "--out")
+    cache = str(tmp_path / "cache")
     first, second = (
-        nsaid(*words, tmp_path / name, cache=tmp_path / "cache", folder=tmp_path) for name in "ab"
+        call(*words, tmp_path / name, cwd=tmp_path, NUMBA_CACHE_DIR=cache) for name in "ab"
     )
+    assert first.returncode == second.returncode == 0
     assert first.stderr.count(COMPILING) == 1
     assert "compiling, once, took" in first.stdout
     assert COMPILING not in second.stderr
@@ -41,8 +33,8 @@ def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path
 
 def test_quiet_says_nothing_of_compiling(tmp_path: Path):
     words = ("run", "scalar_rov", "--duration", "0.5", "--quiet", "--out", tmp_path / "run")
-    told = nsaid(*words, cache=tmp_path / "cache", folder=tmp_path)
-    assert (told.stdout, told.stderr) == ("", "")
+    told = call(*words, cwd=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert (told.returncode, told.stdout, told.stderr) == (0, "", "")
 
 
 @pytest.fixture

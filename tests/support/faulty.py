@@ -110,6 +110,20 @@ def _code_of(action: Any) -> tuple[int, Heard]:
     return (code if isinstance(code, int) else 0 if code is None else 1), said
 
 
+def call(*arguments: object, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
+    """`nsaid …` in its own process, to its end; `more` is set in its environment."""
+    code = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT), "PYTHONUTF8": "1", **more},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+
+
 def start(*arguments: object, cwd: Path, **more: str) -> subprocess.Popen[str]:
     """A real `nsaid …` in its own process, which Ctrl-C reaches even where tests run behind."""
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # never inherit SIG_IGN
