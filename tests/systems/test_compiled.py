@@ -356,7 +356,7 @@ def test_another_process_finds_the_kernels_on_disk():
     pair(robot)[1]._W_C(q, v, w)
     code = f"""
 from nsaid_mj.systems import compiled
-from tests.contract.test_compiled import draw, pair
+from tests.systems.test_compiled import draw, pair
 q, v, w, _, _ = draw({robot!r}, 0)
 pair({robot!r})[1]._W_C(q, v, w)
 stats = compiled.tree_inertial.stats

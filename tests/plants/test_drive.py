@@ -272,7 +272,7 @@ def test_another_process_finds_the_loops_on_disk():
     for case in ("ur5", "bluerov2"):
         driven(*made(case))
     code = """
-from tests.contract.test_drive import driven, made
+from tests.plants.test_drive import driven, made
 from nsaid_mj.plants.world import stepping
 for case in ("ur5", "bluerov2"):
     driven(*made(case))
