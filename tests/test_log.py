@@ -26,9 +26,13 @@ FEW = settings(deadline=None, max_examples=200)
 
 shapes = st.lists(st.integers(0, 6), max_size=3).map(tuple)
 numbers = st.one_of(
-    st.floats(allow_nan=True, allow_infinity=True), st.integers(), st.booleans(), st.none(),
-    st.text(max_size=3), st.complex_numbers(max_magnitude=1e3),
-)  # fmt: skip
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.integers(),
+    st.booleans(),
+    st.none(),
+    st.text(max_size=3),
+    st.complex_numbers(max_magnitude=1e3),
+)
 nested = st.recursive(numbers, lambda inner: st.lists(inner, max_size=6), max_leaves=20)
 
 

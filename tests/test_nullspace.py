@@ -103,8 +103,9 @@ def test_a_zero_regressor_leaves_the_whole_space_unobservable():
     assert found.r == 3 and found.P_perp.shape == (3, 0) and found.gap == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("rows", [np.zeros((0, 3)), np.ones(3), np.array([[1.0, np.nan]]),
-                                  np.array([[np.inf, 1.0]])])  # fmt: skip
+@pytest.mark.parametrize(
+    "rows", [np.zeros((0, 3)), np.ones(3), np.array([[1.0, np.nan]]), np.array([[np.inf, 1.0]])]
+)
 def test_a_stack_without_finite_rows_is_refused(rows):
     with pytest.raises(InvalidInput) as caught:
         split(rows)
@@ -159,8 +160,9 @@ def test_other_states_give_the_same_nullspace(name):
 def test_parameters_in_P_leave_the_motion_unchanged_and_others_change_it(name):
     system, truth, found = built(name)
     rng = np.random.default_rng(5)
-    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)),
-                                              strict=True))  # fmt: skip
+    q, v, u = (
+        np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)), strict=True)
+    )
     x, scale = np.hstack([q, v]), system.space.scale
     a = system.acceleration(0.0, x, v, u, truth)
     size = 1e-3 * np.linalg.norm(truth / scale)

@@ -89,8 +89,9 @@ def test_units_have_one_entry_for_each_name():
     assert caught.value.name == "units"
 
 
-@pytest.mark.parametrize("geometry,size", [("pseudo_inertia", 9), ("pseudo_inertia", 11),
-                                           ("spd", 2), ("spd", 20)])  # fmt: skip
+@pytest.mark.parametrize(
+    "geometry,size", [("pseudo_inertia", 9), ("pseudo_inertia", 11), ("spd", 2), ("spd", 20)]
+)
 def test_a_geometry_fixes_the_number_of_parameters(geometry, size):
     with pytest.raises(InvalidInput) as caught:
         block(size=size, geometry=geometry)

@@ -34,8 +34,10 @@ def written(folder: Path, *, without: str = "") -> Path:
 
 def test_the_page_has_three_files_two_commands_and_one_python_block():
     assert [name for _, name, _ in BLOCKS if name] == [
-        "hexa/vehicle.toml", "hexa/model.xml", "hexa/hexa.py",
-    ]  # fmt: skip
+        "hexa/vehicle.toml",
+        "hexa/model.xml",
+        "hexa/hexa.py",
+    ]
     assert len(COMMANDS) == 2
     assert [kind for kind, name, _ in BLOCKS if not name] == ["sh", "sh", "python"]
 
@@ -53,8 +55,10 @@ def test_every_command_of_the_page_completes_and_its_python_prints_what_it_says(
     )
     status, sizes, *_ = done.stdout.splitlines()
     assert status == "completed" and sizes == "6 43"
-    both = [json.loads((tmp_path / "runs" / name / "summary.json").read_text()) for name in
-            ("hexa", "hexa_by_flag")]  # fmt: skip
+    both = [
+        json.loads((tmp_path / "runs" / name / "summary.json").read_text())
+        for name in ("hexa", "hexa_by_flag")
+    ]
     assert both[0]["theta_perp_ratio"] == both[1]["theta_perp_ratio"]  # the same vehicle
     assert both[0]["theta_perp_ratio"] < 0.5 * both[0]["theta_perp_ratio_initial"]
 

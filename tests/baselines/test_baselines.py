@@ -82,8 +82,9 @@ def test_the_scale_and_what_no_row_sees_stay_at_the_prior(pendulum):
     estimate = BATCH["ols"](problem)
     theta_s = estimate.theta / problem.system.space.scale
     assert theta_s @ gauge.normal == pytest.approx(gauge.start @ gauge.normal, rel=1e-12)
-    unseen = np.linalg.svd(condense(central_rows(problem.system, problem.log))
-                           .reshape(-1, problem.system.p))  # fmt: skip
+    unseen = np.linalg.svd(
+        condense(central_rows(problem.system, problem.log)).reshape(-1, problem.system.p)
+    )
     blind = unseen.Vh[1e-10 * unseen.S[0] > unseen.S]
     assert len(blind) >= 10
     np.testing.assert_allclose(blind @ theta_s, blind @ gauge.start, atol=1e-9)
@@ -155,8 +156,9 @@ def test_an_unevenly_sampled_log_is_refused(pendulum):
 @pytest.mark.parametrize("scenario", ["double_pendulum", "scalar_rov", "f1tenth"])
 def test_every_method_approaches_the_truth_on_exact_data(name, scenario):
     here = world(scenario, 6.0 if scenario == "double_pendulum" else 40.0)
-    before, after = (figures(here, e) for e in
-                     (Estimate(here._problem.prior), BATCH[name](here._problem)))  # fmt: skip
+    before, after = (
+        figures(here, e) for e in (Estimate(here._problem.prior), BATCH[name](here._problem))
+    )
     assert after["theta_perp_ratio"] < 0.2 * before["theta_perp_ratio"]
     assert after["force_residual_ratio"] < 0.05 * before["force_residual_ratio"]
     assert after["actuator_ratio_error"] <= 0.1 * before["actuator_ratio_error"]
@@ -180,8 +182,9 @@ def test_scaling_the_prior_scales_the_estimate(name, pendulum):
         ratios = [figures(pendulum, e)["theta_perp_ratio"] for e in (one, two)]
         assert max(ratios) < 0.01
     else:
-        np.testing.assert_allclose(two.theta, 2 * one.theta, rtol=1e-5,
-                                   atol=1e-6 * np.abs(one.theta).max())  # fmt: skip
+        np.testing.assert_allclose(
+            two.theta, 2 * one.theta, rtol=1e-5, atol=1e-6 * np.abs(one.theta).max()
+        )
 
 
 def test_noise_ruins_raw_differences_but_not_filtered_least_squares(noisy_pendulum):
@@ -279,8 +282,9 @@ def test_sysids_model_accelerates_as_the_structure(robot):
     system, theta, rng = problem.system, problem.prior, np.random.default_rng(2)
     assert isinstance(system, MotorTree)
     model = toolbox_module._Model(toolbox_module._toolbox(), system, theta, 1e-3)
-    np.testing.assert_allclose(model.theta(model.parameters.as_vector()), theta, rtol=1e-6,
-                               atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(
+        model.theta(model.parameters.as_vector()), theta, rtol=1e-6, atol=1e-9
+    )
     compiled = model.build(model.parameters)
     data = mujoco.MjData(compiled)
     with toolbox_module.installed(toolbox_module._friction()):
@@ -307,8 +311,9 @@ def test_sysid_identifies_an_arm_within_its_time_budget(pendulum):
 def test_a_method_filters_only_the_noise_that_is_stated(noisy_pendulum):
     """What is stated as exact is not filtered before the recursion."""
     problem = noisy_pendulum._problem
-    stated, denied = (BATCH["rls"](problem._replace(noise=n)) for n in
-                      (problem.noise, SensorLevels()))  # fmt: skip
+    stated, denied = (
+        BATCH["rls"](problem._replace(noise=n)) for n in (problem.noise, SensorLevels())
+    )
     assert stated.note.startswith("cut-off") and denied.note == ""
     better, worse = (figures(noisy_pendulum, e) for e in (stated, denied))
     assert better["force_residual_ratio"] < worse["force_residual_ratio"]

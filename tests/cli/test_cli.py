@@ -118,8 +118,15 @@ def test_the_flags_that_matter_come_first() -> None:
     _, said = shell("run", "ur5", "--help")
     flags = re.findall(r"^│ (--[\w.-]+)", said.out, re.MULTILINE)
     assert flags[:8] == [
-        "--law", "--robot", "--duration", "--sensors", "--seed", "--out", "--force", "--backend",
-    ]  # fmt: skip
+        "--law",
+        "--robot",
+        "--duration",
+        "--sensors",
+        "--seed",
+        "--out",
+        "--force",
+        "--backend",
+    ]
 
 
 @pytest.mark.parametrize("name", ["scalar_rov", "wrong_gains", "bluerov2"])
@@ -233,10 +240,16 @@ def test_a_flag_may_be_the_last_part_of_a_fields_name(
 
 @pytest.mark.parametrize(
     ("flag", "field", "value"),
-    [("--duration", "duration", 7.0), ("--seed", "seed", 3), ("--dt", "dt", 0.005),
-     ("--sensors", "sensors", "noisy"), ("--record-every", "record_every", 4),
-     ("--gain-error", "gain_error", 0.1), ("--pe-window", "pe_window", 9.0)],
-)  # fmt: skip
+    [
+        ("--duration", "duration", 7.0),
+        ("--seed", "seed", 3),
+        ("--dt", "dt", 0.005),
+        ("--sensors", "sensors", "noisy"),
+        ("--record-every", "record_every", 4),
+        ("--gain-error", "gain_error", 0.1),
+        ("--pe-window", "pe_window", 9.0),
+    ],
+)
 def test_a_scenarios_field_is_a_flag(flag: str, field: str, value: float | str) -> None:
     scenario, output = options("scalar_rov", flag, str(value))
     assert getattr(scenario, field) == value != getattr(load("scalar_rov"), field)
@@ -401,14 +414,34 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
 
 
 KEYS: dict[str, type | tuple[type, ...]] = {  # design.md, "What a number is called"
-    "status": str, "status_time": float, "n": int, "p": int, "r": int,
-    "theta_perp_ratio": float, "theta_perp_ratio_initial": float, "actuator_ratio_error": float,
-    "force_residual_ratio": float, "velocity_error_rms": float, "conserved_drift": float,
-    "lyapunov_violations": int, "pe_level": float, "pe_level_perp": float, "law": str, "gamma": str,
-    "sensors": str, "unobservable": list, "wall_s": float, "compile_s": float, "sim_s": float,
-    "real_time_factor": float, "identifier_us_per_step": float, "plant_us_per_step": float,
-    "seed": int, "versions": dict, "scenario_hash": str,
-}  # fmt: skip
+    "status": str,
+    "status_time": float,
+    "n": int,
+    "p": int,
+    "r": int,
+    "theta_perp_ratio": float,
+    "theta_perp_ratio_initial": float,
+    "actuator_ratio_error": float,
+    "force_residual_ratio": float,
+    "velocity_error_rms": float,
+    "conserved_drift": float,
+    "lyapunov_violations": int,
+    "pe_level": float,
+    "pe_level_perp": float,
+    "law": str,
+    "gamma": str,
+    "sensors": str,
+    "unobservable": list,
+    "wall_s": float,
+    "compile_s": float,
+    "sim_s": float,
+    "real_time_factor": float,
+    "identifier_us_per_step": float,
+    "plant_us_per_step": float,
+    "seed": int,
+    "versions": dict,
+    "scenario_hash": str,
+}
 
 
 def test_json_is_one_document_and_nothing_else(done: Done) -> None:
@@ -426,8 +459,10 @@ def test_the_summary_has_every_key_of_the_design(done: Done, key: str) -> None:
 def test_the_summarys_numbers_are_consistent(done: Done) -> None:
     summary = strict(done.out)
     assert (summary["status"], summary["status_time"], summary["status_signal"]) == (
-        "completed", pytest.approx(1.0), "",
-    )  # fmt: skip
+        "completed",
+        pytest.approx(1.0),
+        "",
+    )
     assert (summary["n"], summary["p"], summary["r"]) == (1, 4, 1)
     assert summary["law"] in ("paper", "cone", "memory")
     assert summary["gamma"] in ("scale", "simulated") and summary["sensors"] in ("ideal", "noisy")
@@ -525,10 +560,24 @@ def test_a_scenario_is_at_most_forty_lines(path: Path) -> None:
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_a_scenario_script_runs_on_its_own(path: Path, tmp_path: Path) -> None:
     ran = subprocess.run(
-        [sys.executable, str(path), "--duration", "0.2", "--held-out", "0.5", "--out", "out",
-         "--pe-window", "0.1", "--json"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            str(path),
+            "--duration",
+            "0.2",
+            "--held-out",
+            "0.5",
+            "--out",
+            "out",
+            "--pe-window",
+            "0.1",
+            "--json",
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (ran.returncode, ran.stderr) == (0, "")
     summary = strict(ran.stdout)
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)

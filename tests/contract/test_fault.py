@@ -35,9 +35,12 @@ from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 EXACT = [
-    ScalarRovPlant(), ArmPlant("double_pendulum"), ArmPlant("kinova"), FloatingBasePlant("bolt"),
+    ScalarRovPlant(),
+    ArmPlant("double_pendulum"),
+    ArmPlant("kinova"),
+    FloatingBasePlant("bolt"),
     *VEHICLES.values(),
-]  # fmt: skip
+]
 exact_plants = pytest.mark.parametrize("config", EXACT, ids=name_of)
 every_plant = pytest.mark.parametrize("config", [*EXACT, *INEXACT.values()], ids=name_of)
 DT = 2e-3
@@ -140,9 +143,15 @@ def test_a_rotor_fault_weakens_thrust_and_torque_and_is_reported():
 
 @pytest.mark.parametrize(
     ("config", "actuator"),
-    [(BlueROV2Plant(), 9), (ArmPlant("double_pendulum"), 3), (ScalarRovPlant(), 2),
-     (BMW320iPlant(), 2), (INEXACT["rover"], 2), (VEHICLES["uvms"], 13)],
-)  # fmt: skip
+    [
+        (BlueROV2Plant(), 9),
+        (ArmPlant("double_pendulum"), 3),
+        (ScalarRovPlant(), 2),
+        (BMW320iPlant(), 2),
+        (INEXACT["rover"], 2),
+        (VEHICLES["uvms"], 13),
+    ],
+)
 def test_an_actuator_that_is_not_there_or_has_no_gain_is_refused(config, actuator):
     with pytest.raises(InvalidInput) as caught:
         made(config, loss=0.4, actuator=actuator)
@@ -152,8 +161,13 @@ def test_an_actuator_that_is_not_there_or_has_no_gain_is_refused(config, actuato
 
 # -- a run -------------------------------------------------------------------------------------
 
-BASE = replace(load("bluerov2"), identifier=NullspaceAID(K=6.0, gain=0.6), duration=24.0,
-               pe_window=4.0, held_out=5.0)  # fmt: skip
+BASE = replace(
+    load("bluerov2"),
+    identifier=NullspaceAID(K=6.0, gain=0.6),
+    duration=24.0,
+    pe_window=4.0,
+    held_out=5.0,
+)
 FAULT = Fault(loss=0.4, actuator=3, time=12.0)
 
 
@@ -198,8 +212,10 @@ def test_the_estimate_is_judged_against_the_truth_at_the_end(
 
 def test_the_held_out_trajectory_has_the_fault_from_its_start(failed: SimulatedRun):
     later, system = truth_of(failed).held_out, failed.plant.system
-    weak, sound = (force_residual_ratio(system, later, theta, None)
-                   for theta in (truth_of(failed).theta, failed.plant.truth))  # fmt: skip
+    weak, sound = (
+        force_residual_ratio(system, later, theta, None)
+        for theta in (truth_of(failed).theta, failed.plant.truth)
+    )
     assert weak is not None and sound is not None
     assert weak < 1e-3  # v̇ is a difference here
     assert sound > 0.05

@@ -215,8 +215,9 @@ def test_a_gain_is_positive_definite(name, gain, bad):
 
 
 @systems
-@pytest.mark.parametrize("change", [lambda x: x[:-1], lambda x: np.append(x, 1.0),
-                                    lambda x: x * np.nan])  # fmt: skip
+@pytest.mark.parametrize(
+    "change", [lambda x: x[:-1], lambda x: np.append(x, 1.0), lambda x: x * np.nan]
+)
 def test_a_prior_is_one_number_for_each_parameter(name, change):
     system, prior, _ = motion(name)
     with pytest.raises(InvalidInput) as caught:

@@ -236,8 +236,10 @@ def test_a_level_wind_pushes_a_car():
     config = BMW320iPlant()
     still = made(config)
     v, u = np.array([20.0, 0, 0]), np.zeros(2)
-    a = {wind: acceleration(made(config, flow=(wind, 0.0, 0.0)), np.zeros(3), v, u)[0]
-         for wind in (-10.0, 0.0, 10.0)}  # fmt: skip
+    a = {
+        wind: acceleration(made(config, flow=(wind, 0.0, 0.0)), np.zeros(3), v, u)[0]
+        for wind in (-10.0, 0.0, 10.0)
+    }
     assert a[-10.0] < a[0.0] < a[10.0]
     assert a[0.0] == acceleration(still, np.zeros(3), v, u)[0]
     with pytest.raises(InvalidInput, match="level wind"):
@@ -260,8 +262,10 @@ def test_the_ellipsoid_model_brakes_without_added_inertia(config):
         v = 2.0 * np.eye(6)[axis]
         a = acceleration(other, place, v, idle) - acceleration(other, place, 0 * v, idle)
         assert a[axis] < 0
-        assert a[axis] != (acceleration(exact, place, v, idle)
-                           - acceleration(exact, place, 0 * v, idle))[axis]  # fmt: skip
+        assert (
+            a[axis]
+            != (acceleration(exact, place, v, idle) - acceleration(exact, place, 0 * v, idle))[axis]
+        )
     assert other.mismatches == ("MuJoCo's ellipsoid fluid instead of the structure's",)
 
 
@@ -281,9 +285,12 @@ def test_the_summary_lists_every_mismatch(tmp_path):
     ):
         done = run(replace(scenario, sensors=sensors, noise=noise), tmp_path / sensors)
         assert summarize(done, truth_of(done))["mismatch"] == [
-            "actuators lag by 0.1 s", "commands arrive 0.05 s late", "flow of 0.1, 0, -0.2 m/s",
-            "MuJoCo's ellipsoid fluid instead of the structure's", *more,
-        ]  # fmt: skip
+            "actuators lag by 0.1 s",
+            "commands arrive 0.05 s late",
+            "flow of 0.1, 0, -0.2 m/s",
+            "MuJoCo's ellipsoid fluid instead of the structure's",
+            *more,
+        ]
     exact = run(replace(load("bluerov2"), **SHORT), tmp_path / "exact")
     assert summarize(exact, truth_of(exact))["mismatch"] == []
 
@@ -345,8 +352,9 @@ def test_a_mismatch_survives_json_and_changes_the_hash():
     again = Scenario.from_json(scenario.to_json())
     assert again == scenario and again.hash == scenario.hash
     assert isinstance(again.plant.mismatch.flow, tuple)
-    hashes = {Scenario(plant=BlueROV2Plant(mismatch=Mismatch(**{f: getattr(ALL, f)}))).hash
-              for f in BAD} | {scenario.hash, Scenario(plant=BlueROV2Plant()).hash}  # fmt: skip
+    hashes = {
+        Scenario(plant=BlueROV2Plant(mismatch=Mismatch(**{f: getattr(ALL, f)}))).hash for f in BAD
+    } | {scenario.hash, Scenario(plant=BlueROV2Plant()).hash}
     assert len(hashes) == 6
     tree = json.loads(scenario.to_json())
     tree["plant"]["mismatch"]["lag"] = -1.0

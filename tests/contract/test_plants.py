@@ -53,13 +53,39 @@ def test_mujoco_accelerates_as_the_system_says(name, seed):
 
 
 ROBOTS = [
-    "alexander", "allegro_left_hand", "allegro_right_hand", "bluevolta_bravo7_no_ee", "bolt",
-    "borinot", "bravo7_no_ee", "double_pendulum", "double_pendulum_continuous",
-    "double_pendulum_simple", "falcon_bravo7_no_ee", "finger_edu", "go2", "hextilt", "hyq",
-    "laikago", "panda_collision", "pr2", "quadruped", "simple_humanoid",
-    "simple_humanoid_classical", "solo8", "talos_arm", "tiago", "tiago_no_hand", "ur10",
-    "ur10_limited", "ur3", "ur3_limited", "ur5", "ur5_limited", "xarm7",
-]  # fmt: skip
+    "alexander",
+    "allegro_left_hand",
+    "allegro_right_hand",
+    "bluevolta_bravo7_no_ee",
+    "bolt",
+    "borinot",
+    "bravo7_no_ee",
+    "double_pendulum",
+    "double_pendulum_continuous",
+    "double_pendulum_simple",
+    "falcon_bravo7_no_ee",
+    "finger_edu",
+    "go2",
+    "hextilt",
+    "hyq",
+    "laikago",
+    "panda_collision",
+    "pr2",
+    "quadruped",
+    "simple_humanoid",
+    "simple_humanoid_classical",
+    "solo8",
+    "talos_arm",
+    "tiago",
+    "tiago_no_hand",
+    "ur10",
+    "ur10_limited",
+    "ur3",
+    "ur3_limited",
+    "ur5",
+    "ur5_limited",
+    "xarm7",
+]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -154,8 +180,9 @@ def test_the_integrator_is_rk4_without_silent_resets(name):
         assert option.disableflags & getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}")
 
 
-@pytest.mark.parametrize("config", [ScalarRovPlant(), ArmPlant("double_pendulum",
-                                                               friction_speed=0.5)])  # fmt: skip
+@pytest.mark.parametrize(
+    "config", [ScalarRovPlant(), ArmPlant("double_pendulum", friction_speed=0.5)]
+)
 def test_steps_are_of_fourth_order_with_the_friction_callback(config):
     def end(dt):
         p = config.build(dt, 5)
@@ -182,8 +209,9 @@ def test_coulomb_friction_is_tanh_exactly(seed, exponent):
     rng = np.random.default_rng(seed)
     v = 10.0**exponent * rng.standard_normal(2)
     acceleration(p, rng.standard_normal(2), v, np.zeros(2))
-    viscous, coulomb = (p.truth[p.system.space[f"{kind} friction"]]
-                        for kind in ("viscous", "Coulomb"))  # fmt: skip
+    viscous, coulomb = (
+        p.truth[p.system.space[f"{kind} friction"]] for kind in ("viscous", "Coulomb")
+    )
     expected = -viscous * v - coulomb * np.tanh(v / p.system.friction_speed)
     np.testing.assert_allclose(p.data.qfrc_passive, expected, rtol=1e-14, atol=1e-300)
 
@@ -244,8 +272,12 @@ def test_friction_too_stiff_for_the_step_names_the_joint_and_a_step_that_works(t
     with pytest.raises(BadRobot, match="joint turn") as caught:
         one_joint(tmp_path, friction=100.0, friction_speed=1e-3)
     assert "dt ≤" in caught.value.remedy
-    one_joint(tmp_path, dt=float(caught.value.remedy.split("≤ ")[1].split(" s")[0]),
-              friction=100.0, friction_speed=1e-3)  # fmt: skip
+    one_joint(
+        tmp_path,
+        dt=float(caught.value.remedy.split("≤ ")[1].split(" s")[0]),
+        friction=100.0,
+        friction_speed=1e-3,
+    )
 
 
 # -- callbacks are global ----------------------------------------------------------------------

@@ -32,8 +32,10 @@ vehicles = pytest.mark.parametrize("name", VEHICLES)
 def draw(system, rng, batch=()):
     """(t, x, w, a, u) of the size seen in operation, with leading axes `batch`."""
     count = int(np.prod(batch))
-    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(count)),
-                                              strict=True))  # fmt: skip
+    q, v, u = (
+        np.array(part)
+        for part in zip(*(system.random_state(rng) for _ in range(count)), strict=True)
+    )
     w, a = rng.standard_normal((2, count, system.n)) * np.abs(v).max()
     parts = rng.uniform(0, 9, count), np.hstack([q, v]), w, a, u
     return tuple(part.reshape(batch + part.shape[1:]) for part in parts)
@@ -83,11 +85,24 @@ def test_an_empty_batch_has_an_empty_answer(name):
 
 
 @systems
-@pytest.mark.parametrize("call,wrong", [("W_M", 0), ("W_M", 1), ("W_C", 0), ("W_C", 1), ("F", 1),
-                                        ("F", 2), ("regressor", 1), ("regressor", 2),
-                                        ("regressor", 3), ("regressor", 4)])  # fmt: skip
-@pytest.mark.parametrize("change", [lambda x: x[:-1], lambda x: np.append(x, 0.0),
-                                    lambda x: np.float64(1.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    "call,wrong",
+    [
+        ("W_M", 0),
+        ("W_M", 1),
+        ("W_C", 0),
+        ("W_C", 1),
+        ("F", 1),
+        ("F", 2),
+        ("regressor", 1),
+        ("regressor", 2),
+        ("regressor", 3),
+        ("regressor", 4),
+    ],
+)
+@pytest.mark.parametrize(
+    "change", [lambda x: x[:-1], lambda x: np.append(x, 0.0), lambda x: np.float64(1.0)]
+)
 def test_a_wrong_shape_is_refused_with_the_remedy(name, call, wrong, change):
     system = plant(name).system
     t, x, w, a, u = draw(system, np.random.default_rng(3))
@@ -387,8 +402,10 @@ def test_a_prismatic_joint_has_units_of_newtons():
     units = dict(zip(space.names, space.units, strict=True))
     assert (units["gain_8"], units["viscous_8"], units["rotor_9"]) == ("N/unit", "N·s/m", "kg")
     assert (units["gain_1"], units["viscous_1"], units["rotor_1"]) == (
-        "N·m/unit", "N·m·s/rad", "kg·m²"
-    )  # fmt: skip
+        "N·m/unit",
+        "N·m·s/rad",
+        "kg·m²",
+    )
 
 
 COMMANDED = {  # what a command moves besides the actuators' own parameters
@@ -441,8 +458,16 @@ def test_other_true_numbers_leave_a_vehicles_system_bit_identical(name):
         theta, (q, v) = one.truth, system.split(x)
         seen = system.evaluate_at(float(t), q, v, u, w, theta)
         drawn = system.random_state(np.random.default_rng(0))
-        answers.append((system.regressor(t, x, w, a, u), system.mass_matrix(x, theta), *seen,
-                        *drawn, system.space.scale, system.mounts))  # fmt: skip
+        answers.append(
+            (
+                system.regressor(t, x, w, a, u),
+                system.mass_matrix(x, theta),
+                *seen,
+                *drawn,
+                system.space.scale,
+                system.mounts,
+            )
+        )
         assert system.space.names == one.system.space.names
     for first, second in zip(*answers, strict=True):
         assert np.array_equal(first, second, equal_nan=True)
@@ -493,8 +518,16 @@ def test_other_true_inertias_leave_the_system_bit_identical(name):
         q, v = system.split(x[0])
         seen = system.evaluate_at(t[0], q, v, u[0], w[0], theta)
         drawn = system.random_state(np.random.default_rng(0))
-        answers.append((system.regressor(t, x, w, a, u), system.mass_matrix(x, theta), *seen,
-                        *drawn, *system.limits, system.space.scale))  # fmt: skip
+        answers.append(
+            (
+                system.regressor(t, x, w, a, u),
+                system.mass_matrix(x, theta),
+                *seen,
+                *drawn,
+                *system.limits,
+                system.space.scale,
+            )
+        )
     for one, two in zip(*answers, strict=True):
         assert np.array_equal(one, two)
 

@@ -100,8 +100,10 @@ def test_multisine_power_does_not_depend_on_the_number_of_tones():
         assert 0.65 < power / (0.8**2 / 2) < 1.05  # many tones are clipped: 0.74 for a Gaussian
 
 
-@pytest.mark.parametrize("low,high", [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, 0.1),
-                                      (0.1, 0.05), (0.1, np.nan), (0.1, np.inf)])  # fmt: skip
+@pytest.mark.parametrize(
+    "low,high",
+    [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, 0.1), (0.1, 0.05), (0.1, np.nan), (0.1, np.inf)],
+)
 def test_multisine_refuses_an_empty_band(low, high):
     with pytest.raises(InvalidInput) as caught:
         multisine(0, low=low, high=high)

@@ -54,12 +54,24 @@ BOAT = Scenario(
 )
 SCENARIOS = {"number": NOISY, "arm": ARM, "boat": BOAT}
 OF_THE_TRUTH = {
-    "theta_perp_ratio", "theta_perp_ratio_initial", "plant_direction_error",
-    "actuator_ratio_error", "force_residual_ratio", "lyapunov_violations",
-    "lyapunov_largest_rise", "lyapunov_bound", "pe_level_perp", "pe_share_perp", "r_excited",
-    "excited_error_rms", "excited_error_rms_initial", "assumption_46_margin",
-    "least_mass_eigenvalue", "mismatch", "fault",
-}  # fmt: skip
+    "theta_perp_ratio",
+    "theta_perp_ratio_initial",
+    "plant_direction_error",
+    "actuator_ratio_error",
+    "force_residual_ratio",
+    "lyapunov_violations",
+    "lyapunov_largest_rise",
+    "lyapunov_bound",
+    "pe_level_perp",
+    "pe_share_perp",
+    "r_excited",
+    "excited_error_rms",
+    "excited_error_rms_initial",
+    "assumption_46_margin",
+    "least_mass_eigenvalue",
+    "mismatch",
+    "fault",
+}
 
 
 def unknown(done: SimulatedRun) -> Run:

@@ -16,8 +16,12 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup
 
-NEED_A_TRUTH = ("theta_perp_ratio", "theta_perp_ratio_initial", "actuator_ratio_error",
-                "plant_direction_error")  # fmt: skip
+NEED_A_TRUTH = (
+    "theta_perp_ratio",
+    "theta_perp_ratio_initial",
+    "actuator_ratio_error",
+    "plant_direction_error",
+)
 
 
 @cache
@@ -78,8 +82,9 @@ def test_moving_away_from_the_true_set_is_not_converging():
     assert verdict(away).startswith("not converging: ")
 
 
-@pytest.mark.parametrize("case", [("scalar_rov", "memory", 10.0), ("ur5", "memory", 6.0),
-                                  ("ur5", "paper", 10.0)])  # fmt: skip
+@pytest.mark.parametrize(
+    "case", [("scalar_rov", "memory", 10.0), ("ur5", "memory", 6.0), ("ur5", "paper", 10.0)]
+)
 def test_without_a_truth_the_verdict_is_the_same(case):
     found = summary(*case)
     blind = verdict(without_truth(found))

@@ -112,11 +112,15 @@ def test_without_excitation_75_fails_and_theorem_2_does_not_apply(tmp_path):
     ("scenario", "why"),
     [
         (replace(LONG, sensors="noisy"), "sensor noise"),
-        (replace(LONG, plant=replace(LONG.plant, mismatch=replace(LONG.plant.mismatch, lag=0.1))),
-         "lag"),
+        (
+            replace(
+                LONG, plant=replace(LONG.plant, mismatch=replace(LONG.plant.mismatch, lag=0.1))
+            ),
+            "lag",
+        ),
         (replace(LONG, identifier=ConventionalAID(K=10.0, gain=0.3)), "holds parameters"),
     ],
-)  # fmt: skip
+)
 def test_under_a_mismatch_the_theorems_do_not_apply(tmp_path, scenario, why):
     verdicts = judged(run(replace(scenario, duration=15.0), tmp_path))
     said = words(verdicts)

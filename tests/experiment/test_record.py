@@ -122,8 +122,14 @@ def test_a_read_record_survives_replacement_of_its_file(tmp_path):
     expect(record, rows(9))
 
 
-OTHERS = {"empty": b"", "zeros": b"\0" * 64, "ones": b"\xff" * 64, "text": b"not arrow at all",
-          "end mark": b"\xff\xff\xff\xff\0\0\0\0", "arrow file": b"ARROW1\0\0"}  # fmt: skip
+OTHERS = {
+    "empty": b"",
+    "zeros": b"\0" * 64,
+    "ones": b"\xff" * 64,
+    "text": b"not arrow at all",
+    "end mark": b"\xff\xff\xff\xff\0\0\0\0",
+    "arrow file": b"ARROW1\0\0",
+}
 
 
 @pytest.mark.parametrize("content", OTHERS)

@@ -133,8 +133,14 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         yield (*value, "mass")
         yield ()
     elif isinstance(value, str):
-        others = {"sensors": "noisy", "interpolation": "linear", "gamma": "simulated",
-                  "law": "cone", "fluid": "ellipsoid", "backend": "pinocchio"}  # fmt: skip
+        others = {
+            "sensors": "noisy",
+            "interpolation": "linear",
+            "gamma": "simulated",
+            "law": "cone",
+            "fluid": "ellipsoid",
+            "backend": "pinocchio",
+        }
         yield others.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1
@@ -180,8 +186,17 @@ def test_a_foreign_type_is_refused(name):
         Scenario.from_json(json.dumps(tree))
 
 
-@pytest.mark.parametrize("text", ["[]", "{}", "3", "not json", '{"$type": "SensorNoise"}',
-                                  '{"$type": "Scenario", "colour": "red"}'])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "{}",
+        "3",
+        "not json",
+        '{"$type": "SensorNoise"}',
+        '{"$type": "Scenario", "colour": "red"}',
+    ],
+)
 def test_json_that_is_no_scenario_is_refused(text):
     with pytest.raises(InvalidInput):
         Scenario.from_json(text)
@@ -248,8 +263,12 @@ def test_the_schema_offers_every_class_by_its_type():
             for part in definitions[name]["oneOf"]
         )
     }
-    parts = {type(part).__name__ for name in scenarios() for s in (load(name),)
-             for part in (s.plant, s.excitation, s.identifier)}  # fmt: skip
+    parts = {
+        type(part).__name__
+        for name in scenarios()
+        for s in (load(name),)
+        for part in (s.plant, s.excitation, s.identifier)
+    }
     assert parts | {"Gentle"} <= offered
 
 
@@ -407,8 +426,17 @@ def test_a_bad_field_is_named_before_the_run(part, field, value):
 
 @pytest.mark.parametrize("part", BAD, ids=lambda part: part.__name__)
 def test_every_field_has_bad_values_listed_and_a_valid_default(part):
-    parts = {"plant", "excitation", "identifier", "noise", "robot", "vehicle", "mismatch", "fault",
-             "memory"}  # fmt: skip
+    parts = {
+        "plant",
+        "excitation",
+        "identifier",
+        "noise",
+        "robot",
+        "vehicle",
+        "mismatch",
+        "fault",
+        "memory",
+    }
     assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
     default = part(known=("mass",)) if part is ConventionalAID else part()
     use(default)

@@ -117,8 +117,19 @@ def test_a_bad_command_says_what_was_expected_what_came_and_the_remedy(
 
 
 def test_the_urdf_behind_the_broken_ones_is_valid(desk: Path) -> None:
-    code, said = shell("run", "arm", "--robot", "possible.urdf", "--duration", 0.05, "--held-out",
-                       0.05, "--quiet", "--out", "out")  # fmt: skip
+    code, said = shell(
+        "run",
+        "arm",
+        "--robot",
+        "possible.urdf",
+        "--duration",
+        0.05,
+        "--held-out",
+        0.05,
+        "--quiet",
+        "--out",
+        "out",
+    )
     assert (code, said.err) == (0, "")
 
 
@@ -244,18 +255,28 @@ def test_a_nonfinite_measurement_never_yields_an_estimate(signal: str, value: fl
 SCENARIOS: dict[str, tuple[type[NsaidError], Callable[[], Scenario]]] = {
     "K too fast": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(K=251.0))),
     "Γ negative": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(gain=-1.0))),
-    "a rival's K too fast": (InvalidInput, lambda: replace(
-        ROV, rivals={"r": NullspaceAID(K=251.0)})),
-    "everything known": (InvalidInput, lambda: replace(
-        ROV, rivals={"r": ConventionalAID(known=tuple(SYSTEM.space.names))})),
-    "an unknown known": (UnknownName, lambda: replace(
-        ROV, rivals={"r": ConventionalAID(known=("mas",))})),
+    "a rival's K too fast": (
+        InvalidInput,
+        lambda: replace(ROV, rivals={"r": NullspaceAID(K=251.0)}),
+    ),
+    "everything known": (
+        InvalidInput,
+        lambda: replace(ROV, rivals={"r": ConventionalAID(known=tuple(SYSTEM.space.names))}),
+    ),
+    "an unknown known": (
+        UnknownName,
+        lambda: replace(ROV, rivals={"r": ConventionalAID(known=("mas",))}),
+    ),
     "a vehicle cannot track": (InvalidInput, lambda: replace(ROV, excitation=FourierTracking())),
-    "no such robot": (UnknownName, lambda: replace(
-        PENDULUM, plant=replace(PENDULUM.plant, robot="dobule_pendulum"))),
-    "a legged file that is not there": (BadRobot, lambda: replace(
-        PENDULUM, plant=replace(PENDULUM.plant, robot="legs/none.urdf"))),
-}  # fmt: skip
+    "no such robot": (
+        UnknownName,
+        lambda: replace(PENDULUM, plant=replace(PENDULUM.plant, robot="dobule_pendulum")),
+    ),
+    "a legged file that is not there": (
+        BadRobot,
+        lambda: replace(PENDULUM, plant=replace(PENDULUM.plant, robot="legs/none.urdf")),
+    ),
+}
 
 
 @pytest.mark.parametrize("which", SCENARIOS)

@@ -108,16 +108,13 @@ FAULTS = {
     "command beyond what MuJoCo takes": Fault(
         ROV, Status.plant_diverged, commanded(SINE, 1.0, lambda: 1e12), 1.01, "ctrl"
     ),
-    "gain too large": Fault(
-        gained(300.0), Status.estimate_not_positive_definite, signal="pivot -"
-    ),
+    "gain too large": Fault(gained(300.0), Status.estimate_not_positive_definite, signal="pivot -"),
     "prior too wrong": Fault(
-        replace(PENDULUM, initial_error=3.0), Status.estimate_not_positive_definite,
+        replace(PENDULUM, initial_error=3.0),
+        Status.estimate_not_positive_definite,
         signal="pivot -",
     ),
-    "adaptation too fast": Fault(
-        gained(1000.0), Status.adaptation_too_fast, signal="theta_hat"
-    ),
+    "adaptation too fast": Fault(gained(1000.0), Status.adaptation_too_fast, signal="theta_hat"),
     "position NaN": Fault(
         BLIND_ROV, Status.measurement_not_finite, sensed("q", 120, math.nan), 1.2, "q"
     ),
@@ -134,7 +131,7 @@ FAULTS = {
         ROV, Status.measurement_not_finite, commanded(SINE, 1.0, lambda: math.nan), 1.0, "u"
     ),
     "Ctrl-C": Fault(ROV, Status.interrupted, commanded(SINE, 1.5, ctrl_c), code=130),
-}  # fmt: skip
+}
 AT_ONCE = {
     "lost in the first step": Fault(
         gained(1e8), Status.estimate_not_positive_definite, time=0.01, signal="pivot -"
@@ -145,10 +142,8 @@ AT_ONCE = {
     "NaN at first": Fault(
         BLIND_ROV, Status.measurement_not_finite, sensed("q", 0, math.nan), 0.0, "q"
     ),
-    "Ctrl-C at first": Fault(
-        ROV, Status.interrupted, commanded(SINE, 0.0, ctrl_c), 0.0, code=130
-    ),
-}  # fmt: skip
+    "Ctrl-C at first": Fault(ROV, Status.interrupted, commanded(SINE, 0.0, ctrl_c), 0.0, code=130),
+}
 
 
 @dataclass(frozen=True)
@@ -245,8 +240,17 @@ def test_a_rebuilt_faulty_run_keeps_its_status(ended: Ended, capfd: object) -> N
         if ended.fault.status is Status.interrupted:
             patch.undo()  # it would interrupt the held-out trajectory too
         after = finish.rebuild(ended.folder)
-    keys = ("status", "status_time", "status_signal", "status_remedy", "sim_s", "wall_s", "rivals",
-            "theta_perp_ratio", "scenario_hash")  # fmt: skip
+    keys = (
+        "status",
+        "status_time",
+        "status_signal",
+        "status_remedy",
+        "sim_s",
+        "wall_s",
+        "rivals",
+        "theta_perp_ratio",
+        "scenario_hash",
+    )
     assert {key: after[key] for key in keys} == {key: before[key] for key in keys}
 
 
@@ -367,9 +371,15 @@ def test_no_ending_affects_the_next_run(tmp_path: Path) -> None:
         replace(ROV, plant=replace(ROV.plant, spread=0.0)),
         replace(ROV, duration=0.02),
     ],
-    ids=["one row", "window of no row", "held out for a step", "prior exact",
-         "as in the data sheet", "two steps"],
-)  # fmt: skip
+    ids=[
+        "one row",
+        "window of no row",
+        "held out for a step",
+        "prior exact",
+        "as in the data sheet",
+        "two steps",
+    ],
+)
 def test_an_unusual_but_valid_scenario_completes_with_all_its_files(
     scenario: Scenario, tmp_path: Path
 ) -> None:

@@ -103,9 +103,15 @@ def smooth(n: int):
         return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
 
     return solve_ivp(
-        rate, (0, 4), start, method="DOP853", rtol=1e-13, atol=1e-13, max_step=0.01,
+        rate,
+        (0, 4),
+        start,
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+        max_step=0.01,
         dense_output=True,
-    ).sol  # fmt: skip
+    ).sol
 
 
 def pose(n: int, t: float) -> Array:

@@ -34,8 +34,9 @@ def inside(name: str, seed: int, error: float = 0.3) -> np.ndarray:
 
 def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> NullspaceIdentifier:
     system, dt = scenario_plant(name).system, scenario_plant(name).dt
-    return cone_identifier(system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt,
-                          mu)  # fmt: skip
+    return cone_identifier(
+        system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt, mu
+    )
 
 
 # -- geometry ----------------------------------------------------------------------------------
@@ -118,8 +119,9 @@ def test_the_barrier_is_logarithmically_homogeneous(name, seed):
     gradient, hessian = geometry.gradient_and_hessian(cone, theta)
     own = np.diag(hessian) > 0  # parameters of the cone; the others have no barrier
     assert gradient @ theta == pytest.approx(-cone.degree)
-    np.testing.assert_allclose(hessian @ np.where(own, theta, 0), -gradient, rtol=1e-6,
-                               atol=1e-9 * np.abs(gradient).max())  # fmt: skip
+    np.testing.assert_allclose(
+        hessian @ np.where(own, theta, 0), -gradient, rtol=1e-6, atol=1e-9 * np.abs(gradient).max()
+    )
     fall = geometry.barrier(cone, theta) - geometry.barrier(cone, 3 * theta)
     assert fall == pytest.approx(cone.degree * np.log(3))
 
@@ -134,8 +136,9 @@ def test_gradient_and_hessian_match_finite_differences(name, seed):
     gradient, hessian = geometry.gradient_and_hessian(cone, theta)
     rise = geometry.barrier(cone, plus) - geometry.barrier(cone, minus)
     assert rise == pytest.approx(2 * gradient @ step, rel=1e-4, abs=1e-9)
-    turn = (geometry.gradient_and_hessian(cone, plus)[0]
-            - geometry.gradient_and_hessian(cone, minus)[0])  # fmt: skip
+    turn = (
+        geometry.gradient_and_hessian(cone, plus)[0] - geometry.gradient_and_hessian(cone, minus)[0]
+    )
     np.testing.assert_allclose(turn, 2 * hessian @ step, atol=1e-5 * np.abs(turn).max())
     eta = chart.to_chart(cone, theta)
     moved = chart.to_chart(cone, plus) - chart.to_chart(cone, minus)
@@ -155,11 +158,19 @@ def block(name: str, count: int, geometry) -> Block:
     return Block(name, names, ("-",) * count, np.ones(count), geometry, entries=entries)
 
 
-MIXED = ParameterSpace((
-    block("drag", 2, "free"), block("link", 10, "pseudo_inertia"), block("gain", 3, "positive"),
-    block("mass", 6, "spd"), block("link 2", 10, "pseudo_inertia"), block("one", 1, "spd"),
-    block("body", 21, "spd"), block("tied", 3, "tied"), block("lift", 1, "free"),
-))  # fmt: skip
+MIXED = ParameterSpace(
+    (
+        block("drag", 2, "free"),
+        block("link", 10, "pseudo_inertia"),
+        block("gain", 3, "positive"),
+        block("mass", 6, "spd"),
+        block("link 2", 10, "pseudo_inertia"),
+        block("one", 1, "spd"),
+        block("body", 21, "spd"),
+        block("tied", 3, "tied"),
+        block("lift", 1, "free"),
+    )
+)
 CONE, PAIRING = geometry.cone_of(MIXED), geometry.coordinates(geometry.cone_of(MIXED))
 
 
@@ -218,8 +229,9 @@ def test_the_barrier_and_its_derivatives_are_those_of_the_dense_matrices(seed):
     theta = physical(np.random.default_rng(seed))
     value = -sum(
         np.linalg.slogdet(dense(part, theta[place]))[1]
-        for part, place in MIXED if part.geometry in ("pseudo_inertia", "spd", "tied")
-    )  # fmt: skip
+        for part, place in MIXED
+        if part.geometry in ("pseudo_inertia", "spd", "tied")
+    )
     value -= np.log(theta[MIXED["gain"]]).sum()
     assert geometry.barrier(CONE, theta) == pytest.approx(value, rel=1e-10, abs=1e-10)
     assert CONE.degree == 3 + 4 + 3 + 4 + 1 + 6 + 3
@@ -274,8 +286,9 @@ def test_the_charts_rate_is_that_of_the_cholesky_factor(seed):
     rng = np.random.default_rng(seed)
     theta, theta_rate = physical(rng), rng.standard_normal(len(MIXED))
     eta = chart.to_chart(CONE, theta)
-    np.testing.assert_allclose(chart.from_chart(CONE, eta, PAIRING), theta, rtol=1e-12,
-                               atol=1e-12 * np.abs(theta).max())  # fmt: skip
+    np.testing.assert_allclose(
+        chart.from_chart(CONE, eta, PAIRING), theta, rtol=1e-12, atol=1e-12 * np.abs(theta).max()
+    )
     rate = chart.chart_rate(CONE, eta, theta_rate)
     for part, place in MIXED:
         own, expected = rate[place], theta_rate[place]
@@ -384,8 +397,13 @@ def test_no_start_and_no_gain_leaves_the_cone():
         states = identify(build("bluerov2", prior, gain=100.0), measured)
         assert all(geometry.inside(cone, s.theta_hat) for s in states)
         system = scenario_plant("bluerov2").system
-        plain = paper_identifier(system, np.full(6, 6.0), 100.0 * system.space.scale**2, prior,
-                                    scenario_plant("bluerov2").dt)  # fmt: skip
+        plain = paper_identifier(
+            system,
+            np.full(6, 6.0),
+            100.0 * system.space.scale**2,
+            prior,
+            scenario_plant("bluerov2").dt,
+        )
         state = plain.init(measured[0])
         for before, after in pairwise(measured):
             state = plain.step(state, before, after)
@@ -450,8 +468,9 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
         v_hat, theta_hat = reference_step(law, state, before, after)
         following = law.step(state, before, after)
         np.testing.assert_allclose(following.v_hat, v_hat, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(following.theta_hat / scale, theta_hat / scale, rtol=1e-12,
-                                   atol=1e-12)  # fmt: skip
+        np.testing.assert_allclose(
+            following.theta_hat / scale, theta_hat / scale, rtol=1e-12, atol=1e-12
+        )
         moved = max(moved, np.abs((following.theta_hat - state.theta_hat) / scale).max())
         state = following
     assert moved > 1e-6  # else there was nothing to compare

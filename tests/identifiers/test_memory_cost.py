@@ -244,9 +244,13 @@ def test_a_row_without_excitation_has_no_cost():
     moving = (np.arange(log.plant.system.n) != 1)[:, None, None]
     theta = near(log, np.random.default_rng(1))
     means = memory.means
-    still = memory._replace(means=means._replace(
-        gramian=moving * means.gramian, lagged=moving * means.lagged, last=moving[:, 0] * means.last
-    ))  # fmt: skip
+    still = memory._replace(
+        means=means._replace(
+            gramian=moving * means.gramian,
+            lagged=moving * means.lagged,
+            last=moving[:, 0] * means.last,
+        )
+    )
     found = quotient(still.means, log.plant.system.space)
     assert found is not None
     cost, view = found.weighted(theta, still)

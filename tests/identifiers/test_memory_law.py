@@ -52,9 +52,11 @@ def build(
     scenario, log = load(name), driven(name, 0.1)
     assert isinstance(scenario.identifier, NullspaceAID)
     config = replace(
-        scenario.identifier, law="memory", memory=MemoryConfig(**memory),
+        scenario.identifier,
+        law="memory",
+        memory=MemoryConfig(**memory),
         interpolation=interpolation,
-    )  # fmt: skip
+    )
     law = config.build(log.plant.system, prior, log.dt, levels)
     assert isinstance(law, NullspaceIdentifier)
     return law
@@ -116,8 +118,10 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
             cost, _ = found.weighted(theta, memory)
             ahead, seen = law.memory.settle(theta, memory)
             assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
-            old, new = (reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
-                        for x in (theta, ahead))  # fmt: skip
+            old, new = (
+                reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
+                for x in (theta, ahead)
+            )
             assert new <= old * (1 + 1e-9) + reach * rounding(cost, theta)
             before, after = (decrement(law, cost, theta, x) for x in (theta, ahead))
             assert after < max(1e-3 * before, 0.03)
@@ -483,8 +487,10 @@ def test_the_record_has_what_was_spent_and_the_summary_the_confidence(finished):
 
 def test_a_log_is_replayed_to_the_bit(finished):
     record, law = finished.record, finished.identifiers[""]
-    rows = [Measurement(float(t), q, v, u)
-            for t, q, v, u in zip(*(record[k] for k in "tqvu"), strict=True)]  # fmt: skip
+    rows = [
+        Measurement(float(t), q, v, u)
+        for t, q, v, u in zip(*(record[k] for k in "tqvu"), strict=True)
+    ]
     states = identify(law, rows)
     assert (np.array([s.theta_hat for s in states]) == record["theta_hat"]).all()
     assert (np.array([s.spent for s in states]) == record["spent"]).all()
@@ -516,8 +522,20 @@ def test_a_law_is_a_flag_and_survives_json(law):
 
 
 def test_every_number_of_the_memory_is_a_flag():
-    words = ["--window", "0.2", "--block", "0.05", "--interval", "1", "--pace", "3",
-             "--anchor", "0.5", "--horizon", "20"]  # fmt: skip
+    words = [
+        "--window",
+        "0.2",
+        "--block",
+        "0.05",
+        "--interval",
+        "1",
+        "--pace",
+        "3",
+        "--anchor",
+        "0.5",
+        "--horizon",
+        "20",
+    ]
     chosen, _ = parse("bluerov2", load("bluerov2"), words)
     assert isinstance(chosen.identifier, NullspaceAID)
     memory = MemoryConfig(window=0.2, block=0.05, interval=1.0, pace=3.0, anchor=0.5, horizon=20.0)

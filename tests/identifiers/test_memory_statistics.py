@@ -154,8 +154,9 @@ def test_the_innovation_gramian_equals_that_of_all_differences(horizon):
     assert (view.rho > 0.1).any()  # else nothing is taken away
     fresh = listed - view.rho[:, None] * before
     expected = np.einsum("k,kip,kiq->ipq", weight, fresh, fresh)
-    np.testing.assert_allclose(cost.gramian, expected, rtol=1e-8,
-                               atol=1e-12 * np.abs(expected).max())  # fmt: skip
+    np.testing.assert_allclose(
+        cost.gramian, expected, rtol=1e-8, atol=1e-12 * np.abs(expected).max()
+    )
     assert np.linalg.eigvalsh(cost.gramian).min() > -1e-12 * np.abs(expected).max()
     level = np.einsum("k,ki->i", weight, (fresh @ theta) ** 2) / (found.effort @ theta**2)
     np.testing.assert_allclose(cost.weights, kept.means.blocks / level, rtol=1e-8)
@@ -172,8 +173,12 @@ def test_the_noise_gramian_equals_that_of_many_draws(name):
     for seed in range(draws):
         change = blocks(same, noisy(log, noise, seed)) - clean
         before = np.concatenate([np.zeros_like(change[:1]), change[:-1]])
-        true.append([np.einsum("kip,kip,pp->i", change, other, scale) / len(change)
-                     for other in (change, before)])  # fmt: skip
+        true.append(
+            [
+                np.einsum("kip,kip,pp->i", change, other, scale) / len(change)
+                for other in (change, before)
+            ]
+        )
         own, rng = recorder(log, levels=noise.levels), np.random.default_rng(seed + draws)
         unit = rng.standard_normal(own._draws.shape)
         own.__dict__["_draws"] = unit * np.array(noise.levels)[:, None]

@@ -139,8 +139,10 @@ def test_difference_is_the_short_way_for_either_sign_of_the_quaternion(seed):
     step = spatial.pose_difference(q0, q1)
     assert np.linalg.norm(step[3:]) <= np.pi * (1 + 1e-15)
     same_pose(spatial.pose_integrate(q0, step), q1, 2e-14)
-    flipped = [spatial.pose_difference(np.r_[q0[:3], a * q0[3:]], np.r_[q1[:3], b * q1[3:]])
-               for a, b in ((1, -1), (-1, 1), (-1, -1))]  # fmt: skip
+    flipped = [
+        spatial.pose_difference(np.r_[q0[:3], a * q0[3:]], np.r_[q1[:3], b * q1[3:]])
+        for a, b in ((1, -1), (-1, 1), (-1, -1))
+    ]
     for other in flipped:
         near(other, step, 1e-13)
 
@@ -235,8 +237,11 @@ def test_the_bracket_is_pinocchios(seed):
 def test_the_planar_bracket_is_the_spatial_one_in_the_plane(seed):
     a, b = np.random.default_rng(seed).standard_normal((2, 3))
     near(flat(spatial.bracket(3, a, b)), spatial.bracket(6, flat(a), flat(b)), 1e-15)
-    near(flat(spatial.coadjoint(3, a, b)), [1, 1, 0, 0, 0, 1]
-         * spatial.coadjoint(6, flat(a), flat(b)), 1e-15)  # fmt: skip
+    near(
+        flat(spatial.coadjoint(3, a, b)),
+        [1, 1, 0, 0, 0, 1] * spatial.coadjoint(6, flat(a), flat(b)),
+        1e-15,
+    )
 
 
 @FEW
@@ -248,8 +253,11 @@ def test_the_bracket_is_antisymmetric_and_obeys_jacobi(seed, group):
         return spatial.bracket(g, x, y)
 
     near(bracket(a, b), -bracket(b, a), 1e-15)
-    near(bracket(a, bracket(b, c)) + bracket(b, bracket(c, a)) + bracket(c, bracket(a, b)),
-         np.zeros(len(a)), 1e-14)  # fmt: skip
+    near(
+        bracket(a, bracket(b, c)) + bracket(b, bracket(c, a)) + bracket(c, bracket(a, b)),
+        np.zeros(len(a)),
+        1e-14,
+    )
     assert (bracket(a, b)[g:] == 0).all()
 
 
@@ -269,9 +277,10 @@ def test_the_bracket_is_what_two_steps_do_not_commute_by(seed, group):
     rng = np.random.default_rng(seed)
     a, b = rng.standard_normal((2, group))
     integrate, difference = (
-        (spatial.pose_integrate, spatial.pose_difference) if group == 6
+        (spatial.pose_integrate, spatial.pose_difference)
+        if group == 6
         else (spatial.planar_integrate, spatial.planar_difference)
-    )  # fmt: skip
+    )
     start = np.r_[np.zeros(group // 2 if group == 6 else 3), [0, 0, 0, 1.0] if group == 6 else []]
     errors = []
     for size in (2e-2, 1e-2):

@@ -30,9 +30,14 @@ def test_46_margin_is_the_one_of_its_definition(tmp_path: Path, error: float, ho
     """
     table = bench("scalar_rov")
     scenario = Scenario(
-        table.config, table.excitation, table.law, initial_error=error, duration=20.0,
-        dt=table.dt, held_out=5.0,
-    )  # fmt: skip
+        table.config,
+        table.excitation,
+        table.law,
+        initial_error=error,
+        duration=20.0,
+        dt=table.dt,
+        held_out=5.0,
+    )
     result = run(scenario, tmp_path)
     summary = summarize(result, truth_of(result))
     Gamma = 0.1 * table.system.space.scale**2

@@ -42,11 +42,12 @@ CASES: dict[str, tuple[PlantConfig, DriverConfig]] = {
     "solo12, afloat": (FloatingBasePlant("solo12"), SINES),
     "bluerov2": (BlueROV2Plant(), SINES),
     "bluerov2, in MuJoCo's water": (
-        BlueROV2Plant(mismatch=Mismatch(lag=0.1, flow=(0.2, 0.1, 0.0), fluid="ellipsoid")), SINES
+        BlueROV2Plant(mismatch=Mismatch(lag=0.1, flow=(0.2, 0.1, 0.0), fluid="ellipsoid")),
+        SINES,
     ),
     "f1tenth, in the plane": (F1TenthPlant(), SINES),
     "scalar_rov": (ScalarRovPlant(), SINES),
-}  # fmt: skip
+}
 every_case = pytest.mark.parametrize("case", CASES)
 NOISE = {
     "exact": None,

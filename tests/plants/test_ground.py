@@ -35,11 +35,20 @@ CARS: dict[str, type[PlantConfig]] = {"f1tenth": F1TenthPlant, "bmw320i": BMW320
 cars = pytest.mark.parametrize("name", CARS)
 DRIVES = {
     "f1tenth": Driving(variation=0.55),
-    "bmw320i": Driving(speed=25.0, pace_low=0.02, pace_high=0.08, grip=5.0, steer_high=3.0,
-                       ground=1000.0),
-    "rover": Driving(speed=2.0, variation=0.2, pace_low=0.1, pace_high=0.6, grip=0.7,
-                     steer_low=0.05, steer_high=0.4, ground=40.0),
-}  # fmt: skip
+    "bmw320i": Driving(
+        speed=25.0, pace_low=0.02, pace_high=0.08, grip=5.0, steer_high=3.0, ground=1000.0
+    ),
+    "rover": Driving(
+        speed=2.0,
+        variation=0.2,
+        pace_low=0.1,
+        pace_high=0.6,
+        grip=0.7,
+        steer_low=0.05,
+        steer_high=0.4,
+        ground=40.0,
+    ),
+}
 car = partial(plant, dt=0.005)
 
 
@@ -111,8 +120,12 @@ def test_mujoco_moves_as_the_single_track_model(name, wind):
 def test_the_plant_is_of_fourth_order_in_the_step(name):
     q, v, u = START[name]
     expected = SingleTrack(car(name), car(name).system.wheelbase, u).end(q, v, 0.64)
-    errors = np.array([np.abs(hold(car(name, dt=dt), (q, v), u, 0.64) - expected).max()
-                       for dt in (0.016, 0.008, 0.004)])  # fmt: skip
+    errors = np.array(
+        [
+            np.abs(hold(car(name, dt=dt), (q, v), u, 0.64) - expected).max()
+            for dt in (0.016, 0.008, 0.004)
+        ]
+    )
     orders = np.log2(errors[:-1] / errors[1:])
     assert errors[-1] < 1e-6 and (orders > 3.5).all() and (orders < 5).all(), (errors, orders)
 
@@ -148,8 +161,16 @@ def test_m_is_positive_definite_and_c_is_skew(name):
 def test_without_spread_theta_is_the_published_car(name, stiffness):
     d, truth = numbers(name), car(name, spread=0.0).truth
     off = 0.5 * (d["rear"] - d["front"])  # the heavier end is the nearer one
-    expected = [d["mass"], d["mass"] * off, d["inertia"] + d["mass"] * off**2, *stiffness,
-                d["drive"], d["loss"], d["rolling"], d["drag"]]  # fmt: skip
+    expected = [
+        d["mass"],
+        d["mass"] * off,
+        d["inertia"] + d["mass"] * off**2,
+        *stiffness,
+        d["drive"],
+        d["loss"],
+        d["rolling"],
+        d["drag"],
+    ]
     np.testing.assert_allclose(truth, expected, rtol=1e-3)
 
 
@@ -269,10 +290,11 @@ def test_the_driver_stays_on_its_ground_and_within_the_tyres_speeds(name, seed):
 def test_the_driver_uses_only_the_prior():
     one, other = car("f1tenth", 1), car("f1tenth", 2)
     commands = [
-        DRIVES["f1tenth"].build(p.system, wrong_prior(one), np.random.default_rng(0))
+        DRIVES["f1tenth"]
+        .build(p.system, wrong_prior(one), np.random.default_rng(0))
         .command(1.0, np.array([60.0, 5.0, 0.3]), np.array([7.0, 0.1, 0.2]))
         for p in (one, other)
-    ]  # fmt: skip
+    ]
     assert (commands[0] == commands[1]).all()
 
 
@@ -439,7 +461,9 @@ def test_under_the_rovers_mismatch_the_estimate_stays_bounded_and_predicts_bette
     assert state.status is Status.completed
     start, end = (float(law.conserved(theta)) for theta in (prior, state.theta_hat))
     assert end == pytest.approx(start, rel=1e-6)
-    errors = {name: predicted(p, later, theta) for name, theta in
-              (("prior", prior), ("parts", p.truth), ("estimate", state.theta_hat))}  # fmt: skip
+    errors = {
+        name: predicted(p, later, theta)
+        for name, theta in (("prior", prior), ("parts", p.truth), ("estimate", state.theta_hat))
+    }
     assert 0.05 < errors["estimate"] < 0.9 * errors["prior"], errors
     assert errors["estimate"] < errors["parts"], errors

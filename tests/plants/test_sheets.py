@@ -60,9 +60,12 @@ def _inline(value: Any) -> str:
 def places(value: Any, path: tuple = ()) -> list[tuple]:
     """The paths of all values in a data sheet, tables and lists among them."""
     inner = (
-        value.items() if isinstance(value, dict)
-        else enumerate(value) if isinstance(value, list) else ()
-    )  # fmt: skip
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     return [p for k, v in inner for p in ((*path, k), *places(v, (*path, k)))]
 
 

@@ -123,8 +123,10 @@ def test_positive_fin_deflections_turn_the_vehicle_as_documented():
     """The rudders' lift to the left, astern, turns the nose right; the planes' upwards, down."""
     p = remus(spread=0.0)
     start = np.zeros(6), np.r_[2.0, np.zeros(5)]
-    rudders, planes = (hold(p, start, np.array(u), 1) - hold(p, start, np.zeros(5), 1)
-                       for u in ([0.1, 0.1, 0, 0, 0.0], [0, 0, 0.1, 0.1, 0.0]))  # fmt: skip
+    rudders, planes = (
+        hold(p, start, np.array(u), 1) - hold(p, start, np.zeros(5), 1)
+        for u in ([0.1, 0.1, 0, 0, 0.0], [0, 0, 0.1, 0.1, 0.0])
+    )
     assert rudders[11] < -0.02 and planes[10] > 0.02
     apart = hold(p, start, np.array([0.1, -0.1, 0, 0, 0.0]), 0.3)
     assert apart[9] < -0.1  # upper rudder to the left, lower to the right
@@ -169,23 +171,59 @@ def prestero(truth, names, u_fins, n):
 
     def rate(_, s):
         phi, th, psi, u, v, w, p, q, r = s[3:]
-        X = (-WB * np.sin(th) - k["dq_along"] * u * abs(u)
-             + (Zwd - m) * w * q + Zqd * q * q + (m - Yvd) * v * r - Yrd * r * r
-             - m * zg * p * r + k["thrust"] * abs(n) * (n - slip * u))  # fmt: skip
-        Y = (WB * np.cos(th) * np.sin(phi) - k["dq_across"] * v * abs(v) - k["lift_body"] * u * v
-             + (m - Zwd) * w * p + (Xud - m) * u * r - Zqd * p * q - m * zg * q * r)  # fmt: skip
-        Z = (WB * np.cos(th) * np.cos(phi) - k["dq_across"] * w * abs(w) - k["lift_body"] * u * w
-             + (m - Xud) * u * q + (Yvd - m) * v * p + Yrd * r * p
-             + m * zg * (p * p + q * q))  # fmt: skip
-        K = (-restoring * np.cos(th) * np.sin(phi) - k["dq_roll"] * p * abs(p)
-             - (Izz - Iyy) * q * r + m * zg * (u * r - w * p)
-             - k["torque"] * n * abs(n))  # fmt: skip
-        M = (-restoring * np.sin(th) - k["dq_turn"] * q * abs(q) - k["lift moment_body"] * u * w
-             - (Zwd - Xud) * u * w - Yrd * v * p + (Kpd - Nrd - Ixx + Izz) * r * p - Zqd * u * q
-             + m * zg * (v * r - w * q))  # fmt: skip
-        N = (-k["dq_turn"] * r * abs(r) + k["lift moment_body"] * u * v
-             - (Xud - Yvd) * u * v + Zqd * w * p - (Kpd - Mqd + Iyy - Ixx) * p * q
-             + Yrd * u * r)  # fmt: skip
+        X = (
+            -WB * np.sin(th)
+            - k["dq_along"] * u * abs(u)
+            + (Zwd - m) * w * q
+            + Zqd * q * q
+            + (m - Yvd) * v * r
+            - Yrd * r * r
+            - m * zg * p * r
+            + k["thrust"] * abs(n) * (n - slip * u)
+        )
+        Y = (
+            WB * np.cos(th) * np.sin(phi)
+            - k["dq_across"] * v * abs(v)
+            - k["lift_body"] * u * v
+            + (m - Zwd) * w * p
+            + (Xud - m) * u * r
+            - Zqd * p * q
+            - m * zg * q * r
+        )
+        Z = (
+            WB * np.cos(th) * np.cos(phi)
+            - k["dq_across"] * w * abs(w)
+            - k["lift_body"] * u * w
+            + (m - Xud) * u * q
+            + (Yvd - m) * v * p
+            + Yrd * r * p
+            + m * zg * (p * p + q * q)
+        )
+        K = (
+            -restoring * np.cos(th) * np.sin(phi)
+            - k["dq_roll"] * p * abs(p)
+            - (Izz - Iyy) * q * r
+            + m * zg * (u * r - w * p)
+            - k["torque"] * n * abs(n)
+        )
+        M = (
+            -restoring * np.sin(th)
+            - k["dq_turn"] * q * abs(q)
+            - k["lift moment_body"] * u * w
+            - (Zwd - Xud) * u * w
+            - Yrd * v * p
+            + (Kpd - Nrd - Ixx + Izz) * r * p
+            - Zqd * u * q
+            + m * zg * (v * r - w * q)
+        )
+        N = (
+            -k["dq_turn"] * r * abs(r)
+            + k["lift moment_body"] * u * v
+            - (Xud - Yvd) * u * v
+            + Zqd * w * p
+            - (Kpd - Mqd + Iyy - Ixx) * p * q
+            + Yrd * u * r
+        )
         for j, (z, delta) in enumerate(((-rf, u_fins[0]), (rf, u_fins[1]))):  # rudders
             side = -fin_rows[0][j] * (u * u * delta + u * (v + xf * r - z * p))
             brake = -fin_rows[1][j] * u * u * delta**2
@@ -196,12 +234,14 @@ def prestero(truth, names, u_fins, n):
             X, Z, K, M, N = X + brake, Z + side, K + y * side, M - xf * side, N - y * brake
         c, s_, t = np.cos, np.sin, np.tan
         place = [
-            c(psi) * c(th) * u + (c(psi) * s_(th) * s_(phi) - s_(psi) * c(phi)) * v
+            c(psi) * c(th) * u
+            + (c(psi) * s_(th) * s_(phi) - s_(psi) * c(phi)) * v
             + (s_(psi) * s_(phi) + c(psi) * c(phi) * s_(th)) * w,
-            s_(psi) * c(th) * u + (c(phi) * c(psi) + s_(phi) * s_(th) * s_(psi)) * v
+            s_(psi) * c(th) * u
+            + (c(phi) * c(psi) + s_(phi) * s_(th) * s_(psi)) * v
             + (s_(th) * s_(psi) * c(phi) - c(psi) * s_(phi)) * w,
             -s_(th) * u + c(th) * s_(phi) * v + c(th) * c(phi) * w,
-        ]  # fmt: skip
+        ]
         turn = [
             p + s_(phi) * t(th) * q + c(phi) * t(th) * r,
             c(phi) * q - s_(phi) * r,

@@ -84,8 +84,9 @@ def test_w_theta_is_zero_along_a_run(kind):
                 p.step(u)
             numbers, v = p.coordinates()
             mujoco.mj_forward(p.model, p.data)
-            W = system.regressor(0.0, np.r_[p.position(numbers), v], v,
-                                 p.body.acceleration(p.data), u)  # fmt: skip
+            W = system.regressor(
+                0.0, np.r_[p.position(numbers), v], v, p.body.acceleration(p.data), u
+            )
             assert np.abs(W @ theta).max() <= 1e-12 * np.abs(W * theta).max()
 
 

@@ -192,9 +192,16 @@ def branching() -> FlyingArm:
     scales = JointScales(np.ones(5), np.ones(5), ones, ones, ones, ones, ones, rotor=ones)
     sides = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]])
     return FlyingArm(
-        model, scales, np.ones(2), np.ones(2), np.ones(6), 0.2, sides,
-        np.tile([0.0, 0.0, 1.0], (2, 1)), np.array([1.0, -1.0]),
-    )  # fmt: skip
+        model,
+        scales,
+        np.ones(2),
+        np.ones(2),
+        np.ones(6),
+        0.2,
+        sides,
+        np.tile([0.0, 0.0, 1.0], (2, 1)),
+        np.array([1.0, -1.0]),
+    )
 
 
 SYSTEMS = {**{name: lambda name=name: plant(name).system for name in NAMES}, "tree": branching}
@@ -224,9 +231,17 @@ def test_compiled_stages_equal_the_regressors(name):
         states = loads.placed(tree.linkage, q[None], v[None])
         for sign in (1, -1):
             pivot = loaded_gradient(
-                tree, states[0], v, u, system.applied(states, u[None])[0], w, sign * theta, work,
-                a, gradient,
-            )  # fmt: skip
+                tree,
+                states[0],
+                v,
+                u,
+                system.applied(states, u[None])[0],
+                w,
+                sign * theta,
+                work,
+                a,
+                gradient,
+            )
             dense, W, smallest = Dense(system).evaluate_at(0.0, q, v, u, w, sign * theta)
             assert pivot == pytest.approx(smallest, rel=1e-9)
             if sign > 0:
@@ -325,8 +340,9 @@ def test_transport_is_the_rate_of_momentum_along_the_motion(name):
 def test_the_momentum_balance_equals_the_generic_one(name, leak):
     system = SYSTEMS[name]()
     rng = np.random.default_rng(4)
-    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)),
-                                              strict=True))  # fmt: skip
+    q, v, u = (
+        np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)), strict=True)
+    )
     log, qm, vm = Log(np.array([0.0, 0.1, 0.2, 0.3]), q[:4], v[:4], u[:4]), q[1:4], v[2:]
     fast = system.momentum_balance(leak, log, qm, vm)
     for one, other in zip(fast, Dense(system).momentum_balance(leak, log, qm, vm), strict=True):
@@ -355,8 +371,9 @@ def test_mujoco_moves_as_the_system_says(name):
         assert_engines_agree(plant(name), seed, acceleration_tolerance=1e-11)
 
 
-@pytest.mark.parametrize("config", [UvmsPlant(spread=0.9), UvmsPlant(spread=0.0),
-                                    FlyingArmPlant(spread=0.5)])  # fmt: skip
+@pytest.mark.parametrize(
+    "config", [UvmsPlant(spread=0.9), UvmsPlant(spread=0.0), FlyingArmPlant(spread=0.5)]
+)
 def test_mujoco_agrees_for_any_hidden_numbers(config):
     p = config.build(1e-3, 3)
     for seed in range(3):
@@ -387,9 +404,7 @@ def test_hydrodynamic_forces_depend_on_the_velocity_relative_to_the_water():
     turned = unrotate(still.position(numbers)[3:7], flow)
     along = v.copy()
     along[:3] += turned
-    expected, got = (
-        acceleration(still, numbers, v, u), acceleration(moved, numbers, along, u)
-    )  # fmt: skip
+    expected, got = (acceleration(still, numbers, v, u), acceleration(moved, numbers, along, u))
     got[:3] += np.cross(v[3:6], turned)  # the body's axes turn against the flow's velocity
     assert_near(got, expected, 1e-12)
     assert np.abs(acceleration(moved, numbers, v, u) - expected).max() > 1e-2

@@ -90,10 +90,20 @@ def seconds(time: object) -> float:
 
 def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
     entities = read(arm)
-    for name in ("velocity_error", "distance/NS-AID", "theta_perp", "share", "lyapunov",
-                 "conserved", "excitation/all", "excitation/perpendicular", "result",
-                 "estimate/motor_gain/estimated", "estimate/motor_gain/true_direction",
-                 "estimate/link_6/estimated"):  # fmt: skip
+    for name in (
+        "velocity_error",
+        "distance/NS-AID",
+        "theta_perp",
+        "share",
+        "lyapunov",
+        "conserved",
+        "excitation/all",
+        "excitation/perpendicular",
+        "result",
+        "estimate/motor_gain/estimated",
+        "estimate/motor_gain/true_direction",
+        "estimate/link_6/estimated",
+    ):
         assert f"/{name}" in entities
     meshes = [
         e for e in entities if e.startswith("/robot/") and "Mesh3D:vertex_positions" in entities[e]

@@ -27,14 +27,22 @@ def memorised(name: str, folder, **changes) -> dict[str, Any]:
 
 
 VEHICLES = ["scalar_rov", "bluerov2", "remus100", "astrobee", "f1tenth", "bmw320i"]
-LONG = [("hummingbird", 30.0), ("crazyflie", 30.0), ("uvms", 60.0), ("borinot", 30.0),
-        ("double_pendulum", 30.0)]  # fmt: skip
+LONG = [
+    ("hummingbird", 30.0),
+    ("crazyflie", 30.0),
+    ("uvms", 60.0),
+    ("borinot", 30.0),
+    ("double_pendulum", 30.0),
+]
 
 
-@pytest.mark.parametrize("name,seconds", [
-    *((name, 30.0) for name in VEHICLES),
-    *(pytest.param(name, seconds, marks=pytest.mark.slow) for name, seconds in LONG),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name,seconds",
+    [
+        *((name, 30.0) for name in VEHICLES),
+        *(pytest.param(name, seconds, marks=pytest.mark.slow) for name, seconds in LONG),
+    ],
+)
 def test_the_memory_law_finds_the_true_set_of_every_vehicle(name, seconds, tmp_path):
     """Asked of it are 1e-3 and 5e-4, and to try for 1e-5."""
     summary = memorised(name, tmp_path, duration=seconds)
@@ -46,9 +54,16 @@ def test_the_memory_law_finds_the_true_set_of_every_vehicle(name, seconds, tmp_p
         assert summary["lyapunov_violations"] == 0
 
 
-@pytest.mark.parametrize("name", [
-    "ur5", *(pytest.param(name, marks=pytest.mark.slow)
-             for name in ("panda", "xarm7", "z1", "kinova"))])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ur5",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("panda", "xarm7", "z1", "kinova")
+        ),
+    ],
+)
 def test_the_memory_law_finds_an_arms_gains_in_ten_seconds(name, tmp_path):
     """Asked of it are 0.002 and 3e-4; a UR5 is held to 1e-5."""
     summary = memorised(name, tmp_path, duration=10.0, held_out=5.0)
@@ -62,10 +77,13 @@ def test_the_memory_law_finds_an_arms_gains_in_ten_seconds(name, tmp_path):
 @pytest.mark.parametrize("name", ["bluerov2", "ur5"])
 def test_the_memory_law_reaches_its_accuracy_under_noise(name, tmp_path):
     """20 s, at most what well-tuned filtered least squares leaves on slower UR5 data."""
-    found = [memorised(name, tmp_path / str(seed), duration=20.0, sensors="noisy", seed=seed)
-             for seed in range(3)]  # fmt: skip
-    gains, forces = (sorted(s[key] for s in found)[1]
-                     for key in ("actuator_ratio_error", "force_residual_ratio"))  # fmt: skip
+    found = [
+        memorised(name, tmp_path / str(seed), duration=20.0, sensors="noisy", seed=seed)
+        for seed in range(3)
+    ]
+    gains, forces = (
+        sorted(s[key] for s in found)[1] for key in ("actuator_ratio_error", "force_residual_ratio")
+    )
     assert gains < 0.012
     assert forces < (5e-4 if name == "ur5" else 5e-3)
     covered = [s["confidence"]["covered"] for s in found]

@@ -215,10 +215,25 @@ def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
 
 def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
     code = command(
-        ["compare", "scalar_rov", "--methods", "paper,ols", "--seeds", "0:2", "--durations", "2,4",
-         "--sensors", "ideal,noisy", "--noise-scales", "0.5,2", "--out", str(tmp_path / "out"),
-         "--initial-error", "0.2"]
-    )  # fmt: skip
+        [
+            "compare",
+            "scalar_rov",
+            "--methods",
+            "paper,ols",
+            "--seeds",
+            "0:2",
+            "--durations",
+            "2,4",
+            "--sensors",
+            "ideal,noisy",
+            "--noise-scales",
+            "0.5,2",
+            "--out",
+            str(tmp_path / "out"),
+            "--initial-error",
+            "0.2",
+        ]
+    )
     assert code == 0
     printed = capsys.readouterr().out
     assert "exact sensors, 4 s" in printed and "2 × noise, 2 s" in printed
@@ -232,13 +247,25 @@ def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
         cell["theta_perp_ratio"] for cell in found["cells"]
     ]
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"compare.json", "compare.csv", "data_length.png", "noise.png",
-                     "wall_time.png"}  # fmt: skip
+    assert names == {"compare.json", "compare.csv", "data_length.png", "noise.png", "wall_time.png"}
 
 
 def test_as_json_it_prints_nothing_else(tmp_path, capsys):
-    command(["compare", "scalar_rov", "--methods", "ols", "--seeds", "1", "--durations", "2",
-             "--out", str(tmp_path), "--json"])  # fmt: skip
+    command(
+        [
+            "compare",
+            "scalar_rov",
+            "--methods",
+            "ols",
+            "--seeds",
+            "1",
+            "--durations",
+            "2",
+            "--out",
+            str(tmp_path),
+            "--json",
+        ]
+    )
     assert json.loads(capsys.readouterr().out)["methods"] == ["ols"]
 
 

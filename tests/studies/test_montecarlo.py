@@ -37,9 +37,11 @@ from nsaid_mj.studies import montecarlo, sweep_results
 from nsaid_mj.studies.montecarlo import Course, Plan, monte_carlo
 
 ARM = Scenario(
-    ArmPlant("double_pendulum"), FourierTracking(0.2),
-    NullspaceAID(gain=0.3), duration=1.2,
-)  # fmt: skip
+    ArmPlant("double_pendulum"),
+    FourierTracking(0.2),
+    NullspaceAID(gain=0.3),
+    duration=1.2,
+)
 BOAT = Scenario(
     BlueROV2Plant(), MultisineCommand(0.1, 1.0), NullspaceAID(6.0, 0.6), duration=6.0, dt=0.01
 )
@@ -142,24 +144,31 @@ def test_a_diverging_identifier_does_not_affect_the_others(monkeypatch):
     assert found[:2] + found[3:] == want[:2] + want[3:]
 
 
-@pytest.mark.parametrize("gain,drift,status", [
-    (1e6, 1e-3, Status.estimate_not_positive_definite), (1e3, 0.0, Status.adaptation_too_fast),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "gain,drift,status",
+    [
+        (1e6, 1e-3, Status.estimate_not_positive_definite),
+        (1e3, 0.0, Status.adaptation_too_fast),
+    ],
+)
 def test_a_failed_run_ends_as_it_does_alone(gain, drift, status, monkeypatch, tmp_path):
     monkeypatch.setattr(following, "DRIFT", drift)
     scenario = replace(ARM, identifier=NullspaceAID(gain=gain))
     rows = monte_carlo(scenario, 2, shared=False)
     for k, row in enumerate(rows):
         alone = experiment.run(replace(scenario, seed=row["seed"]), tmp_path / str(k))
-        assert (row["status"], row["status_time"]) == (
-            alone.ending.status.words, alone.ending.time
-        )  # fmt: skip
+        assert (row["status"], row["status_time"]) == (alone.ending.status.words, alone.ending.time)
         assert row["status"] == status.words
 
 
 def test_a_plant_that_diverges_ends_its_runs():
-    wild = replace(BOAT, dt=0.5, duration=200.0, identifier=NullspaceAID(K=1.0, gain=1e-6),
-                   excitation=MultisineCommand(0.1, 0.4, amplitude=1e4))  # fmt: skip
+    wild = replace(
+        BOAT,
+        dt=0.5,
+        duration=200.0,
+        identifier=NullspaceAID(K=1.0, gain=1e-6),
+        excitation=MultisineCommand(0.1, 0.4, amplitude=1e4),
+    )
     rows = monte_carlo(wild, 3, jobs=2, shared=False)
     assert {row["status"] for row in rows} <= {s.words for s in Status}
     assert any(row["status"] == Status.plant_diverged.words for row in rows)
@@ -198,9 +207,13 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
     """Whether every bit is."""
     same = (np.array_equal(a, b, equal_nan=True) for a, b in zip(one[1], other[1], strict=True))
     (a, b), parts = (one[0], other[0]), ("t", "v_hat", "theta_hat", "pivot", "spent")
-    return a.status == b.status and all(same) and all(
-        np.array_equal(getattr(a, part), getattr(b, part), equal_nan=True) for part in parts
-    )  # fmt: skip
+    return (
+        a.status == b.status
+        and all(same)
+        and all(
+            np.array_equal(getattr(a, part), getattr(b, part), equal_nan=True) for part in parts
+        )
+    )
 
 
 def followed(laws: list[NullspaceIdentifier], log: Log, monkeypatch) -> tuple[list, int]:

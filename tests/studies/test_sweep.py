@@ -151,8 +151,20 @@ def test_a_dask_cluster_gives_the_same_results(sweep: Sweep, tmp_path: Path) -> 
 
 
 def test_a_killed_sweep_resumes(tmp_path: Path) -> None:
-    words = ("scalar_rov", "--vary", "identifier.gain=0.1,1", "--seeds", "3", "--jobs", "1",
-             *SHORT, "--duration", "8", "--out", tmp_path / "out")  # fmt: skip
+    words = (
+        "scalar_rov",
+        "--vary",
+        "identifier.gain=0.1,1",
+        "--seeds",
+        "3",
+        "--jobs",
+        "1",
+        *SHORT,
+        "--duration",
+        "8",
+        "--out",
+        tmp_path / "out",
+    )
     rows = tmp_path / "out" / ROWS
     process = start("sweep", *words, cwd=tmp_path)
     end = time.monotonic() + PATIENCE
@@ -286,12 +298,17 @@ def test_runs_that_never_converged_count_as_infinite(sweep: Sweep) -> None:
     group = sweep.by("sensors")[0]
     assert group.values == {"sensors": "ideal"}
     assert [row["run"] for row in group.rows] == [0, 2, 4, 6]
-    rows = [{**row, "time_to_converge": time} for row, time in
-            zip(group.rows, (None, 3.0, 1.0, 2.0), strict=True)]  # fmt: skip
+    rows = [
+        {**row, "time_to_converge": time}
+        for row, time in zip(group.rows, (None, 3.0, 1.0, 2.0), strict=True)
+    ]
     group = type(group)(group.values, rows)
     assert [group.quantile("time_to_converge", share) for share in (0.05, 0.5, 0.75, 0.95)] == [
-        1.0, 2.0, 3.0, np.inf,
-    ]  # fmt: skip
+        1.0,
+        2.0,
+        3.0,
+        np.inf,
+    ]
 
 
 # -- the page ------------------------------------------------------------------------------------
@@ -319,9 +336,13 @@ def test_the_page_shows_every_combination_and_is_well_formed(sweep: Sweep) -> No
 def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Sweep, tmp_path: Path) -> None:
     evil = "<script>alert('x')</script>\"&$x$"
     manifest = sweep.manifest | {
-        "script": evil, "seeds": evil, "master_seed": evil, "versions": {evil: evil},
-        "arguments": [evil], "vary": {evil: [evil, "other"]},
-    }  # fmt: skip
+        "script": evil,
+        "seeds": evil,
+        "master_seed": evil,
+        "versions": {evil: evil},
+        "arguments": [evil],
+        "vary": {evil: [evil, "other"]},
+    }
     rows = [{**row, evil: value, "seed": evil} for row in sweep.rows for value in (evil, "other")]
     rows[0] |= {"failure": evil}
     rows[1] |= {"status": evil}
@@ -393,8 +414,18 @@ def test_failures_are_retried_only_on_request(fates: Path, tmp_path: Path) -> No
 def test_a_failed_run_is_listed_with_its_command_and_exits_with_1(
     fates: Path, tmp_path: Path
 ) -> None:
-    code, said = shell("sweep", fates, "--vary", "fate=lives,dies", "--seeds", "1", "--jobs", "1",
-                       "--out", tmp_path / "out")  # fmt: skip
+    code, said = shell(
+        "sweep",
+        fates,
+        "--vary",
+        "fate=lives,dies",
+        "--seeds",
+        "1",
+        "--jobs",
+        "1",
+        "--out",
+        tmp_path / "out",
+    )
     assert code == cli.FAILED
     assert "1 of 2 runs have a result" in said.out
     assert "exit code 3" in said.out
@@ -406,11 +437,17 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(fates: Path, tmp_pa
     scenario = load(str(fates))
     plan = Plan(str(fates), scenario, {"excitation.fate": named}, seeds=1)
     found = run(plan, tmp_path / "out", Engine(jobs=2, timeout=3.0), quiet=True)
-    why = {"lives": None, "dies": "its process died: exit code 3", "kills": "its worker died",
-           "hangs": "no end within 3 s", "errs": "ZeroDivisionError: by nought"}  # fmt: skip
+    why = {
+        "lives": None,
+        "dies": "its process died: exit code 3",
+        "kills": "its worker died",
+        "hangs": "no end within 3 s",
+        "errs": "ZeroDivisionError: by nought",
+    }
     assert [row["run"] for row in found.rows] == list(range(len(plan)))
-    assert [row["failure"] for row in found.rows] == [why[row["excitation.fate"]]
-                                                      for row in found.rows]  # fmt: skip
+    assert [row["failure"] for row in found.rows] == [
+        why[row["excitation.fate"]] for row in found.rows
+    ]
     assert found.rows[-1]["theta_perp_ratio"] > 0
     assert "kills" in found.command(found.rows[1])
     assert str(found.rows[1]["seed"]) in found.command(found.rows[1])

@@ -103,7 +103,7 @@ def flown(true: Hydrodynamics, commands: list[Array], each: float, lag: float = 
     for u in commands:
         x = solve_ivp(
             Fossen(true, u, lag), (0, each), x, method="DOP853", rtol=1e-13, atol=1e-14
-        ).y[:, -1]  # fmt: skip
+        ).y[:, -1]
     return x
 
 
@@ -119,8 +119,7 @@ def true_numbers(kind: str) -> Hydrodynamics:
         body = pin.Inertia(13.5, np.array([0.03, -0.02, -0.04]), _spd(rng, [0.26, 0.23, 0.37], 0.1))
         root = np.sqrt(np.diag(true.added))
         added = np.outer(root, root) * _spd(rng, np.ones(6), 0.25)
-        true = replace(true, rigid=body.matrix(), added=added,
-                       righting=np.array([0.5, -0.4, 2.0]))  # fmt: skip
+        true = replace(true, rigid=body.matrix(), added=added, righting=np.array([0.5, -0.4, 2.0]))
     return replace(true, flow=np.array(FLOW)) if "current" in kind else true
 
 

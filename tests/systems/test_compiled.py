@@ -28,8 +28,14 @@ from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 from tests.support.dense import Dense
 
-FEW = ["double_pendulum held", "kinova held", "panda held", "xarm7 held", "borinot free",
-       "solo12 free"]  # fmt: skip
+FEW = [
+    "double_pendulum held",
+    "kinova held",
+    "panda held",
+    "xarm7 held",
+    "borinot free",
+    "solo12 free",
+]
 robots = pytest.mark.parametrize("robot", FEW)
 BAR = 1e-12
 
@@ -46,8 +52,10 @@ def pair(robot: str) -> tuple[Multibody, CompiledMultibody]:
     """(Pinocchio's, ours); every other robot has no rotors."""
     scales = nominal_scales(model(robot), ArmPlant(armature=None if len(robot) % 2 else 0.0))
     friction_speed = np.full(len(scales.gain), 0.05)
-    return (Multibody(model(robot), scales, friction_speed),
-            CompiledMultibody(model(robot), scales, friction_speed))  # fmt: skip
+    return (
+        Multibody(model(robot), scales, friction_speed),
+        CompiledMultibody(model(robot), scales, friction_speed),
+    )
 
 
 def draw(robot: str, seed: int):
@@ -153,8 +161,9 @@ def test_every_lane_of_a_stage_has_the_bits_of_the_stage_alone(robot):
     assert smallest == pivots.min() > 0
     for lane in range(LANES):
         own = np.empty(ours.n), np.empty((1, ours.p))
-        pivot = tree_gradient(linkage, state, v, u, w[lane], theta[lane],
-                              tree_work(linkage, ours.n), *own)  # fmt: skip
+        pivot = tree_gradient(
+            linkage, state, v, u, w[lane], theta[lane], tree_work(linkage, ours.n), *own
+        )
         assert pivot == pivots[lane]
         assert a[lane::LANES].tobytes() == own[0].tobytes()
         assert gradient[lane::LANES].tobytes() == own[1].tobytes()
@@ -170,8 +179,9 @@ def test_a_tree_of_one_joint_equals_pinocchios(joint):
     alone.addJoint(0, joint, place, "joint")
     alone.inertias[1] = pin.Inertia.FromSphere(2.0, 0.1)
     scales = nominal_scales(alone, ArmPlant())
-    theirs, ours = (structure(alone, scales, np.array([0.05]))
-                    for structure in (Multibody, CompiledMultibody))  # fmt: skip
+    theirs, ours = (
+        structure(alone, scales, np.array([0.05])) for structure in (Multibody, CompiledMultibody)
+    )
     q, v, u = theirs.random_state(rng)
     w, a = rng.standard_normal((2, 1))
     near(ours._W(0.0, q, v, w, a, u), theirs._W(0.0, q, v, w, a, u))
@@ -243,8 +253,9 @@ def motion(robot: str, steps: int, dt: float) -> list[Measurement]:
 @pytest.mark.parametrize("interpolation", ["hermite", "linear"])
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])
 def test_the_compiled_step_equals_the_step_by_pinocchio(robot, law, interpolation):
-    config = NullspaceAID(law=law, interpolation=interpolation,
-                          memory=MemoryConfig(block=0.004, interval=0.01))  # fmt: skip
+    config = NullspaceAID(
+        law=law, interpolation=interpolation, memory=MemoryConfig(block=0.004, interval=0.01)
+    )
     samples, ends = motion(robot, 30, 1e-3), []
     for system in pair(robot):
         identifier = config.build(system, true_theta(robot), 1e-3)
@@ -321,9 +332,11 @@ def test_runs_with_both_backends_end_alike(tmp_path):
     scenario = replace(load("double_pendulum"), duration=1.0)
     assert isinstance(scenario.plant, ArmPlant)
     theirs, ours = (
-        run(replace(scenario, plant=replace(scenario.plant, backend=backend)), tmp_path / backend)
-        .record["theta_hat"] for backend in get_args(Backend)
-    )  # fmt: skip
+        run(
+            replace(scenario, plant=replace(scenario.plant, backend=backend)), tmp_path / backend
+        ).record["theta_hat"]
+        for backend in get_args(Backend)
+    )
     assert np.abs(theirs[-1] - theirs[0]).max() > 0
     near(ours, theirs, 1e-9)
 

@@ -18,10 +18,26 @@ from tests.support.matrices import assert_near
 from tests.support.plants import draw_state, plant
 
 ROBOTS = [
-    "alexander", "anymal_c", "bluevolta_bravo7_no_ee", "bolt", "borinot", "falcon_bravo7_no_ee",
-    "go2", "hextilt", "hyq", "laikago", "pr2", "quadruped", "simple_humanoid",
-    "simple_humanoid_classical", "so100", "solo12", "solo8", "talos", "talos_legs",
-]  # fmt: skip
+    "alexander",
+    "anymal_c",
+    "bluevolta_bravo7_no_ee",
+    "bolt",
+    "borinot",
+    "falcon_bravo7_no_ee",
+    "go2",
+    "hextilt",
+    "hyq",
+    "laikago",
+    "pr2",
+    "quadruped",
+    "simple_humanoid",
+    "simple_humanoid_classical",
+    "so100",
+    "solo12",
+    "solo8",
+    "talos",
+    "talos_legs",
+]
 robots = pytest.mark.parametrize("robot", ROBOTS)
 FEW = pytest.mark.parametrize("robot", ["borinot", "pr2", "solo12"])
 
