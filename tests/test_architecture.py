@@ -85,7 +85,7 @@ def circles(graph: dict[str, set[str]]) -> list[set[str]]:
     return found
 
 
-def test_every_room_has_its_line():
+def test_every_package_folder_is_in_the_order_of_imports():
     assert {part(module) for module in FILES} == set(LINE)
 
 
@@ -95,12 +95,12 @@ def test_there_are_at_most_24_rooms():
 
 
 @pytest.mark.parametrize("module", FILES)
-def test_a_part_imports_from_its_own_line_and_those_before(module):
+def test_a_module_imports_only_from_its_own_line_and_earlier_ones(module):
     later = {m for m in GRAPH[module] if LINE[part(m)] > LINE[part(module)]}
     assert not later
 
 
-def test_no_two_modules_import_each_other_even_lazily():
+def test_no_modules_import_each_other_even_inside_functions():
     own = {m: {n for n in GRAPH[m] if not n.startswith(f"{m}.")} for m in FILES}
     assert circles(own) == []
 
@@ -137,7 +137,7 @@ def written(path: Path) -> set[str]:
     return found
 
 
-def test_the_package_itself_is_weightless():
+def test_importing_the_package_loads_nothing_heavy():
     modules = imported("import nsaid_mj")
     assert ours(modules) == set()
     assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
@@ -152,12 +152,12 @@ def test_the_lower_rooms_load_nothing_heavy(room):
 
 
 @pytest.mark.parametrize("module", [m for m in FILES if part(m) == "systems"])
-def test_a_system_knows_no_world(module):
+def test_systems_import_neither_mujoco_nor_plants(module):
     assert not imported(f"import nsaid_mj.{module}") & (HEAVY - {"pinocchio"})
 
 
 @pytest.mark.parametrize("module", ["experiment.scenario", "experiment.loop", "cli.commands"])
-def test_a_run_loads_what_shows_it_only_when_it_is_shown(module):
+def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
     modules = imported(f"import nsaid_mj.{module}")
     assert not modules & {"rerun", "matplotlib"}
     assert module != "cli.commands" or not modules & (HEAVY | {"numpy", "numba"})
@@ -175,17 +175,17 @@ def test_a_run_loads_what_shows_it_only_when_it_is_shown(module):
         ("joblib", {"studies"}),
     ],
 )
-def test_a_heavy_package_has_its_home(package, homes):
+def test_heavy_packages_are_named_only_in_their_own_folders(package, homes):
     assert {part(m) for m, path in FILES.items() if package in written(path)} <= homes
 
 
-def test_a_sweeps_workers_wait_light():
+def test_a_sweep_worker_loads_no_heavy_package():
     """An engine's worker makes no run: its child does."""
     modules = imported("import nsaid_mj.studies.sweep_worker")
     assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
 
 
-def test_mujocos_coordinates_stay_with_the_plants():
+def test_mujoco_coordinates_are_converted_only_in_plants():
     """Everybody else gets the system's: see plants/coordinates.py."""
     theirs = {"qpos", "qvel", "qacc", "xpos", "xquat"}
     users = {
@@ -197,7 +197,7 @@ def test_mujocos_coordinates_stay_with_the_plants():
     assert users <= {"plants", "baselines"}
 
 
-def test_only_the_experiment_rehearses():
+def test_only_experiment_setup_imports_the_rehearsal():
     """An identifier is handed a Gramian; it does not simulate one."""
     users = {
         m
@@ -266,7 +266,7 @@ def calls(path: Path) -> set[str]:
     }
 
 
-def test_the_truth_is_read_after_the_fact_only():
+def test_only_evaluation_and_recording_read_the_truth():
     after = {"evaluation", "recording", "reporting", "studies"}
     readers = {m for m, path in FILES.items() if readers_of_truth(path)}
     assert {part(m) for m in readers} <= {"plants", "experiment"} | after
@@ -278,7 +278,7 @@ def test_the_experiment_reads_the_truth_for_the_prior_only():
     assert readers_of_truth(FILES["experiment.setup"]) == {"prior_for"}
 
 
-def test_whoever_judges_reads_a_plants_truth_in_one_place():
+def test_evaluation_reads_a_plants_truth_in_one_place():
     """`evaluation.truth.Truth`: everybody else is handed one, or None."""
     readers = {m for m, path in FILES.items() if "truth_at" in attributes(path)}
     assert {m for m in readers if part(m) != "plants"} == {"evaluation.truth"}
@@ -286,12 +286,12 @@ def test_whoever_judges_reads_a_plants_truth_in_one_place():
     assert {m for m in after if "setup" in attributes(FILES[m])} == {"evaluation.truth"}
 
 
-def test_many_runs_read_the_truth_to_judge_them_only():
+def test_studies_read_the_truth_only_to_evaluate_runs():
     readers = {"__post_init__", "ratio", "_row", "_rows"}
     assert readers_of_truth(FILES["studies.montecarlo"]) == readers
 
 
-def test_a_truth_is_made_after_the_fact_only():
+def test_a_truth_object_is_made_only_after_a_run():
     makers = {m for m, path in FILES.items() if calls(path) & {"Truth", "truth_of"}}
     assert makers == {
         "cli.commands",

@@ -26,9 +26,13 @@ FEW = settings(deadline=None, max_examples=200)
 
 shapes = st.lists(st.integers(0, 6), max_size=3).map(tuple)
 numbers = st.one_of(
-    st.floats(allow_nan=True, allow_infinity=True), st.integers(), st.booleans(), st.none(),
-    st.text(max_size=3), st.complex_numbers(max_magnitude=1e3),
-)  # fmt: skip
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.integers(),
+    st.booleans(),
+    st.none(),
+    st.text(max_size=3),
+    st.complex_numbers(max_magnitude=1e3),
+)
 nested = st.recursive(numbers, lambda inner: st.lists(inner, max_size=6), max_leaves=20)
 
 
@@ -62,12 +66,12 @@ def test_any_float_type_any_stride_and_lists_make_the_same_log(kind, how, as_lis
         np.testing.assert_array_equal(part, GOOD[name])
 
 
-def test_arrays_that_are_as_kept_are_not_copied():
+def test_contiguous_double_arrays_are_not_copied():
     log = Log(**GOOD)
     assert all(np.shares_memory(getattr(log, name), GOOD[name]) for name in PARTS)
 
 
-def test_one_coordinate_may_be_given_without_its_axis():
+def test_a_one_coordinate_log_accepts_flat_arrays():
     log = Log(GOOD["t"], np.arange(5), [1, 2, 3, 4, 5], GOOD["u"][:, 0])
     assert (log.q.shape, log.v.shape, log.u.shape) == ((5, 1),) * 3
 
@@ -89,7 +93,7 @@ def test_one_coordinate_may_be_given_without_its_axis():
         ("t", [0, 1, np.inf, 3, 4], "inf in row 2"),
     ],
 )
-def test_what_is_wrong_with_a_log_is_said(name, wrong, said):
+def test_an_invalid_log_raises_an_error_naming_the_fault(name, wrong, said):
     with pytest.raises(InvalidInput, match=said) as raised:
         Log(**(GOOD | {name: wrong}))
     assert raised.value.name == name
@@ -97,7 +101,7 @@ def test_what_is_wrong_with_a_log_is_said(name, wrong, said):
 
 @FEW
 @given(st.sampled_from(PARTS), nested)
-def test_anything_makes_a_sound_log_or_is_refused(name, anything):
+def test_any_input_makes_a_valid_log_or_raises_a_typed_error(name, anything):
     try:
         log = Log(**(GOOD | {name: anything}))
     except InvalidInput:
@@ -108,7 +112,7 @@ def test_anything_makes_a_sound_log_or_is_refused(name, anything):
 
 @FEW
 @given(st.sampled_from(PARTS), shapes)
-def test_arrays_of_any_shape_make_a_sound_log_or_are_refused(name, shape):
+def test_arrays_of_any_shape_make_a_valid_log_or_raise_a_typed_error(name, shape):
     try:
         log = Log(**(GOOD | {name: np.zeros(shape)}))
     except InvalidInput:
@@ -117,12 +121,12 @@ def test_arrays_of_any_shape_make_a_sound_log_or_are_refused(name, shape):
     assert {len(part) for part in log} == {len(log.t)}
 
 
-def test_replacing_a_part_checks_it():
+def test_replacing_a_column_of_a_log_checks_the_new_log():
     with pytest.raises(InvalidInput, match="rows"):
         Log(**GOOD)._replace(u=np.zeros((3, 1)))
 
 
-def test_measurements_make_a_log_and_come_back():
+def test_a_log_made_of_measurements_returns_the_same_measurements():
     rows = Log(**GOOD).rows
     again = Log.of(rows)
     assert all(np.array_equal(a, b) for a, b in zip(again, Log(**GOOD), strict=True))

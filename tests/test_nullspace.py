@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.nullspace import TOLERANCE, Nullspace, directions, split, structural
 from nsaid_mj.plants import ArmPlant, ScalarRovPlant
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=40)
-seeds = st.integers(0, 2**32 - 1)
 dims = st.tuples(st.integers(1, 8), st.integers(0, 8)).filter(lambda d: d[1] <= d[0])
 PLANTS = {
     "scalar": ScalarRovPlant(),
@@ -98,13 +98,14 @@ def test_the_tolerance_decides_the_rank(size, r):
     assert found.singular_values[1] == pytest.approx(size, rel=1e-6)
 
 
-def test_a_stack_that_sees_nothing_leaves_everything():
+def test_a_zero_regressor_leaves_the_whole_space_unobservable():
     found = split(np.zeros((5, 3)))
     assert found.r == 3 and found.P_perp.shape == (3, 0) and found.gap == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("rows", [np.zeros((0, 3)), np.ones(3), np.array([[1.0, np.nan]]),
-                                  np.array([[np.inf, 1.0]])])  # fmt: skip
+@pytest.mark.parametrize(
+    "rows", [np.zeros((0, 3)), np.ones(3), np.array([[1.0, np.nan]]), np.array([[np.inf, 1.0]])]
+)
 def test_a_stack_without_finite_rows_is_refused(rows):
     with pytest.raises(InvalidInput) as caught:
         split(rows)
@@ -121,7 +122,7 @@ def test_the_ratio_is_the_sine_of_the_angle_to_P(seed, angle, length):
     assert found.ratio(-2 * theta) == pytest.approx(np.sin(angle), abs=1e-9)
 
 
-def test_a_ratio_of_one_sample_is_one_of_a_batch():
+def test_the_ratio_of_a_batch_is_that_of_each_sample():
     rows, _ = stack(np.random.default_rng(0), 5, 2)
     found, theta = split(rows), np.random.default_rng(1).standard_normal((3, 4, 5))
     assert found.ratio(theta).shape == (3, 4)
@@ -138,7 +139,7 @@ def test_the_truth_lies_in_its_own_nullspace(name):
 
 
 @pytest.mark.parametrize("name,r", [("scalar", 1), ("kinova", 27)])
-def test_its_dimension_is_known(name, r):
+def test_the_nullspace_has_its_known_dimension(name, r):
     assert built(name)[2].r == r
 
 
@@ -156,11 +157,12 @@ def test_other_states_give_the_same_nullspace(name):
 
 
 @plants
-def test_nothing_in_P_changes_the_motion_and_something_outside_does(name):
+def test_parameters_in_P_leave_the_motion_unchanged_and_others_change_it(name):
     system, truth, found = built(name)
     rng = np.random.default_rng(5)
-    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)),
-                                              strict=True))  # fmt: skip
+    q, v, u = (
+        np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)), strict=True)
+    )
     x, scale = np.hstack([q, v]), system.space.scale
     a = system.acceleration(0.0, x, v, u, truth)
     size = 1e-3 * np.linalg.norm(truth / scale)
@@ -185,13 +187,13 @@ def test_a_member_of_P_has_the_same_nullspace(name):
 
 
 @plants
-def test_as_many_directions_are_told_as_there_are(name):
+def test_as_many_directions_are_described_as_P_has(name):
     system, _, found = built(name)
     assert len(directions(found, system.space)) == found.r
 
 
 @plants
-def test_a_told_trade_is_in_P_and_all_are_independent(name):
+def test_described_directions_lie_in_P_and_are_independent(name):
     system, _, found = built(name)
     trades = [d for d in directions(found, system.space) if d.weights]
     vectors = np.zeros((len(trades), system.p))
@@ -204,7 +206,7 @@ def test_a_told_trade_is_in_P_and_all_are_independent(name):
 
 
 @plants
-def test_a_trade_is_told_with_few_parameters(name):
+def test_a_direction_is_described_by_few_parameters(name):
     system, _, found = built(name)
     assert all(len(d.parameters) <= 8 for d in directions(found, system.space) if d.weights)
 
@@ -229,7 +231,7 @@ def test_the_scalar_vehicle_is_known_up_to_one_scale():
     assert only.parameters == ("mass", "drag", "net weight", "thruster gain")
 
 
-def test_a_parameter_without_effect_is_told_alone():
+def test_a_parameter_without_effect_is_described_alone():
     system, _, _ = built("scalar")
     seen = np.eye(4)[[0, 2, 3]]  # nothing sees the drag
     found = split(seen)
@@ -237,7 +239,7 @@ def test_a_parameter_without_effect_is_told_alone():
     assert only.parameters == ("drag",) and "no effect" in only.words
 
 
-def test_no_direction_is_told_where_there_is_none():
+def test_an_empty_nullspace_has_no_directions_to_describe():
     system, _, _ = built("scalar")
     everything = Nullspace(np.zeros((4, 0)), np.eye(4), np.ones(4), TOLERANCE)
     assert directions(everything, system.space) == []

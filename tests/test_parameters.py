@@ -51,7 +51,7 @@ def test_blocks_partition_theta_in_order(space):
 
 @FEW
 @given(spaces())
-def test_a_name_leads_to_its_place_and_actuators_are_their_blocks(space):
+def test_a_block_name_gives_its_slice_and_actuators_index_their_blocks(space):
     assert [space.index(name) for name in space.names] == list(range(len(space)))
     owner = [block for block, _ in space for _ in range(len(block))]
     assert space.actuators.tolist() == [i for i, block in enumerate(owner) if block.actuator]
@@ -89,8 +89,9 @@ def test_units_have_one_entry_for_each_name():
     assert caught.value.name == "units"
 
 
-@pytest.mark.parametrize("geometry,size", [("pseudo_inertia", 9), ("pseudo_inertia", 11),
-                                           ("spd", 2), ("spd", 20)])  # fmt: skip
+@pytest.mark.parametrize(
+    "geometry,size", [("pseudo_inertia", 9), ("pseudo_inertia", 11), ("spd", 2), ("spd", 20)]
+)
 def test_a_geometry_fixes_the_number_of_parameters(geometry, size):
     with pytest.raises(InvalidInput) as caught:
         block(size=size, geometry=geometry)
@@ -165,7 +166,7 @@ def test_check_refuses_another_shape(theta):
 
 @FEW
 @given(st.integers(0, 2), st.integers(0, 3), st.sampled_from(BAD))
-def test_finite_says_where(i, j, bad):
+def test_finite_names_the_entry_that_is_not(i, j, bad):
     array = np.zeros((3, 4))
     array[i, j] = bad
     with pytest.raises(InvalidInput) as caught:
@@ -175,7 +176,7 @@ def test_finite_says_where(i, j, bad):
     assert error.name == "X" and f"({i}, {j})" in str(error) and str(error).endswith("Do this.")
 
 
-def test_labels_are_the_names_where_none_are_given():
+def test_labels_default_to_names():
     space = ParameterSpace(
         (
             Block("mass", ("m_1", "m_2"), ("kg", "kg"), np.ones(2), labels=("cart", "pole")),
@@ -186,6 +187,6 @@ def test_labels_are_the_names_where_none_are_given():
     assert space.names == ["m_1", "m_2", "d"]
 
 
-def test_labels_must_be_as_many_as_names():
+def test_labels_have_one_entry_for_each_name():
     with pytest.raises(InvalidInput, match="2 labels, or none, got 1"):
         Block("mass", ("m_1", "m_2"), ("kg", "kg"), np.ones(2), labels=("cart",))

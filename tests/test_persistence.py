@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.persistence import PersistenceMonitor, level
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=50)
-seeds = st.integers(0, 2**32 - 1)
 DT = 0.01
 
 
@@ -32,7 +32,7 @@ def test_the_level_is_the_smallest_eigenvalue_of_the_gramian(seed, dt):
 
 @FEW
 @given(seeds)
-def test_no_direction_is_less_excited_than_the_level_and_one_is_equally(seed):
+def test_the_level_is_the_excitation_of_the_least_excited_direction(seed):
     rng = np.random.default_rng(seed)
     B = window(rng)
     least = np.linalg.svd(B.reshape(-1, 5))[2][-1]
@@ -58,7 +58,7 @@ def test_a_subspace_is_excited_at_least_as_much_as_all(seed, d):
 
 @FEW
 @given(seeds)
-def test_all_of_a_rotated_space_is_all(seed):
+def test_the_level_of_the_whole_space_does_not_depend_on_the_basis(seed):
     rng = np.random.default_rng(seed)
     B = window(rng)
     assert level(B, DT, basis(rng, 5, 5)) == pytest.approx(level(B, DT), rel=1e-9)
@@ -80,7 +80,7 @@ def test_a_constant_regressor_over_twice_the_time_has_twice_the_level(seed, k):
 
 @FEW
 @given(seeds)
-def test_an_unexcited_direction_has_level_0_and_its_complement_has_not(seed):
+def test_an_unexcited_direction_has_level_0_and_its_complement_a_positive_one(seed):
     rng = np.random.default_rng(seed)
     Q = basis(rng, 5, 5)
     B = window(rng) @ (Q[:, 1:] @ Q[:, 1:].T)  # nothing along Q's first column
@@ -88,7 +88,7 @@ def test_an_unexcited_direction_has_level_0_and_its_complement_has_not(seed):
     assert level(B, DT, Q[:, 1:]) > 1e-3
 
 
-def test_fewer_rows_than_directions_excite_not_all():
+def test_fewer_rows_than_directions_have_level_0():
     B = window(np.random.default_rng(0), k=2, n=2)
     assert level(B, DT) == 0.0
     assert level(B, DT, np.eye(5)[:, :4]) > 0
@@ -129,7 +129,7 @@ def test_the_monitor_shows_the_last_whole_window():
     assert seen[79] == seen[-1] == pytest.approx(level(second, DT), rel=1e-6)
 
 
-def test_the_monitor_knows_a_direction_that_nothing_excites():
+def test_the_monitor_shows_level_0_for_an_unexcited_direction():
     B = window(np.random.default_rng(2))
     B[..., 0] = 0.0
     assert monitored(B, 1).level == pytest.approx(0.0, abs=1e-7)

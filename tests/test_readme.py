@@ -217,7 +217,7 @@ def test_every_nsaid_command_in_the_docs_takes_its_flags(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", [name_of(page) for page in PAGES if page.name != "CHANGELOG.md"])
-def test_every_flag_in_the_prose_of_the_docs_is_one(page: str) -> None:
+def test_every_flag_named_in_the_docs_exists(page: str) -> None:
     used = {
         words[0].removeprefix("--").partition("=")[0]
         for code in inline(ROOT / page)
@@ -237,7 +237,7 @@ def test_every_robot_in_the_docs_is_known() -> None:
     assert packed <= set(known_robots())
 
 
-def test_the_readmes_commands_identify_a_urdf_of_ones_own(workplace: Path) -> None:
+def test_the_readmes_commands_identify_the_users_own_urdf(workplace: Path) -> None:
     runs = [
         words[1:]
         for words in COMMANDS["README.md"]

@@ -156,9 +156,8 @@ class Observer(ABC):
     ) -> None:
         """Called after every segment of the run.
 
-
         Args:
-            measurement: the last sample of the stretch.
+            measurement: the last sample of the segment.
             states: every identifier's state at that sample, by name; "" is the first identifier's.
             levels: ε₀ of (2) and of (75) over the current window.
         """

@@ -56,7 +56,7 @@ def test_rows_vanish_under_the_truth_with_the_square_of_the_step():
     assert fine < 1e-3
 
 
-def test_half_a_step_of_misalignment_is_ruin(pendulum):
+def test_half_a_step_of_misalignment_raises_the_residual_tenfold(pendulum):
     log = pendulum._problem.log
     late = log._replace(u=np.vstack([log.u[1:], log.u[-1:]]))
     assert residual(pendulum, late) > 10 * residual(pendulum)
@@ -82,8 +82,9 @@ def test_the_scale_and_what_no_row_sees_stay_at_the_prior(pendulum):
     estimate = BATCH["ols"](problem)
     theta_s = estimate.theta / problem.system.space.scale
     assert theta_s @ gauge.normal == pytest.approx(gauge.start @ gauge.normal, rel=1e-12)
-    unseen = np.linalg.svd(condense(central_rows(problem.system, problem.log))
-                           .reshape(-1, problem.system.p))  # fmt: skip
+    unseen = np.linalg.svd(
+        condense(central_rows(problem.system, problem.log)).reshape(-1, problem.system.p)
+    )
     blind = unseen.Vh[1e-10 * unseen.S[0] > unseen.S]
     assert len(blind) >= 10
     np.testing.assert_allclose(blind @ theta_s, blind @ gauge.start, atol=1e-9)
@@ -141,7 +142,7 @@ def test_the_window_is_the_time_in_which_velocity_changes():
         assert 0.05 / hertz < width < 0.25 / hertz
 
 
-def test_an_uneven_log_has_no_rate(pendulum):
+def test_an_unevenly_sampled_log_is_refused(pendulum):
     log = pendulum._problem.log
     uneven = log._replace(t=log.t + 1e-3 * np.sin(np.arange(len(log.t))))
     with pytest.raises(InvalidInput, match="constant rate"):
@@ -153,17 +154,18 @@ def test_an_uneven_log_has_no_rate(pendulum):
 
 @pytest.mark.parametrize("name", BATCH)
 @pytest.mark.parametrize("scenario", ["double_pendulum", "scalar_rov", "f1tenth"])
-def test_every_method_comes_near_the_truth_on_exact_data(name, scenario):
+def test_every_method_approaches_the_truth_on_exact_data(name, scenario):
     here = world(scenario, 6.0 if scenario == "double_pendulum" else 40.0)
-    before, after = (figures(here, e) for e in
-                     (Estimate(here._problem.prior), BATCH[name](here._problem)))  # fmt: skip
+    before, after = (
+        figures(here, e) for e in (Estimate(here._problem.prior), BATCH[name](here._problem))
+    )
     assert after["theta_perp_ratio"] < 0.2 * before["theta_perp_ratio"]
     assert after["force_residual_ratio"] < 0.05 * before["force_residual_ratio"]
     assert after["actuator_ratio_error"] <= 0.1 * before["actuator_ratio_error"]
 
 
 @pytest.mark.parametrize("name", BATCH)
-def test_the_same_log_gives_the_same_bits_and_is_left_alone(name, pendulum):
+def test_methods_are_deterministic_and_leave_the_log_unchanged(name, pendulum):
     problem = pendulum._problem
     log = Log(*(part.copy() for part in problem.log))
     first, second = (BATCH[name](problem) for _ in range(2))
@@ -172,7 +174,7 @@ def test_the_same_log_gives_the_same_bits_and_is_left_alone(name, pendulum):
 
 
 @pytest.mark.parametrize("name", BATCH)
-def test_a_common_scale_of_the_prior_is_a_common_scale_of_the_estimate(name, pendulum):
+def test_scaling_the_prior_scales_the_estimate(name, pendulum):
     """No log tells it; all methods must treat it so."""
     problem = pendulum._problem
     one, two = (BATCH[name](problem._replace(prior=s * problem.prior)) for s in (1.0, 2.0))
@@ -180,11 +182,12 @@ def test_a_common_scale_of_the_prior_is_a_common_scale_of_the_estimate(name, pen
         ratios = [figures(pendulum, e)["theta_perp_ratio"] for e in (one, two)]
         assert max(ratios) < 0.01
     else:
-        np.testing.assert_allclose(two.theta, 2 * one.theta, rtol=1e-5,
-                                   atol=1e-6 * np.abs(one.theta).max())  # fmt: skip
+        np.testing.assert_allclose(
+            two.theta, 2 * one.theta, rtol=1e-5, atol=1e-6 * np.abs(one.theta).max()
+        )
 
 
-def test_noise_ruins_raw_differences_and_not_the_practitioners(noisy_pendulum):
+def test_noise_ruins_raw_differences_but_not_filtered_least_squares(noisy_pendulum):
     problem = noisy_pendulum._problem
     raw, filtered_ = (figures(noisy_pendulum, BATCH[n](problem)) for n in ("ols", "wls"))
     assert filtered_["force_residual_ratio"] < 0.1 * raw["force_residual_ratio"]
@@ -214,19 +217,19 @@ def test_a_log_too_short_to_be_filtered_is_refused(pendulum):
             BATCH[name](short)
 
 
-def test_a_filter_that_loses_the_mass_matrix_says_when(pendulum):
+def test_a_filter_whose_mass_matrix_turns_indefinite_says_when(pendulum):
     problem = pendulum._problem
     with pytest.raises(NoEstimate, match="not positive definite at t = 0 s"):
         BATCH["ekf"](problem._replace(prior=-problem.prior))
 
 
-def test_recursive_least_squares_holds_its_known_gain(pendulum):
+def test_recursive_least_squares_keeps_its_known_gain(pendulum):
     problem = pendulum._problem
     known = problem.system.space.actuators[0]
     assert BATCH["rls"](problem).theta[known] == problem.prior[known]
 
 
-def test_an_identifier_sees_in_a_log_what_it_sees_in_a_run(tmp_path):
+def test_an_identifier_gives_the_same_estimate_from_a_log_as_in_a_run(tmp_path):
     scenario = replace(load("scalar_rov"), duration=2.0)
     plan = Plan("scalar_rov", scenario, methods=("paper",), durations=(2.0,))
     here = World(plan, 0, 0.0)
@@ -256,7 +259,7 @@ def installed():
 needs_toolbox = pytest.mark.skipif(not installed(), reason="needs mujoco[sysid]")
 
 
-def test_without_its_dependencies_the_toolbox_says_how_to_get_them(pendulum, monkeypatch):
+def test_sysid_without_its_dependencies_says_how_to_install_them(pendulum, monkeypatch):
     import mujoco.sysid
 
     monkeypatch.delattr(mujoco.sysid, "optimize", raising=False)
@@ -264,14 +267,14 @@ def test_without_its_dependencies_the_toolbox_says_how_to_get_them(pendulum, mon
         sysid(pendulum._problem)
 
 
-def test_the_toolbox_is_for_arms():
+def test_sysid_refuses_systems_other_than_arms():
     with pytest.raises(NoEstimate, match="arms"):
         sysid(world("scalar_rov", 1.0)._problem)
 
 
 @needs_toolbox
 @pytest.mark.parametrize("robot", ["double_pendulum", "kinova"])
-def test_the_toolbox_moves_what_the_structure_says(robot):
+def test_sysids_model_accelerates_as_the_structure(robot):
     """Its model under a θ accelerates as (29) under the same θ, friction included."""
     import mujoco
 
@@ -279,8 +282,9 @@ def test_the_toolbox_moves_what_the_structure_says(robot):
     system, theta, rng = problem.system, problem.prior, np.random.default_rng(2)
     assert isinstance(system, MotorTree)
     model = toolbox_module._Model(toolbox_module._toolbox(), system, theta, 1e-3)
-    np.testing.assert_allclose(model.theta(model.parameters.as_vector()), theta, rtol=1e-6,
-                               atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(
+        model.theta(model.parameters.as_vector()), theta, rtol=1e-6, atol=1e-9
+    )
     compiled = model.build(model.parameters)
     data = mujoco.MjData(compiled)
     with toolbox_module.installed(toolbox_module._friction()):
@@ -293,7 +297,7 @@ def test_the_toolbox_moves_what_the_structure_says(robot):
 
 
 @needs_toolbox
-def test_the_toolbox_finds_an_arm_and_keeps_to_its_budget(pendulum):
+def test_sysid_identifies_an_arm_within_its_time_budget(pendulum):
     import time
 
     begin = time.perf_counter()
@@ -304,11 +308,12 @@ def test_the_toolbox_finds_an_arm_and_keeps_to_its_budget(pendulum):
     assert after["force_residual_ratio"] < 0.1 * before["force_residual_ratio"]
 
 
-def test_stated_noise_is_all_a_method_knows_of_it(noisy_pendulum):
+def test_a_method_filters_only_the_noise_that_is_stated(noisy_pendulum):
     """What is stated as exact is not filtered before the recursion."""
     problem = noisy_pendulum._problem
-    stated, denied = (BATCH["rls"](problem._replace(noise=n)) for n in
-                      (problem.noise, SensorLevels()))  # fmt: skip
+    stated, denied = (
+        BATCH["rls"](problem._replace(noise=n)) for n in (problem.noise, SensorLevels())
+    )
     assert stated.note.startswith("cut-off") and denied.note == ""
     better, worse = (figures(noisy_pendulum, e) for e in (stated, denied))
     assert better["force_residual_ratio"] < worse["force_residual_ratio"]

@@ -68,13 +68,13 @@ def loaded_by(*arguments: str) -> tuple[set[str], str]:
 @pytest.mark.parametrize(
     "words", ["--help", "--version", "run --help", "sweep -h", "view --help", "run no_such", "fly"]
 )
-def test_what_needs_nothing_heavy_loads_nothing_heavy(words: str) -> None:
+def test_light_commands_import_no_heavy_package(words: str) -> None:
     loaded, said = loaded_by(*words.split())
     assert "nsaid" in said
     assert loaded == set()
 
 
-def test_the_heavy_modules_would_be_seen() -> None:
+def test_the_check_for_heavy_modules_detects_them() -> None:
     loaded, _ = loaded_by("run", "ur5", "--help")
     assert {"numpy", "mujoco"} <= loaded
 
@@ -118,8 +118,15 @@ def test_the_flags_that_matter_come_first() -> None:
     _, said = shell("run", "ur5", "--help")
     flags = re.findall(r"^│ (--[\w.-]+)", said.out, re.MULTILINE)
     assert flags[:8] == [
-        "--law", "--robot", "--duration", "--sensors", "--seed", "--out", "--force", "--backend",
-    ]  # fmt: skip
+        "--law",
+        "--robot",
+        "--duration",
+        "--sensors",
+        "--seed",
+        "--out",
+        "--force",
+        "--backend",
+    ]
 
 
 @pytest.mark.parametrize("name", ["scalar_rov", "wrong_gains", "bluerov2"])
@@ -149,7 +156,7 @@ def test_an_unknown_scenario_gives_the_near_ones(name: str, near: str) -> None:
     assert len(said.err.splitlines()) == 1
 
 
-def test_an_unknown_scenario_like_none_gives_all() -> None:
+def test_an_unknown_scenario_without_near_names_lists_all() -> None:
     _, said = shell("run", "q")
     assert all(name in said.err for name in scenarios())
 
@@ -224,24 +231,32 @@ def options(name: str, *arguments: str) -> tuple[Scenario, Output]:
         ("wrong_gains", "--robot", "--plant.robot", "ur5"),
     ],
 )
-def test_a_fields_last_name_will_do(name: str, short: str, full: str, value: str) -> None:
+def test_a_flag_may_be_the_last_part_of_a_fields_name(
+    name: str, short: str, full: str, value: str
+) -> None:
     one, other = options(name, short, value), options(name, full, value)
     assert one == other == options(name, f"{short}={value}") != options(name)
 
 
 @pytest.mark.parametrize(
     ("flag", "field", "value"),
-    [("--duration", "duration", 7.0), ("--seed", "seed", 3), ("--dt", "dt", 0.005),
-     ("--sensors", "sensors", "noisy"), ("--record-every", "record_every", 4),
-     ("--gain-error", "gain_error", 0.1), ("--pe-window", "pe_window", 9.0)],
-)  # fmt: skip
+    [
+        ("--duration", "duration", 7.0),
+        ("--seed", "seed", 3),
+        ("--dt", "dt", 0.005),
+        ("--sensors", "sensors", "noisy"),
+        ("--record-every", "record_every", 4),
+        ("--gain-error", "gain_error", 0.1),
+        ("--pe-window", "pe_window", 9.0),
+    ],
+)
 def test_a_scenarios_field_is_a_flag(flag: str, field: str, value: float | str) -> None:
     scenario, output = options("scalar_rov", flag, str(value))
     assert getattr(scenario, field) == value != getattr(load("scalar_rov"), field)
     assert output == Output()
 
 
-def test_what_becomes_of_the_run_is_a_flag() -> None:
+def test_out_quiet_json_and_live_are_flags() -> None:
     scenario, output = options("ur5", "--out", "there", "--quiet", "--json", "--live")
     assert scenario == load("ur5")
     assert output == Output(Path("there"), quiet=True, json=True, live=True)
@@ -262,7 +277,7 @@ def test_a_rivals_fields_are_flags() -> None:
         "wrong_gains --rivals.conventional.known actuators mass --gain-error None",
     ],
 )
-def test_the_flags_that_made_a_scenario_make_it_again(words: str) -> None:
+def test_the_reported_flags_reproduce_the_scenario(words: str) -> None:
     name, *flags = words.split()
     scenario, _ = options(name, *flags)
     again = repeated(load(name), scenario)
@@ -271,11 +286,11 @@ def test_the_flags_that_made_a_scenario_make_it_again(words: str) -> None:
 
 
 @pytest.mark.parametrize("flag", ["--plant.fault.loss", "--fault.loss", "--loss"])
-def test_any_end_of_a_fields_name_will_do(flag: str) -> None:
+def test_a_flag_may_be_any_unique_end_of_a_fields_name(flag: str) -> None:
     assert options("bluerov2", flag, "0.5")[0].plant.fault.loss == 0.5
 
 
-def test_the_law_is_the_identifiers_even_where_a_rival_has_one_too() -> None:
+def test_law_sets_the_identifiers_law_and_not_a_rivals() -> None:
     scenario = Scenario(rivals={"other": NullspaceAID(law="cone")})
     found, _ = parse("x", scenario, ["--law", "memory"])
     assert found.identifier == NullspaceAID(law="memory") and found.rivals == scenario.rivals
@@ -297,7 +312,7 @@ def test_the_law_is_the_identifiers_even_where_a_rival_has_one_too() -> None:
         ("scalar_rov twice", ("twice",)),
     ],
 )
-def test_a_wrong_option_shows_what_there_is(
+def test_a_wrong_option_lists_the_valid_ones(
     words: str, told: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -324,12 +339,12 @@ def test_a_wrong_option_shows_what_there_is(
         ("scalar_rov", "", "scalar_rov"),
     ],
 )
-def test_a_run_has_the_name_that_a_person_would_call_it(name: str, flags: str, title: str) -> None:
+def test_a_run_is_named_after_its_robot_or_scenario(name: str, flags: str, title: str) -> None:
     assert title_of(name, load(name), options(name, *flags.split())[0]) == title
 
 
 @pytest.mark.parametrize(("law", "end"), [("paper", "paper"), ("memory", "memory")])
-def test_the_default_folder_has_title_and_law(
+def test_the_default_folder_is_named_by_robot_and_law(
     law: str, end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -345,7 +360,7 @@ def pretend(folder: Path, status: str) -> Path:
     return folder
 
 
-def test_a_completed_run_makes_the_next_one_take_a_number(
+def test_a_run_after_a_completed_one_gets_a_numbered_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -358,7 +373,7 @@ def test_a_completed_run_makes_the_next_one_take_a_number(
 
 
 @pytest.mark.parametrize("status", ["plant diverged", "interrupted"])
-def test_a_run_that_was_not_completed_is_overwritten(
+def test_an_incomplete_run_is_overwritten(
     status: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -399,14 +414,34 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
 
 
 KEYS: dict[str, type | tuple[type, ...]] = {  # design.md, "What a number is called"
-    "status": str, "status_time": float, "n": int, "p": int, "r": int,
-    "theta_perp_ratio": float, "theta_perp_ratio_initial": float, "actuator_ratio_error": float,
-    "force_residual_ratio": float, "velocity_error_rms": float, "conserved_drift": float,
-    "lyapunov_violations": int, "pe_level": float, "pe_level_perp": float, "law": str, "gamma": str,
-    "sensors": str, "unobservable": list, "wall_s": float, "compile_s": float, "sim_s": float,
-    "real_time_factor": float, "identifier_us_per_step": float, "plant_us_per_step": float,
-    "seed": int, "versions": dict, "scenario_hash": str,
-}  # fmt: skip
+    "status": str,
+    "status_time": float,
+    "n": int,
+    "p": int,
+    "r": int,
+    "theta_perp_ratio": float,
+    "theta_perp_ratio_initial": float,
+    "actuator_ratio_error": float,
+    "force_residual_ratio": float,
+    "velocity_error_rms": float,
+    "conserved_drift": float,
+    "lyapunov_violations": int,
+    "pe_level": float,
+    "pe_level_perp": float,
+    "law": str,
+    "gamma": str,
+    "sensors": str,
+    "unobservable": list,
+    "wall_s": float,
+    "compile_s": float,
+    "sim_s": float,
+    "real_time_factor": float,
+    "identifier_us_per_step": float,
+    "plant_us_per_step": float,
+    "seed": int,
+    "versions": dict,
+    "scenario_hash": str,
+}
 
 
 def test_json_is_one_document_and_nothing_else(done: Done) -> None:
@@ -416,16 +451,18 @@ def test_json_is_one_document_and_nothing_else(done: Done) -> None:
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_the_summary_has_what_the_design_names(done: Done, key: str) -> None:
+def test_the_summary_has_every_key_of_the_design(done: Done, key: str) -> None:
     value = strict(done.out)[key]
     assert isinstance(value, KEYS[key]) and not isinstance(value, bool)
 
 
-def test_the_summarys_numbers_hold_together(done: Done) -> None:
+def test_the_summarys_numbers_are_consistent(done: Done) -> None:
     summary = strict(done.out)
     assert (summary["status"], summary["status_time"], summary["status_signal"]) == (
-        "completed", pytest.approx(1.0), "",
-    )  # fmt: skip
+        "completed",
+        pytest.approx(1.0),
+        "",
+    )
     assert (summary["n"], summary["p"], summary["r"]) == (1, 4, 1)
     assert summary["law"] in ("paper", "cone", "memory")
     assert summary["gamma"] in ("scale", "simulated") and summary["sensors"] in ("ideal", "noisy")
@@ -469,7 +506,7 @@ def test_another_seed_writes_other_bytes(done: Done, tmp_path: Path) -> None:
     assert (done.folder / "record.arrow").read_bytes() != (tmp_path / "record.arrow").read_bytes()
 
 
-def test_a_person_is_told_what_was_found_and_where_it_is(
+def test_the_terminal_shows_the_result_and_the_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -498,7 +535,7 @@ def test_the_progress_bar_shows_the_real_time_factor(
 
 
 @pytest.mark.parametrize("flags", [[], ["-u"]], ids=["buffered", "unbuffered"])
-def test_a_reader_that_leaves_is_no_error(flags: list[str]) -> None:
+def test_a_closed_pipe_is_no_error(flags: list[str]) -> None:
     listing = subprocess.Popen(
         [sys.executable, *flags, str(NSAID), "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
@@ -511,7 +548,7 @@ def test_a_reader_that_leaves_is_no_error(flags: list[str]) -> None:
 # -- scenario scripts ----------------------------------------------------------------------------
 
 
-def test_the_scripts_are_the_scenarios() -> None:
+def test_every_script_in_scenarios_is_a_packed_scenario() -> None:
     assert [path.stem for path in SCRIPTS] == sorted(scenarios())
 
 
@@ -521,12 +558,26 @@ def test_a_scenario_is_at_most_forty_lines(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_scenario_runs_by_itself(path: Path, tmp_path: Path) -> None:
+def test_a_scenario_script_runs_on_its_own(path: Path, tmp_path: Path) -> None:
     ran = subprocess.run(
-        [sys.executable, str(path), "--duration", "0.2", "--held-out", "0.5", "--out", "out",
-         "--pe-window", "0.1", "--json"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            str(path),
+            "--duration",
+            "0.2",
+            "--held-out",
+            "0.5",
+            "--out",
+            "out",
+            "--pe-window",
+            "0.1",
+            "--json",
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (ran.returncode, ran.stderr) == (0, "")
     summary = strict(ran.stdout)
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)

@@ -40,13 +40,13 @@ def test_help_imports_nothing_heavy(arguments):
     assert not modules & HEAVY
 
 
-def test_a_run_and_its_report_import_no_more_than_they_use():
+def test_a_run_and_its_report_import_only_what_they_use():
     modules = modules_after("import nsaid_mj.reporting.finish, nsaid_mj.experiment.loop")
     assert {"rerun", "nsaid_mj.reporting.report"} <= modules
     assert not modules & {"matplotlib", "jinja2", "pyarrow.compute", "joblib", "dask"}
 
 
-def test_meshes_are_read_when_they_are_looked_at():
+def test_meshes_are_loaded_on_first_access():
     robot, theirs = load_robot("solo12", "free"), example_robot_data.load("solo12")
     assert "visual" not in vars(robot)
     assert robot.model == theirs.model
@@ -56,14 +56,14 @@ def test_meshes_are_read_when_they_are_looked_at():
     assert found
 
 
-def test_a_held_robots_meshes_are_those_of_its_held_model():
+def test_a_fixed_base_robots_meshes_belong_to_its_fixed_base_model():
     robot = load_robot("solo12")
     assert robot.model.nv == 12
     parents = {g.parentJoint for g in robot.visual.geometryObjects}
     assert max(parents) == robot.model.njoints - 1
 
 
-def test_pinocchio_is_left_as_it_was():
+def test_loading_a_robot_leaves_pinocchio_unpatched():
     build = robot_wrapper.buildModelsFromUrdf
     assert load_robot("ur5").visual.ngeoms
     with pytest.raises(BadRobot, match="cassie"):

@@ -18,9 +18,13 @@ from tests.support.faulty import CHECKOUT, FILES, strict
 def call(*words: object, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
     clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "PIP_"))}
     return subprocess.run(
-        [str(word) for word in words], cwd=cwd, capture_output=True, text=True, check=False,
+        [str(word) for word in words],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        check=False,
         env={**clean, "PYTHONUTF8": "1", "OMP_NUM_THREADS": "1", **more},
-    )  # fmt: skip
+    )
 
 
 def checkout() -> set[str]:
@@ -33,8 +37,18 @@ def checkout() -> set[str]:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, before = tmp_path_factory.mktemp("wheel"), checkout()
-    built = call(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir",
-                 folder, CHECKOUT, cwd=folder)  # fmt: skip
+    built = call(
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--wheel-dir",
+        folder,
+        CHECKOUT,
+        cwd=folder,
+    )
     assert built.returncode == 0, built.stderr
     assert checkout() - before == set()
     (found,) = folder.glob("*.whl")
@@ -47,8 +61,19 @@ def binaries(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("environment") / "venv"
     venv.create(home, with_pip=False, symlinks=True)
     python = home / "bin" / "python"
-    installed = call(sys.executable, "-m", "pip", "--python", python, "install", "--quiet",
-                     "--no-deps", "--no-index", wheel, cwd=home)  # fmt: skip
+    installed = call(
+        sys.executable,
+        "-m",
+        "pip",
+        "--python",
+        python,
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        wheel,
+        cwd=home,
+    )
     assert installed.returncode == 0, installed.stderr
     (packages,) = home.glob("lib/python*/site-packages")
     ours = [path for path in sys.path if "site-packages" in path]  # pin has one of its own
@@ -75,7 +100,7 @@ def test_the_wheel_has_scenarios_and_assets_and_nothing_made_by_running(wheel: P
     assert [name for name in names if name.endswith("licenses/LICENSE")]
 
 
-def test_the_package_is_the_wheels_and_not_the_checkouts(binaries: Path, tmp_path: Path) -> None:
+def test_the_wheel_environment_imports_the_wheels_package(binaries: Path, tmp_path: Path) -> None:
     question = "import nsaid_mj, sys; print(nsaid_mj.__file__); print(sys.path)"
     asked = call(binaries / "python", "-c", question, cwd=tmp_path)
     file, path = asked.stdout.splitlines()
@@ -83,7 +108,7 @@ def test_the_package_is_the_wheels_and_not_the_checkouts(binaries: Path, tmp_pat
     assert repr(str(CHECKOUT)) not in path
 
 
-def test_it_lists_and_runs_a_scenario_by_name_from_an_empty_folder(
+def test_the_wheel_lists_and_runs_a_scenario_from_an_empty_folder(
     binaries: Path, tmp_path: Path
 ) -> None:
     listed = call(binaries / "nsaid", "list", cwd=tmp_path)

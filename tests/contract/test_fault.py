@@ -31,15 +31,19 @@ from nsaid_mj.plants import (
     ScalarRovPlant,
 )
 from nsaid_mj.reporting import finish
-from tests.contract.test_mismatch import DT, inputs, path, start, unknown
+from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 EXACT = [
-    ScalarRovPlant(), ArmPlant("double_pendulum"), ArmPlant("kinova"), FloatingBasePlant("bolt"),
+    ScalarRovPlant(),
+    ArmPlant("double_pendulum"),
+    ArmPlant("kinova"),
+    FloatingBasePlant("bolt"),
     *VEHICLES.values(),
-]  # fmt: skip
-exact_plants = pytest.mark.parametrize("config", EXACT, ids=unknown)
-every_plant = pytest.mark.parametrize("config", [*EXACT, *INEXACT.values()], ids=unknown)
+]
+exact_plants = pytest.mark.parametrize("config", EXACT, ids=name_of)
+every_plant = pytest.mark.parametrize("config", [*EXACT, *INEXACT.values()], ids=name_of)
+DT = 2e-3
 STEP = 20  # at which the actuator weakens
 
 
@@ -87,9 +91,9 @@ def test_mujoco_accelerates_as_the_structure_does_under_the_changed_truth(config
 
 
 @every_plant
-def test_until_then_the_motion_is_the_sound_plants_to_the_bit(config):
+def test_before_the_fault_the_motion_is_the_sound_plants_to_the_bit(config):
     sound = made(config)
-    u, at = inputs(sound), start(sound)
+    u, at = random_commands(sound), start_of(sound)
     expected = path(sound, u, *at)
     for k in list(actuators(sound))[:: max(1, sound.system.n_u - 1)]:
         p = made(config, loss=0.4, actuator=k, time=STEP * DT)
@@ -102,10 +106,10 @@ def test_until_then_the_motion_is_the_sound_plants_to_the_bit(config):
 
 
 @exact_plants
-def test_it_weakens_at_the_step_nearest_to_its_time(config):
+def test_a_fault_strikes_at_the_step_nearest_to_its_time(config):
     dt = 1e-5
     sound = made(config, dt)
-    k, (numbers, v), u = next(actuators(sound)), start(sound), inputs(sound)[0]
+    k, (numbers, v), u = next(actuators(sound)), start_of(sound), random_commands(sound)[0]
     for time in (2.6 * dt, 3.4 * dt):
         p = made(config, dt, loss=0.5, actuator=k, time=time)
         rows = path(p, np.tile(u, (6, 1)), numbers, v)
@@ -119,17 +123,17 @@ def test_it_weakens_at_the_step_nearest_to_its_time(config):
             assert np.abs(rate[row] - right).max() < 0.1 * np.abs(wrong - right).max()
 
 
-def test_lag_and_delay_go_on_acting():
+def test_a_fault_leaves_lag_and_delay_acting():
     config = BlueROV2Plant(mismatch=Mismatch(lag=0.05, delay=5 * DT))
     sound, p = made(config), made(config, loss=0.4, actuator=3, time=STEP * DT)
-    u, at = inputs(sound), start(sound)
+    u, at = random_commands(sound), start_of(sound)
     one, other = path(sound, u, *at), path(p, u, *at)
     assert (one[: STEP + 1] == other[: STEP + 1]).all()
     assert (one[STEP + 1 :] != other[STEP + 1 :]).any(axis=1).all()
     assert p.mismatches == sound.mismatches and len(p.mismatches) == 2  # a fault is none
 
 
-def test_of_a_rotor_thrust_and_torque_weaken_and_are_told():
+def test_a_rotor_fault_weakens_thrust_and_torque_and_is_reported():
     p = made(VEHICLES["hummingbird"], loss=0.4, actuator=3, time=60.0)
     assert p.fault.in_words(p.system) == "thrust_3 and torque_3 lose 40 % at 60 s"
     p = made(BlueROV2Plant(), loss=0.125, actuator=3, time=2.5)
@@ -139,9 +143,15 @@ def test_of_a_rotor_thrust_and_torque_weaken_and_are_told():
 
 @pytest.mark.parametrize(
     ("config", "actuator"),
-    [(BlueROV2Plant(), 9), (ArmPlant("double_pendulum"), 3), (ScalarRovPlant(), 2),
-     (BMW320iPlant(), 2), (INEXACT["rover"], 2), (VEHICLES["uvms"], 13)],
-)  # fmt: skip
+    [
+        (BlueROV2Plant(), 9),
+        (ArmPlant("double_pendulum"), 3),
+        (ScalarRovPlant(), 2),
+        (BMW320iPlant(), 2),
+        (INEXACT["rover"], 2),
+        (VEHICLES["uvms"], 13),
+    ],
+)
 def test_an_actuator_that_is_not_there_or_has_no_gain_is_refused(config, actuator):
     with pytest.raises(InvalidInput) as caught:
         made(config, loss=0.4, actuator=actuator)
@@ -151,8 +161,13 @@ def test_an_actuator_that_is_not_there_or_has_no_gain_is_refused(config, actuato
 
 # -- a run -------------------------------------------------------------------------------------
 
-BASE = replace(load("bluerov2"), identifier=NullspaceAID(K=6.0, gain=0.6), duration=24.0,
-               pe_window=4.0, held_out=5.0)  # fmt: skip
+BASE = replace(
+    load("bluerov2"),
+    identifier=NullspaceAID(K=6.0, gain=0.6),
+    duration=24.0,
+    pe_window=4.0,
+    held_out=5.0,
+)
 FAULT = Fault(loss=0.4, actuator=3, time=12.0)
 
 
@@ -166,7 +181,7 @@ def sound(tmp_path_factory) -> SimulatedRun:
     return run(BASE, tmp_path_factory.mktemp("sound"))
 
 
-def test_the_record_is_the_sound_runs_until_then(failed: SimulatedRun, sound: SimulatedRun):
+def test_before_the_fault_the_record_is_the_sound_runs(failed: SimulatedRun, sound: SimulatedRun):
     assert (failed.prior == sound.prior).all()
     strike = 1 + round(FAULT.time / BASE.dt)
     for column in ("q", "v", "u", "v_hat", "theta_hat"):
@@ -195,16 +210,18 @@ def test_the_estimate_is_judged_against_the_truth_at_the_end(
     assert summary["pe_level_perp"] > 0.1 * plain["pe_level_perp"] > 0
 
 
-def test_the_held_out_trajectory_has_the_loss_from_its_start(failed: SimulatedRun):
+def test_the_held_out_trajectory_has_the_fault_from_its_start(failed: SimulatedRun):
     later, system = truth_of(failed).held_out, failed.plant.system
-    weak, sound = (force_residual_ratio(system, later, theta, None)
-                   for theta in (truth_of(failed).theta, failed.plant.truth))  # fmt: skip
+    weak, sound = (
+        force_residual_ratio(system, later, theta, None)
+        for theta in (truth_of(failed).theta, failed.plant.truth)
+    )
     assert weak is not None and sound is not None
     assert weak < 1e-3  # v̇ is a difference here
     assert sound > 0.05
 
 
-def test_v_jumps_with_the_truth_and_that_is_no_violation(failed: SimulatedRun):
+def test_a_jump_of_v_at_the_fault_is_no_violation(failed: SimulatedRun):
     V, t = energy(failed, truth_of(failed)), failed.record["t"]
     assert (np.flatnonzero(np.diff(V) > 0) == [np.searchsorted(t, 12.0 - 1e-9) - 1]).all()
     assert summarize(failed, truth_of(failed))["lyapunov_violations"] == 0
@@ -233,7 +250,7 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
     assert np.abs(others - 1).max() <= 0.25
 
 
-def test_recording_report_and_a_rebuild_know_it(failed: SimulatedRun):
+def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
     summary = finish.finish(failed)
     assert "thrust_3 loses 40 % at 12 s" in (failed.folder / "report.html").read_text("utf-8")
     again = finish.rebuild(failed.folder)
@@ -243,7 +260,7 @@ def test_recording_report_and_a_rebuild_know_it(failed: SimulatedRun):
     }
 
 
-def test_a_run_that_ends_before_is_judged_as_sound(tmp_path):
+def test_a_run_that_ends_before_the_fault_is_judged_as_sound(tmp_path):
     early = replace(BASE, duration=4.0, plant=BlueROV2Plant(fault=FAULT))
     done = run(early, tmp_path)
     assert (truth_of(done).theta == done.plant.truth).all()
@@ -255,7 +272,7 @@ def test_a_run_that_ends_before_is_judged_as_sound(tmp_path):
 # -- as data -----------------------------------------------------------------------------------
 
 
-def test_a_fault_survives_json_and_the_hash_tells_it():
+def test_a_fault_survives_json_and_changes_the_hash():
     scenario = Scenario(plant=BlueROV2Plant(fault=FAULT))
     again = Scenario.from_json(scenario.to_json())
     assert again == scenario and again.hash == scenario.hash

@@ -22,13 +22,14 @@ from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.experiment.setup import Setup, trajectory
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.conventional import known_mask
 from nsaid_mj.identifiers.metric import ConstantMetric
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
 from nsaid_mj.plants.scalar_rov import ScalarRov
+from tests.support.plants import drive
 
 FEW = settings(deadline=None, max_examples=15)
 VEHICLES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "uvms", "borinot"]
@@ -70,8 +71,7 @@ def motion(name: str):
     setup = Setup.of(scenario)
     plant, prior = setup.plant, setup.prior
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
-    with plant.running():
-        seen = trajectory(plant, driver, 40).rows
+    seen = drive(plant, driver, 0.04).rows
     return plant.system, prior, seen
 
 
@@ -99,7 +99,7 @@ def assert_same(one: State, other: State) -> None:
 
 
 @contract
-def test_it_starts_at_the_measured_velocity_and_the_prior(name, law):
+def test_an_identifier_starts_at_the_measured_velocity_and_the_prior(name, law):
     system, prior, seen = motion(name)
     state = build(name, law).init(seen[3])
     assert (state.v_hat - seen[3].v == 0).all()  # (46): Δv(t₀) = 0
@@ -109,7 +109,7 @@ def test_it_starts_at_the_measured_velocity_and_the_prior(name, law):
 
 
 @contract
-def test_it_moves_with_the_measurements(name, law):
+def test_estimates_stay_finite_and_adapt_along_the_measurements(name, law):
     _, prior, seen = motion(name)
     states = identify(build(name, law), seen)
     for state, now in zip(states, seen, strict=True):
@@ -167,7 +167,7 @@ def test_time_must_increase(name, law, back):
 
 @contract
 @pytest.mark.parametrize("field", ["t", "q", "v", "u"])
-def test_a_first_measurement_that_is_none_is_refused(name, law, field):
+def test_a_first_measurement_that_is_not_finite_is_refused(name, law, field):
     _, _, seen = motion(name)
     good = getattr(seen[0], field)
     bad = [np.asarray(good) * np.nan, np.append(good, 0.0)]
@@ -215,8 +215,9 @@ def test_a_gain_is_positive_definite(name, gain, bad):
 
 
 @systems
-@pytest.mark.parametrize("change", [lambda x: x[:-1], lambda x: np.append(x, 1.0),
-                                    lambda x: x * np.nan])  # fmt: skip
+@pytest.mark.parametrize(
+    "change", [lambda x: x[:-1], lambda x: np.append(x, 1.0), lambda x: x * np.nan]
+)
 def test_a_prior_is_one_number_for_each_parameter(name, change):
     system, prior, _ = motion(name)
     with pytest.raises(InvalidInput) as caught:
@@ -237,7 +238,7 @@ def test_K_is_within_what_rk4_can_follow(name, law):
 
 
 @systems
-def test_a_diagonal_and_a_matrix_are_the_same_gain(name):
+def test_a_diagonal_gain_and_its_matrix_give_the_same_estimate(name):
     system, prior, seen = motion(name)
     K, Gamma = np.full(system.n, 20.0), system.space.scale**2
     diagonal, full = (
@@ -254,7 +255,7 @@ def test_a_diagonal_and_a_matrix_are_the_same_gain(name):
 
 
 @constant
-def test_an_estimate_without_positive_mass_is_a_status(name, law):
+def test_an_indefinite_mass_matrix_is_a_status(name, law):
     system, prior, seen = motion(name)
     for theta in (-prior, 0 * prior):
         identifier = LAWS[law](5.0, 0.01).build(system, theta, 1e-3)
@@ -266,7 +267,7 @@ def test_an_estimate_without_positive_mass_is_a_status(name, law):
 
 
 @systems
-def test_the_mass_may_go_bad_within_a_step(name):
+def test_an_indefinite_mass_matrix_within_a_step_ends_it(name):
     """A gain that throws θ̂ out of the cone between two measurements ends with the last good one."""
     system, prior, seen = motion(name)
     wild = NullspaceAID(K=5.0, gain=1e9).build(system, prior, 1e-3)
@@ -306,7 +307,7 @@ def test_the_scale_of_theta_is_a_symmetry(name, law):
 
 
 @systems
-def test_the_conserved_quantity_is_and_the_velocity_error_is_not(name):
+def test_the_conserved_quantity_stays_while_the_velocity_error_changes(name):
     _, _, seen = motion(name)
     identifier = build(name, "NullspaceAID")
     states = identify(identifier, seen)
@@ -317,7 +318,7 @@ def test_the_conserved_quantity_is_and_the_velocity_error_is_not(name):
 
 
 @systems
-def test_what_is_known_is_held_to_the_bit_and_the_rest_moves(name):
+def test_known_parameters_stay_to_the_bit_and_the_others_adapt(name):
     system, prior, seen = motion(name)
     first = system.space.names[0]
     for known in (("actuators",), (first,), (first, "actuators")):
@@ -334,7 +335,7 @@ def test_what_is_known_is_held_to_the_bit_and_the_rest_moves(name):
 
 
 @systems
-def test_a_block_may_be_known_by_its_name(name):
+def test_a_whole_block_may_be_declared_known_by_name(name):
     space = motion(name)[0].space
     block, place = next(iter(space))
     mask = known_mask(space, (block.name,))
@@ -343,7 +344,7 @@ def test_a_block_may_be_known_by_its_name(name):
 
 @systems
 @pytest.mark.parametrize("known", ["nothing", "everything"])
-def test_something_is_known_and_something_is_not(name, known):
+def test_declaring_nothing_or_everything_known_is_refused(name, known):
     space = motion(name)[0].space
     names = () if known == "nothing" else tuple(space.names)
     with pytest.raises(InvalidInput) as caught:
@@ -399,7 +400,7 @@ class Often(experiment.Observer):
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])
 @pytest.mark.parametrize("sensors", ["ideal", "noisy"])
 @pytest.mark.parametrize("name", ["scalar", "double_pendulum", "bluerov2"])
-def test_whoever_looks_how_often_changes_no_bit(name, sensors, law, tmp_path):
+def test_observer_period_does_not_change_the_record(name, sensors, law, tmp_path):
     """A run goes by stretches, as long as nobody wants to look in between."""
     identifier = replace(SCENARIOS[name].identifier, law=law)
     if law == "memory":
@@ -503,7 +504,7 @@ def test_one_seed_one_record_another_seed_another(name, sensors, tmp_path):
 
 
 @runs
-def test_noisy_sensors_are_noisy_by_their_levels(name, tmp_path):
+def test_noisy_sensors_have_their_stated_levels(name, tmp_path):
     records = {}
     for sensors in ("ideal", "noisy"):
         record(name, tmp_path / sensors, sensors=sensors)

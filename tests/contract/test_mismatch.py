@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -34,8 +33,9 @@ from nsaid_mj.plants import (
     SensorNoise,
     UvmsPlant,
 )
-from tests.contract.test_underwater import apart, commands, ends, flown, true_numbers, vehicle
-from tests.support.vehicles import VEHICLES, acceleration, coordinate_map, draw_numbers
+from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
+from tests.support.plants import name_of, path, random_commands, start_of
+from tests.support.vehicles import VEHICLES, acceleration, coordinate_map
 
 FLOW = (0.4, -0.3, 0.2)
 DT = 2e-3
@@ -45,35 +45,8 @@ def made(config: PlantConfig, dt: float = DT, **switches: Any) -> Plant:
     return replace(config, mismatch=Mismatch(**switches)).build(dt, 4)
 
 
-def path(p: Plant, inputs: Iterable[Array], numbers: Array, v: Array) -> Array:
-    """(steps + 1, 2 n) states."""
-    with p.running():
-        p.reset(numbers, v)
-        rows = [np.concatenate(p.coordinates())]
-        for u in inputs:
-            p.step(u)
-            rows.append(np.concatenate(p.coordinates()))
-    return np.array(rows)
-
-
-def inputs(p: Plant, steps: int = 60, seed: int = 0) -> Array:
-    """(steps, n_u) commands of operation."""
-    rng = np.random.default_rng(seed)
-    return np.array([p.system.random_state(rng)[2] for _ in range(steps)])
-
-
-def start(p: Plant, seed: int = 1) -> tuple[Array, Array]:
-    rng = np.random.default_rng(seed)
-    _, v, _ = p.system.random_state(rng)
-    return 0.3 * draw_numbers(p.system, rng), v
-
-
-def unknown(config: PlantConfig) -> str:
-    return type(config).__name__ + getattr(config, "robot", "") + getattr(config, "model", "")
-
-
 ANY = [ScalarRovPlant(), ArmPlant("double_pendulum"), FloatingBasePlant("bolt"), *VEHICLES.values()]
-every_plant = pytest.mark.parametrize("config", ANY, ids=unknown)
+every_plant = pytest.mark.parametrize("config", ANY, ids=name_of)
 
 
 # -- delay -------------------------------------------------------------------------------------
@@ -83,9 +56,9 @@ every_plant = pytest.mark.parametrize("config", ANY, ids=unknown)
 @pytest.mark.parametrize("k", [1, 7])
 def test_a_delayed_command_arrives_k_steps_later(config, k):
     prompt, late = made(config), made(config, delay=k * DT)
-    u = inputs(prompt)
+    u = random_commands(prompt)
     waiting = np.vstack([np.zeros((k, prompt.system.n_u)), u[:-k]])
-    at = start(prompt)
+    at = start_of(prompt)
     expected = path(prompt, waiting, *at)
     assert (path(late, u, *at) == expected).all()
     assert (path(late, u, *at) == expected).all()  # a reset forgets what was on its way
@@ -93,18 +66,18 @@ def test_a_delayed_command_arrives_k_steps_later(config, k):
     assert late.mismatches == (f"commands arrive {k * DT:g} s late",)
 
 
-def test_from_rest_the_late_motion_is_the_prompt_one_shifted():
+def test_from_rest_a_delay_shifts_the_motion():
     """A free-flyer at rest waits; to the bit, since nothing depends on the time."""
     prompt, late = made(AstrobeePlant()), made(AstrobeePlant(), delay=5 * DT)
-    u, rest = inputs(prompt), (np.zeros(6), np.zeros(6))
+    u, rest = random_commands(prompt), (np.zeros(6), np.zeros(6))
     one, other = path(prompt, u, *rest), path(late, u, *rest)
     assert (other[:6] == 0).all() and (other[5:] == one[:-5]).all()
 
 
-def test_a_late_command_is_what_it_was_when_it_was_given():
+def test_a_delayed_command_is_a_copy_of_the_command_given():
     """A driver may write every command into one and the same array."""
     p, rest = made(AstrobeePlant(), delay=5 * DT), (np.zeros(6), np.zeros(6))
-    u, one = inputs(p), np.zeros(12)
+    u, one = random_commands(p), np.zeros(12)
 
     def overwritten():
         for row in u:
@@ -114,7 +87,7 @@ def test_a_late_command_is_what_it_was_when_it_was_given():
     assert (path(p, overwritten(), *rest) == path(p, u, *rest)).all()
 
 
-def test_a_delay_is_told_as_the_steps_it_becomes():
+def test_a_delay_is_reported_in_whole_steps():
     assert made(AstrobeePlant(), delay=0.4 * DT).mismatches == ()
     assert made(AstrobeePlant(), delay=2.4 * DT).mismatches == (
         f"commands arrive {2 * DT:g} s late",
@@ -128,22 +101,22 @@ def test_a_delay_is_told_as_the_steps_it_becomes():
 @every_plant
 def test_a_lagging_actuator_is_a_first_order_filter(config):
     tau, p = 0.05, made(config, lag=0.05)
-    u = inputs(p)[0]
+    u = random_commands(p)[0]
     with p.running():
-        p.reset(*start(p))
+        p.reset(*start_of(p))
         assert (p.data.act == 0).all()
         for k in range(1, 101):
             p.step(u)
             np.testing.assert_allclose(p.data.act, u * (1 - np.exp(-k * DT / tau)), rtol=1e-6)
-        p.reset(*start(p))
+        p.reset(*start_of(p))
         assert (p.data.act == 0).all()
     assert p.mismatches == (f"actuators lag by {tau:g} s",)
 
 
 @every_plant
-def test_what_acts_is_the_activation_and_not_the_command(config):
+def test_force_follows_the_activation_not_the_command(config):
     prompt, lagging = made(config), made(config, lag=0.05)
-    (numbers, v), u = start(prompt), inputs(prompt)[0]
+    (numbers, v), u = start_of(prompt), random_commands(prompt)[0]
     at_zero = acceleration(prompt, numbers, v, 0 * u)
     assert (acceleration(lagging, numbers, v, u) == at_zero).all()
     with lagging.running():
@@ -157,7 +130,7 @@ def test_what_acts_is_the_activation_and_not_the_command(config):
     assert np.abs(expected - at_zero).max() > 1e-6
 
 
-def test_a_lagging_bluerov2_is_fossens_with_eight_more_states():
+def test_a_lagging_bluerov2_follows_fossens_equations_with_eight_more_states():
     true, series = true_numbers("full current"), commands(2)
     p = vehicle(true, 1e-3, Mismatch(lag=0.2))
     expected, found = flown(true, series, 1.0, lag=0.2), ends(p, series, 1.0)
@@ -166,7 +139,7 @@ def test_a_lagging_bluerov2_is_fossens_with_eight_more_states():
     assert apart(found, flown(true, series, 1.0)) > 1e-2
 
 
-def test_a_lag_is_of_fourth_order_too():
+def test_steps_with_a_lag_are_of_fourth_order():
     """In steps of any size; MuJoCo's `filterexact` would be of first order under RK4."""
     true = replace(true_numbers("full"), quadratic=np.zeros(6))
     expected = flown(true, commands(1), 0.64, lag=0.2)
@@ -221,12 +194,12 @@ def turned(p: Plant) -> Array:
 FLUID = [BlueROV2Plant(), VEHICLES["remus100"], QuadrotorPlant()]
 
 
-@pytest.mark.parametrize("config", FLUID, ids=unknown)
+@pytest.mark.parametrize("config", FLUID, ids=name_of)
 @pytest.mark.parametrize("fluid", ["exact", "ellipsoid"])
-def test_at_rest_relative_to_the_flow_it_is_as_at_rest_in_still_fluid(config, fluid):
+def test_at_rest_in_the_flow_acceleration_is_that_at_rest_in_still_fluid(config, fluid):
     """Galilei: no drag, no lift, no added mass's force, whatever the vehicle's attitude."""
     still, flowing = made(config, fluid=fluid), made(config, fluid=fluid, flow=FLOW)
-    u = 0 * inputs(still)[0]
+    u = 0 * random_commands(still)[0]
     expected = acceleration(still, turned(still), np.zeros(6), u)
     found = acceleration(flowing, turned(still), drifting(flowing), u)
     np.testing.assert_allclose(found, expected, atol=1e-10 * (1 + np.abs(expected).max()))
@@ -234,11 +207,11 @@ def test_at_rest_relative_to_the_flow_it_is_as_at_rest_in_still_fluid(config, fl
     assert np.abs(against - expected).max() > 1e-3
 
 
-@pytest.mark.parametrize("config", FLUID, ids=unknown)
-def test_a_steady_flow_is_a_moving_frame(config):
+@pytest.mark.parametrize("config", FLUID, ids=name_of)
+def test_motion_in_a_steady_flow_is_that_in_still_fluid_carried_along(config):
     """The whole motion in a flow is that in still fluid, carried along."""
     still, flowing = made(config), made(config, flow=FLOW)
-    u = inputs(still, 200)
+    u = random_commands(still, 200)
     at = turned(still), np.array([0.3, -0.2, 0.1, 0.4, 0.2, -0.3])
     carried = at[0], at[1] + drifting(still)
     one, other = path(still, u, *at), path(flowing, u, *carried)
@@ -263,8 +236,10 @@ def test_a_level_wind_pushes_a_car():
     config = BMW320iPlant()
     still = made(config)
     v, u = np.array([20.0, 0, 0]), np.zeros(2)
-    a = {wind: acceleration(made(config, flow=(wind, 0.0, 0.0)), np.zeros(3), v, u)[0]
-         for wind in (-10.0, 0.0, 10.0)}  # fmt: skip
+    a = {
+        wind: acceleration(made(config, flow=(wind, 0.0, 0.0)), np.zeros(3), v, u)[0]
+        for wind in (-10.0, 0.0, 10.0)
+    }
     assert a[-10.0] < a[0.0] < a[10.0]
     assert a[0.0] == acceleration(still, np.zeros(3), v, u)[0]
     with pytest.raises(InvalidInput, match="level wind"):
@@ -274,10 +249,10 @@ def test_a_level_wind_pushes_a_car():
 # -- MuJoCo's own fluid ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("config", FLUID, ids=unknown)
-def test_the_ellipsoids_brake_but_have_no_added_inertia(config):
+@pytest.mark.parametrize("config", FLUID, ids=name_of)
+def test_the_ellipsoid_model_brakes_without_added_inertia(config):
     exact, other = made(config), made(config, fluid="ellipsoid")
-    idle, place = 0 * inputs(exact)[0], np.zeros(6)
+    idle, place = 0 * random_commands(exact)[0], np.zeros(6)
     M = np.zeros((6, 6))
     mujoco.mj_forward(other.model, other.data)
     mujoco.mj_fullM(other.model, other.data, M)
@@ -287,8 +262,10 @@ def test_the_ellipsoids_brake_but_have_no_added_inertia(config):
         v = 2.0 * np.eye(6)[axis]
         a = acceleration(other, place, v, idle) - acceleration(other, place, 0 * v, idle)
         assert a[axis] < 0
-        assert a[axis] != (acceleration(exact, place, v, idle)
-                           - acceleration(exact, place, 0 * v, idle))[axis]  # fmt: skip
+        assert (
+            a[axis]
+            != (acceleration(exact, place, v, idle) - acceleration(exact, place, 0 * v, idle))[axis]
+        )
     assert other.mismatches == ("MuJoCo's ellipsoid fluid instead of the structure's",)
 
 
@@ -347,7 +324,7 @@ NOTHING_TO_ACT_ON = [
 
 
 @pytest.mark.parametrize(("config", "fields"), NOTHING_TO_ACT_ON, ids=lambda x: str(x)[:20])
-def test_a_switch_without_effect_is_refused_with_the_remedy(config, fields):
+def test_a_mismatch_without_effect_is_refused_with_the_remedy(config, fields):
     for name in fields:
         with pytest.raises(InvalidInput) as caught:
             replace(config, mismatch=Mismatch(**{name: getattr(ALL, name)}))
@@ -365,7 +342,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("field", "value"), [(f, v) for f, bad in BAD.items() for v in bad])
-def test_a_bad_switch_is_named(field, value):
+def test_a_bad_mismatch_value_is_refused_by_name(field, value):
     with pytest.raises(InvalidInput) as caught:
         Mismatch(**{field: value})
     assert caught.value.name.startswith(f"plant.mismatch.{field}") and caught.value.remedy
@@ -374,13 +351,14 @@ def test_a_bad_switch_is_named(field, value):
 # -- as data -----------------------------------------------------------------------------------
 
 
-def test_a_mismatch_survives_json_and_the_hash_tells_it():
+def test_a_mismatch_survives_json_and_changes_the_hash():
     scenario = Scenario(plant=BlueROV2Plant(mismatch=ALL))
     again = Scenario.from_json(scenario.to_json())
     assert again == scenario and again.hash == scenario.hash
     assert isinstance(again.plant.mismatch.flow, tuple)
-    hashes = {Scenario(plant=BlueROV2Plant(mismatch=Mismatch(**{f: getattr(ALL, f)}))).hash
-              for f in BAD} | {scenario.hash, Scenario(plant=BlueROV2Plant()).hash}  # fmt: skip
+    hashes = {
+        Scenario(plant=BlueROV2Plant(mismatch=Mismatch(**{f: getattr(ALL, f)}))).hash for f in BAD
+    } | {scenario.hash, Scenario(plant=BlueROV2Plant()).hash}
     assert len(hashes) == 6
     tree = json.loads(scenario.to_json())
     tree["plant"]["mismatch"]["lag"] = -1.0
@@ -399,7 +377,7 @@ def test_a_mismatch_survives_json_and_the_hash_tells_it():
         ("--fluid ellipsoid", {"fluid": "ellipsoid"}),
     ],
 )
-def test_a_switch_is_a_flag(words, expected):
+def test_a_mismatch_is_a_flag(words, expected):
     scenario, _ = parse("bluerov2", load("bluerov2"), words.split())
     assert scenario.plant.mismatch == Mismatch(**expected)
     assert replace(scenario, plant=BlueROV2Plant()) == load("bluerov2")
@@ -414,7 +392,7 @@ def test_a_run_from_the_command_line(tmp_path, capsys):
     assert told.plant.mismatch == Mismatch(lag=0.1)
 
 
-def test_a_refused_switch_is_told_on_the_command_line_before_anything_is_written(tmp_path):
+def test_a_refused_mismatch_ends_the_command_before_anything_is_written(tmp_path):
     with pytest.raises((InvalidInput, SystemExit)):
         command(["run", "ur5", "--fluid", "ellipsoid", "--out", str(tmp_path / "out")])
     assert not (tmp_path / "out").exists()

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from nsaid_mj.control.signals import FourierTrajectory, Multisine
 from nsaid_mj.errors import InvalidInput
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=30)
-seeds = st.integers(0, 2**32 - 1)
 
 
 def fourier(seed, *, low=(-1.0, 0.0, 2.0), high=(1.0, 3.0, 2.5), speed=(1.0, 9.0, 0.3), f=0.2, h=5):
@@ -82,7 +82,7 @@ def test_multisine_is_bounded(seed, tones, amplitude, t):
 
 @FEW
 @given(seeds, st.floats(0.05, 0.5), st.floats(1.1, 20))
-def test_a_single_tone_lies_in_its_band(seed, low, ratio):
+def test_a_single_tone_lies_within_the_band(seed, low, ratio):
     """s̈ = −ω² s, so ω² shows in three samples."""
     signal, h = multisine(seed, low=low, high=low * ratio, tones=1), 1e-2
     t = np.linspace(0, 30, 50)
@@ -100,8 +100,10 @@ def test_multisine_power_does_not_depend_on_the_number_of_tones():
         assert 0.65 < power / (0.8**2 / 2) < 1.05  # many tones are clipped: 0.74 for a Gaussian
 
 
-@pytest.mark.parametrize("low,high", [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, 0.1),
-                                      (0.1, 0.05), (0.1, np.nan), (0.1, np.inf)])  # fmt: skip
+@pytest.mark.parametrize(
+    "low,high",
+    [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, 0.1), (0.1, 0.05), (0.1, np.nan), (0.1, np.inf)],
+)
 def test_multisine_refuses_an_empty_band(low, high):
     with pytest.raises(InvalidInput) as caught:
         multisine(0, low=low, high=high)
@@ -123,6 +125,6 @@ def test_multisine_refuses_a_bad_amplitude(amplitude):
 
 
 @pytest.mark.parametrize("make", [lambda s: fourier(s)(1.3)[0], lambda s: multisine(s)(1.3)])
-def test_one_seed_one_signal(make):
+def test_a_signal_is_determined_by_its_seed(make):
     assert (make(3) == make(3)).all()
     assert (make(3) != make(4)).any()

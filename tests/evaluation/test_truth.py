@@ -6,12 +6,10 @@ import dataclasses
 import json
 import math
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from nsaid_mj import (
     ArmPlant,
@@ -30,6 +28,7 @@ from nsaid_mj.experiment.loop import Run, SimulatedRun, run
 from nsaid_mj.nullspace import structural
 from nsaid_mj.reporting import finish, report
 from tests.support.faulty import ROV
+from tests.support.recordings import entities_of
 
 NOISY = replace(
     ROV,
@@ -55,12 +54,24 @@ BOAT = Scenario(
 )
 SCENARIOS = {"number": NOISY, "arm": ARM, "boat": BOAT}
 OF_THE_TRUTH = {
-    "theta_perp_ratio", "theta_perp_ratio_initial", "plant_direction_error",
-    "actuator_ratio_error", "force_residual_ratio", "lyapunov_violations",
-    "lyapunov_largest_rise", "lyapunov_bound", "pe_level_perp", "pe_share_perp", "r_excited",
-    "excited_error_rms", "excited_error_rms_initial", "assumption_46_margin",
-    "least_mass_eigenvalue", "mismatch", "fault",
-}  # fmt: skip
+    "theta_perp_ratio",
+    "theta_perp_ratio_initial",
+    "plant_direction_error",
+    "actuator_ratio_error",
+    "force_residual_ratio",
+    "lyapunov_violations",
+    "lyapunov_largest_rise",
+    "lyapunov_bound",
+    "pe_level_perp",
+    "pe_share_perp",
+    "r_excited",
+    "excited_error_rms",
+    "excited_error_rms_initial",
+    "assumption_46_margin",
+    "least_mass_eigenvalue",
+    "mismatch",
+    "fault",
+}
 
 
 def unknown(done: SimulatedRun) -> Run:
@@ -84,7 +95,7 @@ def leaves(value: Any, key: str = "") -> list[tuple[str, Any]]:
     return [(key, value)]
 
 
-def test_what_needs_the_truth_is_absent_and_all_else_is_as_with_it(done):
+def test_without_a_truth_only_the_comparisons_are_missing(done):
     whole, bare = summarize(done, truth_of(done)), summarize(unknown(done), None)
     assert whole.keys() - bare.keys() == OF_THE_TRUTH
     assert bare.keys() - whole.keys() == {"force_residual_ratio_measured"}
@@ -99,7 +110,7 @@ def test_what_needs_the_truth_is_absent_and_all_else_is_as_with_it(done):
         assert whole["confidence"].keys() - bare["confidence"].keys() == {"covered"}
 
 
-def test_no_value_is_a_placeholder(done):
+def test_no_summary_value_is_a_placeholder(done):
     for key, value in leaves(summarize(unknown(done), None)):
         assert value is not None or key in {"confidence", "conserved_drift"}, key
         assert not isinstance(value, float) or math.isfinite(value), key
@@ -107,14 +118,14 @@ def test_no_value_is_a_placeholder(done):
             assert value and value > 0, key
 
 
-def test_the_nullspace_is_the_estimates(done):
+def test_without_a_truth_the_nullspace_is_that_of_the_estimate(done):
     bare, seeds = summarize(unknown(done), None), done.setup.seeds
     theta = done.record["theta_hat"][-1]
     wanted = structural(done.system, theta, np.random.default_rng(seeds.structure))
     assert (bare["r"], bare["rank_gap"]) == (wanted.r, [float(s) for s in wanted.gap])
 
 
-def test_the_measured_residual_falls_as_the_estimate_comes_near(tmp_path):
+def test_the_measured_residual_falls_as_the_estimate_converges(tmp_path):
     long = replace(ROV, duration=40.0)
     done = unknown(run(long, tmp_path))
     late = summarize(done, None)["force_residual_ratio_measured"]
@@ -124,14 +135,14 @@ def test_the_measured_residual_falls_as_the_estimate_comes_near(tmp_path):
     assert late < 0.05 * summarize(stuck, None)["force_residual_ratio_measured"]
 
 
-def test_commands_that_were_not_recorded_leave_the_measured_residual_out(tmp_path):
+def test_without_recorded_commands_there_is_no_measured_residual(tmp_path):
     done = unknown(run(replace(ROV, record_every=2), tmp_path))
     assert "force_residual_ratio_measured" not in summarize(done, None)
     done = finish.finish(done)
     assert (tmp_path / recording.FILE).is_file() and "velocity_error_rms" in done
 
 
-def test_a_run_that_ended_before_its_first_row_says_null_and_not_zero(tmp_path):
+def test_a_run_without_rows_has_null_figures(tmp_path):
     done = run(ROV, tmp_path)
     done.record.columns.update({name: rows[:0] for name, rows in done.record.columns.items()})
     whole, bare = summarize(done, truth_of(done)), summarize(unknown(done), None)
@@ -140,38 +151,30 @@ def test_a_run_that_ended_before_its_first_row_says_null_and_not_zero(tmp_path):
     assert whole["theta_perp_ratio"] is None and whole["pe_level_perp"] is None
 
 
-def entities(folder: Path) -> dict[str, set[str]]:
-    found: dict[str, set[str]] = {}
-    for chunk in RrdReader(folder / recording.FILE).stream():
-        columns = chunk.to_record_batch().schema.names
-        found.setdefault(str(chunk.entity_path), set()).update(columns)
-    return found
-
-
-def test_it_is_recorded_and_reported_all_the_same(done, tmp_path):
+def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
     summary = finish.finish(bare)
     assert json.loads((tmp_path / finish.SUMMARY).read_text(encoding="utf-8")) == summary
     page = (tmp_path / report.FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
-    seen = entities(tmp_path)
+    seen = entities_of(tmp_path / recording.FILE)
     wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}
     assert wanted <= seen.keys()
     absent = ("/distance", "/share", "/lyapunov", "/theta_perp", "/robot/body/force/commanded")
     assert not [path for path in seen if path.startswith(absent) or "true_direction" in path]
 
 
-def test_the_robot_moves_without_a_truth(tmp_path):
+def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
     done = run(BOAT, tmp_path)
     bare = Run(**{field.name: getattr(done, field.name) for field in fields(Run)})
     recording.write(bare, summarize(bare, None), None)
-    seen = entities(tmp_path)
+    seen = entities_of(tmp_path / recording.FILE)
     assert "/robot/body" in seen and "/robot/body/force/estimated" in seen
     assert "/robot/body/force/commanded" not in seen
     assert any("Mesh3D" in column for columns in seen.values() for column in columns)
 
 
-def test_only_what_the_law_does_by_itself_is_verified(done):
+def test_without_a_truth_only_the_conserved_quantity_is_verified(done):
     said = {v.statement: v.verdict for v in verify(unknown(done), None)}
     own = said.pop("(30) in (45)")
     assert set(said.values()) == {"not applicable"} and own == "holds"
@@ -199,6 +202,6 @@ def test_a_fault_changes_the_truth_at_its_time(tmp_path):
         ([0.001, math.nan], None),
     ],
 )
-def test_an_estimate_has_converged_once_it_stays_near(distances, expected):
+def test_converged_at_is_when_the_estimate_stays_near_the_true_set(distances, expected):
     t = np.arange(len(distances), dtype=float)
     assert converged_at(t, np.array(distances)) == expected

@@ -16,8 +16,12 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup
 
-NEED_A_TRUTH = ("theta_perp_ratio", "theta_perp_ratio_initial", "actuator_ratio_error",
-                "plant_direction_error")  # fmt: skip
+NEED_A_TRUTH = (
+    "theta_perp_ratio",
+    "theta_perp_ratio_initial",
+    "actuator_ratio_error",
+    "plant_direction_error",
+)
 
 
 @cache
@@ -46,24 +50,24 @@ def test_a_memory_converges_in_seconds():
     assert "from the true set" in found["verdict"]
 
 
-def test_the_papers_law_on_an_arm_is_still_converging_and_is_told_of_the_memory():
+def test_the_verdict_on_a_slow_law_recommends_the_memory():
     found = summary("ur5", "paper", 10.0)
     assert found["verdict"].startswith("still converging: ")
     assert "--law memory does in seconds what this law does in hours" in found["verdict"]
 
 
-def test_a_memory_that_has_seen_too_little_is_not_told_of_itself():
+def test_the_verdict_on_a_short_memory_run_recommends_no_law():
     found = summary("ur5", "memory", 0.1)
     assert "converging: " in found["verdict"] and "--law" not in found["verdict"]
 
 
-def test_a_delay_that_the_structure_lacks_contradicts_it():
+def test_an_unmodelled_delay_contradicts_the_structure():
     found = summary("ur5", "memory", 6.0, delay=0.01)
     assert found["verdict"].startswith("the motion contradicts this structure: ")
     assert 0.01 < found["force_residual_floor"] <= found["force_residual_ratio"]
 
 
-def test_the_same_motion_without_the_delay_contradicts_nothing():
+def test_without_the_delay_the_same_run_converges():
     assert summary("ur5", "memory", 6.0)["verdict"].startswith("converged: ")
 
 
@@ -78,9 +82,10 @@ def test_moving_away_from_the_true_set_is_not_converging():
     assert verdict(away).startswith("not converging: ")
 
 
-@pytest.mark.parametrize("case", [("scalar_rov", "memory", 10.0), ("ur5", "memory", 6.0),
-                                  ("ur5", "paper", 10.0)])  # fmt: skip
-def test_without_a_truth_the_residual_leads_to_the_same_judgement(case):
+@pytest.mark.parametrize(
+    "case", [("scalar_rov", "memory", 10.0), ("ur5", "memory", 6.0), ("ur5", "paper", 10.0)]
+)
+def test_without_a_truth_the_verdict_is_the_same(case):
     found = summary(*case)
     blind = verdict(without_truth(found))
     assert blind.partition(":")[0] == found["verdict"].partition(":")[0]

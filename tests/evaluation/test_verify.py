@@ -65,7 +65,7 @@ def unsettled(table: dict[str, Array], honest: SimulatedRun) -> None:
     table["v_hat"][-len(table["t"]) // 10 :] += 1.0
 
 
-def test_every_statement_holds_on_a_good_run(honest):
+def test_every_statement_holds_on_a_sound_run(honest):
     verdicts = judged(honest)
     assert words(verdicts) == dict.fromkeys(NAMES, "holds")
     for v in verdicts:
@@ -81,20 +81,20 @@ def test_every_statement_holds_on_a_good_run(honest):
         (unsettled, {"Theorem 1 (69)", "Theorem 1 (70)"}),
     ],
 )
-def test_a_sabotaged_record_is_caught(honest, change, fails):
+def test_a_falsified_record_fails_its_statements(honest, change, fails):
     said = words(judged(altered(honest, change)))
     found = {name for name, verdict in said.items() if verdict == "fails"}
     assert found == fails
     assert said["(75)"] == "holds"
 
 
-def test_v_is_not_judged_where_the_integrator_would_hide_a_rise(honest):
+def test_v_is_not_judged_where_integration_error_could_hide_a_rise(honest):
     said = {v.statement: v for v in judged(altered(honest, stretched))}
     assert said["Theorem 1 (69)"].verdict == "not applicable"
     assert "integrator" in said["Theorem 1 (69)"].words
 
 
-def test_a_limit_that_is_not_reached_is_not_yet(tmp_path):
+def test_a_limit_not_yet_reached_is_reported_as_not_yet(tmp_path):
     slow = replace(LONG, identifier=replace(LONG.identifier, gain=0.01), duration=12.0)
     said = {v.statement: v for v in judged(run(slow, tmp_path))}
     assert said["Theorem 2"].verdict == "not yet"
@@ -112,12 +112,16 @@ def test_without_excitation_75_fails_and_theorem_2_does_not_apply(tmp_path):
     ("scenario", "why"),
     [
         (replace(LONG, sensors="noisy"), "sensor noise of 1e-4 m, "),
-        (replace(LONG, plant=replace(LONG.plant, mismatch=replace(LONG.plant.mismatch, lag=0.1))),
-         "lag"),
+        (
+            replace(
+                LONG, plant=replace(LONG.plant, mismatch=replace(LONG.plant.mismatch, lag=0.1))
+            ),
+            "lag",
+        ),
         (replace(LONG, identifier=ConventionalAID(K=10.0, gain=0.3)), "holds parameters"),
     ],
-)  # fmt: skip
-def test_where_no_true_parameter_exists_the_theorems_do_not_apply(tmp_path, scenario, why):
+)
+def test_under_a_mismatch_the_theorems_do_not_apply(tmp_path, scenario, why):
     verdicts = judged(run(replace(scenario, duration=15.0), tmp_path))
     said = words(verdicts)
     of_itself = said.pop("(30) in (45)")
@@ -127,13 +131,13 @@ def test_where_no_true_parameter_exists_the_theorems_do_not_apply(tmp_path, scen
     assert of_itself == ("not applicable" if conventional else "holds")
 
 
-def test_a_start_in_the_true_set_has_no_way_to_go(tmp_path):
+def test_theorem_2_does_not_apply_to_a_start_in_the_true_set(tmp_path):
     said = words(judged(run(replace(LONG, duration=15.0, initial_error=0.0), tmp_path)))
     assert said["Theorem 2"] == said["Theorem 1 (70)"] == "not applicable"
     assert said["(75)"] == said["(30) in (45)"] == "holds"
 
 
-def test_windows_that_do_not_fit_judge_nothing(tmp_path):
+def test_windows_longer_than_the_run_judge_nothing(tmp_path):
     said = words(judged(run(replace(LONG, duration=2.0), tmp_path)))
     assert said["(75)"] == "not applicable" and said["Theorem 2"] == "not applicable"
 
@@ -155,7 +159,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     return folder, strict(said.out)
 
 
-def test_the_command_runs_judges_and_writes(told):
+def test_verify_runs_judges_and_writes(told):
     folder, document = told
     assert sorted(path.name for path in folder.iterdir()) == sorted((*FILES, "verify.json"))
     assert strict((folder / "verify.json").read_text(encoding="utf-8")) == document
@@ -165,14 +169,14 @@ def test_the_command_runs_judges_and_writes(told):
     assert document["scenario_hash"] == summary["scenario_hash"]
 
 
-def test_a_folder_is_judged_the_same_from_its_record(told):
+def test_verify_gives_the_same_verdicts_from_a_recorded_folder(told):
     folder, document = told
     code, said = shell("verify", "--run", folder, "--json")
     assert (code, said.err) == (0, "")
     assert strict(said.out) == document
 
 
-def test_a_sabotaged_folder_exits_with_1_and_says_what_fails(honest, tmp_path):
+def test_verify_of_a_falsified_folder_exits_with_1_and_names_what_fails(honest, tmp_path):
     """`turned`, written as a run would write it."""
     record, scenario = altered(honest, turned).record, honest.scenario
     system = honest.plant.system
@@ -195,13 +199,13 @@ def test_quiet_prints_nothing(told):
 
 
 @pytest.mark.parametrize("words", [(), ("scalar_rov", "--run", "x"), ("--run", "x", "--duration")])
-def test_a_half_command_names_the_help_that_completes_it(words):
+def test_an_incomplete_command_names_the_help_that_completes_it(words):
     code, said = shell("verify", *words)
     assert code == 2 and said.out == ""
     assert "nsaid" in said.err and "--help" in said.err
 
 
-def test_what_is_no_run_is_told_in_one_line(tmp_path):
+def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path):
     code, said = shell("verify", "--run", tmp_path)
     assert code == 2 and said.out == ""
     assert said.err.startswith("nsaid: ") and "record.arrow" in said.err

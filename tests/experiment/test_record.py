@@ -40,7 +40,7 @@ def expect(record: Record, values) -> None:
 
 @FEW
 @given(st.integers(0, 20), st.integers(1, 8), st.integers(0, 99))
-def test_what_is_written_is_read(tmp_path_factory, count, batch, seed):
+def test_data_written_is_read_back_unchanged(tmp_path_factory, count, batch, seed):
     path = tmp_path_factory.mktemp("record") / FILE
     write(path, rows(count, seed), batch)
     record = Record.read(path)
@@ -50,7 +50,7 @@ def test_what_is_written_is_read(tmp_path_factory, count, batch, seed):
 
 @FEW
 @given(st.lists(st.floats(width=64), min_size=1, max_size=9))
-def test_every_float_comes_back(tmp_path_factory, values):
+def test_every_float_is_read_back_to_the_bit(tmp_path_factory, values):
     path = tmp_path_factory.mktemp("record") / FILE
     writer = RecordWriter(path, {"t": 0}, METADATA, 4)
     for value in values:
@@ -59,7 +59,7 @@ def test_every_float_comes_back(tmp_path_factory, values):
     assert Record.read(path)["t"].tobytes() == np.array(values).tobytes()
 
 
-def test_a_folder_stands_for_its_record(tmp_path):
+def test_a_record_can_be_read_by_its_folder(tmp_path):
     write(tmp_path / FILE, rows(5))
     expect(Record.read(tmp_path), rows(5))
 
@@ -77,7 +77,7 @@ def test_a_record_is_overwritten(tmp_path):
     expect(Record.read(tmp_path), rows(2, 5))
 
 
-def test_cut_at_every_byte_it_gives_whole_batches_or_BadRun(tmp_path):
+def test_a_truncated_record_gives_whole_batches_or_BadRun(tmp_path):
     batch, values = 4, rows(14)
     write(tmp_path / "whole", values, batch)
     whole = (tmp_path / "whole").read_bytes()
@@ -97,7 +97,7 @@ def test_cut_at_every_byte_it_gives_whole_batches_or_BadRun(tmp_path):
     assert set(lengths) == {0, 4, 8, 12, 14}
 
 
-def test_what_was_written_before_a_kill_is_on_disk(tmp_path):
+def test_batches_written_before_a_kill_are_on_disk(tmp_path):
     """Nothing is closed: whole batches are readable, and only a part of one is lost."""
     writer = write(tmp_path / FILE, rows(11), close=False)
     record = Record.read(tmp_path)
@@ -107,7 +107,7 @@ def test_what_was_written_before_a_kill_is_on_disk(tmp_path):
     assert Record.read(tmp_path).complete
 
 
-def test_a_record_that_has_just_begun_is_empty(tmp_path):
+def test_a_record_without_rows_is_empty(tmp_path):
     writer = write(tmp_path / FILE, [], close=False)
     record = Record.read(tmp_path)
     expect(record, [])
@@ -115,15 +115,21 @@ def test_a_record_that_has_just_begun_is_empty(tmp_path):
     writer.close()
 
 
-def test_a_reader_keeps_its_rows_when_the_file_is_replaced(tmp_path):
+def test_a_read_record_survives_replacement_of_its_file(tmp_path):
     write(tmp_path / FILE, rows(9))
     record = Record.read(tmp_path)
     write(tmp_path / FILE, rows(9, 1))
     expect(record, rows(9))
 
 
-OTHERS = {"empty": b"", "zeros": b"\0" * 64, "ones": b"\xff" * 64, "text": b"not arrow at all",
-          "end mark": b"\xff\xff\xff\xff\0\0\0\0", "arrow file": b"ARROW1\0\0"}  # fmt: skip
+OTHERS = {
+    "empty": b"",
+    "zeros": b"\0" * 64,
+    "ones": b"\xff" * 64,
+    "text": b"not arrow at all",
+    "end mark": b"\xff\xff\xff\xff\0\0\0\0",
+    "arrow file": b"ARROW1\0\0",
+}
 
 
 @pytest.mark.parametrize("content", OTHERS)
@@ -156,7 +162,7 @@ def test_a_row_has_one_value_for_each_column(tmp_path):
     writer.close()
 
 
-def test_rivals_are_told_by_their_columns(tmp_path):
+def test_rivals_are_found_by_their_columns(tmp_path):
     writer = RecordWriter(
         tmp_path / FILE, {"t": 0, "theta_hat": 2, "v_hat_other": 1, "theta_hat_other": 2}, {}, 1
     )

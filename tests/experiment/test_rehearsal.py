@@ -29,11 +29,11 @@ from nsaid_mj.parameters import Array
 from nsaid_mj.plants import BlueROV2Plant, ScalarRovPlant
 from nsaid_mj.plants.world.body import Vehicle
 from nsaid_mj.system import SecondOrderSystem
-from tests.paper.bench import TwoVehicles
+from tests.support.bench import TwoVehicles
+from tests.support.strategies import seeds
 from tests.support.vehicles import VEHICLES
 
 FEW = settings(deadline=None, max_examples=25)
-seeds = st.integers(0, 2**32 - 1)
 THETA = np.array([2.0, 1.5, 0.3, 3.0, 1.0, 0.8, -0.2, 2.0])
 
 
@@ -55,7 +55,7 @@ class Waves:
 # -- the Gramian ---------------------------------------------------------------------------------
 
 
-def test_it_is_the_mean_that_its_definition_says():
+def test_the_expected_gramian_is_the_mean_of_its_definition():
     """By hand, on two vehicles in one dimension: M and W written out, the motion by scipy."""
     system, dt, steps = TwoVehicles(), 0.01, 200
     driver = Waves(2, 2)
@@ -79,7 +79,7 @@ def test_it_is_the_mean_that_its_definition_says():
 
 
 @pytest.mark.parametrize("name", ["bluerov2", "f1tenth", "uvms"])
-def test_the_motion_it_simulates_is_the_systems(name):
+def test_the_rehearsed_motion_is_that_of_the_system(name):
     """The Gramian's trajectory against one with a step of a tenth, and scales taken in."""
     plant = VEHICLES[name].build(1e-3, 1)
     system, theta, scale = plant.system, plant.truth, plant.system.space.scale
@@ -122,7 +122,7 @@ def test_the_motion_it_simulates_is_the_systems(name):
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_it_is_a_gramian_in_which_the_prior_is_no_direction(name):
+def test_the_expected_gramian_is_semidefinite_and_blind_to_the_prior(name):
     """Symmetric, positive semidefinite, finite; and W θ = 0 (30): θ/scale is in its nullspace."""
     plant = VEHICLES[name].build(1e-3, 1)
     system = plant.system
@@ -141,7 +141,7 @@ def test_it_is_a_gramian_in_which_the_prior_is_no_direction(name):
 
 
 @pytest.mark.parametrize("steps", [1, 5, 2999, 3000, 3001, 6001, 9000])
-def test_a_long_motion_is_sampled(steps, monkeypatch):
+def test_a_long_rehearsal_is_subsampled(steps, monkeypatch):
     """At most 3000 samples, evenly over the whole motion; every one of them where there are few."""
     system, solved = TwoVehicles(), []
     honest = np.linalg.cholesky
@@ -153,7 +153,7 @@ def test_a_long_motion_is_sampled(steps, monkeypatch):
         assert len(solved) == steps
 
 
-def test_the_same_rehearsal_has_the_same_bits_and_leaves_its_inputs_alone():
+def test_rehearsal_is_deterministic_and_leaves_its_inputs_unchanged():
     plant = BlueROV2Plant().build(1e-2, 1)
     theta = plant.truth.copy()
     one, two = (expected_gramian(plant.system, Waves(6, 8), theta, 0.01, 1.0) for _ in range(2))
@@ -180,7 +180,7 @@ def wrong(kind: str) -> tuple[SecondOrderSystem, Array]:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", ["no mass", "indefinite", "not a number", "drag that pushes"])
-def test_a_prior_that_cannot_move_is_told_with_the_remedy(kind):
+def test_a_prior_that_cannot_be_simulated_is_refused_with_the_remedy(kind):
     system, theta = wrong(kind)
     with pytest.raises(InvalidInput) as caught:
         expected_gramian(system, Waves(6, 8), theta, 0.01, 60.0)
@@ -188,7 +188,7 @@ def test_a_prior_that_cannot_move_is_told_with_the_remedy(kind):
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_run_with_a_hopeless_prior_is_refused_before_anything_is_written(tmp_path):
+def test_a_run_whose_prior_cannot_be_simulated_writes_nothing(tmp_path):
     hopeless = simulated("bluerov2", initial_error=20.0)
     with pytest.raises(InvalidInput) as caught:
         experiment.run(hopeless, tmp_path / "out")
@@ -200,7 +200,7 @@ def test_a_run_with_a_hopeless_prior_is_refused_before_anything_is_written(tmp_p
 
 @FEW
 @given(seeds, st.integers(1, 12), st.floats(1e-6, 1.0))
-def test_a_floored_inverse_is_the_inverse_where_there_is_anything(seed, p, floor):
+def test_a_floored_inverse_is_the_inverse_above_its_floor(seed, p, floor):
     rng = np.random.default_rng(seed)
     axes = np.linalg.qr(rng.standard_normal((p, p)))[0]
     values = 10.0 ** rng.uniform(-9, 3, p) * rng.choice([0, 1], p, p=[0.2, 0.8])
@@ -218,7 +218,7 @@ def test_a_floored_inverse_is_the_inverse_where_there_is_anything(seed, p, floor
         np.testing.assert_allclose(inverse, np.eye(p) / values.max(), rtol=1e-9, atol=1e-12)
 
 
-def test_a_motion_that_excites_nothing_has_no_gain():
+def test_a_gain_for_a_motion_without_excitation_is_refused():
     with pytest.raises(InvalidInput) as caught, np.errstate(all="ignore"):
         system = ScalarRovPlant().build(1e-2, 0).system
         law = NullspaceAID(gamma="simulated")
@@ -226,14 +226,14 @@ def test_a_motion_that_excites_nothing_has_no_gain():
     assert caught.value.remedy
 
 
-def test_without_a_driver_there_is_nothing_to_simulate():
+def test_a_simulated_gain_without_a_driver_is_refused():
     plant = ScalarRovPlant().build(1e-2, 0)
     with pytest.raises(InvalidInput) as caught:
         NullspaceAID(gamma="simulated").build(plant.system, plant.truth, 0.01)
     assert caught.value.name == "gamma" and caught.value.remedy
 
 
-def test_the_gain_gives_every_direction_one_rate():
+def test_the_simulated_gain_gives_every_direction_the_same_rate():
     """Γ = rate·K·S H⁻¹ S: in θ/scale, Γ H / K is rate·I where H is above the floor."""
     plant = BlueROV2Plant().build(1e-2, 1)
     system, p = plant.system, plant.system.p
@@ -285,7 +285,7 @@ def simulated(name: str, **changes) -> Scenario:
 
 @pytest.mark.parametrize("name", ["bluerov2", "astrobee"])
 @pytest.mark.parametrize("gamma", ["simulated", "scale"])
-def test_with_the_truth_gone_after_the_prior_the_record_is_the_same_to_the_bit(
+def test_removing_the_truth_after_the_prior_does_not_change_the_record(
     name, gamma, tmp_path, monkeypatch
 ):
     """The gain's design comes after the prior: from there on nobody reads what is true."""
@@ -315,7 +315,7 @@ def test_with_the_truth_gone_after_the_prior_the_record_is_the_same_to_the_bit(
     assert (tmp_path / "poisoned" / FILE).read_bytes() == clean
 
 
-def test_another_prior_or_excitation_is_another_gain_another_run_is_not():
+def test_the_simulated_gain_depends_on_prior_and_excitation_only():
     def gain(scenario: Scenario) -> Array:
         return setup.Setup.of(scenario).identifiers()[""].metric.Gamma  # pyright: ignore
 
@@ -329,7 +329,7 @@ def test_another_prior_or_excitation_is_another_gain_another_run_is_not():
 # -- a run ---------------------------------------------------------------------------------------
 
 
-def test_simulated_beats_scale_in_a_minute_and_the_summary_says_which(tmp_path):
+def test_the_simulated_gain_beats_the_scaled_one_and_the_summary_names_it(tmp_path):
     summaries = {}
     base = simulated("bluerov2", duration=60.0, held_out=5.0, record_every=5)
     base = replace(base, identifier=replace(base.identifier, rate=0.3, floor=1e-3))

@@ -92,7 +92,7 @@ def test_a_packed_scenario_survives_JSON(name):
     same(load(name))
 
 
-def test_packed_scenarios_are_there_and_differ():
+def test_packed_scenarios_exist_and_differ():
     assert {"ur5", "double_pendulum", "scalar_rov"} <= set(scenarios())
     hashes = [load(name).hash for name in scenarios()]
     assert len(set(hashes)) == len(hashes)
@@ -133,8 +133,14 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         yield (*value, "mass")
         yield ()
     elif isinstance(value, str):
-        others = {"sensors": "noisy", "interpolation": "linear", "gamma": "simulated",
-                  "law": "cone", "fluid": "ellipsoid", "backend": "pinocchio"}  # fmt: skip
+        others = {
+            "sensors": "noisy",
+            "interpolation": "linear",
+            "gamma": "simulated",
+            "law": "cone",
+            "fluid": "ellipsoid",
+            "backend": "pinocchio",
+        }
         yield others.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1
@@ -163,7 +169,7 @@ def test_the_hash_changes_with_any_field(scenario):
     assert len({scenario.hash, *(other.hash for other in others)}) == 1 + len(others)
 
 
-def test_the_hash_tells_types_apart():
+def test_scenarios_that_differ_in_type_differ_in_hash():
     laws = NullspaceAID(K=2.0), ConventionalAID(K=2.0)
     assert len({Scenario(identifier=law).hash for law in laws}) == 2
     assert len(WHOLE.hash) == 12 and int(WHOLE.hash, 16) >= 0
@@ -180,14 +186,23 @@ def test_a_foreign_type_is_refused(name):
         Scenario.from_json(json.dumps(tree))
 
 
-@pytest.mark.parametrize("text", ["[]", "{}", "3", "not json", '{"$type": "SensorNoise"}',
-                                  '{"$type": "Scenario", "colour": "red"}'])  # fmt: skip
-def test_what_is_no_scenario_is_refused(text):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "{}",
+        "3",
+        "not json",
+        '{"$type": "SensorNoise"}',
+        '{"$type": "Scenario", "colour": "red"}',
+    ],
+)
+def test_json_that_is_no_scenario_is_refused(text):
     with pytest.raises(InvalidInput):
         Scenario.from_json(text)
 
 
-def test_the_position_of_a_fault_in_json_is_named():
+def test_the_path_of_an_error_in_json_is_named():
     tree = json.loads(WHOLE.to_json())
     tree["identifier"]["memory"]["window"] = -1
     with pytest.raises(InvalidInput) as caught:
@@ -221,7 +236,7 @@ class Gentle(MultisineCommand):
     share: float = 0.5
 
 
-def test_a_class_of_a_script_survives_json():
+def test_a_class_defined_in_a_script_survives_json():
     scenario = Scenario(excitation=Gentle(high=1.0, share=0.25))
     same(scenario)
     assert isinstance(Scenario.from_json(scenario.to_json()).excitation, Gentle)
@@ -229,7 +244,7 @@ def test_a_class_of_a_script_survives_json():
 
 
 @pytest.mark.parametrize("values", [{"share": [1]}, {"low": "x"}, {"amplitude": NAN}])
-def test_a_field_of_a_class_of_a_script_is_checked_when_the_scenario_is_made(values):
+def test_fields_of_a_class_defined_in_a_script_are_checked(values):
     with pytest.raises(InvalidInput) as caught:
         Scenario(excitation=Gentle(**values))
     assert caught.value.name == f"excitation.{next(iter(values))}"
@@ -248,12 +263,16 @@ def test_the_schema_offers_every_class_by_its_type():
             for part in definitions[name]["oneOf"]
         )
     }
-    parts = {type(part).__name__ for name in scenarios() for s in (load(name),)
-             for part in (s.plant, s.excitation, s.identifier)}  # fmt: skip
+    parts = {
+        type(part).__name__
+        for name in scenarios()
+        for s in (load(name),)
+        for part in (s.plant, s.excitation, s.identifier)
+    }
     assert parts | {"Gentle"} <= offered
 
 
-def test_the_schema_tells_the_bounds():
+def test_the_schema_states_the_bounds():
     definitions = Scenario.json_schema()["$defs"]
     assert definitions["Fault"]["properties"]["loss"]["minimum"] == 0
     assert definitions["Fault"]["properties"]["loss"]["exclusiveMaximum"] == 1
@@ -406,15 +425,24 @@ def test_a_bad_field_is_named_before_the_run(part, field, value):
 
 
 @pytest.mark.parametrize("part", BAD, ids=lambda part: part.__name__)
-def test_every_field_has_its_bad_values_and_the_default_is_good(part):
-    parts = {"plant", "excitation", "identifier", "noise", "robot", "vehicle", "mismatch", "fault",
-             "memory"}  # fmt: skip
+def test_every_field_has_bad_values_listed_and_a_valid_default(part):
+    parts = {
+        "plant",
+        "excitation",
+        "identifier",
+        "noise",
+        "robot",
+        "vehicle",
+        "mismatch",
+        "fault",
+        "memory",
+    }
     assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
     default = part(known=("mass",)) if part is ConventionalAID else part()
     use(default)
 
 
-def test_an_unknown_known_is_told_with_near_names():
+def test_an_unknown_name_in_known_is_refused_with_near_names():
     with pytest.raises(UnknownName) as caught:
         use(ConventionalAID(known=("thruster gian",)))
     assert "thruster gain" in caught.value.near

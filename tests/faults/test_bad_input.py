@@ -103,7 +103,9 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("typed", WORDS)
-def test_a_command_that_cannot_be_run_is_told_why(typed: str, desk: Path) -> None:
+def test_a_bad_command_says_what_was_expected_what_came_and_the_remedy(
+    typed: str, desk: Path
+) -> None:
     before = sorted(desk.rglob("*"))
     code, said = shell("run", *typed.split(), "--out", "out", "--quiet")
     told = flat(said.err)
@@ -114,16 +116,27 @@ def test_a_command_that_cannot_be_run_is_told_why(typed: str, desk: Path) -> Non
     assert sorted(desk.rglob("*")) == before
 
 
-def test_the_robot_that_the_broken_ones_are_made_of_is_good(desk: Path) -> None:
-    code, said = shell("run", "arm", "--robot", "possible.urdf", "--duration", 0.05, "--held-out",
-                       0.05, "--quiet", "--out", "out")  # fmt: skip
+def test_the_urdf_behind_the_broken_ones_is_valid(desk: Path) -> None:
+    code, said = shell(
+        "run",
+        "arm",
+        "--robot",
+        "possible.urdf",
+        "--duration",
+        0.05,
+        "--held-out",
+        0.05,
+        "--quiet",
+        "--out",
+        "out",
+    )
     assert (code, said.err) == (0, "")
 
 
 @pytest.mark.parametrize(
     "typed", ["view nowhere", "view .", "view empty.py/run", "view . --rebuild"]
 )
-def test_what_is_no_run_cannot_be_viewed(typed: str, desk: Path) -> None:
+def test_viewing_a_folder_that_is_no_run_is_refused(typed: str, desk: Path) -> None:
     before = sorted(desk.rglob("*"))
     code, said = shell(*typed.split())
     assert code == 2
@@ -209,7 +222,7 @@ BAD: dict[str, tuple[str, Callable[[], object]]] = {
 
 
 @pytest.mark.parametrize("which", BAD)
-def test_an_identifier_refuses_with_a_reason(which: str) -> None:
+def test_an_identifier_refuses_bad_arguments_with_a_reason(which: str) -> None:
     name, action = BAD[which]
     with pytest.raises(InvalidInput) as caught:
         action()
@@ -219,7 +232,7 @@ def test_an_identifier_refuses_with_a_reason(which: str) -> None:
         assert part and part in str(error)
 
 
-def test_what_the_refused_ones_are_made_of_is_good() -> None:
+def test_the_arguments_behind_the_refused_ones_are_valid() -> None:
     assert follow(NEXT).status is Status.completed
     law(ARM, K=100 * crossed(2, 0.9), dt=0.0131)  # λ_max = 190/s, 2.49 with this dt
     law(K=[250.0])
@@ -228,9 +241,7 @@ def test_what_the_refused_ones_are_made_of_is_good() -> None:
 
 @pytest.mark.parametrize("signal", ["q", "v"])
 @pytest.mark.parametrize("value", [NAN, INF])
-def test_a_later_measurement_that_is_not_finite_never_passes_for_an_estimate(
-    signal: str, value: float
-) -> None:
+def test_a_nonfinite_measurement_never_yields_an_estimate(signal: str, value: float) -> None:
     with np.errstate(all="ignore"):
         try:
             state = follow(NEXT._replace(**{signal: np.array([value])}))
@@ -244,18 +255,28 @@ def test_a_later_measurement_that_is_not_finite_never_passes_for_an_estimate(
 SCENARIOS: dict[str, tuple[type[NsaidError], Callable[[], Scenario]]] = {
     "K too fast": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(K=251.0))),
     "Γ negative": (InvalidInput, lambda: replace(ROV, identifier=NullspaceAID(gain=-1.0))),
-    "a rival's K too fast": (InvalidInput, lambda: replace(
-        ROV, rivals={"r": NullspaceAID(K=251.0)})),
-    "everything known": (InvalidInput, lambda: replace(
-        ROV, rivals={"r": ConventionalAID(known=tuple(SYSTEM.space.names))})),
-    "an unknown known": (UnknownName, lambda: replace(
-        ROV, rivals={"r": ConventionalAID(known=("mas",))})),
+    "a rival's K too fast": (
+        InvalidInput,
+        lambda: replace(ROV, rivals={"r": NullspaceAID(K=251.0)}),
+    ),
+    "everything known": (
+        InvalidInput,
+        lambda: replace(ROV, rivals={"r": ConventionalAID(known=tuple(SYSTEM.space.names))}),
+    ),
+    "an unknown known": (
+        UnknownName,
+        lambda: replace(ROV, rivals={"r": ConventionalAID(known=("mas",))}),
+    ),
     "a vehicle cannot track": (InvalidInput, lambda: replace(ROV, excitation=FourierTracking())),
-    "no such robot": (UnknownName, lambda: replace(
-        PENDULUM, plant=replace(PENDULUM.plant, robot="dobule_pendulum"))),
-    "a legged file that is not there": (BadRobot, lambda: replace(
-        PENDULUM, plant=replace(PENDULUM.plant, robot="legs/none.urdf"))),
-}  # fmt: skip
+    "no such robot": (
+        UnknownName,
+        lambda: replace(PENDULUM, plant=replace(PENDULUM.plant, robot="dobule_pendulum")),
+    ),
+    "a legged file that is not there": (
+        BadRobot,
+        lambda: replace(PENDULUM, plant=replace(PENDULUM.plant, robot="legs/none.urdf")),
+    ),
+}
 
 
 @pytest.mark.parametrize("which", SCENARIOS)
@@ -309,7 +330,7 @@ def test_any_value_in_any_field_gives_a_scenario_or_a_typed_error(
     assert field_values.outcome(way, name, {path: value}) in ("valid", "refused")
 
 
-def test_an_untyped_error_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_detects_an_untyped_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(scenario: Scenario, values: dict[str, object]) -> Scenario:
         raise TypeError("unorderable")
 

@@ -108,16 +108,13 @@ FAULTS = {
     "command beyond what MuJoCo takes": Fault(
         ROV, Status.plant_diverged, commanded(SINE, 1.0, lambda: 1e12), 1.01, "ctrl"
     ),
-    "gain too large": Fault(
-        gained(300.0), Status.estimate_not_positive_definite, signal="pivot -"
-    ),
+    "gain too large": Fault(gained(300.0), Status.estimate_not_positive_definite, signal="pivot -"),
     "prior too wrong": Fault(
-        replace(PENDULUM, initial_error=3.0), Status.estimate_not_positive_definite,
+        replace(PENDULUM, initial_error=3.0),
+        Status.estimate_not_positive_definite,
         signal="pivot -",
     ),
-    "adaptation too fast": Fault(
-        gained(1000.0), Status.adaptation_too_fast, signal="theta_hat"
-    ),
+    "adaptation too fast": Fault(gained(1000.0), Status.adaptation_too_fast, signal="theta_hat"),
     "position NaN": Fault(
         BLIND_ROV, Status.measurement_not_finite, sensed("q", 120, math.nan), 1.2, "q"
     ),
@@ -134,7 +131,7 @@ FAULTS = {
         ROV, Status.measurement_not_finite, commanded(SINE, 1.0, lambda: math.nan), 1.0, "u"
     ),
     "Ctrl-C": Fault(ROV, Status.interrupted, commanded(SINE, 1.5, ctrl_c), code=130),
-}  # fmt: skip
+}
 AT_ONCE = {
     "lost in the first step": Fault(
         gained(1e8), Status.estimate_not_positive_definite, time=0.01, signal="pivot -"
@@ -145,10 +142,8 @@ AT_ONCE = {
     "NaN at first": Fault(
         BLIND_ROV, Status.measurement_not_finite, sensed("q", 0, math.nan), 0.0, "q"
     ),
-    "Ctrl-C at first": Fault(
-        ROV, Status.interrupted, commanded(SINE, 0.0, ctrl_c), 0.0, code=130
-    ),
-}  # fmt: skip
+    "Ctrl-C at first": Fault(ROV, Status.interrupted, commanded(SINE, 0.0, ctrl_c), 0.0, code=130),
+}
 
 
 @dataclass(frozen=True)
@@ -202,14 +197,14 @@ def assert_quiet(ended: Ended) -> None:
     assert [path.name for path in ended.desk.iterdir()] == ["out"]
 
 
-def test_it_ends_with_its_own_status_time_and_signal(ended: Ended) -> None:
+def test_a_faulty_run_ends_with_its_status_time_and_signal(ended: Ended) -> None:
     assert_told(ended)
     dt, time = ended.fault.scenario.dt, ended.summary["status_time"]
     assert dt < time < ended.fault.scenario.duration
     assert time / dt == pytest.approx(round(time / dt), abs=1e-6)
 
 
-def test_its_record_is_whole_until_then(ended: Ended) -> None:
+def test_the_record_of_a_faulty_run_is_complete_up_to_its_end(ended: Ended) -> None:
     record, scenario = Record.read(ended.folder), ended.fault.scenario
     last = ended.summary["status_time"]
     if ended.fault.status not in (Status.adaptation_too_fast, Status.interrupted):  # a bad row
@@ -220,15 +215,15 @@ def test_its_record_is_whole_until_then(ended: Ended) -> None:
     assert ended.summary["sim_s"] == record["t"][-1]
 
 
-def test_the_same_is_on_stdout(ended: Ended) -> None:
+def test_json_output_is_the_summary_of_the_faulty_run(ended: Ended) -> None:
     assert strict(ended.said.out) == ended.summary
 
 
-def test_nothing_else_is_said_and_mujoco_leaves_no_log(ended: Ended) -> None:
+def test_a_faulty_run_prints_nothing_else_and_leaves_no_mujoco_log(ended: Ended) -> None:
     assert_quiet(ended)
 
 
-def test_it_has_all_its_files(ended: Ended) -> None:
+def test_a_faulty_run_writes_all_its_files(ended: Ended) -> None:
     assert sorted(path.name for path in ended.folder.iterdir()) == sorted(FILES)
     told = Scenario.from_json((ended.folder / finish.SCENARIO).read_text(encoding="utf-8"))
     assert told.hash == ended.fault.scenario.hash == ended.summary["scenario_hash"]
@@ -238,20 +233,29 @@ def test_it_has_all_its_files(ended: Ended) -> None:
     assert "/result" in entities and "/velocity_error" in {"/" + e.split("/")[1] for e in entities}
 
 
-def test_rebuilt_it_has_not_forgotten_how_it_ended(ended: Ended, capfd: object) -> None:
+def test_a_rebuilt_faulty_run_keeps_its_status(ended: Ended, capfd: object) -> None:
     before = ended.summary
     with pytest.MonkeyPatch.context() as patch:
         ended.fault.patch(patch)
         if ended.fault.status is Status.interrupted:
             patch.undo()  # it would interrupt the held-out trajectory too
         after = finish.rebuild(ended.folder)
-    keys = ("status", "status_time", "status_signal", "status_remedy", "sim_s", "wall_s", "rivals",
-            "theta_perp_ratio", "scenario_hash")  # fmt: skip
+    keys = (
+        "status",
+        "status_time",
+        "status_signal",
+        "status_remedy",
+        "sim_s",
+        "wall_s",
+        "rivals",
+        "theta_perp_ratio",
+        "scenario_hash",
+    )
     assert {key: after[key] for key in keys} == {key: before[key] for key in keys}
 
 
 @pytest.mark.parametrize("which", AT_ONCE)
-def test_what_ends_at_once_is_told_all_the_same(which: str, tmp_path: Path) -> None:
+def test_a_run_that_ends_at_once_is_reported(which: str, tmp_path: Path) -> None:
     ended = provoke(AT_ONCE[which], tmp_path)
     assert_told(ended)
     assert_quiet(ended)
@@ -260,7 +264,7 @@ def test_what_ends_at_once_is_told_all_the_same(which: str, tmp_path: Path) -> N
     assert strict(ended.said.out) == ended.summary
 
 
-def test_a_person_is_told_when_why_and_what_to_do(tmp_path: Path) -> None:
+def test_the_terminal_says_when_and_why_a_run_ended_and_the_remedy(tmp_path: Path) -> None:
     code, said = script(gained(300.0), "--out", tmp_path / "out")
     told = " ".join(said.out.split())
     status = Status.estimate_not_positive_definite
@@ -269,7 +273,7 @@ def test_a_person_is_told_when_why_and_what_to_do(tmp_path: Path) -> None:
     assert ": ended early: " in told and " at t = " in told and "(pivot -" in told
 
 
-def test_an_adaptation_too_fast_at_the_very_end_is_told_too(tmp_path: Path) -> None:
+def test_too_fast_an_adaptation_is_reported_even_at_the_last_step(tmp_path: Path) -> None:
     scenario = replace(gained(1000.0), duration=0.45)
     result = run(scenario, tmp_path)
     assert result.ending.status is Status.adaptation_too_fast
@@ -277,7 +281,7 @@ def test_an_adaptation_too_fast_at_the_very_end_is_told_too(tmp_path: Path) -> N
     assert np.abs(kept / kept[0] - 1).max() > 1e-3
 
 
-def test_a_rival_that_is_lost_ends_no_run(tmp_path: Path) -> None:
+def test_a_failing_rival_does_not_end_the_run(tmp_path: Path) -> None:
     rivals = {"fast": NullspaceAID(K=10.0, gain=300.0), "known": ConventionalAID(K=10.0, gain=1.0)}
     result = run(replace(ROV, rivals=rivals), tmp_path)
     summary = finish.finish(result)
@@ -345,7 +349,7 @@ def test_ctrl_c_in_the_middle_of_compiled_code_is_not_lost(
     assert said.err == ""
 
 
-def test_after_any_ending_the_next_run_is_not_affected(tmp_path: Path) -> None:
+def test_no_ending_affects_the_next_run(tmp_path: Path) -> None:
     clean = run(PENDULUM, tmp_path / "first").record
     for which in ("arm diverges", "arm's velocity NaN"):
         with pytest.MonkeyPatch.context() as patch, heard():
@@ -370,10 +374,18 @@ def test_after_any_ending_the_next_run_is_not_affected(tmp_path: Path) -> None:
         replace(ROV, plant=replace(ROV.plant, spread=0.0)),
         replace(ROV, duration=0.02),
     ],
-    ids=["one row", "window of no row", "held out for a step", "prior exact",
-         "as in the data sheet", "two steps"],
-)  # fmt: skip
-def test_what_may_be_asked_for_is_answered(scenario: Scenario, tmp_path: Path) -> None:
+    ids=[
+        "one row",
+        "window of no row",
+        "held out for a step",
+        "prior exact",
+        "as in the data sheet",
+        "two steps",
+    ],
+)
+def test_an_unusual_but_valid_scenario_completes_with_all_its_files(
+    scenario: Scenario, tmp_path: Path
+) -> None:
     code, said = script(scenario, "--out", tmp_path / "out", "--json")
     assert code == 0 and said.err == ""
     assert strict(said.out)["status"] == "completed"

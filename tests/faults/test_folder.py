@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,13 +30,13 @@ def test_a_run_replaces_the_one_that_was_there(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
 
-def test_what_else_is_in_the_folder_stays(tmp_path: Path) -> None:
+def test_other_files_in_the_folder_are_kept(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     finish.finish(run(SHORT, tmp_path))
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-def test_a_rebuilt_run_says_what_it_said(tmp_path: Path) -> None:
+def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
     before = finish.finish(run(SHORT, tmp_path))
     record = (tmp_path / FILE).read_bytes()
     for name in FILES:
@@ -54,20 +53,20 @@ def test_a_rebuilt_run_says_what_it_said(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
 
-def test_without_its_summary_a_whole_record_is_a_completed_run(tmp_path: Path) -> None:
+def test_a_complete_record_without_summary_is_a_completed_run(tmp_path: Path) -> None:
     run(SHORT, tmp_path)
     assert finish.rebuild(tmp_path)["status"] == "completed"
 
 
 @pytest.mark.parametrize("summary", ["", "not JSON", '{"status": "plant diverged"}', "[]"])
-def test_a_foreign_summary_is_not_believed(summary: str, tmp_path: Path) -> None:
+def test_a_corrupt_summary_is_ignored(summary: str, tmp_path: Path) -> None:
     run(SHORT, tmp_path)
     (tmp_path / finish.SUMMARY).write_text(summary)
     assert finish.rebuild(tmp_path)["status"] == "completed"
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_a_former_runs_summary_does_not_say_how_this_one_ended(seed: int, tmp_path: Path) -> None:
+def test_an_earlier_runs_summary_is_not_taken_for_this_runs(seed: int, tmp_path: Path) -> None:
     finish.finish(run(replace(SHORT, seed=seed, duration=2.0), tmp_path))
     whole = (tmp_path / FILE).read_bytes()
     run(replace(SHORT, duration=5.0), tmp_path)
@@ -76,7 +75,7 @@ def test_a_former_runs_summary_does_not_say_how_this_one_ended(seed: int, tmp_pa
 
 
 @pytest.mark.parametrize("out", ["file", "file/below", "folder"])
-def test_a_folder_that_cannot_be_written_is_told(out: str, tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_refused_in_one_line(out: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "folder" / FILE).mkdir(parents=True)
     with pytest.raises(NsaidError, match=out):
@@ -91,15 +90,8 @@ def test_a_folder_that_cannot_be_written_is_told(out: str, tmp_path: Path) -> No
 # -- no display ----------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-
-
 @pytest.mark.usefixtures("no_display")
-def test_live_without_a_display_goes_on_with_one_line(tmp_path: Path) -> None:
+def test_live_without_a_display_prints_one_line_and_continues(tmp_path: Path) -> None:
     code, said = script(SHORT, "--out", tmp_path, "--live", "--json")
     assert code == 0
     lines = said.err.splitlines()
@@ -110,7 +102,7 @@ def test_live_without_a_display_goes_on_with_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_display")
-def test_live_without_any_viewer_goes_on_with_one_line(
+def test_live_without_a_viewer_prints_one_line_and_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(live, "program", lambda: [str(tmp_path / "no" / "such" / "program")])
@@ -120,7 +112,9 @@ def test_live_without_any_viewer_goes_on_with_one_line(
     assert len(lines) == 1 and lines[0].startswith("nsaid: continuing without the viewer: ")
 
 
-def test_a_watched_run_is_the_same_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_watching_a_run_does_not_change_its_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(live, "program", lambda: ["/no/such/program"])
     run(SHORT, tmp_path / "alone")
     run(SHORT, tmp_path / "watched", recording.Live("x"))

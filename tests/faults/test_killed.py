@@ -103,7 +103,7 @@ def test_a_kill_loses_at_most_the_last_second(killed: Killed) -> None:
     assert all(np.isfinite(values).all() for values in record.columns.values())
 
 
-def test_what_an_earlier_run_has_found_does_not_pass_for_the_killed_ones(killed: Killed) -> None:
+def test_a_killed_run_leaves_no_results_of_an_earlier_one(killed: Killed) -> None:
     assert [path.name for path in killed.folder.iterdir()] == [FILE]
 
 
@@ -118,7 +118,9 @@ def test_a_killed_run_is_finished_from_its_record(copy: Path) -> None:
     assert "interrupted" in (copy / "report.html").read_text(encoding="utf-8")
 
 
-def test_view_rebuilds_it_and_opens_it(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_view_rebuilds_a_killed_run_and_opens_it(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened: list[list[str]] = []
 
     def become(program: str, words: list[str]) -> None:
@@ -135,7 +137,7 @@ def test_view_rebuilds_it_and_opens_it(copy: Path, monkeypatch: pytest.MonkeyPat
     assert summary["status"] == "interrupted"
 
 
-def test_killed_before_its_first_batch_it_cannot_be_finished_and_says_so(copy: Path) -> None:
+def test_rebuilding_a_run_killed_before_its_first_batch_is_refused(copy: Path) -> None:
     whole = (copy / FILE).read_bytes()
     with pa.memory_map(str(copy / FILE)) as source, pa.ipc.open_stream(source) as stream:
         stream.read_next_batch()  # the empty one that carries the schema
@@ -158,7 +160,9 @@ def running(endless: Path) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def test_ctrl_c_ends_a_run_in_order(running: subprocess.Popen[str], endless: Path) -> None:
+def test_ctrl_c_ends_a_run_with_all_its_files(
+    running: subprocess.Popen[str], endless: Path
+) -> None:
     os.kill(running.pid, signal.SIGINT)
     out, err = running.communicate(timeout=PATIENCE)
     folder = endless / "out"

@@ -1,6 +1,6 @@
 """The cone of physical parameters: its barrier, its chart, and the law in its metric."""
 
-from functools import cache, partial
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -9,8 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Seeds, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.cone import chart
@@ -18,51 +16,27 @@ from nsaid_mj.identifiers.cone.law import cone_identifier
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
-from nsaid_mj.plants import ArmPlant, BlueROV2Plant, Plant, REMUS100Plant
 from nsaid_mj.systems.general import midpoints_by_sample, tensor_motion
+from tests.support.bench import identify
+from tests.support.remembered import driven, scenario_plant
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=15)
-seeds = st.integers(0, 2**32 - 1)
-CONFIGS = {
-    "rov": BlueROV2Plant(), "torpedo": REMUS100Plant(), "pendulum": ArmPlant("double_pendulum"),
-}  # fmt: skip
-SCENARIOS = {"rov": "bluerov2", "torpedo": "remus100", "pendulum": "double_pendulum"}
-plants = pytest.mark.parametrize("name", CONFIGS)
-
-
-@cache
-def plant(name: str) -> Plant:
-    return CONFIGS[name].build(1e-3 if name == "pendulum" else 1e-2, 3)
+NAMES = ["bluerov2", "remus100", "double_pendulum"]
+plants = pytest.mark.parametrize("name", NAMES)
 
 
 def inside(name: str, seed: int, error: float = 0.3) -> np.ndarray:
-    p = plant(name)
+    p = scenario_plant(name)
     rng = np.random.default_rng(seed)
     return geometry.drawn_inside(p.system.space, p.truth, error, rng)
 
 
-@cache
-def rows(name: str, seconds: float) -> list:
-    scenario = load(SCENARIOS[name])
-    p = plant(name)
-    rng = np.random.default_rng(Seeds.of(0).excitation)
-    driver = scenario.excitation.build(p.system, p.truth, rng)
-    with p.running():
-        return trajectory(p, driver, round(seconds / p.dt)).rows
-
-
-def identify(law: NullspaceIdentifier, measured: list) -> list:
-    states = [law.init(measured[0])]
-    for before, after in pairwise(measured):
-        states.append(law.step(states[-1], before, after))
-        assert states[-1].status is Status.completed
-    return states
-
-
 def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> NullspaceIdentifier:
-    system, dt = plant(name).system, plant(name).dt
-    return cone_identifier(system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt,
-                          mu)  # fmt: skip
+    system, dt = scenario_plant(name).system, scenario_plant(name).dt
+    return cone_identifier(
+        system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt, mu
+    )
 
 
 # -- geometry ----------------------------------------------------------------------------------
@@ -71,30 +45,28 @@ def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> N
 @plants
 @FEW
 @given(seeds, st.floats(0, 2))
-def test_what_is_drawn_is_inside_and_survives_the_chart(name, seed, error):
-    cone, theta = geometry.cone_of(plant(name).system.space), inside(name, seed, error)
+def test_drawn_estimates_are_inside_the_cone_and_survive_the_chart(name, seed, error):
+    cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed, error)
     assert geometry.inside(cone, theta) and np.isfinite(geometry.barrier(cone, theta))
     again = chart.from_chart(cone, chart.to_chart(cone, theta), geometry.coordinates(cone))
     np.testing.assert_allclose(again, theta, rtol=1e-9, atol=1e-12 * np.abs(theta).max())
 
 
-@pytest.mark.parametrize("name", ["rov", "pendulum"])  # a tied matrix has no such chart
+@pytest.mark.parametrize("name", ["bluerov2", "double_pendulum"])  # a tied matrix has no such chart
 @FEW
 @given(seeds)
 def test_any_chart_point_is_inside(name, seed):
-    cone = geometry.cone_of(plant(name).system.space)
-    eta = np.random.default_rng(seed).uniform(-2, 2, plant(name).system.p)
+    cone = geometry.cone_of(scenario_plant(name).system.space)
+    eta = np.random.default_rng(seed).uniform(-2, 2, scenario_plant(name).system.p)
     theta = chart.from_chart(cone, eta, geometry.coordinates(cone))
     assert geometry.inside(cone, theta)
 
 
 @FEW
 @given(seeds, st.floats(0, 2))
-def test_a_tied_matrix_is_drawn_as_numbers_and_keeps_a_share_of_its_distance_to_the_edge(
-    seed, error
-):
-    truth, theta = plant("torpedo").truth, inside("torpedo", seed, error)
-    place = plant("torpedo").system.space["mass matrix"]
+def test_a_drawn_tied_matrix_keeps_a_share_of_its_distance_to_the_edge(seed, error):
+    truth, theta = scenario_plant("remus100").truth, inside("remus100", seed, error)
+    place = scenario_plant("remus100").system.space["mass matrix"]
     assert np.abs(np.log((theta / truth)[place][:4])).max() <= error + 1e-12
     least = [np.linalg.eigvalsh(balanced(mass_of_a_torpedo(th[place])))[0] for th in (truth, theta)]
     assert least[1] >= np.exp(-error) * least[0] - 1e-12
@@ -103,7 +75,7 @@ def test_a_tied_matrix_is_drawn_as_numbers_and_keeps_a_share_of_its_distance_to_
 
 
 def test_a_tied_matrix_on_the_edge_is_drawn_inside():
-    space, truth = plant("torpedo").system.space, plant("torpedo").truth.copy()
+    space, truth = scenario_plant("remus100").system.space, scenario_plant("remus100").truth.copy()
     place = space["mass matrix"]
     truth[place.start + 4] = np.sqrt(truth[place][1] * truth[place][3])  # M_26² = M_22 M_55
     cone, rng = geometry.cone_of(space), np.random.default_rng(0)
@@ -130,7 +102,7 @@ def balanced(M: np.ndarray) -> np.ndarray:
 
 
 def test_the_torpedos_block_is_its_mass_matrix():
-    system, truth = plant("torpedo").system, plant("torpedo").truth
+    system, truth = scenario_plant("remus100").system, scenario_plant("remus100").truth
     cone, x = geometry.cone_of(system.space), np.r_[system.position(np.zeros(6)), np.zeros(6)]
     M = geometry.matrix(cone, 0, truth)
     M += np.tril(M, -1).T
@@ -143,12 +115,13 @@ def test_the_torpedos_block_is_its_mass_matrix():
 @given(seeds)
 def test_the_barrier_is_logarithmically_homogeneous(name, seed):
     """b(sθ) = b(θ) − ν log s, so ∇b·θ = −ν and ∇²b θ = −∇b."""
-    cone, theta = geometry.cone_of(plant(name).system.space), inside(name, seed)
+    cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed)
     gradient, hessian = geometry.gradient_and_hessian(cone, theta)
     own = np.diag(hessian) > 0  # parameters of the cone; the others have no barrier
     assert gradient @ theta == pytest.approx(-cone.degree)
-    np.testing.assert_allclose(hessian @ np.where(own, theta, 0), -gradient, rtol=1e-6,
-                               atol=1e-9 * np.abs(gradient).max())  # fmt: skip
+    np.testing.assert_allclose(
+        hessian @ np.where(own, theta, 0), -gradient, rtol=1e-6, atol=1e-9 * np.abs(gradient).max()
+    )
     fall = geometry.barrier(cone, theta) - geometry.barrier(cone, 3 * theta)
     assert fall == pytest.approx(cone.degree * np.log(3))
 
@@ -156,15 +129,16 @@ def test_the_barrier_is_logarithmically_homogeneous(name, seed):
 @plants
 @FEW
 @given(seeds)
-def test_derivatives_are_differences(name, seed):
-    cone, theta = geometry.cone_of(plant(name).system.space), inside(name, seed, 0.2)
+def test_gradient_and_hessian_match_finite_differences(name, seed):
+    cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed, 0.2)
     step = 1e-6 * (inside(name, seed + 1, 0.2) - theta)
     plus, minus = theta + step, theta - step
     gradient, hessian = geometry.gradient_and_hessian(cone, theta)
     rise = geometry.barrier(cone, plus) - geometry.barrier(cone, minus)
     assert rise == pytest.approx(2 * gradient @ step, rel=1e-4, abs=1e-9)
-    turn = (geometry.gradient_and_hessian(cone, plus)[0]
-            - geometry.gradient_and_hessian(cone, minus)[0])  # fmt: skip
+    turn = (
+        geometry.gradient_and_hessian(cone, plus)[0] - geometry.gradient_and_hessian(cone, minus)[0]
+    )
     np.testing.assert_allclose(turn, 2 * hessian @ step, atol=1e-5 * np.abs(turn).max())
     eta = chart.to_chart(cone, theta)
     moved = chart.to_chart(cone, plus) - chart.to_chart(cone, minus)
@@ -184,11 +158,19 @@ def block(name: str, count: int, geometry) -> Block:
     return Block(name, names, ("-",) * count, np.ones(count), geometry, entries=entries)
 
 
-MIXED = ParameterSpace((
-    block("drag", 2, "free"), block("link", 10, "pseudo_inertia"), block("gain", 3, "positive"),
-    block("mass", 6, "spd"), block("link 2", 10, "pseudo_inertia"), block("one", 1, "spd"),
-    block("body", 21, "spd"), block("tied", 3, "tied"), block("lift", 1, "free"),
-))  # fmt: skip
+MIXED = ParameterSpace(
+    (
+        block("drag", 2, "free"),
+        block("link", 10, "pseudo_inertia"),
+        block("gain", 3, "positive"),
+        block("mass", 6, "spd"),
+        block("link 2", 10, "pseudo_inertia"),
+        block("one", 1, "spd"),
+        block("body", 21, "spd"),
+        block("tied", 3, "tied"),
+        block("lift", 1, "free"),
+    )
+)
 CONE, PAIRING = geometry.cone_of(MIXED), geometry.coordinates(geometry.cone_of(MIXED))
 
 
@@ -247,8 +229,9 @@ def test_the_barrier_and_its_derivatives_are_those_of_the_dense_matrices(seed):
     theta = physical(np.random.default_rng(seed))
     value = -sum(
         np.linalg.slogdet(dense(part, theta[place]))[1]
-        for part, place in MIXED if part.geometry in ("pseudo_inertia", "spd", "tied")
-    )  # fmt: skip
+        for part, place in MIXED
+        if part.geometry in ("pseudo_inertia", "spd", "tied")
+    )
     value -= np.log(theta[MIXED["gain"]]).sum()
     assert geometry.barrier(CONE, theta) == pytest.approx(value, rel=1e-10, abs=1e-10)
     assert CONE.degree == 3 + 4 + 3 + 4 + 1 + 6 + 3
@@ -277,7 +260,7 @@ def theta_rate_of(space: ParameterSpace, theta: np.ndarray, rate: np.ndarray) ->
 
 @FEW
 @given(seeds, st.floats(1e-3, 1e3))
-def test_the_metric_is_solved_block_by_block_as_densely(seed, mu):
+def test_solving_the_metric_block_by_block_equals_the_dense_solution(seed, mu):
     rng = np.random.default_rng(seed)
     theta, gradient = physical(rng), rng.standard_normal(len(MIXED))
     A = rng.standard_normal((len(MIXED), len(MIXED)))
@@ -299,12 +282,13 @@ def test_the_metric_is_solved_block_by_block_as_densely(seed, mu):
 
 @FEW
 @given(seeds)
-def test_the_charts_rate_is_that_of_choleskys_factor(seed):
+def test_the_charts_rate_is_that_of_the_cholesky_factor(seed):
     rng = np.random.default_rng(seed)
     theta, theta_rate = physical(rng), rng.standard_normal(len(MIXED))
     eta = chart.to_chart(CONE, theta)
-    np.testing.assert_allclose(chart.from_chart(CONE, eta, PAIRING), theta, rtol=1e-12,
-                               atol=1e-12 * np.abs(theta).max())  # fmt: skip
+    np.testing.assert_allclose(
+        chart.from_chart(CONE, eta, PAIRING), theta, rtol=1e-12, atol=1e-12 * np.abs(theta).max()
+    )
     rate = chart.chart_rate(CONE, eta, theta_rate)
     for part, place in MIXED:
         own, expected = rate[place], theta_rate[place]
@@ -347,7 +331,7 @@ def test_links_do_not_depend_on_their_neighbours(seed, count, data):
 
 @FEW
 @given(seeds, st.floats(-6, 6))
-def test_a_step_of_a_tied_matrix_is_held_inside_whatever_its_length(seed, log_length):
+def test_a_step_of_a_tied_matrix_of_any_length_stays_inside(seed, log_length):
     rng = np.random.default_rng(seed)
     theta, step, place = physical(rng), rng.standard_normal(len(MIXED)), MIXED["tied"]
     start = chart.to_chart(CONE, theta)
@@ -369,7 +353,7 @@ def test_a_step_of_a_tied_matrix_is_held_inside_whatever_its_length(seed, log_le
 
 @pytest.mark.parametrize("name", ["gain", "link", "mass", "one", "tied"])
 @pytest.mark.parametrize("how", ["outside", "edge", "NaN"])
-def test_outside_is_seen_everywhere_and_in_its_own_block_only(name, how):
+def test_an_estimate_outside_gives_nan_in_its_own_block_only(name, how):
     theta, place = physical(np.random.default_rng(0)), MIXED[name]
     theta[place] = {"outside": -1.0, "edge": 0.0, "NaN": np.nan}[how] * theta[place]
     assert not geometry.inside(CONE, theta) and geometry.barrier(CONE, theta) == np.inf
@@ -389,7 +373,7 @@ def test_outside_is_seen_everywhere_and_in_its_own_block_only(name, how):
 
 @plants
 def test_v_falls_and_the_conserved_quantity_stays(name):
-    p, measured = plant(name), rows(name, 5.0)
+    p, measured = scenario_plant(name), driven(name, 5.0).rows
     law = build(name, inside(name, 1))
     states = identify(law, measured)
     theta = np.array([s.theta_hat for s in states])
@@ -406,15 +390,20 @@ def test_v_falls_and_the_conserved_quantity_stays(name):
 
 def test_no_start_and_no_gain_leaves_the_cone():
     """Where constant Γ loses M̂ > 0, the cone's metric does not."""
-    cone, lost = geometry.cone_of(plant("rov").system.space), 0
-    measured = rows("rov", 5.0)[:200]
+    cone, lost = geometry.cone_of(scenario_plant("bluerov2").system.space), 0
+    measured = driven("bluerov2", 5.0).rows[:200]
     for seed in range(6):
-        prior = inside("rov", seed, 1.0)
-        states = identify(build("rov", prior, gain=100.0), measured)
+        prior = inside("bluerov2", seed, 1.0)
+        states = identify(build("bluerov2", prior, gain=100.0), measured)
         assert all(geometry.inside(cone, s.theta_hat) for s in states)
-        system = plant("rov").system
-        plain = paper_identifier(system, np.full(6, 6.0), 100.0 * system.space.scale**2, prior,
-                                    plant("rov").dt)  # fmt: skip
+        system = scenario_plant("bluerov2").system
+        plain = paper_identifier(
+            system,
+            np.full(6, 6.0),
+            100.0 * system.space.scale**2,
+            prior,
+            scenario_plant("bluerov2").dt,
+        )
         state = plain.init(measured[0])
         for before, after in pairwise(measured):
             state = plain.step(state, before, after)
@@ -424,8 +413,8 @@ def test_no_start_and_no_gain_leaves_the_cone():
     assert lost > 0
 
 
-def test_the_compiled_body_step_is_the_general_one(monkeypatch):
-    measured, law = rows("rov", 5.0)[:60], build("rov", inside("rov", 2))
+def test_the_compiled_body_step_equals_the_general_one(monkeypatch):
+    measured, law = driven("bluerov2", 5.0).rows[:60], build("bluerov2", inside("bluerov2", 2))
     fast = identify(law, measured)[-1]
     monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
     slow = identify(law, measured)[-1]
@@ -468,7 +457,7 @@ def reference_step(law: NullspaceIdentifier, state, previous, following):
 @plants
 @pytest.mark.parametrize("full", [False, True])
 def test_a_step_is_rk4_in_the_dense_metric(name, full):
-    p, measured = plant(name), rows(name, 5.0)
+    p, measured = scenario_plant(name), driven(name, 5.0).rows
     scale, rng = p.system.space.scale, np.random.default_rng(4)
     A = rng.standard_normal((p.system.p, p.system.p)) / p.system.p**0.5
     Gamma = (0.1 * np.eye(p.system.p) + A @ A.T) * np.outer(scale, scale) if full else scale**2
@@ -479,8 +468,9 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
         v_hat, theta_hat = reference_step(law, state, before, after)
         following = law.step(state, before, after)
         np.testing.assert_allclose(following.v_hat, v_hat, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(following.theta_hat / scale, theta_hat / scale, rtol=1e-12,
-                                   atol=1e-12)  # fmt: skip
+        np.testing.assert_allclose(
+            following.theta_hat / scale, theta_hat / scale, rtol=1e-12, atol=1e-12
+        )
         moved = max(moved, np.abs((following.theta_hat - state.theta_hat) / scale).max())
         state = following
     assert moved > 1e-6  # else there was nothing to compare
@@ -489,10 +479,13 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
 @pytest.mark.parametrize("compiled", [True, False])
 def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
     """A law far too fast for dt ends with a status and the last good estimate, never in NaN."""
-    cone, measured = geometry.cone_of(plant("rov").system.space), rows("rov", 5.0)[:60]
+    cone, measured = (
+        geometry.cone_of(scenario_plant("bluerov2").system.space),
+        driven("bluerov2", 5.0).rows[:60],
+    )
     endings = set()
     for seed in range(8):
-        law = build("rov", inside("rov", seed), gain=3e3, mu=1 / 3e3)
+        law = build("bluerov2", inside("bluerov2", seed), gain=3e3, mu=1 / 3e3)
         if not compiled:
             monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
         state = law.init(measured[0])
@@ -509,11 +502,11 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch, compiled):
     """Steps as long as the cone is wide are cut, and followed by others."""
-    measured, system = rows("torpedo", 5.0), plant("torpedo").system
+    measured, system = driven("remus100", 5.0).rows, scenario_plant("remus100").system
     cone, place = geometry.cone_of(system.space), system.space["mass matrix"]
     held = 0
     for seed in range(4):
-        law = build("torpedo", inside("torpedo", seed, 1.0), gain=700.0, mu=1e-4)
+        law = build("remus100", inside("remus100", seed, 1.0), gain=700.0, mu=1e-4)
         if not compiled:
             monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
         state, cut = law.init(measured[0]), False
@@ -531,18 +524,18 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch,
     assert held > 0
 
 
-def test_without_a_barrier_it_is_the_papers_law():
-    p = plant("rov")
+def test_without_a_barrier_the_cone_law_is_the_papers_law():
+    p = scenario_plant("bluerov2")
     config = NullspaceAID(K=6.0, gain=0.6, law="cone", barrier=0.0)
     law = config.build(p.system, p.truth, p.dt)
     assert type(law) is NullspaceIdentifier and not config.in_cone
 
 
 def test_a_start_outside_the_cone_is_refused():
-    p = plant("rov")
+    p = scenario_plant("bluerov2")
     prior = p.truth.copy()
     prior[0] = -1.0
     with pytest.raises(InvalidInput, match="cone"):
-        build("rov", prior)
+        build("bluerov2", prior)
     with pytest.raises(InvalidInput, match="mu"):
-        build("rov", p.truth, mu=0.0)
+        build("bluerov2", p.truth, mu=0.0)

@@ -15,9 +15,9 @@ from nsaid_mj.log import EXACT
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
 from tests.support.remembered import Log, driven, noisy, remember
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=25)
-seeds = st.integers(0, 2**32 - 1)
 NAMES = ["scalar_rov", "bluerov2", "double_pendulum", "crazyflie"]
 NOISE = SensorNoise()
 
@@ -114,7 +114,7 @@ def test_every_true_theta_sees_the_cost_fall(seed):
 @pytest.mark.parametrize("name", ["scalar_rov", "double_pendulum", "crazyflie"])
 @FEW
 @given(seeds)
-def test_so_does_a_plants(name, seed):
+def test_every_plants_truth_sees_the_cost_fall(name, seed):
     log, _ = remembered(name, "ideal")
     rng, truth = np.random.default_rng(seed), log.plant.truth
     theta = truth * np.exp(rng.uniform(-1, 1, len(truth)))
@@ -126,7 +126,7 @@ def test_so_does_a_plants(name, seed):
 
 @FEW
 @given(seeds)
-def test_curvature_is_gauss_newtons(seed):
+def test_the_curvature_is_that_of_gauss_and_newton(seed):
     """Jᵀ J of the residuals r_ik = (w_i/θᵀΣ_iθ)^½ y_ik θ, s_i held or not: here by differences."""
     rng = np.random.default_rng(seed)
     n, count, p = 2, 6, 5
@@ -163,7 +163,7 @@ def test_curvature_is_positive_semidefinite(name, sensors, seed):
 @each
 @FEW
 @given(seeds)
-def test_noise_takes_no_more_than_there_is(name, seed):
+def test_the_noise_excess_is_at_most_the_curvature(name, seed):
     """0 ⪯ B ⪯ the curvature with Σ held: R ≥ 0."""
     log, _ = remembered(name, "noisy")
     theta = near(log, np.random.default_rng(seed))
@@ -182,7 +182,7 @@ def test_noise_takes_no_more_than_there_is(name, seed):
 
 
 @each
-def test_residuals_are_measured_on_positive_numbers_only(name):
+def test_the_quotient_is_normalised_by_positive_parameters_only(name):
     """On a row's actuators, and where it has none on its other positive parameters."""
     log, memory = remembered(name, "ideal")
     space = log.plant.system.space
@@ -198,7 +198,7 @@ def test_residuals_are_measured_on_positive_numbers_only(name):
     assert (found.effort[:, positive(space) == 0] == 0).all()
 
 
-def test_an_actuator_that_never_moved_is_not_seen():
+def test_an_unused_actuator_does_not_enter_the_quotient():
     """Nothing pulls at it, and no residual is excused by it."""
     log = driven("bluerov2", 3.0)
     space, still = log.plant.system.space, 2
@@ -223,7 +223,7 @@ def test_without_any_command_there_is_no_quotient(name):
     assert quotient(memory.means, log.plant.system.space) is None
 
 
-def test_a_row_without_an_actuator_is_measured_in_shares_of_the_others():
+def test_a_row_without_an_actuator_is_normalised_by_the_others():
     """A rotor pushes along one axis: the others' balances are drag's, or have none of their own."""
     log, memory = remembered("crazyflie", "ideal")
     space, gramian = log.plant.system.space, memory.means.gramian.copy()
@@ -239,14 +239,18 @@ def test_a_row_without_an_actuator_is_measured_in_shares_of_the_others():
     assert (own[:2] > 0).any(axis=1).all()
 
 
-def test_a_row_in_which_nothing_happened_says_nothing():
+def test_a_row_without_excitation_has_no_cost():
     log, memory = remembered("bluerov2", "ideal")
     moving = (np.arange(log.plant.system.n) != 1)[:, None, None]
     theta = near(log, np.random.default_rng(1))
     means = memory.means
-    still = memory._replace(means=means._replace(
-        gramian=moving * means.gramian, lagged=moving * means.lagged, last=moving[:, 0] * means.last
-    ))  # fmt: skip
+    still = memory._replace(
+        means=means._replace(
+            gramian=moving * means.gramian,
+            lagged=moving * means.lagged,
+            last=moving[:, 0] * means.last,
+        )
+    )
     found = quotient(still.means, log.plant.system.space)
     assert found is not None
     cost, view = found.weighted(theta, still)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import fields
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -17,24 +16,16 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.identifiers.memory.cost import quotient
 from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder
 from nsaid_mj.log import EXACT, SensorLevels
-from nsaid_mj.plants import ArmPlant, Plant, RoverPlant, ScalarRovPlant, SensorNoise
+from nsaid_mj.plants import SensorNoise
+from tests.support.plants import plant
 from tests.support.remembered import Log, added, blocks, driven, noisy, off, regressors, remember
 from tests.support.vehicles import VEHICLES
 
 FEW = settings(deadline=None, max_examples=5)
 ARMS = ["ur5", "kinova", "panda", "double_pendulum", "solo12"]
-PLANTS = (
-    {"scalar": ScalarRovPlant(), "rover": RoverPlant()}
-    | {name: ArmPlant(robot=name) for name in ARMS}
-    | VEHICLES
-)
+NAMES = ["scalar_rov", "rover", *ARMS, "kinova pinocchio", *VEHICLES]
 EXACTLY = ["bluerov2", "remus100", "f1tenth", "crazyflie", "astrobee", "uvms", "borinot", "rover"]
 """Systems whose Cᵀ v has a closed form."""
-
-
-@cache
-def plant(name: str) -> Plant:
-    return PLANTS[name].build(1e-3, 7)
 
 
 def recorder(
@@ -46,7 +37,7 @@ def recorder(
 # -- the momentum balance ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", NAMES)
 @FEW
 @given(st.integers(0, 2**32 - 1))
 def test_transport_is_the_transposed_coriolis_matrix_times_v(name, seed):
@@ -96,7 +87,7 @@ def test_the_balance_is_the_regressor_with_the_true_acceleration_behind_the_leak
     assert np.abs((Y - expected) * scale).max() < 1e-6 * np.abs(Y * scale).max()
 
 
-def test_two_leaks_are_related_as_their_windows():
+def test_filters_of_two_windows_are_related_by_their_leaks():
     """Ẏ = −a Y + W for every a, so Y_a − Y_b = (b − a) ∫ e^{−a(t−τ)} Y_b dτ."""
     log = driven("ur5", 0.5)
     slow, fast = (regressors(recorder(log, MemoryConfig(window=w)), log) for w in (0.5, 0.1))
@@ -123,7 +114,7 @@ def test_samples_need_not_be_regular(name):
 
 @pytest.mark.parametrize("horizon", [0.0, 0.7])
 @pytest.mark.parametrize("name", ["double_pendulum", "bluerov2"])
-def test_the_means_are_those_of_a_list_of_blocks(name, horizon):
+def test_recursive_means_equal_those_of_all_blocks(name, horizon):
     log = driven(name, 2.03)
     own = recorder(log, MemoryConfig(horizon=horizon))
     kept, listed = list(remember(own, log))[-1], blocks(own, log)
@@ -144,7 +135,7 @@ def test_the_means_are_those_of_a_list_of_blocks(name, horizon):
 
 
 @pytest.mark.parametrize("horizon", [0.0, 0.7])
-def test_the_innovations_gramian_is_that_of_the_listed_differences(horizon):
+def test_the_innovation_gramian_equals_that_of_all_differences(horizon):
     """Mean of (Y − ρ Y′)(Y − ρ Y′)ᵀ, ρ the correlation of neighbouring residuals at θ."""
     log = driven("bluerov2", 4.0)
     own, space = recorder(log, MemoryConfig(horizon=horizon)), log.plant.system.space
@@ -163,15 +154,16 @@ def test_the_innovations_gramian_is_that_of_the_listed_differences(horizon):
     assert (view.rho > 0.1).any()  # else nothing is taken away
     fresh = listed - view.rho[:, None] * before
     expected = np.einsum("k,kip,kiq->ipq", weight, fresh, fresh)
-    np.testing.assert_allclose(cost.gramian, expected, rtol=1e-8,
-                               atol=1e-12 * np.abs(expected).max())  # fmt: skip
+    np.testing.assert_allclose(
+        cost.gramian, expected, rtol=1e-8, atol=1e-12 * np.abs(expected).max()
+    )
     assert np.linalg.eigvalsh(cost.gramian).min() > -1e-12 * np.abs(expected).max()
     level = np.einsum("k,ki->i", weight, (fresh @ theta) ** 2) / (found.effort @ theta**2)
     np.testing.assert_allclose(cost.weights, kept.means.blocks / level, rtol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["f1tenth", "bluerov2", "astrobee"])
-def test_the_noises_gramian_is_that_of_many_draws(name):
+def test_the_noise_gramian_equals_that_of_many_draws(name):
     """E[ΔY ΔYᵀ] of blocks measured with noise less the same without; neighbours likewise."""
     log, noise, draws = driven(name, 6.0), SensorNoise(), 20
     system, same = log.plant.system, recorder(log, levels=noise.levels)
@@ -181,8 +173,12 @@ def test_the_noises_gramian_is_that_of_many_draws(name):
     for seed in range(draws):
         change = blocks(same, noisy(log, noise, seed)) - clean
         before = np.concatenate([np.zeros_like(change[:1]), change[:-1]])
-        true.append([np.einsum("kip,kip,pp->i", change, other, scale) / len(change)
-                     for other in (change, before)])  # fmt: skip
+        true.append(
+            [
+                np.einsum("kip,kip,pp->i", change, other, scale) / len(change)
+                for other in (change, before)
+            ]
+        )
         own, rng = recorder(log, levels=noise.levels), np.random.default_rng(seed + draws)
         unit = rng.standard_normal(own._draws.shape)
         own.__dict__["_draws"] = unit * np.array(noise.levels)[:, None]
@@ -199,7 +195,7 @@ def test_the_noises_gramian_is_that_of_many_draws(name):
 LOUD = SensorNoise(position=1e-3, velocity=2e-2)
 
 
-def test_noise_of_positions_or_of_velocities_alone_is_noise():
+def test_noise_of_positions_or_velocities_alone_is_accounted_for():
     log = driven("ur5", 0.3)
     for levels in (SensorLevels(position=1e-3), SensorLevels(velocity=1e-2)):
         own = recorder(log, levels=levels)
@@ -218,7 +214,7 @@ def flat(memory: Memory) -> bytes:
 
 
 @pytest.mark.parametrize("levels", [EXACT, LOUD.levels], ids=["exact", "noisy"])
-def test_adding_is_pure(levels):
+def test_absorbing_a_step_leaves_its_inputs_unchanged(levels):
     log = driven("f1tenth", 2.0)
     one, other = recorder(log, levels=levels), recorder(log, levels=levels)
     kept = list(remember(one, log))
@@ -240,7 +236,7 @@ def nbytes(value) -> int:
 
 
 @pytest.mark.parametrize("levels", [EXACT, LOUD.levels], ids=["exact", "noisy"])
-def test_it_does_not_grow(levels):
+def test_the_memory_does_not_grow_with_time(levels):
     log = driven("scalar_rov", 60.0)
     for interval in (0.5, 1e6):
         own = recorder(log, MemoryConfig(interval=interval), levels)
@@ -248,7 +244,7 @@ def test_it_does_not_grow(levels):
         assert max(sizes[-200:]) == max(sizes[:200]) == max(sizes) < 10_000
 
 
-def test_a_block_is_at_least_a_sample():
+def test_a_block_has_at_least_one_sample():
     log = driven("double_pendulum", 0.3)
     config = MemoryConfig(block=1e-4, interval=1e-4)
     own = recorder(log, config)
@@ -267,13 +263,13 @@ def test_a_plant_that_nothing_moves_leaves_no_quotient():
 
 @pytest.mark.parametrize("field", [field.name for field in fields(MemoryConfig)])
 @pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf])
-def test_a_bad_number_is_refused(field, bad):
+def test_a_memory_configuration_out_of_range_is_refused(field, bad):
     with pytest.raises(InvalidInput) as caught:
         MemoryConfig(**{field: bad})
     assert caught.value.name == f"identifier.memory.{field}" and caught.value.remedy
 
 
-def test_the_anchor_is_there_where_sensors_are_noisy():
+def test_the_anchor_defaults_to_1_for_noisy_and_0_for_ideal_sensors():
     assert MemoryConfig().weight(EXACT) == 0 and MemoryConfig().weight(LOUD.levels) == 1
     for anchor in (0.0, 0.3):
         for levels in (EXACT, LOUD.levels):

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from tests.paper.bench import Bench, Motion, bench, swing
+from tests.support.bench import Bench, Motion, bench, swing
 
 SEEDS = [0, 1, 2]
 
@@ -22,17 +22,20 @@ def kind(name: str, count: int, form: str, actuator: bool = False) -> Block:
     return Block(name, names, ("1",) * count, np.ones(count), form, actuator)  # type: ignore[arg-type]
 
 
-SPACE = ParameterSpace((
-    kind("gain", 2, "positive", actuator=True),
-    kind("link", 10, "pseudo_inertia"),
-    kind("mass matrix", 6, "spd"),
-    kind("friction", 2, "positive"),
-    kind("offset", 3, "free"),
-))  # fmt: skip
+SPACE = ParameterSpace(
+    (
+        kind("gain", 2, "positive", actuator=True),
+        kind("link", 10, "pseudo_inertia"),
+        kind("mass matrix", 6, "spd"),
+        kind("friction", 2, "positive"),
+        kind("offset", 3, "free"),
+    )
+)
 CONE = geometry.cone_of(SPACE)
 LINK = np.array([2.0, 0.1, -0.2, 0.3, 1.0, 0.1, 1.2, -0.1, 0.05, 0.9])
-MIDDLE = np.concatenate([[1.0, 2.0], LINK, [2.0, 0.3, -0.1, 1.5, 0.2, 1.0], [0.5, 1.5],
-                         [0.4, -0.3, 0.0]])  # fmt: skip
+MIDDLE = np.concatenate(
+    [[1.0, 2.0], LINK, [2.0, 0.3, -0.1, 1.5, 0.2, 1.0], [0.5, 1.5], [0.4, -0.3, 0.0]]
+)
 
 
 class Memory(NamedTuple):
@@ -140,8 +143,9 @@ def memory(seed: int, rank: int = 8, noise: float = 0.0) -> Memory:
     G = np.einsum("ikj,ikl->ijl", rows, rows)
     G[:, range(2), range(2)] += noise * Sigma[:, :2]
     A = rng.standard_normal((len(truth), len(truth)))
-    return Memory(np.eye(len(truth)) + 0.02 * A @ A.T, 0.7, np.array([1.0, 0.3]), G, Sigma, truth,
-                  start)  # fmt: skip
+    return Memory(
+        np.eye(len(truth)) + 0.02 * A @ A.T, 0.7, np.array([1.0, 0.3]), G, Sigma, truth, start
+    )
 
 
 # -- momentum form -------------------------------------------------------------------------------
@@ -179,8 +183,16 @@ def filtered(request) -> tuple[Bench, Array, Array, Array, float]:
         return -a * z + (a * W_M(t) + Psi).ravel()
 
     t = np.linspace(0, motion.seconds, 161)
-    z = solve_ivp(rate, (0, motion.seconds), W_M(0).ravel(), method="RK45", t_eval=t, rtol=1e-10,
-                  atol=1e-12, max_step=0.02).y.T.reshape(-1, n, p)  # fmt: skip
+    z = solve_ivp(
+        rate,
+        (0, motion.seconds),
+        W_M(0).ravel(),
+        method="RK45",
+        t_eval=t,
+        rtol=1e-10,
+        atol=1e-12,
+        max_step=0.02,
+    ).y.T.reshape(-1, n, p)
     x = motion.x(t).T
     v = system.split(x)[1]
     held = np.broadcast_to(u, (len(t), len(u)))
@@ -212,8 +224,9 @@ def test_the_momentum_filter_is_the_regressor_through_a_low_pass(filtered):
 def test_the_momentum_filter_loses_no_direction():
     """Y θ ≡ 0 exactly where W θ ≡ 0: both leave the same directions of the vehicle's θ unknown."""
     table = bench("scalar_rov")
-    motion = Motion(table.system, table.truth, np.zeros(1), np.array([1.0]), np.array([0.3]),
-                    seconds=3.0)  # fmt: skip
+    motion = Motion(
+        table.system, table.truth, np.zeros(1), np.array([1.0]), np.array([0.3]), seconds=3.0
+    )
     t, a = np.linspace(0, 3, 601), 2.0
     x = motion.x(t).T
     v, held = x[:, 1:], np.broadcast_to(motion.u, (len(t), 1))
@@ -325,9 +338,13 @@ def test_the_flow_with_memory_meets_its_rate():
         return np.concatenate([a_hat - K * dv, theta_rate, losses], dtype=np.float64)
 
     y = solve_ivp(
-        rate, (0, 0.4), np.concatenate([system.split(motion.x(0))[1] + 0.5, start, [0, 0]]),
-        rtol=1e-9, atol=1e-12, t_eval=np.linspace(0, 0.4, 21),
-    )  # fmt: skip
+        rate,
+        (0, 0.4),
+        np.concatenate([system.split(motion.x(0))[1] + 0.5, start, [0, 0]]),
+        rtol=1e-9,
+        atol=1e-12,
+        t_eval=np.linspace(0, 0.4, 21),
+    )
     t, y = y.t, y.y.T
 
     def V(t: float, y: Array) -> float:
@@ -382,7 +399,7 @@ def test_small_implicit_steps_keep_the_conserved_quantity(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_implicit_steps_converge_to_the_member_that_is_foretold(seed):
+def test_implicit_steps_converge_to_the_predicted_member(seed):
     """Into N = {Gθ = 0}, to one point; n·∇ψ stands for every n of N without an actuator.
 
     What is left is bounded by what V was: Σ κh 2R e^{−1−V/μ} ≤ V(0) and Q(0) − Q(∞) ≤ V(0).
@@ -492,8 +509,13 @@ def test_the_anchor_pulls_no_further_than_the_start_was_off(seed):
     distances, losses = [m.bregman(m.truth, theta)], []
     for _ in range(40):
         after = m.implicit(theta, reach, anchor)
-        left = (m.bregman(m.truth, theta) + beta * first - m.bregman(after, theta)
-                - beta * m.bregman(after, m.start) - reach * m.fall(after))  # fmt: skip
+        left = (
+            m.bregman(m.truth, theta)
+            + beta * first
+            - m.bregman(after, theta)
+            - beta * m.bregman(after, m.start)
+            - reach * m.fall(after)
+        )
         distances.append(m.bregman(m.truth, after))
         losses.append(m.Q(theta) - m.Q(after) - m.bregman(after, theta))
         assert (1 + beta) * distances[-1] == pytest.approx(left, rel=1e-7)
@@ -515,6 +537,7 @@ def test_the_anchor_is_a_gamma_or_wishart_prior_with_its_mode_at_the_start():
         P = np.array([[entries[0], entries[1]], [entries[1], entries[2]]])
         return -w * (np.linalg.slogdet(P)[1] - np.trace(np.linalg.solve(P0, P)))
 
-    found = minimize(density, [1.0, 0.0, 1.0], method="Nelder-Mead", options={"xatol": 1e-8,
-                     "fatol": 1e-12}).x  # fmt: skip
+    found = minimize(
+        density, [1.0, 0.0, 1.0], method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-12}
+    ).x
     assert found == pytest.approx([2.0, 0.3, 1.0], abs=1e-6)

@@ -19,9 +19,13 @@ SHOW = "from nsaid_mj.numerics import kernels; import numba; print(numba.config.
 def process(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     clean = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
     return subprocess.run(
-        [sys.executable, "-c", code], env=clean | environment, capture_output=True, text=True,
-        check=True, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-c", code],
+        env=clean | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
 
 
 @pytest.fixture
@@ -73,12 +77,12 @@ def rooms_with_kernels() -> dict[str, list[Path]]:
     return found
 
 
-def test_rooms_left_out_of_the_digest_define_no_kernels():
+def test_folders_left_out_of_the_digest_define_no_kernels():
     assert not set(rooms_with_kernels()) & set(kernels.WITHOUT_KERNELS)
 
 
 @pytest.mark.parametrize("room", sorted(set(rooms_with_kernels()) - {"numerics"}))
-def test_every_room_with_kernels_decides_first_where_they_are_kept(room: str):
+def test_folders_with_kernels_set_the_cache_directory_first(room: str):
     first = next(
         node
         for node in ast.parse((PACKAGE / room / "__init__.py").read_text("utf-8")).body
@@ -105,7 +109,7 @@ def test_a_relative_cache_home_is_ignored(tmp_path: Path):
     assert Path(told.stdout.strip()).is_relative_to(tmp_path / ".cache")
 
 
-def test_where_nothing_can_be_kept_kernels_work_one_warning_says_so_and_nothing_is_left(
+def test_without_a_writable_cache_kernels_work_with_one_warning(
     tmp_path: Path,
 ):
     blocked, scratch = tmp_path / "a file", tmp_path / "scratch"
@@ -165,7 +169,7 @@ def test_folders_in_use_are_never_pruned_however_many(tmp_path: Path):
     assert all(folder.exists() for folder in folders)
 
 
-def test_only_compiling_is_counted_not_loading_and_each_second_once(tmp_path: Path):
+def test_compile_time_excludes_loading_and_counts_nothing_twice(tmp_path: Path):
     code = """
 import time
 import numpy as np

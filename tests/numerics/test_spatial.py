@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.numerics import spatial
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=60)
-seeds = st.integers(0, 2**32 - 1)
 SIZES = [0.0, 1e-300, 1e-12, 1e-8, 1e-5, 9.99e-3, 1e-2, 1.001e-2, 0.1, 1.0, 2.0, 3.0, np.pi - 1e-6]
 sizes = st.sampled_from(SIZES) | st.floats(0, 3.1)
 GROUPS = {3: 3, 6: 6, 0: 4, -6: 9}  # group → n; −6 stands for a twist with three joints
@@ -76,7 +76,7 @@ def test_a_rotation_vector_is_pinocchios_exponential(seed, angle):
 
 
 @pytest.mark.parametrize("angle", [np.pi, np.nextafter(np.pi, 4), np.pi + 1e-9, 3.5, 6.0])
-def test_beyond_pi_the_short_way_is_told(angle):
+def test_a_turn_beyond_pi_gives_the_shorter_rotation_vector(angle):
     axis = np.array([0.6, 0.0, -0.8])
     short = spatial.rotation_vector(spatial.quaternion_of(angle * axis))
     assert np.linalg.norm(short) <= np.nextafter(np.pi, 4)
@@ -85,7 +85,7 @@ def test_beyond_pi_the_short_way_is_told(angle):
         near(short, (angle - 2 * np.pi) * axis, 1e-14)
 
 
-def test_nothing_that_is_not_finite_is_hidden():
+def test_nonfinite_input_gives_nonfinite_output():
     bad = np.array([np.nan, 0.0, 0.0])
     assert np.isnan(spatial.quaternion_of(bad)).any()
     assert np.isnan(spatial.rotation_vector(np.r_[bad, 1.0])).any()
@@ -110,7 +110,7 @@ def test_integrate_and_difference_are_pinocchios_free_flyer(seed, angle):
 
 @FEW
 @given(seeds, sizes)
-def test_a_step_there_and_back(seed, angle):
+def test_integrate_inverts_difference(seed, angle):
     rng = np.random.default_rng(seed)
     q, step = pose(rng), twist(rng, angle)
     there = spatial.pose_integrate(q, step)
@@ -133,21 +133,23 @@ def test_a_small_step_keeps_its_digits(size):
 
 @FEW
 @given(seeds)
-def test_any_two_poses_are_joined_the_short_way_whatever_the_quaternions_sign(seed):
+def test_difference_is_the_short_way_for_either_sign_of_the_quaternion(seed):
     rng = np.random.default_rng(seed)
     q0, q1 = pose(rng), pose(rng)
     step = spatial.pose_difference(q0, q1)
     assert np.linalg.norm(step[3:]) <= np.pi * (1 + 1e-15)
     same_pose(spatial.pose_integrate(q0, step), q1, 2e-14)
-    flipped = [spatial.pose_difference(np.r_[q0[:3], a * q0[3:]], np.r_[q1[:3], b * q1[3:]])
-               for a, b in ((1, -1), (-1, 1), (-1, -1))]  # fmt: skip
+    flipped = [
+        spatial.pose_difference(np.r_[q0[:3], a * q0[3:]], np.r_[q1[:3], b * q1[3:]])
+        for a, b in ((1, -1), (-1, 1), (-1, -1))
+    ]
     for other in flipped:
         near(other, step, 1e-13)
 
 
 @FEW
 @given(seeds)
-def test_no_step_stays(seed):
+def test_a_zero_step_changes_nothing(seed):
     q = pose(np.random.default_rng(seed))
     near(spatial.pose_integrate(q, np.zeros(6)), q, 4e-16)
     near(spatial.pose_difference(q, q), np.zeros(6), 4e-16)
@@ -190,7 +192,7 @@ def test_the_plane_is_a_part_of_space(seed, angle, sign):
 
 @FEW
 @given(seeds, st.integers(-1000, 1000))
-def test_a_heading_wraps(seed, turns):
+def test_a_heading_wraps_at_pi(seed, turns):
     rng = np.random.default_rng(seed)
     q0, q1 = rng.uniform(-3, 3, (2, 3))
     step = spatial.planar_difference(q0, q1)
@@ -199,14 +201,14 @@ def test_a_heading_wraps(seed, turns):
     near(spatial.planar_integrate(q0, step)[:2], q1[:2], 1e-14)
 
 
-def test_headings_across_pi_are_neighbours():
+def test_headings_across_pi_differ_by_the_short_way():
     q0, q1 = np.array([0, 0, np.pi - 0.01]), np.array([0, 0, -np.pi + 0.01])
     near(spatial.planar_difference(q0, q1), [0, 0, 0.02], 1e-15)
     near(spatial.planar_difference(q1, q0), [0, 0, -0.02], 1e-15)
 
 
 @pytest.mark.parametrize("angle", [np.pi, -np.pi, np.pi - 1e-13])
-def test_half_a_turn_is_no_singularity(angle):
+def test_half_a_turn_in_the_plane_is_no_singularity(angle):
     q = np.array([1.0, 2.0, 0.3])
     there = spatial.planar_integrate(q, np.array([0.5, -0.2, angle]))
     step = spatial.planar_difference(q, there)
@@ -235,8 +237,11 @@ def test_the_bracket_is_pinocchios(seed):
 def test_the_planar_bracket_is_the_spatial_one_in_the_plane(seed):
     a, b = np.random.default_rng(seed).standard_normal((2, 3))
     near(flat(spatial.bracket(3, a, b)), spatial.bracket(6, flat(a), flat(b)), 1e-15)
-    near(flat(spatial.coadjoint(3, a, b)), [1, 1, 0, 0, 0, 1]
-         * spatial.coadjoint(6, flat(a), flat(b)), 1e-15)  # fmt: skip
+    near(
+        flat(spatial.coadjoint(3, a, b)),
+        [1, 1, 0, 0, 0, 1] * spatial.coadjoint(6, flat(a), flat(b)),
+        1e-15,
+    )
 
 
 @FEW
@@ -248,8 +253,11 @@ def test_the_bracket_is_antisymmetric_and_obeys_jacobi(seed, group):
         return spatial.bracket(g, x, y)
 
     near(bracket(a, b), -bracket(b, a), 1e-15)
-    near(bracket(a, bracket(b, c)) + bracket(b, bracket(c, a)) + bracket(c, bracket(a, b)),
-         np.zeros(len(a)), 1e-14)  # fmt: skip
+    near(
+        bracket(a, bracket(b, c)) + bracket(b, bracket(c, a)) + bracket(c, bracket(a, b)),
+        np.zeros(len(a)),
+        1e-14,
+    )
     assert (bracket(a, b)[g:] == 0).all()
 
 
@@ -269,9 +277,10 @@ def test_the_bracket_is_what_two_steps_do_not_commute_by(seed, group):
     rng = np.random.default_rng(seed)
     a, b = rng.standard_normal((2, group))
     integrate, difference = (
-        (spatial.pose_integrate, spatial.pose_difference) if group == 6
+        (spatial.pose_integrate, spatial.pose_difference)
+        if group == 6
         else (spatial.planar_integrate, spatial.planar_difference)
-    )  # fmt: skip
+    )
     start = np.r_[np.zeros(group // 2 if group == 6 else 3), [0, 0, 0, 1.0] if group == 6 else []]
     errors = []
     for size in (2e-2, 1e-2):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.paper.bench import ARMS, BENCHES, Bench, bench
+from tests.support.bench import ARMS, BENCHES, Bench, bench
 
 
 @pytest.fixture(params=list(BENCHES))

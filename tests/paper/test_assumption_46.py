@@ -14,7 +14,7 @@ from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
-from tests.paper.bench import TwoVehicles, bench, simulate
+from tests.support.bench import TwoVehicles, bench, simulate
 
 
 def mass_tensor(table, x: Array) -> Array:
@@ -23,16 +23,21 @@ def mass_tensor(table, x: Array) -> Array:
 
 
 @pytest.mark.parametrize(("error", "holds"), [(0.01, True), (0.5, False)])
-def test_46_margin_is_what_it_says(tmp_path: Path, error: float, holds: bool):
+def test_46_margin_is_the_one_of_its_definition(tmp_path: Path, error: float, holds: bool):
     """(46) as a run's summary has it, by hand: for the vehicle λ_min(M) is the mass.
 
     Where it holds, no step's M̂ comes nearer to 0 than the margin ε.
     """
     table = bench("scalar_rov")
     scenario = Scenario(
-        table.config, table.excitation, table.law, initial_error=error, duration=20.0,
-        dt=table.dt, held_out=5.0,
-    )  # fmt: skip
+        table.config,
+        table.excitation,
+        table.law,
+        initial_error=error,
+        duration=20.0,
+        dt=table.dt,
+        held_out=5.0,
+    )
     result = run(scenario, tmp_path)
     summary = summarize(result, truth_of(result))
     Gamma = 0.1 * table.system.space.scale**2
@@ -103,7 +108,7 @@ def test_46_with_its_factor_is_enough(table):
             assert np.linalg.eigvalsh(system.mass_matrix(sample, truth + step))[0] > 0
 
 
-def test_46_is_about_one_member_and_any_will_do():
+def test_46_may_hold_for_any_one_member_of_P():
     """(38, 46): θ may be any member of P(θ), so (46) may hold for one and fail for another.
 
     Only the distance to the nearest member in Γ's metric counts, relative to its own M: an

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from nsaid_mj.plants.arm import Arm
-from tests.paper.bench import Bench
+from tests.support.bench import Bench
 
 ROUNDING = 1e-12  # sums of up to 126 products of either sign, relative to the largest
 

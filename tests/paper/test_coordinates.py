@@ -8,7 +8,7 @@ import pytest
 
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants.arm import Arm
-from tests.paper.bench import Bench, TwoVehicles, bench
+from tests.support.bench import Bench, TwoVehicles, bench
 
 
 def test_36_Q_is_orthogonal(table: Bench):
@@ -75,7 +75,7 @@ def test_r_of_an_arm_by_inverse_dynamics(arm: Bench):
     assert system.p - np.linalg.matrix_rank(stack, tol=1e-8) == arm.nullspace.r
 
 
-def test_r_by_hand():
+def test_r_of_two_vehicles_is_2():
     """r from textbooks: parameters less base parameters, and one for the common scale.
 
     Double pendulum, 28 parameters: 6 inertial base parameters of a planar 2R in gravity (a moment

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.parameters import Array
-from tests.paper.bench import accelerations, bench, columns, estimates, identify, order, swing
+from tests.support.bench import accelerations, bench, columns, estimates, identify, order, swing
 
 
 class Errors(NamedTuple):
@@ -42,13 +42,17 @@ def case(request: pytest.FixtureRequest):
     a_hat = accelerations(system, t, x, v_hat, u, theta=theta_hat)
     several = list(zip(x, theta_hat, strict=True))
     return table, Errors(
-        K, dv, a_hat - dv @ K - a, theta_hat,
-        system.mass_matrix(x, truth), system.coriolis_matrix(x, truth),
+        K,
+        dv,
+        a_hat - dv @ K - a,
+        theta_hat,
+        system.mass_matrix(x, truth),
+        system.coriolis_matrix(x, truth),
         system.regressor(t, x, v, a, u),
         np.array([system.mass_matrix(*s) for s in several]),
         np.array([system.coriolis_matrix(*s) for s in several]),
         system.regressor(t, x, v_hat, a_hat, u),
-    )  # fmt: skip
+    )
 
 
 def product(matrix: Array, vector: Array) -> Array:
@@ -66,9 +70,9 @@ def test_52_54_errors_factored_by_M(case):
     """(52) and (54) equal (48): â − KΔv − v̇, at states of a real run."""
     table, e = case
     through_theta = product(e.W_hat, np.broadcast_to(table.truth, e.theta_hat.shape))
-    right_52 = -e.dv @ e.K + np.linalg.solve(
-        e.M, (through_theta - product(e.C, e.dv))[..., None]
-    )[..., 0]  # fmt: skip
+    right_52 = (
+        -e.dv @ e.K + np.linalg.solve(e.M, (through_theta - product(e.C, e.dv))[..., None])[..., 0]
+    )
     assert agree(right_52, e.dv_dot)
     damping = e.K + np.linalg.solve(e.M, e.C)
     push = np.linalg.solve(e.M, product(e.W_hat, e.theta_hat - table.truth)[..., None])[..., 0]
@@ -126,18 +130,25 @@ def test_55_65_error_system_by_differences():
         a_hat = accelerations(system, t, x, v_hat, u, theta=theta_hat)
         W_hat = system.regressor(t, x, v_hat, a_hat, u)
         M, C = system.mass_matrix(x, truth), system.coriolis_matrix(x, truth)
-        right_v = -dv @ gains[0] - np.linalg.solve(
-            M, (product(C, dv) + product(W_hat, dtheta))[..., None]
-        )[..., 0]  # fmt: skip
+        right_v = (
+            -dv @ gains[0]
+            - np.linalg.solve(M, (product(C, dv) + product(W_hat, dtheta))[..., None])[..., 0]
+        )
         right_theta = gains[1] * np.einsum("kip,ki->kp", W_hat, dv)
         by_coordinates = nullspace.coordinates(rate_theta / scale)  # lower rows of (65)
         in_scale = np.einsum("kip,ki->kp", W_hat * scale, dv) * gains[1] / scale**2
-        errors.append([
-            np.abs(rate_v - right_v).max() / np.abs(right_v).max(),
-            np.abs(rate_theta - right_theta).max() / np.abs(right_theta).max(),
-            *(np.abs(rate - in_scale @ basis).max() / np.abs(in_scale @ basis).max()
-              for rate, basis in zip(by_coordinates, (nullspace.P, nullspace.P_perp), strict=True)),
-        ])  # fmt: skip
+        errors.append(
+            [
+                np.abs(rate_v - right_v).max() / np.abs(right_v).max(),
+                np.abs(rate_theta - right_theta).max() / np.abs(right_theta).max(),
+                *(
+                    np.abs(rate - in_scale @ basis).max() / np.abs(in_scale @ basis).max()
+                    for rate, basis in zip(
+                        by_coordinates, (nullspace.P, nullspace.P_perp), strict=True
+                    )
+                ),
+            ]
+        )
     for column in np.array(errors).T:
         assert column[-1] < 1e-2
         assert 1.7 < order(1 / counts, column) < 2.3

@@ -6,7 +6,7 @@ import numpy as np
 
 from nsaid_mj.identifiers import ConventionalAID, NullspaceAID
 from nsaid_mj.parameters import Array
-from tests.paper.bench import Bench, bench, identify
+from tests.support.bench import Bench, bench, identify
 
 
 def member(table: Bench, rng: np.random.Generator, x: Array) -> Array:
@@ -37,7 +37,7 @@ def test_28_parameters_in_P_move_alike(table: Bench):
         assert np.abs(a_star - a).max() <= tolerance * np.abs(a).max()
 
 
-def test_28_parameters_off_P_do_not(table: Bench):
+def test_28_parameters_off_P_move_differently(table: Bench):
     """The converse of (28): every direction of P_⊥, the weakest too, changes some v̇.
 
     To first order M δv̇ = −W δθ, so that the rms change is at least what the smallest singular

@@ -8,7 +8,7 @@ import pytest
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.nullspace import structural
-from tests.paper.bench import Bench, TwoVehicles, bench, estimates, identify, random_states
+from tests.support.bench import Bench, TwoVehicles, bench, estimates, identify, random_states
 from tests.support.vehicles import coordinate_map
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.persistence import PersistenceMonitor, level
-from tests.paper.bench import Bench, accelerations, bench, columns
+from tests.support.bench import Bench, accelerations, bench, columns
 
 
 def window(table: Bench, theta_hat: Array, seconds: float, stride: int) -> tuple[Array, float]:

@@ -7,7 +7,7 @@ import pytest
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.systems.multibody import MotorTree
-from tests.paper.bench import Bench, bench
+from tests.support.bench import Bench, bench
 from tests.support.dense import Dense
 
 

@@ -8,7 +8,7 @@ from scipy.integrate import cumulative_simpson
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
-from tests.paper.bench import bench, columns, estimates, identify, lyapunov, order, swing
+from tests.support.bench import bench, columns, estimates, identify, lyapunov, order, swing
 
 
 @pytest.mark.parametrize(

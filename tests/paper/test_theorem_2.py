@@ -13,7 +13,7 @@ from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
 from nsaid_mj.persistence import level
 from nsaid_mj.plants.scalar_rov import ScalarRov
-from tests.paper.bench import Bench, TwoVehicles, bench, columns, estimates, identify, simulate
+from tests.support.bench import Bench, TwoVehicles, bench, columns, estimates, identify, simulate
 
 TWO = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])  # the true θ of both vehicles
 

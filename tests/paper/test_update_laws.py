@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.parameters import Array
-from tests.paper.bench import bench, estimates, identify, order, swing
+from tests.support.bench import bench, estimates, identify, order, swing
 
 
 def positive_definite(diagonal: Array, rng: np.random.Generator) -> Array:
@@ -40,8 +40,9 @@ def test_44_45_converge_with_order_4():
         return np.concatenate([a_hat - K @ dv, Gamma @ W.T @ dv])  # (44), (45)
 
     start = np.concatenate([system.split(motion.x(0))[1], prior])
-    exact = solve_ivp(law, (0, motion.seconds), start, method="DOP853",
-                      rtol=1e-12, atol=1e-14).y[:, -1]  # fmt: skip
+    exact = solve_ivp(law, (0, motion.seconds), start, method="DOP853", rtol=1e-12, atol=1e-14).y[
+        :, -1
+    ]
     counts, errors = np.array([100, 200, 400, 800]), []
     for count in counts:
         identifier = paper_identifier(system, K, Gamma, prior, motion.seconds / count)

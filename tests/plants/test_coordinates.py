@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from nsaid_mj.numerics.spatial import planar_difference, pose_difference, quaternion_of, rotation
 from nsaid_mj.plants.world.coordinates import (
@@ -24,9 +23,9 @@ from nsaid_mj.plants.world.coordinates import (
     joint_map,
     pose_of,
 )
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=25)
-seeds = st.integers(0, 2**32 - 1)
 DT = 1e-3
 
 BODY = """<mujoco><option timestep="{dt}" integrator="RK4" gravity="0.3 -0.2 -9.81"/>
@@ -104,7 +103,7 @@ spatial_maps = pytest.mark.parametrize("name", ["pose", "floating"])
 @maps
 @FEW
 @given(seeds)
-def test_what_is_written_is_read(name, seed):
+def test_data_written_is_read_back_unchanged(name, seed):
     c = case(name)
     numbers, velocity = c.draw(seed)
     c.put(numbers, velocity)
@@ -167,7 +166,7 @@ def matrix(axis: int, angle: float):
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("angle", [0.4, -2.0])
-def test_a_turn_about_one_axis_is_what_it_says(axis, angle):
+def test_a_turn_about_one_axis_has_its_rotation_matrix(axis, angle):
     c = case("pose")
     numbers = np.r_[1.0, 2.0, 3.0, angle * np.eye(3)[axis]]
     c.put(numbers, np.r_[1.0, 0, 0, 0, 0, 0])
@@ -206,7 +205,7 @@ def test_the_pose_and_twist_are_mujocos_body(name, seed):
         np.testing.assert_allclose(np.r_[v, omega], velocity[:6], atol=1e-13)
 
 
-def test_joints_go_by_name_and_not_by_mujocos_order():
+def test_joints_are_mapped_by_name_not_by_order():
     c = case("floating")
     numbers, velocity = c.draw(4)
     c.put(numbers, velocity)
@@ -293,7 +292,7 @@ def level() -> Case:
 
 @FEW
 @given(seeds)
-def test_from_above_what_is_written_is_read_and_the_height_stays(seed):
+def test_the_planar_map_reads_what_it_writes_and_keeps_the_height(seed):
     c = level()
     numbers, velocity = c.draw(seed)
     c.put(numbers, velocity)
@@ -306,7 +305,7 @@ def test_from_above_what_is_written_is_read_and_the_height_stays(seed):
 
 @FEW
 @given(seeds)
-def test_from_above_the_velocity_is_the_rate_of_the_position_however_the_body_leans(seed):
+def test_the_planar_velocity_is_the_rate_of_position_at_any_tilt(seed):
     rng = np.random.default_rng(seed)
     c, lean = level(), PoseMap(level().model, "pose")
     numbers, twist = rng.uniform(-1, 1, (2, 6))

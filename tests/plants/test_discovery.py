@@ -45,8 +45,16 @@ def test_every_public_name_resolves_and_is_listed():
 
 
 def test_the_log_the_multibody_systems_and_the_vehicles_are_public():
-    expected = {"Log", "Multibody", "CompiledMultibody", "UnderwaterVehicle", "Quadrotor",
-                "GroundVehicle", "NullspaceIdentifier", "BlueROV2Plant"}  # fmt: skip
+    expected = {
+        "Log",
+        "Multibody",
+        "CompiledMultibody",
+        "UnderwaterVehicle",
+        "Quadrotor",
+        "GroundVehicle",
+        "NullspaceIdentifier",
+        "BlueROV2Plant",
+    }
     assert expected <= set(dir(nsaid_mj))
 
 
@@ -84,9 +92,14 @@ assert Scenario.from_json(scenario.to_json()) == scenario
 print(nsaid_mj.__file__)
 """
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, text=True, capture_output=True, timeout=120,
-        check=False, env={"PATH": "", "PYTHONPATH": ""},
-    )  # fmt: skip
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
+        timeout=120,
+        check=False,
+        env={"PATH": "", "PYTHONPATH": ""},
+    )
     assert done.returncode == 0, done.stderr
     assert Path(done.stdout.strip()).is_relative_to(tmp_path)
 

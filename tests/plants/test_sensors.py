@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.plants import SensorNoise
+from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=50)
-seeds, levels = st.integers(0, 2**32 - 1), st.floats(1e-6, 10)
+levels = st.floats(1e-6, 10)
 
 
 def corrupt(noise: SensorNoise, position, velocity, seed=0):
@@ -18,7 +19,7 @@ def corrupt(noise: SensorNoise, position, velocity, seed=0):
 
 @FEW
 @given(seeds)
-def test_no_noise_is_the_truth(seed):
+def test_zero_noise_returns_the_true_values(seed):
     q, v = np.random.default_rng(seed).standard_normal((2, 4))
     for given_, said in zip((q, v), corrupt(SensorNoise(0.0, 0.0, 0.0), q, v), strict=True):
         assert (given_ == said).all()
@@ -26,7 +27,7 @@ def test_no_noise_is_the_truth(seed):
 
 @FEW
 @given(seeds, st.floats(1e-6, 1.0))
-def test_an_encoder_says_the_nearest_of_its_steps(seed, step):
+def test_an_encoder_rounds_to_its_nearest_step(seed, step):
     q = np.random.default_rng(seed).standard_normal(50)
     said, _ = corrupt(SensorNoise(0.0, 0.0, step), q, q)
     ticks = said / step

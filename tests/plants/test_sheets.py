@@ -60,9 +60,12 @@ def _inline(value: Any) -> str:
 def places(value: Any, path: tuple = ()) -> list[tuple]:
     """The paths of all values in a data sheet, tables and lists among them."""
     inner = (
-        value.items() if isinstance(value, dict)
-        else enumerate(value) if isinstance(value, list) else ()
-    )  # fmt: skip
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     return [p for k, v in inner for p in ((*path, k), *places(v, (*path, k)))]
 
 
@@ -169,18 +172,18 @@ def test_an_unknown_key_is_refused_with_near_matches(path):
 
 
 @pytest.mark.parametrize("content", [b"mass = ", b"\xff\xfe", b"mass = 1\nmass = 2"])
-def test_a_file_that_is_no_toml_is_told(tmp_path, content):
+def test_a_file_that_is_no_toml_is_refused(tmp_path, content):
     (tmp_path / "own.toml").write_bytes(content)
     with pytest.raises(InvalidInput, match=r"own\.toml: expected a TOML file"):
         BlueROV2Plant(vehicle=str(tmp_path / "own.toml")).build(1e-2, 0)
 
 
-def test_a_folder_without_numbers_is_told(tmp_path):
+def test_a_folder_without_vehicle_toml_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match=r"vehicle\.toml.*no such file"):
         BlueROV2Plant(vehicle=str(tmp_path)).build(1e-2, 0)
 
 
-def test_a_shorter_curve_is_one_with_zeros_after_it():
+def test_trailing_zeros_of_a_thruster_curve_change_nothing():
     """Once, a curve of another length shifted the thrusters' numbers behind it."""
     content = numbers("bluerov2")
     for curve in ([8.9, 176.0], [8.9, 176.0, 0.0], [8.9, 176.0, 0.0, 0.0, 0.0]):

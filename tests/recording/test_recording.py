@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import subprocess
 import sys
@@ -11,19 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rerun as rr
-from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from nsaid_mj import (
     ArmPlant,
     Block,
     BlueROV2Plant,
-    ConventionalAID,
     FourierTracking,
     MultisineCommand,
     NullspaceAID,
     ParameterSpace,
-    ScalarRovPlant,
     Scenario,
     recording,
 )
@@ -39,6 +35,8 @@ from nsaid_mj.recording.file import spread
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.systems.general import forces_by_sample
 from nsaid_mj.systems.rigid_body import RigidBody
+from tests.support.faulty import WITH_RIVAL as ROV
+from tests.support.recordings import entities_of
 
 ARM = Scenario(
     plant=ArmPlant(robot="ur5", damping=2.0, friction=1.0, armature=0.1),
@@ -47,16 +45,6 @@ ARM = Scenario(
     duration=0.3,
     pe_window=0.1,
     held_out=0.1,
-)
-ROV = Scenario(
-    plant=ScalarRovPlant(),
-    excitation=MultisineCommand(low=0.05, high=0.5, tones=8, amplitude=0.8),
-    identifier=NullspaceAID(K=5.0, gain=0.01),
-    rivals={"conventional": ConventionalAID(K=5.0, gain=0.01)},
-    duration=2.0,
-    dt=0.01,
-    pe_window=0.5,
-    held_out=1.0,
 )
 VEHICLE = Scenario(
     plant=BlueROV2Plant(),
@@ -91,22 +79,6 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
     return recorded(VEHICLE, tmp_path_factory.mktemp("vehicle"))
 
 
-@functools.cache
-def entities_of(file: Path) -> dict[str, dict[str, list]]:
-    entities: dict[str, dict[str, list]] = {}
-    for chunk in RrdReader(file).stream():
-        columns = entities.setdefault(str(chunk.entity_path), {})
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            if name.startswith("Mesh3D:vertex_"):
-                columns[name] = [None]  # large, and not looked into
-                continue
-            if name == "log_time":  # nanoseconds since 1970, which datetime does not have
-                continue
-            columns.setdefault(name, []).extend(batch.column(name).to_pylist())
-    return entities
-
-
 def read(result: SimulatedRun) -> dict[str, dict[str, list]]:
     """Column name to values, by entity, over all of a recording's chunks."""
     return entities_of(result.folder / recording.FILE)
@@ -116,12 +88,22 @@ def seconds(time: object) -> float:
     return time.total_seconds() if hasattr(time, "total_seconds") else float(time) * 1e-9  # type: ignore
 
 
-def test_an_arm_is_all_there(arm: SimulatedRun) -> None:
+def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
     entities = read(arm)
-    for name in ("velocity_error", "distance/NS-AID", "theta_perp", "share", "lyapunov",
-                 "conserved", "excitation/all", "excitation/perpendicular", "result",
-                 "estimate/motor_gain/estimated", "estimate/motor_gain/true_direction",
-                 "estimate/link_6/estimated"):  # fmt: skip
+    for name in (
+        "velocity_error",
+        "distance/NS-AID",
+        "theta_perp",
+        "share",
+        "lyapunov",
+        "conserved",
+        "excitation/all",
+        "excitation/perpendicular",
+        "result",
+        "estimate/motor_gain/estimated",
+        "estimate/motor_gain/true_direction",
+        "estimate/link_6/estimated",
+    ):
         assert f"/{name}" in entities
     meshes = [
         e for e in entities if e.startswith("/robot/") and "Mesh3D:vertex_positions" in entities[e]
@@ -147,7 +129,7 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
         assert times[-1] == pytest.approx(result.scenario.duration, abs=1e-9)
 
 
-def test_the_distance_is_the_summarys_and_rivals_have_theirs(rov: SimulatedRun) -> None:
+def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
     entities, summary = read(rov), metrics.summarize(rov, metrics.truth_of(rov))
     for name, numbers in (("NS-AID", summary), ("conventional", summary["rivals"]["conventional"])):
         values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
@@ -182,7 +164,7 @@ def test_series_have_names_with_units_that_the_viewer_can_draw(arm: SimulatedRun
             assert all(name.endswith("]") for name in names if name != "true direction"), entity
 
 
-def test_the_text_says_what_came_out(arm: SimulatedRun) -> None:
+def test_the_recorded_text_states_the_result(arm: SimulatedRun) -> None:
     text = read(arm)["/result"]["TextDocument:text"][0][0]
     assert "completed" in text and "57 of 84" in text
     assert "gain of wrist_3_joint" in text
@@ -226,7 +208,7 @@ def test_reruns_warnings_are_errors() -> None:
 
 
 @pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])
-def test_no_view_is_on_two_pages(which: str, request: pytest.FixtureRequest) -> None:
+def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureRequest) -> None:
     result: SimulatedRun = request.getfixturevalue(which)
     space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
@@ -258,7 +240,7 @@ def drawn_rows(
     return rows
 
 
-def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: SimulatedRun) -> None:
+def test_force_arrows_start_at_their_thrusters(vehicle: SimulatedRun) -> None:
     entities, record, space = read(vehicle), vehicle.record, vehicle.plant.system.space
     body = scene.BODY
     rows = drawn_rows(vehicle, entities, body)
@@ -300,11 +282,11 @@ def test_a_vehicles_forces_stand_at_its_thrusters(vehicle: SimulatedRun) -> None
     np.testing.assert_allclose(estimated, share[..., None] * vectors, atol=1e-5)
 
 
-def test_an_arm_has_neither_forces_nor_a_path(arm: SimulatedRun) -> None:
+def test_an_arm_has_no_force_arrows_and_no_path(arm: SimulatedRun) -> None:
     assert not {f"/{forces.COMMANDED}", f"/{scene.PATH}"} & set(read(arm))
 
 
-def test_a_heaving_vehicles_force_is_upright(rov: SimulatedRun) -> None:
+def test_the_force_arrow_of_a_heaving_vehicle_is_vertical(rov: SimulatedRun) -> None:
     entities = read(rov)
     rows = drawn_rows(rov, entities, forces.COMMANDED)
     vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")[:, 0]
@@ -314,7 +296,7 @@ def test_a_heaving_vehicles_force_is_upright(rov: SimulatedRun) -> None:
     np.testing.assert_allclose(heights, np.outer(rov.record["q"][rows], [0, 0, 1]), atol=1e-6)
 
 
-def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: SimulatedRun) -> None:
+def test_the_path_goes_through_all_measured_positions(vehicle: SimulatedRun) -> None:
     entities = read(vehicle)
     rows = drawn_rows(vehicle, entities, scene.BODY)
     places = vehicle.record["q"][rows, :3]
@@ -324,7 +306,7 @@ def test_a_path_is_whole_and_goes_through_the_measured_places(vehicle: Simulated
         np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
 
 
-def test_the_meshes_of_a_vehicle_move_as_one_and_as_mujoco_has_them(vehicle: SimulatedRun) -> None:
+def test_meshes_of_a_vehicle_move_rigidly_as_in_mujoco(vehicle: SimulatedRun) -> None:
     entities, plant = read(vehicle), vehicle.plant
     q = vehicle.record["q"][-1:]
     translations, quaternions = plant.poses(q)
@@ -414,21 +396,15 @@ def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: Simulat
 # -- live ----------------------------------------------------------------------------------------
 
 
-def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-
-
 def no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recording.Live, "_serve", lambda self: "")
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_, **__: None)
 
 
+@pytest.mark.usefixtures("no_display")
 def test_live_without_a_display_serves_this_machine_and_ends_its_server(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    no_display(monkeypatch)
     started: list[list[str]] = []
     servers: list[subprocess.Popen[bytes]] = []
 
@@ -446,11 +422,11 @@ def test_live_without_a_display_serves_this_machine_and_ends_its_server(
     assert servers[0].poll() is not None
 
 
+@pytest.mark.usefixtures("no_display")
 @pytest.mark.parametrize("where", ["start", "see"])
-def test_a_viewer_that_fails_ends_no_run(
+def test_a_failing_viewer_does_not_end_the_run(
     where: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    no_display(monkeypatch)
     monkeypatch.setattr(live, "program", lambda: [sys.executable, "-c", "raise SystemExit(3)"])
     if where == "see":
         no_connection(monkeypatch)
@@ -461,8 +437,8 @@ def test_a_viewer_that_fails_ends_no_run(
     assert len(told) == 1 and "continuing without the viewer" in told[0]
 
 
+@pytest.mark.usefixtures("no_display")
 def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_display(monkeypatch)
     no_connection(monkeypatch)
     plant = ROV.plant.build(ROV.dt, 0)
     monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
@@ -472,10 +448,10 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     observer.stop()
 
 
+@pytest.mark.usefixtures("no_display")
 def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    no_display(monkeypatch)
     no_connection(monkeypatch)
     file = tmp_path / "live.rrd"
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
@@ -494,8 +470,8 @@ def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
 # -- viewer --------------------------------------------------------------------------------------
 
 
-def test_the_viewers_command_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
-    no_display(monkeypatch)
+@pytest.mark.usefixtures("no_display")
+def test_without_a_display_the_viewer_needs_web() -> None:
     with pytest.raises(BadRun, match="--web"):
         viewer.viewer_command(Path("run.rrd"), web=False)
     command = viewer.viewer_command(Path("run.rrd"), web=True)
@@ -503,7 +479,7 @@ def test_the_viewers_command_without_a_display(monkeypatch: pytest.MonkeyPatch) 
     assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 
-def test_the_viewers_command_with_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_a_display_the_viewer_opens_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     command = viewer.viewer_command(Path("run.rrd"), web=False)
     assert "--serve-web" not in command

@@ -7,7 +7,7 @@ from tests.recovery import direction
 
 
 @pytest.mark.parametrize("factor", [3.0, -2.0, 1e-6])
-def test_length_and_sign_do_not_count(factor):
+def test_a_direction_does_not_depend_on_length_and_sign(factor):
     rng = np.random.default_rng(0)
     theta, scale = rng.normal(size=7), rng.uniform(0.5, 2, 7)
     assert np.allclose(direction.of(factor * theta, scale), direction.of(theta, scale), atol=1e-15)

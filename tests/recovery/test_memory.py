@@ -27,15 +27,23 @@ def memorised(name: str, folder, **changes) -> dict[str, Any]:
 
 
 VEHICLES = ["scalar_rov", "bluerov2", "remus100", "astrobee", "f1tenth", "bmw320i"]
-LONG = [("hummingbird", 30.0), ("crazyflie", 30.0), ("uvms", 60.0), ("borinot", 30.0),
-        ("double_pendulum", 30.0)]  # fmt: skip
+LONG = [
+    ("hummingbird", 30.0),
+    ("crazyflie", 30.0),
+    ("uvms", 60.0),
+    ("borinot", 30.0),
+    ("double_pendulum", 30.0),
+]
 
 
-@pytest.mark.parametrize("name,seconds", [
-    *((name, 30.0) for name in VEHICLES),
-    *(pytest.param(name, seconds, marks=pytest.mark.slow) for name, seconds in LONG),
-])  # fmt: skip
-def test_a_memory_finds_the_true_set_of_every_vehicle(name, seconds, tmp_path):
+@pytest.mark.parametrize(
+    "name,seconds",
+    [
+        *((name, 30.0) for name in VEHICLES),
+        *(pytest.param(name, seconds, marks=pytest.mark.slow) for name, seconds in LONG),
+    ],
+)
+def test_the_memory_law_finds_the_true_set_of_every_vehicle(name, seconds, tmp_path):
     """Asked of it are 1e-3 and 5e-4, and to try for 1e-5."""
     summary = memorised(name, tmp_path, duration=seconds)
     assert summary["theta_perp_ratio"] < 1e-5 and summary["actuator_ratio_error"] < 1e-5
@@ -46,10 +54,17 @@ def test_a_memory_finds_the_true_set_of_every_vehicle(name, seconds, tmp_path):
         assert summary["lyapunov_violations"] == 0
 
 
-@pytest.mark.parametrize("name", [
-    "ur5", *(pytest.param(name, marks=pytest.mark.slow)
-             for name in ("panda", "xarm7", "z1", "kinova"))])  # fmt: skip
-def test_a_memory_finds_an_arms_gains_in_ten_seconds(name, tmp_path):
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ur5",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("panda", "xarm7", "z1", "kinova")
+        ),
+    ],
+)
+def test_the_memory_law_finds_an_arms_gains_in_ten_seconds(name, tmp_path):
     """Asked of it are 0.002 and 3e-4; a UR5 is held to 1e-5."""
     summary = memorised(name, tmp_path, duration=10.0, held_out=5.0)
     gains, forces = (1e-5, 1e-5) if name == "ur5" else (0.002, 3e-4)
@@ -60,12 +75,15 @@ def test_a_memory_finds_an_arms_gains_in_ten_seconds(name, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["bluerov2", "ur5"])
-def test_a_memory_withstands_noise(name, tmp_path):
+def test_the_memory_law_reaches_its_accuracy_under_noise(name, tmp_path):
     """20 s, at most what well-tuned filtered least squares leaves on slower UR5 data."""
-    found = [memorised(name, tmp_path / str(seed), duration=20.0, sensors="noisy", seed=seed)
-             for seed in range(3)]  # fmt: skip
-    gains, forces = (sorted(s[key] for s in found)[1]
-                     for key in ("actuator_ratio_error", "force_residual_ratio"))  # fmt: skip
+    found = [
+        memorised(name, tmp_path / str(seed), duration=20.0, sensors="noisy", seed=seed)
+        for seed in range(3)
+    ]
+    gains, forces = (
+        sorted(s[key] for s in found)[1] for key in ("actuator_ratio_error", "force_residual_ratio")
+    )
     assert gains < 0.012
     assert forces < (5e-4 if name == "ur5" else 5e-3)
     covered = [s["confidence"]["covered"] for s in found]
@@ -73,7 +91,7 @@ def test_a_memory_withstands_noise(name, tmp_path):
 
 
 @pytest.mark.parametrize("sensors", ["ideal", "noisy"])
-def test_a_memory_follows_a_thruster_that_fails(sensors, tmp_path):
+def test_the_memory_law_follows_a_failing_thruster(sensors, tmp_path):
     """It loses 40 % at 20 s; 10 s later, where 30 are allowed, it is known, and so are the rest."""
     plant = replace(load("bluerov2").plant, fault=Fault(loss=0.4, actuator=3, time=20.0))
     summary = memorised("bluerov2", tmp_path, plant=plant, duration=30.0, sensors=sensors)

@@ -48,11 +48,11 @@ def recovered(request, tmp_path_factory):
     return name, found, summarize(result, truth_of(result))
 
 
-def test_every_scenario_has_a_bar():
+def test_every_scenario_has_its_accuracy_stated():
     assert set(BARS) == set(scenarios())
 
 
-def test_estimate_is_within_the_scenarios_bars(recovered):
+def test_the_estimate_reaches_the_scenarios_accuracy(recovered):
     name, _, summary = recovered
     assert summary["status"] == "completed"
     if not summary["mismatch"]:  # else there is no true set to come nearer to
@@ -62,7 +62,7 @@ def test_estimate_is_within_the_scenarios_bars(recovered):
         assert summary[key] <= bar, f"{name}: {key}"
 
 
-def test_direction_is_the_stored_one(recovered):
+def test_the_direction_found_is_the_stored_one(recovered):
     name, found, _ = recovered
     moved = direction.changes(direction.stored(name), found)
     assert not moved, "moved (`make store-directions` accepts it):\n" + "\n".join(moved)

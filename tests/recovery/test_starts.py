@@ -34,7 +34,7 @@ def test_a_start_far_off_stays_inside_and_comes_nearer(name, index):
     assert found["theta_perp_ratio"] < 0.1 * found["theta_perp_ratio_initial"]
 
 
-def test_starts_are_inside_and_differ_and_can_be_drawn_again():
+def test_starts_are_inside_the_cone_distinct_and_reproducible():
     known = course("remus100", 5.0)
     cone = cone_of(known.setup.plant.system.space)
 
@@ -49,7 +49,7 @@ def test_starts_are_inside_and_differ_and_can_be_drawn_again():
     assert 0.9 < off.max() <= 1.0 + 1e-12
 
 
-def test_a_law_that_loses_definiteness_is_seen(monkeypatch):
+def test_the_study_counts_a_law_that_loses_definiteness(monkeypatch):
     """The paper's law with a gain far too large."""
     known = course("remus100", 5.0)
     base = known.setup.scenario

@@ -29,7 +29,9 @@ def unloaded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "matplotlib.figure")
 
 
-def test_a_child_draws_the_same_bytes(unloaded: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_child_process_draws_the_same_bytes(
+    unloaded: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with Drawer() as drawer:
         child = drawer._child
         assert child is not None
@@ -38,7 +40,7 @@ def test_a_child_draws_the_same_bytes(unloaded: None, monkeypatch: pytest.Monkey
     assert child.returncode == 0
 
 
-def test_a_dead_child_is_replaced_by_this_process(unloaded: None) -> None:
+def test_without_its_child_this_process_draws(unloaded: None) -> None:
     with Drawer() as drawer:
         assert drawer._child is not None
         drawer._child.kill()

@@ -118,7 +118,7 @@ def test_the_same_data_give_the_same_bytes_in_every_process_whatever_the_users_s
     assert done.stdout.strip() == over_time(panel([0, 1, 2])).strip()
 
 
-def test_settings_and_pyplot_are_left_alone():
+def test_drawing_leaves_matplotlibs_settings_and_pyplot_unchanged():
     before = dict(matplotlib.rcParams)
     over_time(panel([0, 1, 2]))
     assert dict(matplotlib.rcParams) == before
@@ -139,7 +139,7 @@ def test_ids_of_several_drawings_do_not_collide_and_all_references_are_met():
         assert text.count(' id="') == len(own)
 
 
-def test_words_remain_words_and_cannot_become_markup():
+def test_text_in_drawings_is_escaped():
     figure = Figure()
     with plots.style():
         figure.add_subplot().set_title(
@@ -157,7 +157,7 @@ def test_a_drawing_refers_to_nothing_outside():
     assert not re.findall(r"https?:|xmlns|@import|<style|<metadata|<!--", text)
 
 
-def test_lines_after_the_last_colour_are_told_apart_by_dashes_and_named_in_the_legend():
+def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():
     many = panel(*([k, k + 1] for k in range(len(COLOURS) + 2)))
     assert len({(c.colour, c.dash) for c in many.curves}) == len(many.curves)
     assert many.legend == [(c.name, c.colour, c.dash) for c in many.curves]
@@ -176,6 +176,6 @@ def test_lines_after_the_last_colour_are_told_apart_by_dashes_and_named_in_the_l
         (1.5e-7, "1.5·10⁻⁷", "1.5·10⁻⁷"),
     ],
 )
-def test_numbers_of_ticks(value, told, power):
+def test_tick_numbers_are_written_plainly_or_as_powers_of_ten(value, told, power):
     assert number(value) == told
     assert number(value, plain=False) == power

@@ -1,8 +1,5 @@
 """What a terminal shows while a command works, and kernels compiled before the clock."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,23 +11,18 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.reporting import warmup
 from nsaid_mj.reporting.progress import COMPILING, Progress
+from tests.support.faulty import call
 
 ROV = replace(load("scalar_rov"), duration=1.0)
-COMMAND = [sys.executable, "-c", "from nsaid_mj.cli import run_from_shell; run_from_shell()"]
-
-
-def nsaid(*words: object, cache: Path, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *map(str, words)], cwd=folder, capture_output=True, text=True, check=True,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, timeout=300,
-    )  # fmt: skip
 
 
 def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path: Path):
     words = ("run", "scalar_rov", "--duration", "1", "--law", "memory", "--out")
+    cache = str(tmp_path / "cache")
     first, second = (
-        nsaid(*words, tmp_path / name, cache=tmp_path / "cache", folder=tmp_path) for name in "ab"
+        call(*words, tmp_path / name, cwd=tmp_path, NUMBA_CACHE_DIR=cache) for name in "ab"
     )
+    assert first.returncode == second.returncode == 0
     assert first.stderr.count(COMPILING) == 1
     assert "s of compiling, once, not counted" in first.stdout
     assert COMPILING not in second.stderr
@@ -41,8 +33,8 @@ def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path
 
 def test_quiet_says_nothing_of_compiling(tmp_path: Path):
     words = ("run", "scalar_rov", "--duration", "0.5", "--quiet", "--out", tmp_path / "run")
-    told = nsaid(*words, cache=tmp_path / "cache", folder=tmp_path)
-    assert (told.stdout, told.stderr) == ("", "")
+    told = call(*words, cwd=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert (told.returncode, told.stdout, told.stderr) == (0, "", "")
 
 
 @pytest.fixture
@@ -69,7 +61,7 @@ def test_warming_up_changes_no_number_of_the_run(tmp_path: Path):
     assert all(np.array_equal(before[column], after[column]) for column in before.columns)
 
 
-def test_kinds_differ_with_what_is_compiled_and_not_with_numbers():
+def test_warm_up_kinds_depend_on_structure_not_on_numbers():
     kind = warmup.kind_of(ROV)
     assert kind == warmup.kind_of(replace(ROV, duration=3.0, seed=5))
     assert kind != warmup.kind_of(replace(ROV, sensors="noisy"))
@@ -77,7 +69,7 @@ def test_kinds_differ_with_what_is_compiled_and_not_with_numbers():
     assert kind != warmup.kind_of(replace(ROV, identifier=other))
 
 
-def test_a_line_that_is_shown_can_be_used_through_a_whole_run(tmp_path: Path):
+def test_progress_observes_a_whole_run_while_shown(tmp_path: Path):
     with Progress("rov") as progress:
         assert len(run(ROV, tmp_path, progress).record) > 1
         progress.say("evaluating the estimate")

@@ -15,13 +15,6 @@ import numpy as np
 import pytest
 
 from nsaid_mj import (
-    ConventionalAID,
-    MultisineCommand,
-    NullspaceAID,
-    ScalarRovPlant,
-    Scenario,
-)
-from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.experiment.loop import SimulatedRun, run
@@ -29,17 +22,8 @@ from nsaid_mj.reporting import report
 from nsaid_mj.reporting.palette import COLOURS
 from tests.reporting.drawing import points_of, words_of
 from tests.reporting.markup import Page
+from tests.support.faulty import WITH_RIVAL as ROV
 
-ROV = Scenario(
-    plant=ScalarRovPlant(),
-    excitation=MultisineCommand(low=0.05, high=0.5, tones=8, amplitude=0.8),
-    identifier=NullspaceAID(K=5.0, gain=0.01),
-    rivals={"conventional": ConventionalAID(K=5.0, gain=0.01)},
-    duration=2.0,
-    dt=0.01,
-    pe_window=0.5,
-    held_out=1.0,
-)
 EVIL = "<script>alert('x')</script>\"&"
 
 
@@ -87,14 +71,14 @@ def test_the_page_is_well_formed_and_has_its_title(text: str) -> None:
     assert len(page.ids) == len(set(page.ids))
 
 
-def test_it_needs_no_other_file_and_runs_no_script(text: str) -> None:
+def test_the_page_needs_no_other_file_and_runs_no_script(text: str) -> None:
     assert not re.findall(r"<(?:script|link|img|iframe|object)\b|\bsrc=|@import|javascript:", text)
     assert not re.findall(r"https?:", text)
     assert all(target.startswith("#") for target in re.findall(r'href="([^"]*)"', text))
     assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", text))
 
 
-def test_every_parameter_and_every_unobservable_direction_is_told(
+def test_every_parameter_and_unobservable_direction_is_listed(
     summary: dict[str, Any], text: str
 ) -> None:
     page = Page.of(text)
@@ -107,9 +91,7 @@ def test_every_parameter_and_every_unobservable_direction_is_told(
         assert entry["direction"] in words or all(n in words for n in entry["parameters"])
 
 
-def test_true_values_prior_and_estimate_stand_in_their_columns(
-    summary: dict[str, Any], text: str
-) -> None:
+def test_truth_prior_and_estimate_are_in_their_columns(summary: dict[str, Any], text: str) -> None:
     tables = [table for table in Page.of(text).tables if "estimate" in table.heads]
     rows = summary["parameters"]
     told = [dict(zip(table.heads, row, strict=True)) for table in tables for row in table.rows]
@@ -241,7 +223,7 @@ def test_axes_have_labels_with_units(text: str) -> None:
         assert len(named) == 2, named
 
 
-def test_two_reports_of_one_run_are_equal(
+def test_reporting_a_run_twice_gives_the_same_page(
     done: SimulatedRun, summary: dict[str, Any], text: str
 ) -> None:
     assert report.page(done, summary, metrics.truth_of(done)) == text

@@ -33,7 +33,7 @@ def cells(**changes):
 # -- the plan --------------------------------------------------------------------------------
 
 
-def test_an_unknown_method_is_told_with_near_ones():
+def test_an_unknown_method_is_refused_with_near_names():
     with pytest.raises(UnknownName) as caught:
         plan(methods=("wsl",))
     assert "wls" in caught.value.near
@@ -76,7 +76,7 @@ def test_every_law_can_be_compared():
 # -- the cells -------------------------------------------------------------------------------
 
 
-def test_there_is_a_cell_for_everything_and_the_prior_does_not_learn():
+def test_every_combination_has_a_cell_and_the_prior_stays_constant():
     found = cells(seeds=(0, 3), noises=(0.0, 1.0))
     keys = {(c.method, c.seed, c.noise, c.duration) for c in found}
     assert len(found) == len(keys) == 3 * 2 * 2 * 2
@@ -108,7 +108,7 @@ def test_noise_is_a_multiple_of_the_scenarios_and_stated_so():
     assert rough[1] / rough[0] == pytest.approx(4.0, rel=0.2)
 
 
-def test_a_method_that_fails_says_why_and_the_others_go_on(monkeypatch):
+def test_a_failing_method_says_why_and_the_others_continue(monkeypatch):
     def lost(_):
         raise NoEstimate("it got lost", "Look again.")
 
@@ -126,7 +126,7 @@ def test_a_method_that_fails_says_why_and_the_others_go_on(monkeypatch):
     assert not found["rls"].failure and found["rls"].theta_perp_ratio is not None
 
 
-def test_a_mistake_of_ours_is_not_a_failure_of_a_method(monkeypatch):
+def test_a_programming_error_is_not_counted_as_a_methods_failure(monkeypatch):
     def broken(_):
         raise TypeError("a mistake")
 
@@ -145,7 +145,7 @@ def test_a_plant_that_diverges_fails_all_methods(monkeypatch):
     assert all("diverged" in cell.failure for cell in found)
 
 
-def test_a_method_that_is_for_arms_says_so_elsewhere():
+def test_a_method_for_arms_only_says_so_on_a_vehicle():
     (_, cell) = cells(methods=("sysid",), durations=(2.0,))
     assert "arms" in cell.failure
 
@@ -176,7 +176,7 @@ def test_a_failed_seed_counts_as_infinite():
     assert row.failures == ("it got lost",)
 
 
-def test_the_table_fits_a_terminal_and_tells_failures():
+def test_the_table_fits_a_terminal_and_lists_failures():
     made = [
         Cell(m, seed, noise, 20.0, 1.234e-3, 2.345e-3, 3.456e-3, 12.3, "cut-off 4 Hz")
         for m in compare.METHODS
@@ -193,7 +193,7 @@ def test_the_table_fits_a_terminal_and_tells_failures():
         assert method in table
 
 
-def test_the_plots_are_those_that_the_cells_suffice_for(tmp_path):
+def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
     def made(durations, noises):
         return [
             Cell(m, s, x, d, 1e-3 * d, 1e-2 + x, None, 1.0 + d)
@@ -215,10 +215,25 @@ def test_the_plots_are_those_that_the_cells_suffice_for(tmp_path):
 
 def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
     code = command(
-        ["compare", "scalar_rov", "--methods", "paper,ols", "--seeds", "0:2", "--durations", "2,4",
-         "--sensors", "ideal,noisy", "--noise-scales", "0.5,2", "--out", str(tmp_path / "out"),
-         "--initial-error", "0.2"]
-    )  # fmt: skip
+        [
+            "compare",
+            "scalar_rov",
+            "--methods",
+            "paper,ols",
+            "--seeds",
+            "0:2",
+            "--durations",
+            "2,4",
+            "--sensors",
+            "ideal,noisy",
+            "--noise-scales",
+            "0.5,2",
+            "--out",
+            str(tmp_path / "out"),
+            "--initial-error",
+            "0.2",
+        ]
+    )
     assert code == 0
     printed = capsys.readouterr().out
     assert "exact sensors, 4 s" in printed and "2 × noise, 2 s" in printed
@@ -232,13 +247,25 @@ def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
         cell["theta_perp_ratio"] for cell in found["cells"]
     ]
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"compare.json", "compare.csv", "data_length.png", "noise.png",
-                     "wall_time.png"}  # fmt: skip
+    assert names == {"compare.json", "compare.csv", "data_length.png", "noise.png", "wall_time.png"}
 
 
 def test_as_json_it_prints_nothing_else(tmp_path, capsys):
-    command(["compare", "scalar_rov", "--methods", "ols", "--seeds", "1", "--durations", "2",
-             "--out", str(tmp_path), "--json"])  # fmt: skip
+    command(
+        [
+            "compare",
+            "scalar_rov",
+            "--methods",
+            "ols",
+            "--seeds",
+            "1",
+            "--durations",
+            "2",
+            "--out",
+            str(tmp_path),
+            "--json",
+        ]
+    )
     assert json.loads(capsys.readouterr().out)["methods"] == ["ols"]
 
 
@@ -260,7 +287,7 @@ def test_bad_flags_say_what_would_be_accepted(flags, told):
         command(["compare", "scalar_rov", *flags])
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch):
+def test_an_unwritable_folder_is_refused_before_any_work(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setattr(World, "__init__", lambda *_: pytest.fail("it has begun"))
     with pytest.raises(BadRun, match="--out"):

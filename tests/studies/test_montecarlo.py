@@ -37,16 +37,20 @@ from nsaid_mj.studies import montecarlo, sweep_results
 from nsaid_mj.studies.montecarlo import Course, Plan, monte_carlo
 
 ARM = Scenario(
-    ArmPlant("double_pendulum", backend="compiled"), FourierTracking(0.2),
-    NullspaceAID(gain=0.3), duration=1.2,
-)  # fmt: skip
+    ArmPlant("double_pendulum"),
+    FourierTracking(0.2),
+    NullspaceAID(gain=0.3),
+    duration=1.2,
+)
 BOAT = Scenario(
     BlueROV2Plant(), MultisineCommand(0.1, 1.0), NullspaceAID(6.0, 0.6), duration=6.0, dt=0.01
 )
 SCENARIOS = {
     "arm": ARM,
     "arm, cone": replace(ARM, identifier=NullspaceAID(gain=0.3, law="cone")),
-    "arm, Pinocchio": replace(ARM, plant=ArmPlant("double_pendulum"), duration=0.2),
+    "arm, Pinocchio": replace(
+        ARM, plant=ArmPlant("double_pendulum", backend="pinocchio"), duration=0.2
+    ),
     "arm, noise": replace(ARM, sensors="noisy"),
     "arm, memory": replace(
         ARM, identifier=NullspaceAID(law="memory", memory=MemoryConfig(interval=0.1)), duration=0.6
@@ -79,7 +83,7 @@ def stepped(course: Course, scenario: Scenario) -> State:
 
 
 @every
-def test_runs_do_not_depend_on_how_many_there_are_or_are_made_at_once(name):
+def test_runs_do_not_depend_on_their_number_or_on_jobs(name):
     rows = figures(monte_carlo(SCENARIOS[name], FEW, jobs=1))
     assert figures(monte_carlo(SCENARIOS[name], 9, jobs=2))[:FEW] == rows
     assert len({row["theta_perp_ratio"] for row in rows}) == FEW  # draws differ
@@ -87,7 +91,7 @@ def test_runs_do_not_depend_on_how_many_there_are_or_are_made_at_once(name):
 
 
 @every
-def test_a_run_is_the_identifier_s_own_steps(name):
+def test_a_run_equals_stepping_the_identifier(name):
     scenario = SCENARIOS[name]
     rows, course = monte_carlo(scenario, 2, jobs=2), course_of(scenario)
     for row in rows:
@@ -97,7 +101,7 @@ def test_a_run_is_the_identifier_s_own_steps(name):
 
 
 @pytest.mark.parametrize("name", ["arm", "arm, noise", "boat"])
-def test_plants_of_their_own_are_runs_of_their_seeds(name, tmp_path):
+def test_unshared_plants_give_the_runs_of_their_seeds(name, tmp_path):
     scenario = SCENARIOS[name]
     rows = monte_carlo(scenario, 3, jobs=2, shared=False)
     assert len({row["theta_perp_ratio_initial"] for row in rows}) == 3
@@ -122,7 +126,7 @@ def test_other_plants_have_other_truths():
     assert not np.array_equal(one.log.v, other.log.v)
 
 
-def test_a_diverging_identifier_loses_only_itself(monkeypatch):
+def test_a_diverging_identifier_does_not_affect_the_others(monkeypatch):
     """One of the group adapts far too fast."""
     want, honest = figures(monte_carlo(ARM, FEW, jobs=1)), Setup.identifiers
     seed = want[2]["seed"]
@@ -140,24 +144,31 @@ def test_a_diverging_identifier_loses_only_itself(monkeypatch):
     assert found[:2] + found[3:] == want[:2] + want[3:]
 
 
-@pytest.mark.parametrize("gain,drift,status", [
-    (1e6, 1e-3, Status.estimate_not_positive_definite), (1e3, 0.0, Status.adaptation_too_fast),
-])  # fmt: skip
-def test_a_lost_run_ends_as_it_does_alone(gain, drift, status, monkeypatch, tmp_path):
+@pytest.mark.parametrize(
+    "gain,drift,status",
+    [
+        (1e6, 1e-3, Status.estimate_not_positive_definite),
+        (1e3, 0.0, Status.adaptation_too_fast),
+    ],
+)
+def test_a_failed_run_ends_as_it_does_alone(gain, drift, status, monkeypatch, tmp_path):
     monkeypatch.setattr(following, "DRIFT", drift)
     scenario = replace(ARM, identifier=NullspaceAID(gain=gain))
     rows = monte_carlo(scenario, 2, shared=False)
     for k, row in enumerate(rows):
         alone = experiment.run(replace(scenario, seed=row["seed"]), tmp_path / str(k))
-        assert (row["status"], row["status_time"]) == (
-            alone.ending.status.words, alone.ending.time
-        )  # fmt: skip
+        assert (row["status"], row["status_time"]) == (alone.ending.status.words, alone.ending.time)
         assert row["status"] == status.words
 
 
 def test_a_plant_that_diverges_ends_its_runs():
-    wild = replace(BOAT, dt=0.5, duration=200.0, identifier=NullspaceAID(K=1.0, gain=1e-6),
-                   excitation=MultisineCommand(0.1, 0.4, amplitude=1e4))  # fmt: skip
+    wild = replace(
+        BOAT,
+        dt=0.5,
+        duration=200.0,
+        identifier=NullspaceAID(K=1.0, gain=1e-6),
+        excitation=MultisineCommand(0.1, 0.4, amplitude=1e4),
+    )
     rows = monte_carlo(wild, 3, jobs=2, shared=False)
     assert {row["status"] for row in rows} <= {s.words for s in Status}
     assert any(row["status"] == Status.plant_diverged.words for row in rows)
@@ -165,7 +176,7 @@ def test_a_plant_that_diverges_ends_its_runs():
 
 
 @pytest.mark.parametrize("runs,jobs,name", [(0, 1, "runs"), (-3, 1, "runs"), (1, 0, "jobs")])
-def test_nothing_to_run_or_nobody_to_run_it_is_told(runs, jobs, name):
+def test_zero_runs_or_zero_jobs_is_refused(runs, jobs, name):
     with pytest.raises(InvalidInput) as told:
         monte_carlo(ARM, runs, jobs)
     assert told.value.name == name
@@ -196,9 +207,13 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
     """Whether every bit is."""
     same = (np.array_equal(a, b, equal_nan=True) for a, b in zip(one[1], other[1], strict=True))
     (a, b), parts = (one[0], other[0]), ("t", "v_hat", "theta_hat", "pivot", "spent")
-    return a.status == b.status and all(same) and all(
-        np.array_equal(getattr(a, part), getattr(b, part), equal_nan=True) for part in parts
-    )  # fmt: skip
+    return (
+        a.status == b.status
+        and all(same)
+        and all(
+            np.array_equal(getattr(a, part), getattr(b, part), equal_nan=True) for part in parts
+        )
+    )
 
 
 def followed(laws: list[NullspaceIdentifier], log: Log, monkeypatch) -> tuple[list, int]:
@@ -229,8 +244,8 @@ def arm() -> Course:
 
 
 @pytest.mark.parametrize("robot", ["double_pendulum", "z1", "ur5"])
-def test_every_identifier_of_a_batch_gets_the_bits_it_gets_alone(robot, monkeypatch):
-    plant = ArmPlant(robot, backend="compiled", armature=0.1, damping=0.5, friction=0.5)
+def test_each_lane_of_a_batch_gets_the_bits_of_a_single_run(robot, monkeypatch):
+    plant = ArmPlant(robot, armature=0.1, damping=0.5, friction=0.5)
     course = course_of(replace(ARM, plant=plant, duration=0.6))
     laws = laws_of(course, LANES)
     made, batches = followed(laws, course.log, monkeypatch)
@@ -250,7 +265,7 @@ def test_any_number_of_identifiers_is_followed_in_batches(count, arm, monkeypatc
 
 
 @pytest.mark.parametrize("hot", [[0], [3], [1, 6]])
-def test_one_of_a_batch_that_fails_ends_as_alone_and_the_others_go_on(hot, arm, monkeypatch):
+def test_a_failing_lane_ends_as_alone_and_the_others_continue(hot, arm, monkeypatch):
     laws = laws_of(arm, FULL)
     for k in hot:
         laws[k] = with_gains(laws[k], laws[k].K, 1e7 * laws[k].metric.Gamma)
@@ -261,7 +276,7 @@ def test_one_of_a_batch_that_fails_ends_as_alone_and_the_others_go_on(hot, arm, 
         assert equal(one, alone(law, arm.log))
 
 
-def test_a_measurement_that_is_no_number_ends_all_as_alone(arm, monkeypatch):
+def test_a_nonfinite_measurement_ends_every_lane_as_alone(arm, monkeypatch):
     laws, v = laws_of(arm, FULL), arm.log.v.copy()
     v[40, 0] = np.nan
     log = Log.unchecked(arm.log.t, arm.log.q, v, arm.log.u)
@@ -271,7 +286,7 @@ def test_a_measurement_that_is_no_number_ends_all_as_alone(arm, monkeypatch):
         assert equal(one, alone(law, log))
 
 
-def test_what_fits_no_batch_is_followed_alone(arm, monkeypatch):
+def test_identifiers_that_fit_no_batch_run_alone(arm, monkeypatch):
     """A law with a whole Γ, and one that has ended."""
     laws = laws_of(arm, FULL)
     laws[2] = with_gains(laws[2], laws[2].K, np.diag(laws[2].metric.Gamma))
@@ -290,7 +305,7 @@ def test_what_fits_no_batch_is_followed_alone(arm, monkeypatch):
 # -- the command -------------------------------------------------------------------------------
 
 
-def test_a_command_writes_a_table_and_goes_on_where_it_was(tmp_path, capsys):
+def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
     words = ["montecarlo", "scalar_rov", "--duration=2", "--jobs=2", f"--out={tmp_path / 'mc'}"]
     assert command([*words, "--runs=4", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -310,7 +325,7 @@ def test_a_command_writes_a_table_and_goes_on_where_it_was(tmp_path, capsys):
         command([*words, "--runs=5"])
 
 
-def test_lost_runs_are_told_with_their_seeds(tmp_path, capsys):
+def test_failed_runs_are_listed_with_their_seeds(tmp_path, capsys):
     plan = Plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
     found = montecarlo.run(plan, tmp_path / "mc", 2, quiet=True)
     montecarlo.print_summary(found)
@@ -321,7 +336,7 @@ def test_lost_runs_are_told_with_their_seeds(tmp_path, capsys):
     assert montecarlo.document(found)["quantiles"]["theta_perp_ratio"]["median"] is None
 
 
-def test_a_report_is_drawn_of_many_runs(tmp_path, capsys):
+def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
     """Of runs that ended well, and of none that did."""
     for name, gain in (("well", 0.3), ("lost", 1e6)):
         plan = Plan("double_pendulum", replace(ARM, identifier=NullspaceAID(gain=gain)), 3)
@@ -333,7 +348,7 @@ def test_a_report_is_drawn_of_many_runs(tmp_path, capsys):
         assert "3 of 3 runs" in " ".join(page.split()) and "3 seeds" in page
 
 
-def test_a_folder_of_something_else_is_left_alone(tmp_path: Path):
+def test_montecarlo_refuses_a_folder_of_something_else_and_keeps_it(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(BadRun, match="something else"):
         montecarlo.run(Plan("ur5", ARM, 2), tmp_path, quiet=True)

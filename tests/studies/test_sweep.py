@@ -110,7 +110,7 @@ def test_seeds_come_from_the_master_by_spawn_key(sweep: Sweep) -> None:
     assert max(many) < 2**63
 
 
-def test_a_run_of_a_sweep_is_that_very_run_alone(sweep: Sweep, tmp_path: Path) -> None:
+def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Sweep, tmp_path: Path) -> None:
     done = run_alone(PLAN.run(3), tmp_path)
     summary = metrics.summarize(done, metrics.truth_of(done))
     row = sweep.rows[3]
@@ -119,7 +119,7 @@ def test_a_run_of_a_sweep_is_that_very_run_alone(sweep: Sweep, tmp_path: Path) -
     assert {key: row[key] for key in same} == {key: summary[key] for key in same}
 
 
-def test_the_command_told_repeats_a_run(sweep: Sweep, tmp_path: Path) -> None:
+def test_the_command_listed_for_a_run_repeats_it(sweep: Sweep, tmp_path: Path) -> None:
     arguments = [*SHORT, "--identifier.K=12"]
     plan = Plan("scalar_rov", load("scalar_rov"), FIELDS, 2, arguments=tuple(arguments))
     told = Sweep(Path(), plan.manifest, []).command(sweep.rows[2])
@@ -150,9 +150,21 @@ def test_a_dask_cluster_gives_the_same_results(sweep: Sweep, tmp_path: Path) -> 
 # -- what goes wrong -----------------------------------------------------------------------------
 
 
-def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
-    words = ("scalar_rov", "--vary", "identifier.gain=0.1,1", "--seeds", "3", "--jobs", "1",
-             *SHORT, "--duration", "8", "--out", tmp_path / "out")  # fmt: skip
+def test_a_killed_sweep_resumes(tmp_path: Path) -> None:
+    words = (
+        "scalar_rov",
+        "--vary",
+        "identifier.gain=0.1,1",
+        "--seeds",
+        "3",
+        "--jobs",
+        "1",
+        *SHORT,
+        "--duration",
+        "8",
+        "--out",
+        tmp_path / "out",
+    )
     rows = tmp_path / "out" / ROWS
     process = start("sweep", *words, cwd=tmp_path)
     end = time.monotonic() + PATIENCE
@@ -210,7 +222,7 @@ def test_a_bad_field_or_value_is_refused(text: str, error: type[Exception], said
         varied([text], ROV)
 
 
-def test_values_have_their_fields_types() -> None:
+def test_swept_values_have_their_fields_types() -> None:
     base = load("bluerov2")
     found = varied(
         ["law=paper,cone", "gain_error=None,0.1", "mismatch.flow=0 0 0,1 2 3", "tones=3"], base
@@ -227,7 +239,7 @@ def test_values_have_their_fields_types() -> None:
     }
 
 
-def test_a_plan_that_cannot_be_is_refused() -> None:
+def test_an_impossible_plan_is_refused() -> None:
     with pytest.raises(InvalidInput, match="twice"):
         Plan("scalar_rov", ROV, {"identifier.gain": (1.0, 1.0)})
     with pytest.raises(InvalidInput, match="every field once"):
@@ -244,7 +256,7 @@ def test_a_plan_that_cannot_be_is_refused() -> None:
     "settings",
     [{"jobs": 0}, {"timeout": 0.0}, {"timeout": np.nan}, {"name": "dask"}, {"address": "tcp://a"}],
 )
-def test_an_engine_that_cannot_be_is_refused(settings: dict) -> None:
+def test_an_impossible_engine_is_refused(settings: dict) -> None:
     with pytest.raises(InvalidInput):
         Engine(**settings)
     with pytest.raises(UnknownName, match="loky"):
@@ -282,22 +294,27 @@ def test_a_run_that_ended_early_has_not_converged(tmp_path: Path) -> None:
     assert time_to_converge(done, truth) is None
 
 
-def test_groups_count_what_never_came_as_infinite(sweep: Sweep) -> None:
+def test_runs_that_never_converged_count_as_infinite(sweep: Sweep) -> None:
     group = sweep.by("sensors")[0]
     assert group.values == {"sensors": "ideal"}
     assert [row["run"] for row in group.rows] == [0, 2, 4, 6]
-    rows = [{**row, "time_to_converge": time} for row, time in
-            zip(group.rows, (None, 3.0, 1.0, 2.0), strict=True)]  # fmt: skip
+    rows = [
+        {**row, "time_to_converge": time}
+        for row, time in zip(group.rows, (None, 3.0, 1.0, 2.0), strict=True)
+    ]
     group = type(group)(group.values, rows)
     assert [group.quantile("time_to_converge", share) for share in (0.05, 0.5, 0.75, 0.95)] == [
-        1.0, 2.0, 3.0, np.inf,
-    ]  # fmt: skip
+        1.0,
+        2.0,
+        3.0,
+        np.inf,
+    ]
 
 
 # -- the page ------------------------------------------------------------------------------------
 
 
-def test_the_page_shows_every_combination_and_is_whole(sweep: Sweep) -> None:
+def test_the_page_shows_every_combination_and_is_well_formed(sweep: Sweep) -> None:
     page, picture = write(sweep)
     assert picture.read_bytes().startswith(b"\x89PNG")
     text = page.read_text(encoding="utf-8")
@@ -316,12 +333,16 @@ def test_the_page_shows_every_combination_and_is_whole(sweep: Sweep) -> None:
     assert (page.read_text(encoding="utf-8"), picture.read_bytes()) == before
 
 
-def test_the_page_escapes_whatever_a_manifest_or_a_row_says(sweep: Sweep, tmp_path: Path) -> None:
+def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Sweep, tmp_path: Path) -> None:
     evil = "<script>alert('x')</script>\"&$x$"
     manifest = sweep.manifest | {
-        "script": evil, "seeds": evil, "master_seed": evil, "versions": {evil: evil},
-        "arguments": [evil], "vary": {evil: [evil, "other"]},
-    }  # fmt: skip
+        "script": evil,
+        "seeds": evil,
+        "master_seed": evil,
+        "versions": {evil: evil},
+        "arguments": [evil],
+        "vary": {evil: [evil, "other"]},
+    }
     rows = [{**row, evil: value, "seed": evil} for row in sweep.rows for value in (evil, "other")]
     rows[0] |= {"failure": evil}
     rows[1] |= {"status": evil}
@@ -337,7 +358,7 @@ def test_the_page_escapes_whatever_a_manifest_or_a_row_says(sweep: Sweep, tmp_pa
 # -- the command line ----------------------------------------------------------------------------
 
 
-def test_the_command_tells_of_every_combination_and_exits_well(tmp_path: Path) -> None:
+def test_sweep_lists_every_combination_and_exits_with_0(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("sweep", "scalar_rov", "--vary", "identifier.gain=0.1,1", "--seeds", "2", *SHORT)
     code, said = shell(*words, "--out", out, "--jobs", "2", "--json")
@@ -378,7 +399,7 @@ def test_bad_input_is_one_line_and_writes_nothing(
 # -- what is lost --------------------------------------------------------------------------------
 
 
-def test_failures_can_be_retried_and_are_not_by_themselves(fates: Path, tmp_path: Path) -> None:
+def test_failures_are_retried_only_on_request(fates: Path, tmp_path: Path) -> None:
     plan = Plan(str(fates), load(str(fates)), {"excitation.fate": ("errs",)}, seeds=1)
     assert run(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
     mended = Path(f"{fates}.mended")
@@ -390,25 +411,43 @@ def test_failures_can_be_retried_and_are_not_by_themselves(fates: Path, tmp_path
     assert not found.lost
 
 
-def test_a_lost_run_is_told_with_its_command_and_exits_badly(fates: Path, tmp_path: Path) -> None:
-    code, said = shell("sweep", fates, "--vary", "fate=lives,dies", "--seeds", "1", "--jobs", "1",
-                       "--out", tmp_path / "out")  # fmt: skip
+def test_a_failed_run_is_listed_with_its_command_and_exits_with_1(
+    fates: Path, tmp_path: Path
+) -> None:
+    code, said = shell(
+        "sweep",
+        fates,
+        "--vary",
+        "fate=lives,dies",
+        "--seeds",
+        "1",
+        "--jobs",
+        "1",
+        "--out",
+        tmp_path / "out",
+    )
     assert code == cli.FAILED
     assert "1 of 2 runs have a result" in said.out
     assert "exit code 3" in said.out
     assert f"nsaid run {fates} --excitation.fate=dies --seed={seed_of(0, 0)}" in said.out
 
 
-def test_a_run_that_dies_or_hangs_costs_itself_only(fates: Path, tmp_path: Path) -> None:
+def test_a_run_that_dies_or_hangs_does_not_affect_the_others(fates: Path, tmp_path: Path) -> None:
     named = ("dies", "kills", "hangs", "errs", "lives")
     scenario = load(str(fates))
     plan = Plan(str(fates), scenario, {"excitation.fate": named}, seeds=1)
     found = run(plan, tmp_path / "out", Engine(jobs=2, timeout=3.0), quiet=True)
-    why = {"lives": None, "dies": "its process died: exit code 3", "kills": "its worker died",
-           "hangs": "not finished within 3 s", "errs": "ZeroDivisionError: by nought"}  # fmt: skip
+    why = {
+        "lives": None,
+        "dies": "its process died: exit code 3",
+        "kills": "its worker died",
+        "hangs": "not finished within 3 s",
+        "errs": "ZeroDivisionError: by nought",
+    }
     assert [row["run"] for row in found.rows] == list(range(len(plan)))
-    assert [row["failure"] for row in found.rows] == [why[row["excitation.fate"]]
-                                                      for row in found.rows]  # fmt: skip
+    assert [row["failure"] for row in found.rows] == [
+        why[row["excitation.fate"]] for row in found.rows
+    ]
     assert found.rows[-1]["theta_perp_ratio"] > 0
     assert "kills" in found.command(found.rows[1])
     assert str(found.rows[1]["seed"]) in found.command(found.rows[1])
@@ -419,7 +458,7 @@ def test_a_run_that_dies_or_hangs_costs_itself_only(fates: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("command", ["sweep", "montecarlo"])
-def test_a_flag_of_single_runs_is_none_of_many(
+def test_flags_of_single_runs_are_refused_for_sweeps(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -12,7 +12,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -21,6 +21,7 @@ import pytest
 
 from nsaid_mj import (
     ArmPlant,
+    ConventionalAID,
     FourierTracking,
     MultisineCommand,
     NullspaceAID,
@@ -43,6 +44,7 @@ ROV = Scenario(
     pe_window=0.5,
     held_out=1.0,
 )
+WITH_RIVAL = replace(ROV, rivals={"conventional": ConventionalAID(K=10.0, gain=0.3)})
 PENDULUM = Scenario(
     plant=ArmPlant(robot="double_pendulum", damping=0.1, friction=0.2, armature=0.01),
     excitation=FourierTracking(fundamental=0.3, harmonics=5, speed=6.0),
@@ -106,6 +108,20 @@ def _code_of(action: Any) -> tuple[int, Heard]:
         action()
     code = exited.value.code
     return (code if isinstance(code, int) else 0 if code is None else 1), said
+
+
+def call(*arguments: object, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
+    """`nsaid …` in its own process, to its end; `more` is set in its environment."""
+    code = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT), "PYTHONUTF8": "1", **more},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
 
 
 def start(*arguments: object, cwd: Path, **more: str) -> subprocess.Popen[str]:

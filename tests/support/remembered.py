@@ -30,6 +30,11 @@ class Log(NamedTuple):
         return Log(self.plant, k * self.dt, self.rows[::k])
 
 
+def scenario_plant(name: str) -> Plant:
+    """A packed scenario's plant."""
+    return driven(name, 0.1).plant
+
+
 @cache
 def driven(name: str, seconds: float, hold: int = 1, seed: int = 0) -> Log:
     """A packed scenario's plant and driver; the plant makes `hold` steps to each command."""

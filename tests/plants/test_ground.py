@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.control import Driving
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment.setup import draw_prior, trajectory
+from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
@@ -28,47 +28,37 @@ from nsaid_mj.plants import (
 )
 from nsaid_mj.plants.rover import STEERED, WHEELS, Rover, ackermann
 from nsaid_mj.resources import numbers
+from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration
 
 CARS: dict[str, type[PlantConfig]] = {"f1tenth": F1TenthPlant, "bmw320i": BMW320iPlant}
 cars = pytest.mark.parametrize("name", CARS)
 DRIVES = {
     "f1tenth": Driving(variation=0.55),
-    "bmw320i": Driving(speed=25.0, pace_low=0.02, pace_high=0.08, grip=5.0, steer_high=3.0,
-                       ground=1000.0),
-    "rover": Driving(speed=2.0, variation=0.2, pace_low=0.1, pace_high=0.6, grip=0.7,
-                     steer_low=0.05, steer_high=0.4, ground=40.0),
-}  # fmt: skip
-
-
-@cache
-def plant(name: str, seed: int = 1, dt: float = 0.005, **options: Any) -> Plant:
-    config = RoverPlant if name == "rover" else CARS[name]
-    return config(**options).build(dt, seed)
-
-
-def believed(p: Plant, seed: int = 0) -> Array:
-    return draw_prior(p.truth, p.system.space, 0.3, None, np.random.default_rng(seed))
+    "bmw320i": Driving(
+        speed=25.0, pace_low=0.02, pace_high=0.08, grip=5.0, steer_high=3.0, ground=1000.0
+    ),
+    "rover": Driving(
+        speed=2.0,
+        variation=0.2,
+        pace_low=0.1,
+        pace_high=0.6,
+        grip=0.7,
+        steer_low=0.05,
+        steer_high=0.4,
+        ground=40.0,
+    ),
+}
+car = partial(plant, dt=0.005)
 
 
 def driver(name: str, p: Plant, seed: int = 0) -> Driver:
-    return DRIVES[name].build(p.system, believed(p, seed), np.random.default_rng(seed))
+    return DRIVES[name].build(p.system, wrong_prior(p, seed), np.random.default_rng(seed))
 
 
 def driven(name: str, p: Plant, seconds: float, seed: int = 0) -> Any:
     """(t, q, v, u) of every sample, driven under a prior 30 % off."""
-    with p.running():
-        samples = trajectory(p, driver(name, p, seed), round(seconds / p.dt)).rows
-    return [np.array(column) for column in zip(*samples, strict=True)]
-
-
-def held(p: Plant, q: Array, v: Array, u: Array, seconds: float) -> Array:
-    """(6,) position and velocity after some seconds of a held command."""
-    with p.running():
-        p.reset(q, v)
-        for _ in range(round(seconds / p.dt)):
-            p.step(u)
-        return np.concatenate(p.coordinates())
+    return drive(p, driver(name, p, seed), seconds)
 
 
 # -- the textbook ----------------------------------------------------------------------------------
@@ -119,27 +109,31 @@ START = {
 
 @cars
 @pytest.mark.parametrize("wind", [(0.0, 0.0), (2.0, -3.0)])
-def test_mujoco_drives_as_the_textbook_says(name, wind):
-    p = plant(name, dt=1e-3, mismatch=Mismatch(flow=(*wind, 0.0)))
+def test_mujoco_moves_as_the_single_track_model(name, wind):
+    p = car(name, dt=1e-3, mismatch=Mismatch(flow=(*wind, 0.0)))
     q, v, u = START[name]
     expected = SingleTrack(p, p.system.wheelbase, u, wind).end(q, v, 3.0)
-    np.testing.assert_allclose(held(p, q, v, u, 3.0), expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(hold(p, (q, v), u, 3.0), expected, rtol=0, atol=1e-8)
 
 
 @cars
 def test_the_plant_is_of_fourth_order_in_the_step(name):
     q, v, u = START[name]
-    expected = SingleTrack(plant(name), plant(name).system.wheelbase, u).end(q, v, 0.64)
-    errors = np.array([np.abs(held(plant(name, dt=dt), q, v, u, 0.64) - expected).max()
-                       for dt in (0.016, 0.008, 0.004)])  # fmt: skip
+    expected = SingleTrack(car(name), car(name).system.wheelbase, u).end(q, v, 0.64)
+    errors = np.array(
+        [
+            np.abs(hold(car(name, dt=dt), (q, v), u, 0.64) - expected).max()
+            for dt in (0.016, 0.008, 0.004)
+        ]
+    )
     orders = np.log2(errors[:-1] / errors[1:])
     assert errors[-1] < 1e-6 and (orders > 3.5).all() and (orders < 5).all(), (errors, orders)
 
 
 @cars
 @pytest.mark.parametrize("seed", range(3))
-def test_w_theta_is_0_on_mujocos_own_motion(name, seed):
-    p = plant(name, seed)
+def test_w_theta_is_zero_along_mujocos_motion(name, seed):
+    p = car(name, seed)
     system, theta = p.system, p.truth
     t, q, v, u = driven(name, p, 20, seed)
     for k in range(0, len(t), 200):
@@ -149,8 +143,8 @@ def test_w_theta_is_0_on_mujocos_own_motion(name, seed):
 
 
 @cars
-def test_m_is_positive_definite_and_c_skew(name):
-    p, rng = plant(name), np.random.default_rng(0)
+def test_m_is_positive_definite_and_c_is_skew(name):
+    p, rng = car(name), np.random.default_rng(0)
     q, v, _ = p.system.random_state(rng)
     M = p.system.mass_matrix(np.r_[q, v], p.truth)
     C = p.system.coriolis_matrix(np.r_[q, v], p.truth)
@@ -164,17 +158,25 @@ def test_m_is_positive_definite_and_c_skew(name):
 @pytest.mark.parametrize(
     "name,stiffness", [("f1tenth", (94.274, 100.949)), ("bmw320i", (129.7e3, 105.4e3))]
 )
-def test_without_spread_it_is_the_published_car(name, stiffness):
-    d, truth = numbers(name), plant(name, spread=0.0).truth
+def test_without_spread_theta_is_the_published_car(name, stiffness):
+    d, truth = numbers(name), car(name, spread=0.0).truth
     off = 0.5 * (d["rear"] - d["front"])  # the heavier end is the nearer one
-    expected = [d["mass"], d["mass"] * off, d["inertia"] + d["mass"] * off**2, *stiffness,
-                d["drive"], d["loss"], d["rolling"], d["drag"]]  # fmt: skip
+    expected = [
+        d["mass"],
+        d["mass"] * off,
+        d["inertia"] + d["mass"] * off**2,
+        *stiffness,
+        d["drive"],
+        d["loss"],
+        d["rolling"],
+        d["drag"],
+    ]
     np.testing.assert_allclose(truth, expected, rtol=1e-3)
 
 
 @cars
 def test_mujocos_own_inertia_is_that_of_the_truth(name):
-    p = plant(name)
+    p = car(name)
     full = np.zeros((3, 3))
     with p.running():
         p.reset(np.zeros(3), np.zeros(3))
@@ -184,8 +186,8 @@ def test_mujocos_own_inertia_is_that_of_the_truth(name):
 
 
 @cars
-def test_hidden_numbers_deviate_and_the_scale_does_not_know_them(name):
-    one, other, nominal = plant(name, 1), plant(name, 2), plant(name, spread=0.0)
+def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale(name):
+    one, other, nominal = car(name, 1), car(name, 2), car(name, spread=0.0)
     assert (one.system.space.scale == other.system.space.scale).all()
     ratio = one.truth / nominal.truth
     assert (np.abs(np.delete(ratio, [1, 2]) - 1) <= 0.2).all() and len(set(ratio)) == 9
@@ -196,7 +198,7 @@ def test_hidden_numbers_deviate_and_the_scale_does_not_know_them(name):
 
 @pytest.mark.parametrize("name", [*CARS, "rover"])
 def test_only_the_common_scale_is_unobservable(name):
-    p = plant(name)
+    p = car(name)
     nullspace = structural(p.system, p.truth, np.random.default_rng(0))
     assert nullspace.r == 1
     counts, does_not = nullspace.gap
@@ -209,28 +211,28 @@ def test_only_the_common_scale_is_unobservable(name):
 
 
 @cars
-def test_it_goes_where_it_is_steered_and_coasts_to_slower(name):
-    p = plant(name)
+def test_a_car_turns_as_steered_and_slows_down_when_coasting(name):
+    p = car(name)
     q, v = np.zeros(3), np.array([START[name][1][0], 0.0, 0.0])
-    left = held(p, q, v, np.array([0.0, 0.02]), 1.0)
-    right = held(p, q, v, np.array([0.0, -0.02]), 1.0)
+    left = hold(p, (q, v), np.array([0.0, 0.02]), 1.0)
+    right = hold(p, (q, v), np.array([0.0, -0.02]), 1.0)
     assert left[1] > 0.02 and left[5] > 0
     np.testing.assert_allclose(left[[1, 2, 4, 5]], -right[[1, 2, 4, 5]], rtol=1e-9)
-    pushed = held(p, q, v, np.array([0.3, 0.0]), 1.0)
+    pushed = hold(p, (q, v), np.array([0.3, 0.0]), 1.0)
     assert left[3] < v[0] < pushed[3]
 
 
 @cars
 def test_a_gentle_bend_has_the_radius_of_the_understeer_gradient(name):
     """u/r = R, δ = L/R + K_us a_y with K_us = W_f/C_f − W_r/C_r: Rajamani, (3.22)."""
-    p = plant(name)
+    p = car(name)
     m, h, _, C_f, C_r = p.truth[:5]
     L, speed, delta = p.system.wheelbase, START[name][1][0], 2e-3
     front, rear = (m * (0.5 + sign * h / m / L) for sign in (1, -1))
     gradient = front / C_f - rear / C_r
     _, _, _, _, _, k_d, k_v, c_0, c_D = p.truth
-    drive = (c_0 + c_D * speed**2) / (k_d - k_v * speed)  # keeps the speed
-    end = held(p, np.zeros(3), np.array([speed, 0, 0]), np.array([drive, delta]), 3.0)
+    throttle = (c_0 + c_D * speed**2) / (k_d - k_v * speed)  # keeps the speed
+    end = hold(p, (np.zeros(3), np.array([speed, 0, 0])), np.array([throttle, delta]), 3.0)
     expected = end[3] * delta / (L + gradient * end[3] ** 2)
     assert end[5] == pytest.approx(expected, rel=1e-3)
 
@@ -244,15 +246,15 @@ def test_a_gentle_bend_has_the_radius_of_the_understeer_gradient(name):
 )
 def test_every_switch_changes_the_motion(name, switch):
     q, v, u = START[name]
-    one, other = plant(name), plant(name, mismatch=Mismatch(**switch))
+    one, other = car(name), car(name, mismatch=Mismatch(**switch))
     assert (one.truth == other.truth).all()
-    assert np.abs(held(one, q, v, u, 0.5) - held(other, q, v, u, 0.5)).max() > 1e-4
+    assert np.abs(hold(one, (q, v), u, 0.5) - hold(other, (q, v), u, 0.5)).max() > 1e-4
     assert not one.mismatches and len(other.mismatches) == 1
 
 
 @cars
 def test_head_wind_adds_its_speed_to_the_cars(name):
-    p, calm = plant(name, mismatch=Mismatch(flow=(-4.0, 0.0, 0.0))), plant(name)
+    p, calm = car(name, mismatch=Mismatch(flow=(-4.0, 0.0, 0.0))), car(name)
     u, still = np.zeros(2), np.zeros(3)
     q, v = still, np.array([10.0, 0.0, 0.0])
     less = acceleration(p, q, v, u)[0] - acceleration(calm, q, v, u)[0]
@@ -262,7 +264,7 @@ def test_head_wind_adds_its_speed_to_the_cars(name):
 
 @pytest.mark.parametrize("config", [*CARS.values(), RoverPlant])
 @pytest.mark.parametrize("switch", [{"fluid": "ellipsoid"}, {"flow": (0.0, 0.0, 1.0)}])
-def test_what_no_car_has_is_refused(config, switch):
+def test_a_mismatch_no_car_has_is_refused(config, switch):
     with pytest.raises(InvalidInput) as caught:
         config(mismatch=Mismatch(**switch))
     assert caught.value.name == f"mismatch.{next(iter(switch))}"
@@ -273,8 +275,8 @@ def test_what_no_car_has_is_refused(config, switch):
 
 @pytest.mark.parametrize("name", DRIVES)
 @pytest.mark.parametrize("seed", range(2))
-def test_the_driver_keeps_to_the_ground_and_to_speeds_that_the_tyres_know(name, seed):
-    p = plant(name, seed + 3)
+def test_the_driver_stays_on_its_ground_and_within_the_tyres_speeds(name, seed):
+    p = car(name, seed + 3)
     _, q, v, u = driven(name, p, 60 if name == "rover" else 120, seed)
     config, speed = DRIVES[name], v[:, 0]
     assert speed.min() > 0.4 * config.speed and speed.max() < 1.7 * config.speed
@@ -285,17 +287,18 @@ def test_the_driver_keeps_to_the_ground_and_to_speeds_that_the_tyres_know(name, 
     assert np.abs(np.arctan2(v[:, 1] - 0.5 * p.system.wheelbase * v[:, 2], speed)).max() < 0.15
 
 
-def test_the_driver_knows_the_prior_only():
-    one, other = plant("f1tenth", 1), plant("f1tenth", 2)
+def test_the_driver_uses_only_the_prior():
+    one, other = car("f1tenth", 1), car("f1tenth", 2)
     commands = [
-        DRIVES["f1tenth"].build(p.system, believed(one), np.random.default_rng(0))
+        DRIVES["f1tenth"]
+        .build(p.system, wrong_prior(one), np.random.default_rng(0))
         .command(1.0, np.array([60.0, 5.0, 0.3]), np.array([7.0, 0.1, 0.2]))
         for p in (one, other)
-    ]  # fmt: skip
+    ]
     assert (commands[0] == commands[1]).all()
 
 
-def test_the_driver_drives_nothing_else():
+def test_the_driver_refuses_other_vehicles():
     system = BlueROV2Plant().build(0.01, 0).system
     with pytest.raises(InvalidInput) as caught:
         Driving().build(system, system.space.scale, np.random.default_rng(0))
@@ -306,7 +309,7 @@ def test_the_driver_drives_nothing_else():
 
 
 def rover(seed: int = 1, **options: Any) -> Rover:
-    p = plant("rover", seed, **options)
+    p = car("rover", seed, **options)
     assert isinstance(p, Rover)
     return p
 
@@ -314,7 +317,7 @@ def rover(seed: int = 1, **options: Any) -> Rover:
 def test_the_rover_stands_on_its_wheels():
     p = rover()
     weight = p.truth[0] * 9.81
-    end = held(p, np.array([1.0, 2.0, 0.5]), np.zeros(3), np.zeros(2), 2.0)
+    end = hold(p, (np.array([1.0, 2.0, 0.5]), np.zeros(3)), np.zeros(2), 2.0)
     np.testing.assert_allclose(end, [1.0, 2.0, 0.5, 0, 0, 0], rtol=0, atol=1e-3)
     mujoco.mj_forward(p.model, p.data)
     normal = [p.data.efc_force[contact.efc_address] for contact in p.data.contact]
@@ -341,13 +344,13 @@ def test_the_truth_of_a_rover_is_its_parts():
     assert 0.05 < c_D < 0.5 and 0.5 < C_f / C_r < 2
 
 
-def test_straight_ahead_a_rover_is_what_its_parts_say_plus_its_wheels_spin():
+def test_straight_ahead_a_rovers_mass_is_that_of_its_parts_and_wheel_spin():
     """k_d, k_v and c_0 are right and m along x is I/r² a wheel more, to a few percent."""
     p, d = rover(spread=0.0), numbers("rover")
     m, _, _, _, _, k_d, k_v, c_0, c_D = p.truth
     heavier = m + 4 * d["wheel_inertia"][1] / d["radius"] ** 2
     start = np.zeros(3), np.array([1.5, 0.0, 0.0])
-    ends = {command: held(p, *start, np.array([command, 0.0]), 2.0)[3] for command in (0.0, 0.2)}
+    ends = {command: hold(p, start, np.array([command, 0.0]), 2.0)[3] for command in (0.0, 0.2)}
 
     def speed(command: float) -> float:
         def rate(t: float, u: Array) -> Array:
@@ -359,7 +362,7 @@ def test_straight_ahead_a_rover_is_what_its_parts_say_plus_its_wheels_spin():
         assert end - 1.5 == pytest.approx(speed(command) - 1.5, rel=0.05)
 
 
-def test_a_rovers_measurement_is_its_motion_seen_from_above():
+def test_a_rovers_measurement_is_its_planar_motion():
     p = rover(dt=2.5e-3)
     with p.running():
         p.reset(np.array([3.0, -1.0, 3.0]), np.array([2.0, 0.1, 0.4]))
@@ -374,16 +377,16 @@ def test_a_rovers_measurement_is_its_motion_seen_from_above():
         np.testing.assert_allclose(step, simpson, rtol=1e-4, atol=1e-7)
 
 
-def test_a_rover_rolls_about_the_point_that_its_wheels_point_at():
+def test_a_rover_turns_at_its_kinematic_yaw_rate():
     p = rover(spread=0.0)
     for delta in (-0.3, 0.1, 0.3):
-        end = held(p, np.zeros(3), np.array([1.0, 0, 0]), np.array([0.12, delta]), 4.0)
+        end = hold(p, (np.zeros(3), np.array([1.0, 0, 0])), np.array([0.12, delta]), 4.0)
         assert end[5] == pytest.approx(end[3] * np.tan(delta) / p.system.wheelbase, rel=0.05)
 
 
 def test_the_rack_turns_each_wheel_by_its_own_angle():
     p = rover(spread=0.0)
-    held(p, np.zeros(3), np.array([1.0, 0, 0]), np.array([0.12, 0.3]), 3.0)
+    hold(p, (np.zeros(3), np.array([1.0, 0, 0])), np.array([0.12, 0.3]), 3.0)
     left, right = (float(p.data.joint(name).qpos[0]) for name in STEERED)
     track = numbers("rover")["track"]
     assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(
@@ -396,24 +399,24 @@ def test_the_rack_turns_each_wheel_by_its_own_angle():
     )
 
 
-def test_a_tyre_of_the_rover_answers_the_speed_of_its_slip():
+def test_a_rovers_cornering_stiffness_grows_with_speed():
     """What the linear tyre misses first: the cornering stiffness grows with the speed."""
     p = rover(spread=0.0)
     stiffness = []
-    for speed, drive in ((1.0, 0.08), (2.0, 0.12)):
-        end = held(p, np.zeros(3), np.array([speed, 0, 0]), np.array([drive, 0.05]), 4.0)
+    for speed, throttle in ((1.0, 0.08), (2.0, 0.12)):
+        end = hold(p, (np.zeros(3), np.array([speed, 0, 0])), np.array([throttle, 0.05]), 4.0)
         slip = np.arctan2(end[4] - 0.5 * p.system.wheelbase * end[5], end[3])
         stiffness.append(-end[3] * end[5] / slip / end[3])
     assert stiffness[0] == pytest.approx(stiffness[1], rel=0.1)  # per speed, not per angle
 
 
-def test_a_rovers_mismatch_is_told():
+def test_a_rovers_mismatch_is_reported():
     p = rover()
     assert len(p.mismatches) >= 4 and "slip" in " ".join(p.mismatches)
     blown = rover(mismatch=Mismatch(flow=(5.0, 0.0, 0.0), lag=0.05))
     assert len(blown.mismatches) == len(p.mismatches) + 2
     q, v, u = np.zeros(3), np.array([2.0, 0, 0]), np.array([0.1, 0.1])
-    assert np.abs(held(p, q, v, u, 1.0) - held(blown, q, v, u, 1.0)).max() > 1e-3
+    assert np.abs(hold(p, (q, v), u, 1.0) - hold(blown, (q, v), u, 1.0)).max() > 1e-3
 
 
 def test_a_rover_has_meshes_in_their_places():
@@ -440,8 +443,8 @@ def predicted(p: Plant, samples: Any, theta: Array) -> float:
     return float(np.sqrt(np.mean(residual**2) / np.mean(force**2)))
 
 
-def test_the_measure_itself_finds_nothing_where_the_structure_is_exact():
-    p = plant("f1tenth")
+def test_the_prediction_error_is_small_where_the_structure_is_exact():
+    p = car("f1tenth")
     assert predicted(p, driven("f1tenth", p, 10, 7), p.truth) < 0.02
 
 
@@ -449,7 +452,7 @@ def test_the_measure_itself_finds_nothing_where_the_structure_is_exact():
 def test_under_the_rovers_mismatch_the_estimate_stays_bounded_and_predicts_better(seed):
     """No θ fits, so nothing converges; yet θ̂ stays on its sphere, and beats prior and parts."""
     p = rover(seed)
-    prior = believed(p, seed)
+    prior = wrong_prior(p, seed)
     law = NullspaceAID(K=10.0, gain=0.05).build(p.system, prior, p.dt)
     later = driven("rover", p, 30, seed + 50)
     with p.running():
@@ -458,7 +461,9 @@ def test_under_the_rovers_mismatch_the_estimate_stays_bounded_and_predicts_bette
     assert state.status is Status.completed
     start, end = (float(law.conserved(theta)) for theta in (prior, state.theta_hat))
     assert end == pytest.approx(start, rel=1e-6)
-    errors = {name: predicted(p, later, theta) for name, theta in
-              (("prior", prior), ("parts", p.truth), ("estimate", state.theta_hat))}  # fmt: skip
+    errors = {
+        name: predicted(p, later, theta)
+        for name, theta in (("prior", prior), ("parts", p.truth), ("estimate", state.theta_hat))
+    }
     assert 0.05 < errors["estimate"] < 0.9 * errors["prior"], errors
     assert errors["estimate"] < errors["parts"], errors

@@ -1,6 +1,6 @@
 """REMUS 100: MuJoCo, the structure and the prints' own equations (z down) move alike."""
 
-from functools import cache
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -10,10 +10,11 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.control import DepthHeadingAutopilot
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment.setup import draw_prior, trajectory
-from nsaid_mj.plants import BlueROV2Plant, Mismatch, REMUS100Plant
+from nsaid_mj.experiment.setup import trajectory
+from nsaid_mj.plants import BlueROV2Plant, Mismatch
 from nsaid_mj.resources import numbers
 from nsaid_mj.systems.torpedo import TorpedoVehicle
+from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration
 
 DOWN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
@@ -21,40 +22,22 @@ DOWN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 
 START = np.array([0.5, -1.0, -20.0, 0.15, -0.2, 0.4]), np.array([1.8, 0.15, -0.1, -0.6, 0.1, -0.15])
 COMMAND = np.array([0.12, 0.05, -0.1, 0.04, 0.8])
-
-
-@cache
-def plant(seed=1, dt=0.01, **options):
-    return REMUS100Plant(**options).build(dt, seed)
-
-
-def driven(p, seconds, start=START, u=COMMAND):
-    """(12,) position numbers and twist after some seconds of a held command."""
-    with p.running():
-        p.reset(*start)
-        for _ in range(round(seconds / p.dt)):
-            p.step(u)
-        return np.concatenate(p.coordinates())
-
-
-def believed(p, seed):
-    return draw_prior(p.truth, p.system.space, 0.3, None, np.random.default_rng(seed))
+remus = partial(plant, "remus100", dt=0.01)
 
 
 def cruise(p, seconds, seed=0, **options):
     """Measurements under the autopilot, with a prior 30 % off."""
     config = DepthHeadingAutopilot(**options)
-    driver = config.build(p.system, believed(p, seed), np.random.default_rng(seed))
-    with p.running():
-        return trajectory(p, driver, round(seconds / p.dt)).rows
+    driver = config.build(p.system, wrong_prior(p, seed), np.random.default_rng(seed))
+    return drive(p, driver, seconds).rows
 
 
 # -- MuJoCo is the structure ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_w_theta_is_0_on_mujocos_own_motion(seed):
-    p = plant(seed)
+def test_w_theta_is_zero_along_mujocos_motion(seed):
+    p = remus(seed)
     system, theta = p.system, p.truth
     for t, q, v, u in cruise(p, 20, seed)[::50]:
         place = np.r_[q[:3], pin.log3(pin.Quaternion(q[3:]).toRotationMatrix())]
@@ -64,8 +47,8 @@ def test_w_theta_is_0_on_mujocos_own_motion(seed):
         assert np.abs(W @ theta).max() <= 1e-10 * force
 
 
-def test_m_is_positive_definite_and_c_skew():
-    system, theta, rng = plant().system, plant().truth, np.random.default_rng(0)
+def test_m_is_positive_definite_and_c_is_skew():
+    system, theta, rng = remus().system, remus().truth, np.random.default_rng(0)
     q, v, _ = system.random_state(rng)
     M = system.mass_matrix(np.r_[q, v], theta)
     C = system.coriolis_matrix(np.r_[q, v], theta)
@@ -78,7 +61,7 @@ def test_m_is_positive_definite_and_c_skew():
 
 def bilinear(i, j, remove):
     """∂²(force)_i/∂u∂ν_j in the prints' axes, without the rigid body's `remove`, fins at rest."""
-    p = plant(spread=0.0)
+    p = remus(spread=0.0)
     system, x = p.system, p.system.position(np.zeros(6))
     u, force = np.zeros(5), {}
     for ahead in (1.5, 2.5):
@@ -99,22 +82,22 @@ def bilinear(i, j, remove):
         ("N_uv", 5, 1, -24.0, 0), ("N_ur", 5, 5, -2.0, 0),
     ],
 )  # fmt: skip
-def test_the_prints_coefficients_of_body_and_fins_together_come_out(name, i, j, printed, rigid):
+def test_body_and_fins_together_have_the_published_coefficients(name, i, j, printed, rigid):
     """Two of the eight went in; the others follow from fins, added mass and body lift."""
     assert bilinear(i, j, rigid) == pytest.approx(printed, abs=0.011), name
 
 
-def test_full_thrust_drives_it_as_fast_as_the_real_one():
+def test_full_thrust_reaches_the_published_speed():
     """2.5 m/s at 1525 rpm, Allen et al. (2000); K_T and drag are theirs, the speed is not used."""
-    p = plant(spread=0.0)
+    p = remus(spread=0.0)
     place, v = np.zeros(6), np.zeros(6)
     v[0] = 2.0
-    end = driven(p, 20, (place, v), np.array([0, 0, 0, 0, 1.0]))
+    end = hold(p, (place, v), np.array([0, 0, 0, 0, 1.0]), 20)
     assert np.linalg.norm(end[6:9]) == pytest.approx(2.5, rel=0.06)
 
 
-def test_hidden_numbers_deviate_and_the_scale_does_not_know_them():
-    one, other, nominal = plant(1), plant(2), plant(1, spread=0.0)
+def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale():
+    one, other, nominal = remus(1), remus(2), remus(1, spread=0.0)
     assert (one.system.space.scale == other.system.space.scale).all()
     assert (np.log2(one.system.space.scale) % 1 == 0).all()
     ratio = one.truth / nominal.truth
@@ -127,7 +110,7 @@ def test_hidden_numbers_deviate_and_the_scale_does_not_know_them():
 
 
 def test_drag_and_fins_at_rest_brake_every_motion():
-    system, rng = plant().system, np.random.default_rng(5)
+    system, rng = remus().system, np.random.default_rng(5)
     drag, fins = system.space["quadratic drag"], system.space["fin lift"]
     for _ in range(100):
         q, v, _ = system.random_state(rng)
@@ -136,21 +119,23 @@ def test_drag_and_fins_at_rest_brake_every_motion():
         assert (power[drag] < 0).all() and (power[fins] <= 0).all()
 
 
-def test_positive_deflections_turn_it_as_told():
+def test_positive_fin_deflections_turn_the_vehicle_as_documented():
     """The rudders' lift to the left, astern, turns the nose right; the planes' upwards, down."""
-    p = plant(spread=0.0)
+    p = remus(spread=0.0)
     start = np.zeros(6), np.r_[2.0, np.zeros(5)]
-    rudders, planes = (driven(p, 1, start, np.array(u)) - driven(p, 1, start, np.zeros(5))
-                       for u in ([0.1, 0.1, 0, 0, 0.0], [0, 0, 0.1, 0.1, 0.0]))  # fmt: skip
+    rudders, planes = (
+        hold(p, start, np.array(u), 1) - hold(p, start, np.zeros(5), 1)
+        for u in ([0.1, 0.1, 0, 0, 0.0], [0, 0, 0.1, 0.1, 0.0])
+    )
     assert rudders[11] < -0.02 and planes[10] > 0.02
-    apart = driven(p, 0.3, start, np.array([0.1, -0.1, 0, 0, 0.0]))
+    apart = hold(p, start, np.array([0.1, -0.1, 0, 0, 0.0]), 0.3)
     assert apart[9] < -0.1  # upper rudder to the left, lower to the right
 
 
-def test_it_rights_itself_and_floats():
-    p = plant(spread=0.0)
+def test_the_torpedo_rights_itself_and_floats():
+    p = remus(spread=0.0)
     heeled = np.array([0, 0, 0, 0.3, 0, 0.0])
-    after = driven(p, 0.1, (heeled, np.zeros(6)), np.zeros(5))
+    after = hold(p, (heeled, np.zeros(6)), np.zeros(5), 0.1)
     assert after[9] < 0 and after[8] > 0  # rolls back, rises
 
 
@@ -186,23 +171,59 @@ def prestero(truth, names, u_fins, n):
 
     def rate(_, s):
         phi, th, psi, u, v, w, p, q, r = s[3:]
-        X = (-WB * np.sin(th) - k["dq_along"] * u * abs(u)
-             + (Zwd - m) * w * q + Zqd * q * q + (m - Yvd) * v * r - Yrd * r * r
-             - m * zg * p * r + k["thrust"] * abs(n) * (n - slip * u))  # fmt: skip
-        Y = (WB * np.cos(th) * np.sin(phi) - k["dq_across"] * v * abs(v) - k["lift_body"] * u * v
-             + (m - Zwd) * w * p + (Xud - m) * u * r - Zqd * p * q - m * zg * q * r)  # fmt: skip
-        Z = (WB * np.cos(th) * np.cos(phi) - k["dq_across"] * w * abs(w) - k["lift_body"] * u * w
-             + (m - Xud) * u * q + (Yvd - m) * v * p + Yrd * r * p
-             + m * zg * (p * p + q * q))  # fmt: skip
-        K = (-restoring * np.cos(th) * np.sin(phi) - k["dq_roll"] * p * abs(p)
-             - (Izz - Iyy) * q * r + m * zg * (u * r - w * p)
-             - k["torque"] * n * abs(n))  # fmt: skip
-        M = (-restoring * np.sin(th) - k["dq_turn"] * q * abs(q) - k["lift moment_body"] * u * w
-             - (Zwd - Xud) * u * w - Yrd * v * p + (Kpd - Nrd - Ixx + Izz) * r * p - Zqd * u * q
-             + m * zg * (v * r - w * q))  # fmt: skip
-        N = (-k["dq_turn"] * r * abs(r) + k["lift moment_body"] * u * v
-             - (Xud - Yvd) * u * v + Zqd * w * p - (Kpd - Mqd + Iyy - Ixx) * p * q
-             + Yrd * u * r)  # fmt: skip
+        X = (
+            -WB * np.sin(th)
+            - k["dq_along"] * u * abs(u)
+            + (Zwd - m) * w * q
+            + Zqd * q * q
+            + (m - Yvd) * v * r
+            - Yrd * r * r
+            - m * zg * p * r
+            + k["thrust"] * abs(n) * (n - slip * u)
+        )
+        Y = (
+            WB * np.cos(th) * np.sin(phi)
+            - k["dq_across"] * v * abs(v)
+            - k["lift_body"] * u * v
+            + (m - Zwd) * w * p
+            + (Xud - m) * u * r
+            - Zqd * p * q
+            - m * zg * q * r
+        )
+        Z = (
+            WB * np.cos(th) * np.cos(phi)
+            - k["dq_across"] * w * abs(w)
+            - k["lift_body"] * u * w
+            + (m - Xud) * u * q
+            + (Yvd - m) * v * p
+            + Yrd * r * p
+            + m * zg * (p * p + q * q)
+        )
+        K = (
+            -restoring * np.cos(th) * np.sin(phi)
+            - k["dq_roll"] * p * abs(p)
+            - (Izz - Iyy) * q * r
+            + m * zg * (u * r - w * p)
+            - k["torque"] * n * abs(n)
+        )
+        M = (
+            -restoring * np.sin(th)
+            - k["dq_turn"] * q * abs(q)
+            - k["lift moment_body"] * u * w
+            - (Zwd - Xud) * u * w
+            - Yrd * v * p
+            + (Kpd - Nrd - Ixx + Izz) * r * p
+            - Zqd * u * q
+            + m * zg * (v * r - w * q)
+        )
+        N = (
+            -k["dq_turn"] * r * abs(r)
+            + k["lift moment_body"] * u * v
+            - (Xud - Yvd) * u * v
+            + Zqd * w * p
+            - (Kpd - Mqd + Iyy - Ixx) * p * q
+            + Yrd * u * r
+        )
         for j, (z, delta) in enumerate(((-rf, u_fins[0]), (rf, u_fins[1]))):  # rudders
             side = -fin_rows[0][j] * (u * u * delta + u * (v + xf * r - z * p))
             brake = -fin_rows[1][j] * u * u * delta**2
@@ -213,12 +234,14 @@ def prestero(truth, names, u_fins, n):
             X, Z, K, M, N = X + brake, Z + side, K + y * side, M - xf * side, N - y * brake
         c, s_, t = np.cos, np.sin, np.tan
         place = [
-            c(psi) * c(th) * u + (c(psi) * s_(th) * s_(phi) - s_(psi) * c(phi)) * v
+            c(psi) * c(th) * u
+            + (c(psi) * s_(th) * s_(phi) - s_(psi) * c(phi)) * v
             + (s_(psi) * s_(phi) + c(psi) * c(phi) * s_(th)) * w,
-            s_(psi) * c(th) * u + (c(phi) * c(psi) + s_(phi) * s_(th) * s_(psi)) * v
+            s_(psi) * c(th) * u
+            + (c(phi) * c(psi) + s_(phi) * s_(th) * s_(psi)) * v
             + (s_(th) * s_(psi) * c(phi) - c(psi) * s_(phi)) * w,
             -s_(th) * u + c(th) * s_(phi) * v + c(th) * c(phi) * w,
-        ]  # fmt: skip
+        ]
         turn = [
             p + s_(phi) * t(th) * q + c(phi) * t(th) * r,
             c(phi) * q - s_(phi) * r,
@@ -245,20 +268,20 @@ def textbook(p, seconds):
 def distance(p, seconds):
     """Largest difference of MuJoCo's pose and twist to the prints' equations'."""
     vector, (place, attitude, twist) = textbook(p, seconds)
-    end = driven(p, seconds, (np.r_[START[0][:3], vector], START[1]))
+    end = hold(p, (np.r_[START[0][:3], vector], START[1]), COMMAND, seconds)
     apart = pin.log3(attitude.T @ pin.exp3(end[3:6]))
     return np.abs(np.r_[end[:3] - place, apart, end[6:] - twist]).max()
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_mujoco_moves_as_the_printed_equations_integrated_apart(seed):
-    assert distance(plant(seed, 0.001), 4.0) <= 1e-8
+def test_mujoco_moves_as_the_published_equations_integrated_by_scipy(seed):
+    assert distance(remus(seed, dt=0.001), 4.0) <= 1e-8
 
 
-def test_the_difference_to_them_is_the_steps_of_fourth_order():
+def test_the_error_of_mujocos_steps_is_of_fourth_order():
     """Before any velocity passes 0, where |v| v has a kink."""
     steps = np.array([0.04, 0.02, 0.01])
-    errors = np.array([distance(plant(1, float(dt)), 0.2) for dt in steps])
+    errors = np.array([distance(remus(1, dt=float(dt)), 0.2) for dt in steps])
     assert errors[-1] > 1e-13
     assert 3.6 < np.polyfit(np.log(steps), np.log(errors), 1)[0] < 4.6, errors
 
@@ -269,38 +292,38 @@ STILL = {"lag": 0.1, "delay": 0.1, "flow": (0.2, -0.3, 0.1), "fluid": "ellipsoid
 
 
 @pytest.mark.parametrize("field,value", STILL.items())
-def test_each_mismatch_moves_it_otherwise_and_says_so(field, value):
-    off = plant(mismatch=Mismatch(**{field: value}))
-    assert off.mismatches and not plant().mismatches
-    difference = driven(off, 3.0) - driven(plant(), 3.0)
+def test_each_mismatch_changes_the_motion_and_is_reported(field, value):
+    off = remus(mismatch=Mismatch(**{field: value}))
+    assert off.mismatches and not remus().mismatches
+    difference = hold(off, START, COMMAND, 3.0) - hold(remus(), START, COMMAND, 3.0)
     assert np.abs(difference).max() > 1e-3 and np.isfinite(difference).all()
 
 
 @pytest.mark.parametrize("fluid", ["exact", "ellipsoid"])
-def test_in_steady_water_it_moves_as_in_still_water_carried_along(fluid):
+def test_motion_in_steady_flow_is_that_in_still_water_carried_along(fluid):
     flow = np.array([0.3, -0.2, 0.1])
-    still = plant(dt=0.002, mismatch=Mismatch(fluid=fluid))
-    carried = plant(dt=0.002, mismatch=Mismatch(fluid=fluid, flow=tuple(flow)))
+    still = remus(dt=0.002, mismatch=Mismatch(fluid=fluid))
+    carried = remus(dt=0.002, mismatch=Mismatch(fluid=fluid, flow=tuple(flow)))
     place, v = START
     faster = v.copy()
     faster[:3] += pin.exp3(place[3:]).T @ flow
-    one, two = driven(still, 3.0), driven(carried, 3.0, (place, faster))
+    one, two = hold(still, START, COMMAND, 3.0), hold(carried, (place, faster), COMMAND, 3.0)
     assert np.abs(two[3:6] - one[3:6]).max() < 1e-8
     assert np.abs(two[:3] - one[:3] - 3.0 * flow).max() < 1e-8
     assert np.abs(two[9:] - one[9:]).max() < 1e-8
 
 
-def test_a_lag_is_one_of_the_deflection_not_of_the_force():
+def test_lag_acts_on_the_fins_deflection_not_on_its_force():
     """The actuators' activation is what the fins do: it ends at the command."""
-    p = plant(mismatch=Mismatch(lag=0.1))
-    driven(p, 2.0)
+    p = remus(mismatch=Mismatch(lag=0.1))
+    hold(p, START, COMMAND, 2.0)
     np.testing.assert_allclose(p.data.act, COMMAND, rtol=1e-6)
     with p.running():
         p.reset(*START)
         p.data.ctrl[:], p.data.act[:] = 0.0, COMMAND
         mujoco.mj_forward(p.model, p.data)
         lagged = p.data.qacc.copy()
-    exact = plant()
+    exact = remus()
     with exact.running():
         exact.reset(*START)
         exact.data.ctrl[:] = COMMAND
@@ -312,8 +335,8 @@ def test_a_lag_is_one_of_the_deflection_not_of_the_force():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_autopilot_keeps_it_under_way_upright_and_within_its_fins(seed):
-    seen = cruise(plant(seed, 0.02), 120, seed)
+def test_the_autopilot_keeps_speed_and_attitude_within_the_fins_range(seed):
+    seen = cruise(remus(seed, dt=0.02), 120, seed)
     q, v, u = (np.array([row[i] for row in seen]) for i in (1, 2, 3))
     assert v[0, 0] > 1 and (v[0, 1:] == 0).all()  # it starts under way
     assert (v[:, 0] > 0.5).all() and (v[:, 0] < 3.5).all()
@@ -326,9 +349,9 @@ def test_the_autopilot_keeps_it_under_way_upright_and_within_its_fins(seed):
 
 
 def test_without_dither_depth_and_heading_follow_their_references():
-    p = plant(0, 0.02)
+    p = remus(0, dt=0.02)
     calm = DepthHeadingAutopilot(dither=1e-9, swing=1e-9, slow=400.0)
-    driver = calm.build(p.system, believed(p, 3), np.random.default_rng(3))
+    driver = calm.build(p.system, wrong_prior(p, 3), np.random.default_rng(3))
     depth, heading = [], []
     with p.running():
         for t, q, _, _ in trajectory(p, driver, 15000).rows:
@@ -340,10 +363,10 @@ def test_without_dither_depth_and_heading_follow_their_references():
     assert np.std(depth) < 1.0 and np.std(heading) < 0.2
 
 
-def test_the_autopilot_knows_the_prior_only():
+def test_the_autopilot_uses_only_the_prior():
     """With another plant and the same prior it gives the same command."""
-    one, other = plant(1), plant(2)
-    prior = believed(one, 0)
+    one, other = remus(1), remus(2)
+    prior = wrong_prior(one, 0)
     commands = []
     for p in (one, other):
         driver = DepthHeadingAutopilot().build(p.system, prior, np.random.default_rng(0))
@@ -353,7 +376,7 @@ def test_the_autopilot_knows_the_prior_only():
         assert (a == b).all()
 
 
-def test_it_steers_torpedoes_only():
+def test_the_autopilot_refuses_other_vehicles():
     rov = BlueROV2Plant().build(0.01, 0)
     with pytest.raises(InvalidInput) as caught:
         DepthHeadingAutopilot().build(rov.system, rov.truth, np.random.default_rng(0))
@@ -361,7 +384,7 @@ def test_it_steers_torpedoes_only():
 
 
 def test_the_mounts_are_where_the_forces_act():
-    system = plant().system
+    system = remus().system
     assert isinstance(system, TorpedoVehicle)
     assert system.mounts.shape == (len(system.space.actuators), 3)
     named = [system.space.names[i] for i in system.space.actuators]

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -18,10 +17,12 @@ from nsaid_mj.nullspace import directions, structural
 from nsaid_mj.plants import BlueROV2Plant, Mismatch, QuadrotorPlant
 from nsaid_mj.resources import numbers
 from nsaid_mj.systems.aerial import Quadrotor
+from tests.support.matrices import skew
+from tests.support.plants import drive, hold, plant
+from tests.support.strategies import seeds
 from tests.support.vehicles import acceleration
 
 FEW = settings(deadline=None, max_examples=15)
-seeds = st.integers(0, 2**32 - 1)
 MODELS = ["hummingbird", "crazyflie"]
 models = pytest.mark.parametrize("model", MODELS)
 HOVER = {"hummingbird": 0.31, "crazyflie": 0.71}  # rotor speeds that about hold the weight
@@ -39,22 +40,8 @@ START = (
 )
 
 
-@cache
-def plant(model, seed=1, dt=1e-3, **options):
-    return QuadrotorPlant(vehicle=model, **options).build(dt, seed)
-
-
 def command(model):
     return HOVER[model] + UNEVEN[model] * np.array([1.0, -0.5, 0.3, -1.0])
-
-
-def driven(p, seconds, u, start=START):
-    """(12,) position numbers and twist after some seconds of a held command."""
-    with p.running():
-        p.reset(*start)
-        for _ in range(round(seconds / p.dt)):
-            p.step(u)
-        return np.concatenate(p.coordinates())
 
 
 def named(p):
@@ -75,11 +62,7 @@ def physical(model, p):
             [k["Ixz"], k["Iyz"], k["Izz"]],
         ]
     )
-    return m, c, origin + m * np.linalg.matrix_power(hat(c), 2), k  # Huygens and Steiner
-
-
-def hat(a):
-    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    return m, c, origin + m * np.linalg.matrix_power(skew(c), 2), k  # Huygens and Steiner
 
 
 def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
@@ -95,12 +78,12 @@ def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
         torque = np.zeros(3)
         for i, ((x, y), spin) in enumerate(zip(d["places"], d["spin"], strict=True)):
             arm = np.array([x * lever, y * lever, 0.0])
-            local = through_air + hat(omega) @ arm
+            local = through_air + skew(omega) @ arm
             drag = np.diag([k["rotor_drag_h"], k["rotor_drag_h"], k["rotor_drag_z"]])
             thrust = k[f"thrust_{i + 1}"] * u[i] ** 2 + k["lift"] * (local[:2] @ local[:2])
             push = np.array([0, 0, thrust]) - u[i] * drag @ local
             force = force + push
-            torque = torque + hat(arm) @ push + [0, 0, spin * k[f"torque_{i + 1}"] * u[i] ** 2]
+            torque = torque + skew(arm) @ push + [0, 0, spin * k[f"torque_{i + 1}"] * u[i] ** 2]
         return force, torque
 
     def rate(_, s):
@@ -112,7 +95,7 @@ def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
             [
                 velocity,
                 R @ force / m - [0, 0, 9.81],
-                (R @ hat(omega)).ravel(),
+                (R @ skew(omega)).ravel(),
                 np.linalg.solve(inertia, moment - np.cross(omega, inertia @ omega)),
             ]
         )
@@ -131,19 +114,19 @@ def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
 def apart(p, model, seconds, u, **options):
     """Largest difference of MuJoCo's pose and twist to the textbook's."""
     place, R, twist = textbook(model, p, seconds, u, **options)
-    end = driven(p, seconds, u)
+    end = hold(p, START, u, seconds)
     turn = (Rotation.from_matrix(R).inv() * Rotation.from_rotvec(end[3:6])).as_rotvec()
     return np.abs(np.concatenate([end[:3] - place, turn, end[6:] - twist])).max()
 
 
 @models
 @pytest.mark.parametrize("seed", range(2))
-def test_mujoco_moves_as_the_textbook_integrated_apart(model, seed):
+def test_mujoco_moves_as_the_textbooks_equations_integrated_by_scipy(model, seed):
     assert apart(plant(model, seed, 5e-4), model, 3.0, command(model)) <= 1e-8
 
 
 @models
-def test_so_it_does_in_wind(model):
+def test_mujoco_moves_as_the_textbooks_equations_in_wind(model):
     wind = (3.0, -1.0, 0.5)
     p = plant(model, dt=5e-4, mismatch=Mismatch(flow=wind))
     assert apart(p, model, 2.0, command(model), wind=wind) <= 1e-8
@@ -151,7 +134,7 @@ def test_so_it_does_in_wind(model):
 
 
 @models
-def test_the_difference_is_the_steps_of_fourth_order(model):
+def test_the_error_of_mujocos_steps_is_of_fourth_order(model):
     steps, u = np.array([0.02, 0.01, 0.005]), command(model)
     errors = np.array([apart(plant(model, 1, float(dt)), model, 1.0, u) for dt in steps])
     assert errors[-1] > 1e-12
@@ -213,7 +196,7 @@ def test_mujocos_mass_matrix_is_the_systems(model):
 @models
 @FEW
 @given(seeds)
-def test_the_mass_matrix_turns_no_energy(model, seed):
+def test_c_is_skew(model, seed):
     """M is constant in the body, so Ṁ − 2C is skew if C is."""
     p = plant(model)
     q, v, _ = p.system.random_state(np.random.default_rng(seed))
@@ -223,7 +206,7 @@ def test_the_mass_matrix_turns_no_energy(model, seed):
 
 @models
 @pytest.mark.parametrize("spread", [0.1, 0.9])
-def test_every_drawn_inertia_belongs_to_a_body(model, spread):
+def test_every_drawn_inertia_is_physical(model, spread):
     """However far it is drawn from the published one, a moment is less than the other two."""
     for seed in range(20):
         _, _, inertia, _ = physical(model, plant(model, seed, spread=spread))
@@ -231,13 +214,13 @@ def test_every_drawn_inertia_belongs_to_a_body(model, spread):
         assert moments[0] > 0 and moments[2] < moments[0] + moments[1]
 
 
-def test_the_printed_inertia_of_the_crazyflie_does_not():
+def test_the_published_inertia_of_the_crazyflie_is_not_physical():
     x, y, z = numbers("crazyflie")["inertia"]
     assert z < x + y < 2.89e-5
 
 
 @models
-def test_hidden_numbers_deviate_and_the_scale_does_not_know_them(model):
+def test_hidden_numbers_differ_by_seed_and_do_not_enter_the_scale(model):
     one, other, nominal = plant(model, 1), plant(model, 2), plant(model, 1, spread=0.0)
     scale = one.system.space.scale
     assert (scale == other.system.space.scale).all() and (scale == nominal.system.space.scale).all()
@@ -290,7 +273,7 @@ def test_the_mounts_are_where_thrust_acts_and_a_torque_has_none(model):
         ((1, 3), 5, -1),
     ],
 )
-def test_faster_rotors_turn_it_as_told(model, faster, axis, sign):
+def test_faster_rotors_turn_the_vehicle_about_the_documented_axis(model, faster, axis, sign):
     p, rest = plant(model, spread=0.0), (np.zeros(6), np.zeros(6))
     u = np.full(4, HOVER[model])
     level = acceleration(p, *rest, u)
@@ -301,7 +284,7 @@ def test_faster_rotors_turn_it_as_told(model, faster, axis, sign):
 
 
 @models
-def test_it_hovers_where_the_thrust_is_its_weight(model):
+def test_thrust_equal_to_the_weight_hovers(model):
     d = numbers(model)
     u = np.full(
         4, np.sqrt(d["mass"] * 9.81 / (4 * d["rotors"]["thrust"])) / d["rotors"]["top_speed"]
@@ -335,26 +318,28 @@ def test_all_drag_brakes_and_no_rotor_drag_acts_on_rotors_that_stand(model, seed
     "field,value",
     [("lag", 0.05), ("delay", 0.05), ("flow", (2.0, -1.0, 0.3)), ("fluid", "ellipsoid")],
 )
-def test_each_mismatch_moves_it_otherwise_and_says_so(model, field, value):
+def test_each_mismatch_changes_the_motion_and_is_reported(model, field, value):
     off = plant(model, mismatch=Mismatch(**{field: value}))
     assert off.mismatches and not plant(model).mismatches
-    difference = driven(off, 1.0, command(model)) - driven(plant(model), 1.0, command(model))
+    difference = hold(off, START, command(model), 1.0) - hold(
+        plant(model), START, command(model), 1.0
+    )
     assert np.abs(difference).max() > 1e-3 and np.isfinite(difference).all()
 
 
 @models
-def test_a_lag_is_one_of_the_rotors_speed(model):
+def test_lag_acts_on_the_rotors_speed(model):
     """Released with its rotors at rest it falls as a stone, and thrust grows as (1 − e^(−t/τ))²."""
     tau = 0.1
     p = plant(model, mismatch=Mismatch(lag=tau), spread=0.0)
     u, rest = np.full(4, HOVER[model]), (np.zeros(6), np.zeros(6))
     assert acceleration(p, *rest, u)[2] == pytest.approx(-9.81, rel=1e-12)
-    driven(p, 0.05, u, rest)
+    hold(p, rest, u, 0.05)
     np.testing.assert_allclose(p.data.act, u * (1 - np.exp(-0.05 / tau)), rtol=1e-6)
 
 
 @models
-def test_rotors_are_no_ellipsoids(model):
+def test_the_ellipsoid_fluid_model_leaves_the_rotors_out(model):
     """Else their discs would brake like plates; only what is a body does."""
     p = plant(model, mismatch=Mismatch(fluid="ellipsoid"))
     names = [p.model.geom(i).name for i in range(p.model.ngeom)]
@@ -383,9 +368,7 @@ def flight(model, seed, seconds=40.0, **switches):
     setup = Setup.of(scenario)
     p = setup.plant
     driver = scenario.excitation.build(p.system, setup.prior, np.random.default_rng(seed))
-    with p.running():
-        rows = trajectory(p, driver, round(seconds / p.dt)).rows
-    t, q, v, u = (np.array(part) for part in zip(*rows, strict=True))
+    t, q, v, u = drive(p, driver, seconds)
     return np.array([driver._path(time)[0] for time in t]), q, v, u
 
 
@@ -401,7 +384,7 @@ def airborne(model, way, q, u) -> None:
 
 @models
 @pytest.mark.parametrize("seed", [0, 3, 4, 10])  # of the first 24 the hardest are among them
-def test_it_stays_in_the_air_with_every_gain_wrong(model, seed):
+def test_the_controller_stays_airborne_with_every_gain_wrong(model, seed):
     way, q, v, u = flight(model, seed)
     airborne(model, way, q, u)
     speed = np.linalg.norm(v[:, :3], axis=1)
@@ -413,20 +396,20 @@ def test_it_stays_in_the_air_with_every_gain_wrong(model, seed):
 @pytest.mark.slow
 @models
 @pytest.mark.parametrize("seed", range(24))
-def test_it_stays_in_the_air_for_five_minutes(model, seed):
+def test_the_controller_stays_airborne_for_five_minutes(model, seed):
     way, q, _, u = flight(model, seed, 300.0)
     airborne(model, way, q, u)
 
 
 @models
 @pytest.mark.parametrize("name,value", [("lag", 0.02), ("delay", 0.01), ("flow", (3.0, -2.0, 0.5))])
-def test_so_it_does_with_what_it_does_not_know(model, name, value):
+def test_the_controller_stays_airborne_under_unmodelled_lag_delay_and_wind(model, name, value):
     way, q, _, u = flight(model, 0, 20.0, **{name: value})
     airborne(model, way, q, u)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_path_is_where_it_is_told_to_be_and_smooth(seed):
+def test_the_reference_path_is_smooth_and_reaches_its_stated_speeds(seed):
     p = plant("hummingbird")
     config = QuadrotorFlight(radius=5.0, speed=6.0, climb=3.0, yaw_rate=2.0)
     driver = config.build(p.system, p.truth, np.random.default_rng(seed))
@@ -447,7 +430,7 @@ def test_the_path_is_where_it_is_told_to_be_and_smooth(seed):
     np.testing.assert_allclose(turned, path[0, 1, :3], atol=1e-12)
 
 
-def test_with_the_truth_as_prior_and_calm_it_follows_closely():
+def test_with_the_true_prior_and_no_dither_the_path_is_tracked_closely():
     """Gains right, no dither, slow: what is left is drag, and the integral takes that."""
     p = plant("hummingbird", dt=2.5e-3)
     driver = CALM.build(p.system, p.truth, np.random.default_rng(0))
@@ -458,7 +441,7 @@ def test_with_the_truth_as_prior_and_calm_it_follows_closely():
 
 
 @pytest.mark.parametrize("astray", [0.0, 1.0, 2.0, 3.0])
-def test_a_tilt_is_righted_whatever_the_heading(astray):
+def test_tilt_is_corrected_at_any_heading_error(astray):
     """A heading far off must not turn the tilt's correction about."""
     p = plant("hummingbird", dt=2.5e-3)
     driver = CALM.build(p.system, p.truth, np.random.default_rng(1))
@@ -474,7 +457,7 @@ def test_a_tilt_is_righted_whatever_the_heading(astray):
     assert min(upright) > 0.5 and max(upright) > 0.95  # it started at 0.54
 
 
-def test_a_driver_that_starts_again_forgets():
+def test_restarting_a_driver_resets_its_state():
     p = plant("crazyflie", dt=2.5e-3)
     driver = FLIGHT["crazyflie"].build(p.system, p.truth, np.random.default_rng(0))
     first, again = ([], [])
@@ -484,7 +467,7 @@ def test_a_driver_that_starts_again_forgets():
     assert (np.array(first) == np.array(again)).all()
 
 
-def test_the_controller_knows_the_prior_only():
+def test_the_controller_uses_only_the_prior():
     """Other hidden numbers and the same prior: the same command."""
     one, other = plant("hummingbird", 1), plant("hummingbird", 2)
     prior = draw_prior(one.truth, one.system.space, 0.3, None, np.random.default_rng(0))
@@ -499,7 +482,7 @@ def test_the_controller_knows_the_prior_only():
 # -- bad input -----------------------------------------------------------------------------------
 
 
-def test_it_flies_quadrotors_only():
+def test_the_controller_refuses_other_vehicles():
     rov = BlueROV2Plant().build(0.01, 0)
     with pytest.raises(InvalidInput) as caught:
         QuadrotorFlight().build(rov.system, rov.truth, np.random.default_rng(0))
@@ -507,7 +490,7 @@ def test_it_flies_quadrotors_only():
 
 
 @pytest.mark.parametrize("vehicle", ["phantom", "Hummingbird", "no/such/folder", "no.toml"])
-def test_an_unknown_vehicle_is_named_with_near_ones(vehicle):
+def test_an_unknown_vehicle_is_refused_with_near_names(vehicle):
     with pytest.raises(UnknownName) as caught:
         QuadrotorPlant(vehicle=vehicle).build(2.5e-3, 0)
     assert caught.value.name == vehicle and "hummingbird" in caught.value.choices

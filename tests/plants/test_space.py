@@ -40,8 +40,9 @@ def flown(p: Plant, u: Array, seconds: float) -> Array:
         spin = 0.5 * (Rotation.from_quat(x[6:10]).as_matrix() @ w)  # half ω in the world
         a, b = x[6:9], x[9]
         turning = np.r_[b * spin + np.cross(spin, a), -spin @ a]
-        return np.r_[x[3:6], R.apply(push) / m, turning,
-                     (torque - np.cross(w, inertia * w)) / inertia]  # fmt: skip
+        return np.r_[
+            x[3:6], R.apply(push) / m, turning, (torque - np.cross(w, inertia * w)) / inertia
+        ]
 
     place = START[0][:3] + rotation.apply(centre)
     start = np.r_[place, rotation.apply(v + np.cross(omega, centre)), rotation.as_quat(), omega]
@@ -69,7 +70,7 @@ def apart(found: Array, expected: Array) -> float:
 U = np.random.default_rng(1).uniform(0, 1, 12)
 
 
-def test_ten_seconds_of_mujoco_are_ten_seconds_of_newton_and_euler():
+def test_mujoco_follows_newton_and_euler_for_ten_seconds():
     p, found = ends(5e-3, U, 10.0)
     assert apart(found, flown(p, U, 10.0)) <= 1e-8
 
@@ -87,13 +88,21 @@ def test_theta_is_the_published_body_about_its_own_origin():
     d, space = numbers("astrobee"), p.system.space
     m, c = d["mass"], UP * d["centre"]
     about = np.diag(d["inertia"]) + m * (c @ c * np.eye(3) - np.outer(c, c))
-    expected = [m, *(m * c), about[0, 0], about[0, 1], about[1, 1], about[0, 2], about[1, 2],
-                about[2, 2]]  # fmt: skip
+    expected = [
+        m,
+        *(m * c),
+        about[0, 0],
+        about[0, 1],
+        about[1, 1],
+        about[0, 2],
+        about[1, 2],
+        about[2, 2],
+    ]
     np.testing.assert_allclose(p.truth[space["body"]], expected, rtol=1e-12, atol=1e-16)
 
 
 @pytest.mark.parametrize("nozzle", range(12))
-def test_a_nozzle_pushes_where_the_table_says(nozzle):
+def test_a_nozzle_acts_where_the_published_table_says(nozzle):
     p = AstrobeePlant().build(1e-2, 3)
     places, forces = nozzle_forces(p)
     M = p.system.mass_matrix(np.r_[p.position(np.zeros(6)), np.zeros(6)], p.truth)

@@ -9,15 +9,17 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup, trajectory
+from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.numerics import spatial
 from nsaid_mj.numerics.interpolation import body_half_way
 from nsaid_mj.parameters import Array
 from nsaid_mj.system import SecondOrderSystem
-from tests.paper.bench import Motion, estimates, identify, lyapunov, order
+from tests.support.bench import Motion, estimates, identify, lyapunov, order
 from tests.support.dense import Dense
+from tests.support.matrices import coupled
+from tests.support.plants import drive
 from tests.support.vehicles import VEHICLES
 
 BODIES = ["bluerov2", "astrobee", "remus100", "hummingbird", "f1tenth", "scalar_rov"]
@@ -31,31 +33,21 @@ def driven(name: str):
     setup = Setup.of(scenario)
     plant, prior = setup.plant, setup.prior
     driver = scenario.excitation.build(plant.system, prior, np.random.default_rng(0))
-    with plant.running():
-        seen = trajectory(plant, driver, 200).rows
+    seen = drive(plant, driver, 200 * scenario.dt).rows
     return plant.system, prior, scenario.identifier, scenario.dt, seen
-
-
-def full(diagonal: Array, rng: np.random.Generator) -> Array:
-    """A positive definite matrix with off-diagonal entries of every sign, as large as diagonal."""
-    p = len(diagonal)
-    A = 0.3 * rng.standard_normal((p, p)) / np.sqrt(p)
-    root = np.sqrt(diagonal)
-    gain = np.outer(root, root) * (np.eye(p) + A @ A.T)
-    return 0.5 * (gain + gain.T)
 
 
 @bodies
 @pytest.mark.parametrize("gains", ["diagonal", "full"])
 @pytest.mark.parametrize("hermite", [True, False])
-def test_the_compiled_step_is_the_generic_one(name, gains, hermite):
+def test_the_compiled_step_equals_the_generic_one(name, gains, hermite):
     """200 steps; what differs is the order of sums."""
     system, prior, law, dt, seen = driven(name)
     assert system.inertia is not None
     K, Gamma = np.full(system.n, law.K), law.gain * system.space.scale**2
     if gains == "full":
         rng = np.random.default_rng(1)
-        K, Gamma = full(K, rng), full(Gamma, rng)
+        K, Gamma = coupled(K, rng), coupled(Gamma, rng)
     fast, dense = (
         identify(paper_identifier(s, K, Gamma, prior, dt, hermite), seen)
         for s in (system, Dense(system))
@@ -111,9 +103,15 @@ def smooth(n: int):
         return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
 
     return solve_ivp(
-        rate, (0, 4), start, method="DOP853", rtol=1e-13, atol=1e-13, max_step=0.01,
+        rate,
+        (0, 4),
+        start,
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-13,
+        max_step=0.01,
         dense_output=True,
-    ).sol  # fmt: skip
+    ).sol
 
 
 def pose(n: int, t: float) -> Array:
@@ -139,7 +137,7 @@ def middles(n: int, dt: float, hermite: bool) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("n", [6, 3])
-def test_half_way_is_of_fourth_order(n):
+def test_the_interpolated_midpoint_is_of_fourth_order(n):
     steps = np.array([0.2, 0.1, 0.05, 0.025])
     place, speed = np.array([middles(n, dt, True) for dt in steps]).T
     assert 3.7 < order(steps, place) < 4.5, place
@@ -148,14 +146,14 @@ def test_half_way_is_of_fourth_order(n):
 
 
 @pytest.mark.parametrize("n", [6, 3])
-def test_linear_half_way_is_of_second_order_in_the_velocity(n):
+def test_the_linear_midpoint_is_of_second_order_in_the_velocity(n):
     steps = np.array([0.2, 0.1, 0.05, 0.025])
     place, speed = np.array([middles(n, dt, False) for dt in steps]).T
     assert 3.7 < order(steps, place) < 4.5
     assert 1.9 < order(steps, speed) < 2.1
 
 
-def test_without_the_bracket_half_way_is_of_second_order(monkeypatch):
+def test_without_the_bracket_the_midpoint_is_of_second_order(monkeypatch):
     """The test above can fail: steps added as if they commuted lose two orders."""
     from nsaid_mj.numerics.interpolation import half_way
 
@@ -204,7 +202,7 @@ def exact(system, K: float, Gamma: Array, prior: Array, m: Motion) -> Array:
 
 
 @pytest.mark.parametrize("name", STARTS)
-def test_the_law_is_of_fourth_order_and_ends_where_44_and_45_do(name):
+def test_the_law_converges_to_44_and_45_with_fourth_order(name):
     system, truth, m = motion(name)
     rng, scale = np.random.default_rng(2), system.space.scale
     prior = truth * (1 + 0.3 * rng.uniform(-1, 1, system.p))
@@ -220,12 +218,12 @@ def test_the_law_is_of_fourth_order_and_ends_where_44_and_45_do(name):
 
 
 @bodies
-def test_the_sphere_is_kept_and_V_falls(name):
+def test_the_estimate_stays_on_its_sphere_and_V_falls(name):
     """(30, 45): θ̂ᵀ Γ⁻¹ θ̂ stays, full Γ or diagonal; (69): V falls by more than that error."""
     system, prior, law, dt, seen = driven(name)
     truth = Setup.of(load(name)).plant.truth
     Gamma = law.gain * system.space.scale**2
-    for gain in (Gamma, full(Gamma, np.random.default_rng(3))):
+    for gain in (Gamma, coupled(Gamma, np.random.default_rng(3))):
         identifier = paper_identifier(system, np.full(system.n, law.K), gain, prior, dt)
         states = identify(identifier, seen)
         conserved = identifier.conserved(estimates(states)[1])

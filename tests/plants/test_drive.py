@@ -34,19 +34,20 @@ from nsaid_mj.systems.multibody import Multibody
 
 TRACKING, SINES = FourierTracking(), MultisineCommand(amplitude=0.3)
 CASES: dict[str, tuple[PlantConfig, DriverConfig]] = {
-    "ur5": (ArmPlant("ur5", backend="compiled"), TRACKING),
-    "ur5, pinocchio": (ArmPlant("ur5"), TRACKING),
-    "xarm7, no rotors": (ArmPlant("xarm7", armature=0.0, backend="compiled"), TRACKING),
-    "kinova, joints that turn on": (ArmPlant("kinova", backend="compiled"), TRACKING),
+    "ur5": (ArmPlant("ur5"), TRACKING),
+    "ur5, pinocchio": (ArmPlant("ur5", backend="pinocchio"), TRACKING),
+    "xarm7, no rotors": (ArmPlant("xarm7", armature=0.0), TRACKING),
+    "kinova, joints that turn on": (ArmPlant("kinova"), TRACKING),
     "kinova, open loop": (ArmPlant("kinova"), SINES),
     "solo12, afloat": (FloatingBasePlant("solo12"), SINES),
     "bluerov2": (BlueROV2Plant(), SINES),
     "bluerov2, in MuJoCo's water": (
-        BlueROV2Plant(mismatch=Mismatch(lag=0.1, flow=(0.2, 0.1, 0.0), fluid="ellipsoid")), SINES
+        BlueROV2Plant(mismatch=Mismatch(lag=0.1, flow=(0.2, 0.1, 0.0), fluid="ellipsoid")),
+        SINES,
     ),
     "f1tenth, in the plane": (F1TenthPlant(), SINES),
     "scalar_rov": (ScalarRovPlant(), SINES),
-}  # fmt: skip
+}
 every_case = pytest.mark.parametrize("case", CASES)
 NOISE = {
     "exact": None,
@@ -114,7 +115,7 @@ def same(one: Log, other: Log, bar: float = 0.0) -> None:
 
 @every_case
 @pytest.mark.parametrize("noise", NOISE)
-def test_it_measures_and_commands_what_the_loop_does(case, noise, compiled):
+def test_the_compiled_drive_measures_and_commands_as_the_loop_does(case, noise, compiled):
     p, driver = made(case)
     fast = driven(p, driver, NOISE[noise])
     assert compiled == [STEPS + 1]
@@ -128,7 +129,7 @@ def test_it_measures_and_commands_what_the_loop_does(case, noise, compiled):
 
 
 @every_case
-def test_in_stretches_it_is_the_same_to_the_bit(case, compiled):
+def test_driving_in_stretches_gives_the_same_bits(case, compiled):
     p, driver = made(case)
     whole = driven(p, driver, SensorNoise())
     same(driven(p, driver, SensorNoise(), (250, 1, 249)), whole)
@@ -138,7 +139,7 @@ def test_in_stretches_it_is_the_same_to_the_bit(case, compiled):
 
 @pytest.mark.parametrize("robot", ["ur5", "xarm7", "kinova", "panda", "double_pendulum", "baxter"])
 @pytest.mark.parametrize("armature", [None, 0.0])
-def test_the_computed_torque_is_the_one_of_pinocchios_regressor(robot, armature):
+def test_the_computed_torque_equals_that_of_pinocchios_regressor(robot, armature):
     """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀, for any θ̂₀."""
     try:
         p = ArmPlant(robot, armature=armature, backend="pinocchio").build(DT, 0)
@@ -177,7 +178,7 @@ def test_a_series_is_the_sum_of_its_harmonics():
         np.testing.assert_allclose(path(t), expected, rtol=1e-13, atol=1e-12)
 
 
-def test_a_multisine_at_many_times_is_the_multisine_at_each():
+def test_a_multisine_of_many_times_equals_that_of_each():
     signal = Multisine(5, 0.1, 2.0, 9, 0.7, np.random.default_rng(0))
     t = np.arange(1000) * DT
     many = signal(t)
@@ -202,7 +203,7 @@ DIVERGENT = {
 
 
 @pytest.mark.parametrize("name", DIVERGENT)
-def test_it_ends_where_the_loop_ends_and_for_the_same_reason(name, compiled):
+def test_the_compiled_drive_ends_where_the_loop_does_for_the_same_reason(name, compiled):
     case, amplitude, signal = DIVERGENT[name]
     config, _ = CASES[case]
     p = config.build(DT, 7)
@@ -236,7 +237,7 @@ class Spoilt:
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("row", [1, 120, STEPS])
 @pytest.mark.parametrize("signal", [0, 1])
-def test_a_measurement_that_is_not_finite_is_the_last(case, value, row, signal, compiled):
+def test_driving_stops_at_the_first_nonfinite_measurement(case, value, row, signal, compiled):
     p, driver = made(case)
     at = (2 * row + signal) * p.system.n
     logs = []
@@ -256,7 +257,7 @@ def test_a_measurement_that_is_not_finite_is_the_last(case, value, row, signal, 
 # -- when the driver must be asked -----------------------------------------------------------------
 
 
-def test_a_delay_and_a_fault_that_strikes_go_step_by_step(compiled):
+def test_delays_and_faults_are_driven_step_by_step(compiled):
     config, excitation = CASES["bluerov2"]
     late = replace(config, mismatch=Mismatch(delay=3 * DT)).build(DT, 7)
     driver = excitation.build(late.system, late.truth, np.random.default_rng(2))
@@ -275,7 +276,7 @@ def test_another_process_finds_the_loops_on_disk():
     for case in ("ur5", "bluerov2"):
         driven(*made(case))
     code = """
-from tests.contract.test_drive import driven, made
+from tests.plants.test_drive import driven, made
 from nsaid_mj.plants.world import stepping
 for case in ("ur5", "bluerov2"):
     driven(*made(case))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 import subprocess
@@ -13,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import nsaid_mj
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.plants import BlueROV2Plant
+from tests.support.faulty import CHECKOUT, call
 
-CHECKOUT = Path(nsaid_mj.__file__).parents[1]
 PAGE = (CHECKOUT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 COMMANDS = [line for kind, _, text in BLOCKS if kind == "sh" for line in text.splitlines()]
@@ -34,28 +32,22 @@ def written(folder: Path, *, without: str = "") -> Path:
     return folder / "hexa"
 
 
-def nsaid(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    words = shlex.split(command)
-    assert words[0] == "nsaid"
-    code = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
-    return subprocess.run(
-        [sys.executable, "-c", code, *words[1:]], cwd=folder, capture_output=True, text=True,
-        timeout=600, check=False, env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
-    )  # fmt: skip
-
-
-def test_the_page_has_three_files_two_commands_and_a_reading():
+def test_the_page_has_three_files_two_commands_and_one_python_block():
     assert [name for _, name, _ in BLOCKS if name] == [
-        "hexa/vehicle.toml", "hexa/model.xml", "hexa/hexa.py",
-    ]  # fmt: skip
+        "hexa/vehicle.toml",
+        "hexa/model.xml",
+        "hexa/hexa.py",
+    ]
     assert len(COMMANDS) == 2
     assert [kind for kind, name, _ in BLOCKS if not name] == ["sh", "sh", "python"]
 
 
-def test_every_command_of_the_page_completes_and_its_reading_prints_what_it_says(tmp_path):
+def test_every_command_of_the_page_completes_and_its_python_prints_what_it_says(tmp_path):
     written(tmp_path)
     for command in COMMANDS:
-        done = nsaid(f"{command} {SHORT}", tmp_path)
+        program, *words = shlex.split(f"{command} {SHORT}")
+        assert program == "nsaid"
+        done = call(*words, cwd=tmp_path)
         assert (done.returncode, done.stderr) == (0, ""), command
     (reading,) = [text for kind, name, text in BLOCKS if kind == "python" and not name]
     done = subprocess.run(
@@ -63,13 +55,15 @@ def test_every_command_of_the_page_completes_and_its_reading_prints_what_it_says
     )
     status, sizes, *_ = done.stdout.splitlines()
     assert status == "completed" and sizes == "6 43"
-    both = [json.loads((tmp_path / "runs" / name / "summary.json").read_text()) for name in
-            ("hexa", "hexa_by_flag")]  # fmt: skip
+    both = [
+        json.loads((tmp_path / "runs" / name / "summary.json").read_text())
+        for name in ("hexa", "hexa_by_flag")
+    ]
     assert both[0]["theta_perp_ratio"] == both[1]["theta_perp_ratio"]  # the same vehicle
     assert both[0]["theta_perp_ratio"] < 0.5 * both[0]["theta_perp_ratio_initial"]
 
 
-def test_six_thrusters_are_six_columns_and_the_truth_is_the_sheets(tmp_path):
+def test_six_thrusters_give_six_columns_and_the_sheets_numbers(tmp_path):
     p = BlueROV2Plant(vehicle=str(written(tmp_path)), spread=0.0).build(1e-2, 0)
     space, theta = p.system.space, p.truth
     assert p.system.n_u == 6 and len(space) == 43
@@ -78,13 +72,13 @@ def test_six_thrusters_are_six_columns_and_the_truth_is_the_sheets(tmp_path):
     assert {mesh.name for mesh in p.visuals()} == {"float", "hull"}
 
 
-def test_a_vehicle_without_a_drawing_is_a_box_of_its_size(tmp_path):
+def test_a_vehicle_without_a_model_is_drawn_as_a_box(tmp_path):
     folder = written(tmp_path, without="hexa/model.xml")
     (box,) = BlueROV2Plant(vehicle=str(folder)).build(1e-2, 0).visuals()
     np.testing.assert_allclose(np.ptp(box.vertices, axis=0), [0.46, 0.34, 0.25])
 
 
-def test_a_vehicle_without_drawing_and_size_is_told_what_is_missing(tmp_path):
+def test_a_vehicle_without_model_or_size_is_refused_with_the_remedy(tmp_path):
     sheet = written(tmp_path, without="hexa/model.xml") / "vehicle.toml"
     text = sheet.read_text(encoding="utf-8")
     sheet.write_text(re.sub(r"^size.*$", "", text, flags=re.MULTILINE), encoding="utf-8")
@@ -106,7 +100,7 @@ def test_a_vehicle_without_drawing_and_size_is_told_what_is_missing(tmp_path):
         ),
     ],
 )
-def test_a_drawing_that_does_not_fit_is_refused(tmp_path, old, new, expected):
+def test_a_model_that_does_not_fit_the_sheet_is_refused(tmp_path, old, new, expected):
     folder = written(tmp_path)
     model = folder / "model.xml"
     text = model.read_text(encoding="utf-8")
@@ -117,7 +111,7 @@ def test_a_drawing_that_does_not_fit_is_refused(tmp_path, old, new, expected):
     assert caught.value.name == str(model)
 
 
-def test_the_drawings_own_mass_damping_and_medium_do_not_count(tmp_path):
+def test_mass_damping_and_medium_of_model_xml_are_ignored(tmp_path):
     """Only looks come from model.xml: the motion is that of the sheet, to the bit."""
     folder, ends = written(tmp_path), []
     model = folder / "model.xml"

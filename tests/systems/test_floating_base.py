@@ -1,7 +1,5 @@
 """Floating bases: the identities of (4)–(10) and (29, 30), and MuJoCo moves as they say."""
 
-from functools import cache
-
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -16,35 +14,37 @@ from nsaid_mj.plants.world.robots import known_robots, load_robot
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 from tests.support.dense import Dense
+from tests.support.matrices import assert_near
+from tests.support.plants import draw_state, plant
 
 ROBOTS = [
-    "alexander", "anymal_c", "bluevolta_bravo7_no_ee", "bolt", "borinot", "falcon_bravo7_no_ee",
-    "go2", "hextilt", "hyq", "laikago", "pr2", "quadruped", "simple_humanoid",
-    "simple_humanoid_classical", "so100", "solo12", "solo8", "talos", "talos_legs",
-]  # fmt: skip
+    "alexander",
+    "anymal_c",
+    "bluevolta_bravo7_no_ee",
+    "bolt",
+    "borinot",
+    "falcon_bravo7_no_ee",
+    "go2",
+    "hextilt",
+    "hyq",
+    "laikago",
+    "pr2",
+    "quadruped",
+    "simple_humanoid",
+    "simple_humanoid_classical",
+    "so100",
+    "solo12",
+    "solo8",
+    "talos",
+    "talos_legs",
+]
 robots = pytest.mark.parametrize("robot", ROBOTS)
 FEW = pytest.mark.parametrize("robot", ["borinot", "pr2", "solo12"])
 
 
-@cache
-def plant(robot: str) -> Arm:
-    built = FloatingBasePlant(robot=robot).build(1e-5, 7)
-    assert isinstance(built, Arm)
-    return built
-
-
-def draw(system: Multibody, seed: int):
-    """(x, w, a, u) of the size seen in operation, and (n,) the position numbers of x."""
-    rng = np.random.default_rng(seed)
-    numbers = rng.uniform(*system.limits)
-    _, v, u = system.random_state(rng)
-    w, a = rng.standard_normal((2, system.n))
-    return np.r_[system.position(numbers), v], w, a, u, numbers
-
-
-def near(one, other, tolerance):
-    size = max(np.abs(one).max(), np.abs(other).max())
-    assert np.abs(one - other).max() <= tolerance * size
+def afloat(robot: str) -> Arm:
+    """A floating robot; a small step, which the fastest joints need."""
+    return plant(f"{robot} free", dt=1e-5)
 
 
 def mass_and_coriolis(plant: Arm, q, v):
@@ -60,39 +60,43 @@ def rotors(plant: Arm):
     return plant.truth[plant.system.space["rotor inertia"]]
 
 
-def test_there_are_fifteen_and_all_float():
+def test_at_least_fifteen_robots_have_a_floating_base():
     assert len(ROBOTS) >= 15
-    assert all(plant(robot).system.group == 6 for robot in ROBOTS)
+    assert all(afloat(robot).system.group == 6 for robot in ROBOTS)
 
 
 @robots
 def test_the_regressors_are_linear_and_sum_up(robot):
-    system, theta = plant(robot).system, plant(robot).truth
+    system, theta = afloat(robot).system, afloat(robot).truth
     for seed in range(3):
-        x, w, a, u, _ = draw(system, seed)
-        near(system.W_C(x, 2 * w - 3 * a), 2 * system.W_C(x, w) - 3 * system.W_C(x, a), 1e-13)
-        near(system.W_M(x, 2 * w - 3 * a), 2 * system.W_M(x, w) - 3 * system.W_M(x, a), 1e-13)
+        x, w, a, u, _ = draw_state(system, seed)
+        assert_near(
+            system.W_C(x, 2 * w - 3 * a), 2 * system.W_C(x, w) - 3 * system.W_C(x, a), 1e-13
+        )
+        assert_near(
+            system.W_M(x, 2 * w - 3 * a), 2 * system.W_M(x, w) - 3 * system.W_M(x, a), 1e-13
+        )
         W = system.regressor(0.0, x, w, a, u)
-        near(W, system.W_M(x, a) + system.W_C(x, w) - system.F(0.0, x, u), 1e-13)  # (10)
-        near(system.W_M(x, a) @ theta, system.mass_matrix(x, theta) @ a, 1e-12)  # (8)
+        assert_near(W, system.W_M(x, a) + system.W_C(x, w) - system.F(0.0, x, u), 1e-13)  # (10)
+        assert_near(system.W_M(x, a) @ theta, system.mass_matrix(x, theta) @ a, 1e-12)  # (8)
 
 
 @robots
-def test_m_and_c_are_pinocchios(robot):
-    system, theta = plant(robot).system, plant(robot).truth
+def test_m_and_c_equal_pinocchios(robot):
+    system, theta = afloat(robot).system, afloat(robot).truth
     for seed in range(3):
-        x, w, _, _, _ = draw(system, seed)
-        M, C = mass_and_coriolis(plant(robot), *system.split(x))
-        near(system.mass_matrix(x, theta), M, 1e-12)
-        near(system.W_C(x, w) @ theta, C @ w, 1e-11)
+        x, w, _, _, _ = draw_state(system, seed)
+        M, C = mass_and_coriolis(afloat(robot), *system.split(x))
+        assert_near(system.mass_matrix(x, theta), M, 1e-12)
+        assert_near(system.W_C(x, w) @ theta, C @ w, 1e-11)
         assert np.linalg.eigvalsh(system.mass_matrix(x, theta))[0] > 0
         assert np.abs(system.W_C(x, w)[:, 10 * system.bodies :]).max() == 0  # links only
 
 
 @robots
 def test_m_dot_minus_2c_is_skew(robot):
-    system, theta, h = plant(robot).system, plant(robot).truth, 1e-5
-    x, _, _, _, _ = draw(system, 1)
+    system, theta, h = afloat(robot).system, afloat(robot).truth, 1e-5
+    x, _, _, _, _ = draw_state(system, 1)
     q, v = system.split(x)
 
     def mass(step):
@@ -104,12 +108,12 @@ def test_m_dot_minus_2c_is_skew(robot):
 
 
 @FEW
-def test_the_bracket_of_twists_is_needed(robot):
+def test_without_the_bracket_of_twists_c_is_not_pinocchios(robot):
     """Without it Ṁ − 2C would not be skew: the test above can fail."""
-    ours, theta = plant(robot).system, plant(robot).truth
-    system = Multibody(plant(robot).robot.model, ours.scales, ours.friction_speed)
-    x, w, _, _, _ = draw(system, 1)
-    _, C = mass_and_coriolis(plant(robot), *system.split(x))
+    ours, theta = afloat(robot).system, afloat(robot).truth
+    system = Multibody(afloat(robot).robot.model, ours.scales, ours.friction_speed)
+    x, w, _, _, _ = draw_state(system, 1)
+    _, C = mass_and_coriolis(afloat(robot), *system.split(x))
     assert np.abs(system.W_C(x, w) @ theta - C @ w).max() <= 1e-9 * np.abs(C @ w).max()
     system.group = 0
     assert np.abs(system.W_C(x, w) @ theta - C @ w).max() > 1e-2 * np.abs(C @ w).max()
@@ -117,9 +121,9 @@ def test_the_bracket_of_twists_is_needed(robot):
 
 @robots
 def test_the_acceleration_solves_the_equation_and_an_instant_agrees(robot):
-    system, theta = plant(robot).system, plant(robot).truth
+    system, theta = afloat(robot).system, afloat(robot).truth
     for seed in range(3):
-        x, w, _, u, _ = draw(system, seed)
+        x, w, _, u, _ = draw_state(system, seed)
         a = system.acceleration(0.0, x, w, u, theta)  # (29)
         W = system.regressor(0.0, x, w, a, u)
         assert np.abs(W @ theta).max() <= 1e-11 * (np.abs(W) @ np.abs(theta)).max()  # (30)
@@ -127,25 +131,25 @@ def test_the_acceleration_solves_the_equation_and_an_instant_agrees(robot):
         fast = system.evaluate_at(0.0, q, v, u, w, theta)
         dense = Dense(system).evaluate_at(0.0, q, v, u, w, theta)
         for one, other in zip(fast, dense, strict=True):
-            near(np.asarray(one), np.asarray(other), 1e-9)
-        near(fast.a, a, 1e-9)
+            assert_near(np.asarray(one), np.asarray(other), 1e-9)
+        assert_near(fast.a, a, 1e-9)
 
 
 @robots
 def test_mujoco_moves_as_the_system_says(robot):
-    p = plant(robot)
+    p = afloat(robot)
     system, theta = p.system, p.truth
     for seed in range(3):
-        x, _, _, u, numbers = draw(system, seed)
+        x, _, _, u, numbers = draw_state(system, seed)
         _, v = system.split(x)
         with p.running():
             p.reset(numbers, v)
             for given, read in zip((numbers, v), p.coordinates(), strict=True):
-                near(read, given, 1e-12)
+                assert_near(read, given, 1e-12)
             p.data.ctrl[:] = u
             mujoco.mj_forward(p.model, p.data)
             a = p.joints.acceleration(p.data)
-        near(a, system.acceleration(0.0, x, v, u, theta), 1e-10)
+        assert_near(a, system.acceleration(0.0, x, v, u, theta), 1e-10)
         W = system.regressor(0.0, x, v, a, u)
         assert np.abs(W @ theta).max() <= 1e-8 * np.abs(W * theta).max()
         assert np.abs(W @ theta).max() <= 1e-12 * (np.abs(W) @ np.abs(theta)).max()
@@ -174,16 +178,16 @@ def test_a_measurement_is_in_the_systems_coordinates(robot):
 
 
 @FEW
-def test_kinematics(robot):
-    system = plant(robot).system
+def test_integrate_difference_and_J_are_consistent(robot):
+    system = afloat(robot).system
     rng, h = np.random.default_rng(2), 1e-6
     q, v, u = system.random_state(rng)
     other, step = system.random_state(rng)[0], rng.uniform(-1, 1, system.n)
     assert (q.shape, v.shape, u.shape) == ((system.m,), (system.n,), (system.n - 6,))
-    near(system.difference(q, system.integrate(q, step)), step, 1e-11)
+    assert_near(system.difference(q, system.integrate(q, step)), step, 1e-11)
     reached = system.integrate(q, system.difference(q, other))
     reached[3:7] *= np.sign(reached[3:7] @ other[3:7])  # both quaternions are the attitude
-    near(reached, other, 1e-11)
+    assert_near(reached, other, 1e-11)
     slope = (system.integrate(q, h * v) - system.integrate(q, -h * v)) / (2 * h)
     np.testing.assert_allclose(system.J(q) @ v, slope, atol=1e-8)  # (3)
     low, high = system.limits
@@ -195,18 +199,18 @@ def test_kinematics(robot):
 
 
 def test_every_joint_has_a_motor_and_the_base_has_none():
-    system = plant("solo12").system
+    system = afloat("solo12").system
     assert system.n_u == len(system.space.actuators) == 12
     assert system.space.names[:2] == ["m_0", "hx_0"] and system.space.blocks[0].name == "base"
-    x, _, _, u, _ = draw(system, 0)
+    x, _, _, u, _ = draw_state(system, 0)
     assert (system.F(0.0, x, u)[:6, system.space.actuators] == 0).all()
 
 
 def test_the_system_holds_no_inertia():
-    given = plant("solo12").robot.model
+    given = afloat("solo12").robot.model
     assert any(i.toDynamicParameters().any() for i in given.inertias)
     for structure in (Multibody, CompiledMultibody):
-        system = structure(given, plant("solo12").system.scales, np.full(12, 0.05))
+        system = structure(given, afloat("solo12").system.scales, np.full(12, 0.05))
         models = [part for part in vars(system).values() if isinstance(part, pin.Model)]
         assert models
         for model in models:
@@ -228,7 +232,7 @@ def test_all_robots_that_float_build_or_say_why():
 # -- refusals ----------------------------------------------------------------------------------
 
 
-def test_a_fixed_base_cannot_be_free():
+def test_a_fixed_base_robot_cannot_float():
     with pytest.raises(BadRobot, match="fixed"):
         FloatingBasePlant(robot="ur5").build(1e-3, 0)
 
@@ -240,7 +244,7 @@ def test_a_robot_without_joints_has_no_motor():
     assert load_robot("iris", "free").model.nv == 6
 
 
-def test_a_file_may_float(tmp_path):
+def test_a_urdf_file_may_have_a_floating_base(tmp_path):
     body = """<inertial><mass value="1"/>
     <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
     path = tmp_path / "two.urdf"
@@ -268,6 +272,6 @@ def test_a_body_that_differs_between_the_engines_is_named(monkeypatch):
 
 
 def test_joints_alone_cannot_track_a_trajectory_of_the_base():
-    p = plant("solo12")
+    p = afloat("solo12")
     with pytest.raises(InvalidInput, match="fixed base"):
         FourierTracking().build(p.system, p.truth, np.random.default_rng(0))

@@ -28,8 +28,14 @@ from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 from tests.support.dense import Dense
 
-FEW = ["double_pendulum held", "kinova held", "panda held", "xarm7 held", "borinot free",
-       "solo12 free"]  # fmt: skip
+FEW = [
+    "double_pendulum held",
+    "kinova held",
+    "panda held",
+    "xarm7 held",
+    "borinot free",
+    "solo12 free",
+]
 robots = pytest.mark.parametrize("robot", FEW)
 BAR = 1e-12
 
@@ -46,8 +52,10 @@ def pair(robot: str) -> tuple[Multibody, CompiledMultibody]:
     """(Pinocchio's, ours); every other robot has no rotors."""
     scales = nominal_scales(model(robot), ArmPlant(armature=None if len(robot) % 2 else 0.0))
     friction_speed = np.full(len(scales.gain), 0.05)
-    return (Multibody(model(robot), scales, friction_speed),
-            CompiledMultibody(model(robot), scales, friction_speed))  # fmt: skip
+    return (
+        Multibody(model(robot), scales, friction_speed),
+        CompiledMultibody(model(robot), scales, friction_speed),
+    )
 
 
 def draw(robot: str, seed: int):
@@ -131,7 +139,7 @@ def check_evaluate(robot: str, seeds) -> None:
 
 
 @robots
-def test_every_regressor_is_pinocchios(robot):
+def test_every_regressor_equals_pinocchios(robot):
     check_regressors(robot, range(3))
 
 
@@ -153,8 +161,9 @@ def test_every_lane_of_a_stage_has_the_bits_of_the_stage_alone(robot):
     assert smallest == pivots.min() > 0
     for lane in range(LANES):
         own = np.empty(ours.n), np.empty((1, ours.p))
-        pivot = tree_gradient(linkage, state, v, u, w[lane], theta[lane],
-                              tree_work(linkage, ours.n), *own)  # fmt: skip
+        pivot = tree_gradient(
+            linkage, state, v, u, w[lane], theta[lane], tree_work(linkage, ours.n), *own
+        )
         assert pivot == pivots[lane]
         assert a[lane::LANES].tobytes() == own[0].tobytes()
         assert gradient[lane::LANES].tobytes() == own[1].tobytes()
@@ -163,15 +172,16 @@ def test_every_lane_of_a_stage_has_the_bits_of_the_stage_alone(robot):
 
 
 @pytest.mark.parametrize("joint", [pin.JointModelRY(), pin.JointModelPX()])
-def test_one_joint_is_a_tree_too(joint):
+def test_a_tree_of_one_joint_equals_pinocchios(joint):
     """Of which Pinocchio makes vectors where others have matrices."""
     alone, rng = pin.Model(), np.random.default_rng(1)
     place = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, -0.3]))
     alone.addJoint(0, joint, place, "joint")
     alone.inertias[1] = pin.Inertia.FromSphere(2.0, 0.1)
     scales = nominal_scales(alone, ArmPlant())
-    theirs, ours = (structure(alone, scales, np.array([0.05]))
-                    for structure in (Multibody, CompiledMultibody))  # fmt: skip
+    theirs, ours = (
+        structure(alone, scales, np.array([0.05])) for structure in (Multibody, CompiledMultibody)
+    )
     q, v, u = theirs.random_state(rng)
     w, a = rng.standard_normal((2, 1))
     near(ours._W(0.0, q, v, w, a, u), theirs._W(0.0, q, v, w, a, u))
@@ -185,7 +195,7 @@ def test_one_joint_is_a_tree_too(joint):
 
 
 @robots
-def test_evaluate_is_pinocchios_for_any_estimate(robot):
+def test_evaluate_equals_pinocchios_for_any_estimate(robot):
     check_evaluate(robot, range(9))
 
 
@@ -209,7 +219,7 @@ def test_c_is_pinocchios_and_m_dot_minus_2c_is_skew(robot):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("base,least", [("held", 25), ("free", 25)])
-def test_all_robots(base, least):
+def test_compiled_regressors_equal_pinocchios_for_every_robot(base, least):
     checked = 0
     for name in known_robots():
         try:
@@ -242,9 +252,10 @@ def motion(robot: str, steps: int, dt: float) -> list[Measurement]:
 @robots
 @pytest.mark.parametrize("interpolation", ["hermite", "linear"])
 @pytest.mark.parametrize("law", ["paper", "cone", "memory"])
-def test_the_step_in_one_call_is_the_step_by_pinocchio(robot, law, interpolation):
-    config = NullspaceAID(law=law, interpolation=interpolation,
-                          memory=MemoryConfig(block=0.004, interval=0.01))  # fmt: skip
+def test_the_compiled_step_equals_the_step_by_pinocchio(robot, law, interpolation):
+    config = NullspaceAID(
+        law=law, interpolation=interpolation, memory=MemoryConfig(block=0.004, interval=0.01)
+    )
     samples, ends = motion(robot, 30, 1e-3), []
     for system in pair(robot):
         identifier = config.build(system, true_theta(robot), 1e-3)
@@ -267,7 +278,7 @@ def test_the_step_in_one_call_is_the_step_by_pinocchio(robot, law, interpolation
     assert ours.pivot == pytest.approx(theirs.pivot, rel=1e-5 if law == "memory" else 1e-8)
 
 
-def test_a_dense_gain_is_the_diagonal_one():
+def test_a_dense_gain_equals_the_diagonal_one():
     ours = pair("kinova held")[1]
 
     K, Gamma, samples = (
@@ -288,7 +299,7 @@ def test_a_dense_gain_is_the_diagonal_one():
 
 @pytest.mark.parametrize("part", ["q", "v", "u"])
 @pytest.mark.parametrize("law", ["paper", "cone"])
-def test_not_a_number_stays_visible(part, law):
+def test_nan_in_a_measurement_is_not_hidden(part, law):
     robot = "kinova held"
     ours, samples = pair(robot)[1], motion(robot, 1, 1e-3)
     identifier = NullspaceAID(law=law).build(ours, true_theta(robot), 1e-3)
@@ -305,7 +316,7 @@ def test_not_a_number_stays_visible(part, law):
     assert np.isnan(a).any() or np.isnan(W).any()
 
 
-def test_an_indefinite_estimate_ends_the_step_as_it_does_elsewhere():
+def test_an_indefinite_estimate_ends_the_compiled_step_as_the_generic_one():
     robot = "kinova held"
     samples, ends = motion(robot, 1, 1e-3), []
     for system in pair(robot):
@@ -317,13 +328,15 @@ def test_an_indefinite_estimate_ends_the_step_as_it_does_elsewhere():
     assert (ends[1].theta_hat == -true_theta(robot)).all()
 
 
-def test_a_run_comes_to_the_same_end(tmp_path):
+def test_runs_with_both_backends_end_alike(tmp_path):
     scenario = replace(load("double_pendulum"), duration=1.0)
     assert isinstance(scenario.plant, ArmPlant)
     theirs, ours = (
-        run(replace(scenario, plant=replace(scenario.plant, backend=backend)), tmp_path / backend)
-        .record["theta_hat"] for backend in get_args(Backend)
-    )  # fmt: skip
+        run(
+            replace(scenario, plant=replace(scenario.plant, backend=backend)), tmp_path / backend
+        ).record["theta_hat"]
+        for backend in get_args(Backend)
+    )
     assert np.abs(theirs[-1] - theirs[0]).max() > 0
     near(ours, theirs, 1e-9)
 
@@ -341,7 +354,7 @@ def test_the_backend_chooses_the_structure_and_compiled_is_the_default():
         assert type(plant.build(1e-3, 0).system) is structure
 
 
-def test_an_import_compiles_nothing():
+def test_importing_the_package_compiles_nothing():
     code = """
 import nsaid_mj.identifiers, nsaid_mj.systems.multibody, nsaid_mj.dynamics.tree as recursion
 kernels = [part for part in vars(recursion).values() if hasattr(part, "signatures")]
@@ -356,7 +369,7 @@ def test_another_process_finds_the_kernels_on_disk():
     pair(robot)[1]._W_C(q, v, w)
     code = f"""
 from nsaid_mj.systems import compiled
-from tests.contract.test_compiled import draw, pair
+from tests.systems.test_compiled import draw, pair
 q, v, w, _, _ = draw({robot!r}, 0)
 pair({robot!r})[1]._W_C(q, v, w)
 stats = compiled.tree_inertial.stats

@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -10,7 +9,6 @@ import pytest
 from nsaid_mj.control import HoverAndReach, SwimAndReach
 from nsaid_mj.dynamics.loaded import loaded_gradient, loaded_workspace
 from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.experiment.setup import draw_prior, trajectory
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log
@@ -23,53 +21,13 @@ from nsaid_mj.systems.flying_arm import FlyingArm
 from nsaid_mj.systems.general import midpoints_by_sample
 from nsaid_mj.systems.multibody import JointScales
 from nsaid_mj.systems.underwater_manipulator import UnderwaterManipulator
-from tests.contract.test_bodies import full
 from tests.support.dense import Dense
+from tests.support.matrices import assert_near, coupled
+from tests.support.plants import assert_engines_agree, draw_state, drive, plant, wrong_prior
+from tests.support.vehicles import acceleration
 
-CONFIGS = {
-    "uvms": UvmsPlant(), "borinot": FlyingArmPlant(), "iris": FlyingArmPlant(robot="iris"),
-}  # fmt: skip
-vehicles = pytest.mark.parametrize("name", CONFIGS)
-
-
-@cache
-def plant(name: str, dt: float = 1e-3) -> VehicleWithArm:
-    built = CONFIGS[name].build(dt, 7)
-    assert isinstance(built, VehicleWithArm)
-    return built
-
-
-def draw(system, seed: int):
-    """(x, w, a, u) of the size seen in operation, and (n,) the position numbers of x."""
-    rng = np.random.default_rng(seed)
-    numbers = rng.uniform(*system.limits)
-    _, v, u = system.random_state(rng)
-    w, a = rng.standard_normal((2, system.n))
-    return np.r_[system.position(numbers), v], w, a, u, numbers
-
-
-def near(one, other, tolerance):
-    size = max(np.abs(one).max(), np.abs(other).max(), 1e-300)
-    assert np.abs(one - other).max() <= tolerance * size
-
-
-def mujoco_acceleration(p: VehicleWithArm, numbers, v, u):
-    with p.running():
-        p.reset(numbers, v)
-        p.data.ctrl[:] = u
-        mujoco.mj_forward(p.model, p.data)
-        return p.joints.acceleration(p.data)
-
-
-def assert_engines_agree(p: VehicleWithArm, seed: int) -> None:
-    system, theta = p.system, p.truth
-    x, _, _, u, numbers = draw(system, seed)
-    v = x[system.m :]
-    a = mujoco_acceleration(p, numbers, v, u)
-    near(a, system.acceleration(0.0, x, v, u, theta), 1e-11)
-    W = system.regressor(0.0, x, v, a, u)
-    assert np.abs(W @ theta).max() <= 1e-8 * np.abs(W * theta).max()
-    assert np.abs(W @ theta).max() <= 1e-12 * (np.abs(W) @ np.abs(theta)).max()
+NAMES = ["uvms", "borinot", "iris"]
+vehicles = pytest.mark.parametrize("name", NAMES)
 
 
 # -- the structure -------------------------------------------------------------------------------
@@ -79,40 +37,30 @@ def assert_engines_agree(p: VehicleWithArm, seed: int) -> None:
 def test_the_regressors_are_linear_and_sum_up(name):
     system, theta = plant(name).system, plant(name).truth
     for seed in range(5):
-        x, w, a, u, _ = draw(system, seed)
-        near(system.W_C(x, 2 * w - 3 * a), 2 * system.W_C(x, w) - 3 * system.W_C(x, a), 1e-13)
-        near(system.W_M(x, 2 * w - 3 * a), 2 * system.W_M(x, w) - 3 * system.W_M(x, a), 1e-13)
+        x, w, a, u, _ = draw_state(system, seed)
+        assert_near(
+            system.W_C(x, 2 * w - 3 * a), 2 * system.W_C(x, w) - 3 * system.W_C(x, a), 1e-13
+        )
+        assert_near(
+            system.W_M(x, 2 * w - 3 * a), 2 * system.W_M(x, w) - 3 * system.W_M(x, a), 1e-13
+        )
         W = system.regressor(0.0, x, w, a, u)
-        near(W, system.W_M(x, a) + system.W_C(x, w) - system.F(0.0, x, u), 1e-13)  # (10)
+        assert_near(W, system.W_M(x, a) + system.W_C(x, w) - system.F(0.0, x, u), 1e-13)  # (10)
         M = system.mass_matrix(x, theta)
-        near(system.W_M(x, a) @ theta, M @ a, 1e-12)  # (8)
-        near(M, M.T, 1e-13)
+        assert_near(system.W_M(x, a) @ theta, M @ a, 1e-12)  # (8)
+        assert_near(M, M.T, 1e-13)
         assert np.linalg.eigvalsh(M)[0] > 0
 
 
 @vehicles
-def test_m_dot_minus_2c_is_skew(name):
-    system, theta, h = plant(name).system, plant(name).truth, 1e-5
-    for seed in range(5):
-        x, _, _, _, _ = draw(system, seed)
-        q, v = system.split(x)
-        ahead, behind = (
-            system.mass_matrix(np.r_[system.integrate(q, step * v), v], theta) for step in (h, -h)
-        )
-        C = system.coriolis_matrix(x, theta)
-        M_dot = (ahead - behind) / (2 * h)
-        assert np.abs(M_dot - C - C.T).max() <= 1e-6 * max(np.abs(C).max(), np.abs(ahead).max())
-
-
-@vehicles
-def test_one_sample_evaluates_to_what_the_definitions_give(name):
+def test_evaluate_at_agrees_with_the_definitions(name):
     system, theta = plant(name).system, plant(name).truth
     for seed in range(5):
-        x, w, _, u, _ = draw(system, seed)
+        x, w, _, u, _ = draw_state(system, seed)
         q, v = system.split(x)
         a, W, pivot = system.evaluate_at(0.0, q, v, u, w, theta)
-        near(a, system.acceleration(0.0, x, w, u, theta), 1e-10)  # (29)
-        near(W, system.regressor(0.0, x, w, a, u), 1e-12)
+        assert_near(a, system.acceleration(0.0, x, w, u, theta), 1e-10)  # (29)
+        assert_near(W, system.regressor(0.0, x, w, a, u), 1e-12)
         assert np.abs(W @ theta).max() <= 1e-12 * (np.abs(W) @ np.abs(theta)).max()  # (30)
         L = np.linalg.cholesky(system.mass_matrix(x, theta))
         assert pivot == pytest.approx((np.diag(L) ** 2).min(), rel=1e-9)
@@ -120,7 +68,7 @@ def test_one_sample_evaluates_to_what_the_definitions_give(name):
         assert not pivot > 0 and np.isnan(a).all() and np.isfinite(W).all()
 
 
-def test_a_base_in_water_is_the_vehicle_alone():
+def test_without_its_arm_the_uvms_is_the_underwater_vehicle():
     """With the arm's parameters at 0, base and vehicle are one system."""
     p, alone = plant("uvms"), BlueROV2Plant().build(1e-2, 0).system
     system, space = p.system, p.system.space
@@ -128,19 +76,19 @@ def test_a_base_in_water_is_the_vehicle_alone():
     own = np.random.default_rng(0).uniform(0.5, 1.5, alone.p) * alone.space.scale
     for block, place in alone.space:
         theta[space[block.name]] = own[place]
-    x, w, a, u, _ = draw(system, 1)
+    x, w, a, u, _ = draw_state(system, 1)
     q, v = system.split(x)
     push = alone._W(0.0, q[:7], v[:6], w[:6], a[:6], u[4:]) @ own
-    near((system._W(0.0, q, v, w, a, u) @ theta)[:6], push, 1e-12)
+    assert_near((system._W(0.0, q, v, w, a, u) @ theta)[:6], push, 1e-12)
     assert np.abs((system._W(0.0, q, v, w, a, u) @ theta)[6:]).max() == 0
 
 
-def test_a_links_added_mass_is_that_of_its_strips():
+def test_added_mass_of_a_link_is_that_of_its_strips():
     """½ vᵀ M v of unit added mass is ½ ∫ |v_⊥|² ds/L along the axis, and drag brakes."""
     system = plant("uvms").system
     assert isinstance(system, UnderwaterManipulator)
     c, space = system.cylinders, system.space
-    x, _, _, u, _ = draw(system, 3)
+    x, _, _, u, _ = draw_state(system, 3)
     q, v = system.split(x)
     data = system.model.createData()
     pin.forwardKinematics(system.model, data, q, v)
@@ -164,7 +112,7 @@ def test_buoyancy_and_weight_point_up_and_down():
     level = system.position(np.zeros(system.n))
     F = system._F(0.0, level, np.zeros(system.n), np.zeros(system.n_u))
     space = system.space
-    near(F[:3, space["link buoyancy"]], np.outer([0, 0, 1], np.ones(4)), 1e-12)
+    assert_near(F[:3, space["link buoyancy"]], np.outer([0, 0, 1], np.ones(4)), 1e-12)
     assert F[2, space.index("net weight")] == -1
     assert F[2, space.index("m_3")] == pytest.approx(-9.81)
 
@@ -172,14 +120,14 @@ def test_buoyancy_and_weight_point_up_and_down():
 @vehicles
 def test_actuators_act_where_they_are_mounted(name):
     system = plant(name).system
-    x, _, _, u, _ = draw(system, 2)
+    x, _, _, u, _ = draw_state(system, 2)
     k, joints = system.space.actuators, system.n - 6
     F = system.F(0.0, x, u)
     assert system.mounts is not None and system.mounts.shape == (len(k), 3)
     assert np.isnan(system.mounts[:joints]).all()
     for mount, column in zip(system.mounts[joints:], F[:, k[joints:]].T, strict=True):
         if np.isfinite(mount).all():
-            near(np.cross(mount, column[:3]), column[3:6], 1e-12)
+            assert_near(np.cross(mount, column[:3]), column[3:6], 1e-12)
             assert np.linalg.norm(column[:3]) > 0
         else:
             assert (column[:3] == 0).all() and np.linalg.norm(column[3:6]) > 0
@@ -189,7 +137,7 @@ def test_actuators_act_where_they_are_mounted(name):
     assert (system.F(0.0, x, 0 * u)[:, others] == F[:, others]).all()
 
 
-def test_full_command_is_full_gain():
+def test_full_command_gives_the_full_gain():
     for name, block in (("uvms", "thruster gain"), ("borinot", "rotor thrust gain")):
         system = plant(name).system
         q = system.position(np.zeros(system.n))
@@ -198,7 +146,7 @@ def test_full_command_is_full_gain():
 
 
 @pytest.mark.parametrize("name,r", [("uvms", 13), ("borinot", 7), ("iris", 1)])
-def test_the_structure_leaves_what_it_must(name, r):
+def test_the_nullspace_has_the_expected_dimension(name, r):
     """A common scale, and what a joint's fixed axis hides of the links before and behind it."""
     found = structural(plant(name).system, plant(name).truth, np.random.default_rng(0))
     assert found.r == r
@@ -215,10 +163,10 @@ def test_every_parameter_has_a_sane_scale(name):
         if block.geometry == "positive":
             ratio = theta[place] / block.scale
             assert (ratio > 0.3).all() and (ratio < 3).all()
-    other = CONFIGS[name].build(1e-3, 8)
+    other = plant(name, 8)
     assert (other.system.space.scale == system.space.scale).all()  # a guess knows no seed
     assert (other.truth != theta).any()
-    assert (CONFIGS[name].build(5e-4, 7).truth == theta).all()
+    assert (plant(name, dt=5e-4).truth == theta).all()
 
 
 @vehicles
@@ -244,18 +192,25 @@ def branching() -> FlyingArm:
     scales = JointScales(np.ones(5), np.ones(5), ones, ones, ones, ones, ones, rotor=ones)
     sides = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]])
     return FlyingArm(
-        model, scales, np.ones(2), np.ones(2), np.ones(6), 0.2, sides,
-        np.tile([0.0, 0.0, 1.0], (2, 1)), np.array([1.0, -1.0]),
-    )  # fmt: skip
+        model,
+        scales,
+        np.ones(2),
+        np.ones(2),
+        np.ones(6),
+        0.2,
+        sides,
+        np.tile([0.0, 0.0, 1.0], (2, 1)),
+        np.array([1.0, -1.0]),
+    )
 
 
-SYSTEMS = {**{name: lambda name=name: plant(name).system for name in CONFIGS}, "tree": branching}
+SYSTEMS = {**{name: lambda name=name: plant(name).system for name in NAMES}, "tree": branching}
 systems = pytest.mark.parametrize("name", SYSTEMS)
 
 
 def possible(name: str, system) -> np.ndarray:
     """(p,) parameters of real bodies."""
-    if name in CONFIGS:
+    if name in NAMES:
         return plant(name).truth
     theta = np.random.default_rng(6).uniform(0.5, 1.5, system.p)
     pin.seed(6)
@@ -265,26 +220,34 @@ def possible(name: str, system) -> np.ndarray:
 
 
 @systems
-def test_a_stage_is_that_of_the_regressors(name):
+def test_compiled_stages_equal_the_regressors(name):
     system = SYSTEMS[name]()
     tree = system.loaded
     work, a, gradient = loaded_workspace(tree, system.n), np.empty(system.n), np.empty(system.p)
     for seed in range(10):
-        x, w, _, u, _ = draw(system, seed)
+        x, w, _, u, _ = draw_state(system, seed)
         q, v = system.split(x)
         theta = possible(name, system)
         states = loads.states_of(tree.linkage, q[None], v[None])
         for sign in (1, -1):
             pivot = loaded_gradient(
-                tree, states[0], v, u, system.applied(states, u[None])[0], w, sign * theta, work,
-                a, gradient,
-            )  # fmt: skip
+                tree,
+                states[0],
+                v,
+                u,
+                system.applied(states, u[None])[0],
+                w,
+                sign * theta,
+                work,
+                a,
+                gradient,
+            )
             dense, W, smallest = Dense(system).evaluate_at(0.0, q, v, u, w, sign * theta)
             assert pivot == pytest.approx(smallest, rel=1e-9)
             if sign > 0:
-                near(a, dense, 1e-11)
+                assert_near(a, dense, 1e-11)
                 scale = system.space.scale
-                near(gradient * scale, (w - v) @ W * scale, 1e-11)
+                assert_near(gradient * scale, (w - v) @ W * scale, 1e-11)
         assert not pivot > 0
 
 
@@ -306,23 +269,22 @@ def test_the_mass_matrix_is_pinocchios(name):
         q, v, _ = system.random_state(rng)
         M = pin.crba(model, model.createData(), q)
         M = np.triu(M) + np.triu(M, 1).T
-        near(system.mass_matrix(np.r_[q, v], theta), M, 1e-13)
+        assert_near(system.mass_matrix(np.r_[q, v], theta), M, 1e-13)
 
 
 @cache
 def driven(name: str) -> tuple[VehicleWithArm, Log]:
-    p = CONFIGS[name].build(5e-3, 2)
+    p = plant(name, 2, 5e-3)
     driver = (SwimAndReach if name == "uvms" else HoverAndReach)().build(
-        p.system, prior_of(p, 2), np.random.default_rng(2)
+        p.system, wrong_prior(p, 2), np.random.default_rng(2)
     )
-    with p.running():
-        return p, trajectory(p, driver, 150)
+    return p, drive(p, driver, 0.75)
 
 
 @vehicles
 @pytest.mark.parametrize("law", ["paper", "cone"])
 @pytest.mark.parametrize("interpolation", ["hermite", "linear"])
-def test_the_compiled_loop_is_the_generic_one(name, law, interpolation):
+def test_the_compiled_loop_equals_the_generic_one(name, law, interpolation):
     """150 steps; what differs is the order of sums."""
     p, log = driven(name)
     prior, scale = p.truth.copy(), p.system.space.scale
@@ -335,17 +297,17 @@ def test_the_compiled_loop_is_the_generic_one(name, law, interpolation):
     )
     for state, estimates in (fast, dense):
         assert state.status is Status.completed and len(estimates.v_hat) == 151
-    near(fast[1].v_hat, dense[1].v_hat, 1e-11)
-    near(fast[1].theta_hat / scale, dense[1].theta_hat / scale, 1e-11)
-    near(fast[1].pivot[1:], dense[1].pivot[1:], 1e-11)
+    assert_near(fast[1].v_hat, dense[1].v_hat, 1e-11)
+    assert_near(fast[1].theta_hat / scale, dense[1].theta_hat / scale, 1e-11)
+    assert_near(fast[1].pivot[1:], dense[1].pivot[1:], 1e-11)
     assert np.abs((fast[0].theta_hat - prior) / scale).max() > 1e-6  # it has moved
 
 
 @vehicles
-def test_full_gains_and_ends_are_the_generic_ones(name):
+def test_full_gains_and_endings_equal_the_generic_ones(name):
     p, log = driven(name)
     rng, scale = np.random.default_rng(1), p.system.space.scale
-    gains = full(np.full(p.system.n, 20.0), rng), full(0.1 * scale**2, rng)
+    gains = coupled(np.full(p.system.n, 20.0), rng), coupled(0.1 * scale**2, rng)
     lost = np.where(np.arange(len(log.v))[:, None] == 20, np.nan, log.v)
     broken = Log.unchecked(log.t, log.q, lost, log.u)
     for prior, measured, status in (
@@ -361,42 +323,43 @@ def test_full_gains_and_ends_are_the_generic_ones(name):
         )
         assert fast[0].status is dense[0].status is status
         assert fast[0].t == dense[0].t
-        near(fast[0].theta_hat / scale, dense[0].theta_hat / scale, 1e-11)
+        assert_near(fast[0].theta_hat / scale, dense[0].theta_hat / scale, 1e-11)
 
 
 @systems
-def test_cv_is_what_the_motion_makes_of_the_momentum(name):
+def test_transport_is_the_rate_of_momentum_along_the_motion(name):
     """Cᵀ v = Ṁ v − C v, by differences along the motion."""
     system = SYSTEMS[name]()
     for seed in range(3):
-        q, v = system.split(draw(system, seed)[0])
-        near(system._transport(q, v), Dense(system)._transport(q, v), 1e-8)
+        q, v = system.split(draw_state(system, seed)[0])
+        assert_near(system._transport(q, v), Dense(system)._transport(q, v), 1e-8)
 
 
 @systems
 @pytest.mark.parametrize("leak", [2.0, 0.0])
-def test_the_momentum_balance_is_the_generic_one(name, leak):
+def test_the_momentum_balance_equals_the_generic_one(name, leak):
     system = SYSTEMS[name]()
     rng = np.random.default_rng(4)
-    q, v, u = (np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)),
-                                              strict=True))  # fmt: skip
+    q, v, u = (
+        np.array(part) for part in zip(*(system.random_state(rng) for _ in range(5)), strict=True)
+    )
     log, qm, vm = Log(np.array([0.0, 0.1, 0.2, 0.3]), q[:4], v[:4], u[:4]), q[1:4], v[2:]
     fast = system.momentum_balance(leak, log, qm, vm)
     for one, other in zip(fast, Dense(system).momentum_balance(leak, log, qm, vm), strict=True):
         assert one.shape == other.shape
-        near(one * system.space.scale, other * system.space.scale, 1e-12)
+        assert_near(one * system.space.scale, other * system.space.scale, 1e-12)
 
 
 @vehicles
-def test_the_states_half_way_are_the_generic_ones(name):
+def test_interpolated_midpoints_equal_the_generic_ones(name):
     p, log = driven(name)
     for hermite in (True, False):
         middle = p.system.midpoints(log, hermite)
         for k in (0, 70, 149):
             one = midpoints_by_sample(p.system, log.part(k, k + 2), hermite)
             q, v = one.q[0], one.v[0]
-            near(middle.q[k], q, 1e-12)
-            near(middle.v[k], v, 1e-11)
+            assert_near(middle.q[k], q, 1e-12)
+            assert_near(middle.v[k], v, 1e-11)
 
 
 # -- MuJoCo is the system ------------------------------------------------------------------------
@@ -405,51 +368,50 @@ def test_the_states_half_way_are_the_generic_ones(name):
 @vehicles
 def test_mujoco_moves_as_the_system_says(name):
     for seed in range(10):
-        assert_engines_agree(plant(name), seed)
+        assert_engines_agree(plant(name), seed, acceleration_tolerance=1e-11)
 
 
-@pytest.mark.parametrize("config", [UvmsPlant(spread=0.9), UvmsPlant(spread=0.0),
-                                    FlyingArmPlant(spread=0.5)])  # fmt: skip
-def test_mujoco_follows_any_hidden_numbers(config):
+@pytest.mark.parametrize(
+    "config", [UvmsPlant(spread=0.9), UvmsPlant(spread=0.0), FlyingArmPlant(spread=0.5)]
+)
+def test_mujoco_agrees_for_any_hidden_numbers(config):
     p = config.build(1e-3, 3)
     for seed in range(3):
         assert_engines_agree(p, seed)
 
 
 @pytest.mark.parametrize("name", ["uvms", "borinot"])
-def test_every_number_matters(name):
+def test_every_parameter_changes_the_motion(name):
     """A parameter that is off by a tenth is seen: the agreement above is no accident."""
     p = plant(name)
     system = p.system
     seen = np.zeros(system.p)
     for seed in range(5):
-        x, _, _, u, numbers = draw(system, seed)
+        x, _, _, u, numbers = draw_state(system, seed)
         v = x[system.m :]
-        W = system.regressor(0.0, x, v, mujoco_acceleration(p, numbers, v, u), u)
+        W = system.regressor(0.0, x, v, acceleration(p, numbers, v, u), u)
         seen = np.maximum(seen, np.abs(0.1 * W * system.space.scale).max(axis=0))
     assert (seen > 1e-6).all(), [system.space.names[i] for i in np.flatnonzero(seen <= 1e-6)]
 
 
-def test_water_that_flows_along_is_water_at_rest():
+def test_hydrodynamic_forces_depend_on_the_velocity_relative_to_the_water():
     """Added mass, drag and thrust see the velocity relative to the water only (Galilei)."""
     still, flow = plant("uvms"), np.array([0.3, -0.2, 0.1])
-    moved = UvmsPlant(mismatch=Mismatch(flow=(0.3, -0.2, 0.1))).build(1e-3, 7)
+    moved = plant("uvms", mismatch=Mismatch(flow=(0.3, -0.2, 0.1)))
     assert isinstance(moved, VehicleWithArm)
-    _, _, _, u, numbers = draw(still.system, 4)
-    v = draw(still.system, 5)[0][still.system.m :]
+    _, _, _, u, numbers = draw_state(still.system, 4)
+    v = draw_state(still.system, 5)[0][still.system.m :]
     turned = unrotate(still.position(numbers)[3:7], flow)
     along = v.copy()
     along[:3] += turned
-    expected, got = (
-        mujoco_acceleration(still, numbers, v, u), mujoco_acceleration(moved, numbers, along, u)
-    )  # fmt: skip
+    expected, got = (acceleration(still, numbers, v, u), acceleration(moved, numbers, along, u))
     got[:3] += np.cross(v[3:6], turned)  # the body's axes turn against the flow's velocity
-    near(got, expected, 1e-12)
-    assert np.abs(mujoco_acceleration(moved, numbers, v, u) - expected).max() > 1e-2
+    assert_near(got, expected, 1e-12)
+    assert np.abs(acceleration(moved, numbers, v, u) - expected).max() > 1e-2
 
 
-def test_a_lagging_thruster_comes_later():
-    prompt, late = plant("uvms"), UvmsPlant(mismatch=Mismatch(lag=0.1)).build(1e-3, 7)
+def test_thruster_lag_delays_the_force():
+    prompt, late = plant("uvms"), plant("uvms", mismatch=Mismatch(lag=0.1))
     gained = []
     for p in (prompt, late):
         speeds = []
@@ -468,7 +430,7 @@ def test_steps_are_of_fourth_order_with_the_callback(name):
     _, v, u = plant(name).system.random_state(np.random.default_rng(0))
 
     def end(dt):
-        p = CONFIGS[name].build(dt, 5)
+        p = plant(name, 5, dt)
         with p.running():
             p.reset(np.zeros(p.system.n), 0.3 * v)
             for _ in range(round(0.16 / dt)):
@@ -482,9 +444,9 @@ def test_steps_are_of_fourth_order_with_the_callback(name):
 
 
 @vehicles
-def test_a_diverging_plant_says_so(name, capfd, tmp_path, monkeypatch):
+def test_a_diverging_plant_reports_it(name, capfd, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    p = CONFIGS[name].build(1e-3, 0)
+    p = plant(name, 0)
     with p.running():
         p.reset(np.zeros(p.system.n), np.full(p.system.n, 1e9))
         for _ in range(200):
@@ -494,7 +456,7 @@ def test_a_diverging_plant_says_so(name, capfd, tmp_path, monkeypatch):
 
 
 @vehicles
-def test_looks_move_with_the_bodies(name):
+def test_meshes_move_with_their_bodies(name):
     p = plant(name)
     meshes = p.visuals()
     assert meshes and len({mesh.name for mesh in meshes}) == len(meshes)
@@ -502,23 +464,21 @@ def test_looks_move_with_the_bodies(name):
     numbers[1, :3] = 1.0, 2.0, 3.0
     translations, quaternions = p.poses(p.system.position(numbers))
     assert translations.shape == (2, len(meshes), 3) and quaternions.shape == (2, len(meshes), 4)
-    near(translations[1] - translations[0], np.tile([1.0, 2.0, 3.0], (len(meshes), 1)), 1e-12)
+    assert_near(
+        translations[1] - translations[0], np.tile([1.0, 2.0, 3.0], (len(meshes), 1)), 1e-12
+    )
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=-1), 1, atol=1e-9)
 
 
 # -- drivers -------------------------------------------------------------------------------------
 
 
-def prior_of(p, seed):
-    return draw_prior(p.truth, p.system.space, 0.3, None, np.random.default_rng(seed))
-
-
 @pytest.mark.parametrize("name", ["borinot", "iris"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_flying_arm_stays_in_the_air_in_spite_of_wrong_gains(name, seed):
-    p = CONFIGS[name].build(4e-3, seed)
+    p = plant(name, seed, 4e-3)
     system = p.system
-    driver = HoverAndReach().build(system, prior_of(p, seed), np.random.default_rng(seed))
+    driver = HoverAndReach().build(system, wrong_prior(p, seed), np.random.default_rng(seed))
     with p.running():
         p.reset(*driver.start())
         for k in range(2500):
@@ -537,7 +497,7 @@ def test_a_flying_arm_stays_in_the_air_in_spite_of_wrong_gains(name, seed):
 
 def test_an_arm_in_water_follows_its_path_while_the_base_swims():
     p = UvmsPlant().build(5e-3, 1)
-    driver = SwimAndReach().build(p.system, prior_of(p, 1), np.random.default_rng(1))
+    driver = SwimAndReach().build(p.system, wrong_prior(p, 1), np.random.default_rng(1))
     errors, travelled = [], np.zeros(6)
     with p.running():
         p.reset(*driver.start())
@@ -570,7 +530,7 @@ def test_a_robot_without_known_rotors_is_refused():
 
 @pytest.mark.parametrize("config", [UvmsPlant, FlyingArmPlant])
 @pytest.mark.parametrize("spread", [-0.1, 1.0, np.nan])
-def test_a_spread_that_is_no_share_is_refused(config, spread):
+def test_a_spread_outside_0_to_1_is_refused(config, spread):
     with pytest.raises(InvalidInput, match="spread"):
         config(spread=spread)
 
@@ -582,6 +542,6 @@ def test_a_spread_that_is_no_share_is_refused(config, spread):
         (FlyingArmPlant, Mismatch(flow=(1.0, 0.0, 0.0))),
     ],
 )
-def test_what_a_plant_cannot_do_is_refused(config, mismatch):
+def test_an_unsupported_mismatch_is_refused(config, mismatch):
     with pytest.raises(InvalidInput, match="mismatch"):
         config(mismatch=mismatch)

@@ -152,9 +152,12 @@ def accelerations(
 
 
 def lyapunov(
-    system: SecondOrderSystem, truth: Array, Gamma: Array, samples: list[Measurement],
+    system: SecondOrderSystem,
+    truth: Array,
+    Gamma: Array,
+    samples: list[Measurement],
     states: list[State],
-) -> Array:  # fmt: skip
+) -> Array:
     """(N,) V of (66), with a diagonal Γ given by its diagonal."""
     _, x, v, _ = columns(samples)
     v_hat, theta_hat = estimates(states)
@@ -194,9 +197,15 @@ class Motion:
             return np.concatenate([system.J(x[:m]) @ v, system.acceleration(t, x, v, u, truth)])
 
         solution = solve_ivp(
-            flow, (0, seconds), np.concatenate([q, v]), method="DOP853",
-            rtol=1e-12, atol=1e-13, dense_output=True, max_step=0.02,
-        )  # fmt: skip
+            flow,
+            (0, seconds),
+            np.concatenate([q, v]),
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-13,
+            dense_output=True,
+            max_step=0.02,
+        )
         self.x = solution.sol
 
     def samples(self, steps: int) -> list[Measurement]:
