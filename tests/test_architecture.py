@@ -1,4 +1,4 @@
-"""The house's rules: who may import whom, and who may read the truth."""
+"""The architecture: which module may import which, and which may read the truth."""
 
 import ast
 import subprocess

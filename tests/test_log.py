@@ -1,4 +1,4 @@
-"""A log is checked when it is made, and whatever it is made of, nobody reads beyond its arrays."""
+"""A log is checked when it is made, whatever it is made of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""P_s(θ): an orthogonal split, one rank decision, directions that nobody can observe."""
+"""P_s(θ): an orthogonal split, one rank decision, and unobservable directions in words."""
 
 from functools import cache
 

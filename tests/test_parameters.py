@@ -1,4 +1,4 @@
-"""θ's space: blocks partition θ, names and places agree, nothing malformed gets in."""
+"""Parameter spaces: blocks partition θ, names give places, malformed blocks are refused."""
 
 from typing import Any
 

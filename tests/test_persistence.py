@@ -1,4 +1,4 @@
-"""Persistence levels: the Gramian's, whatever the window, the subspace and the sampling."""
+"""Persistence levels: those of the Gramian, for any window, subspace and sampling."""
 
 import numpy as np
 import pytest

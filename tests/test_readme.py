@@ -1,4 +1,4 @@
-"""README and docs: the Python runs, the commands exist, and every reference leads somewhere."""
+"""README and docs: the Python runs, the commands exist, and every reference resolves."""
 
 from __future__ import annotations
 

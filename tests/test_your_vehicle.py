@@ -1,4 +1,4 @@
-"""docs/your_vehicle.md does what it says: its files are written, its commands are run."""
+"""The files and commands of docs/your_vehicle.md work as the page says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The methods of others: what each must recover, and what each cannot."""
+"""The baselines: what each method must recover, and where it must fail."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""The command line: what it lists, takes, prints and exits with."""
+"""The command line: what it lists, accepts, prints and exits with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a start does without, so that it is quick; scripts/startup.py has the times."""
+"""Packages that a command must not import at its start; scripts/startup.py measures the times."""
 
 import subprocess
 import sys

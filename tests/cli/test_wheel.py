@@ -1,4 +1,4 @@
-"""The built wheel, in an environment of its own, runs a scenario by name from an empty folder."""
+"""The built wheel in an environment of its own: it runs a scenario from an empty folder."""
 
 from __future__ import annotations
 

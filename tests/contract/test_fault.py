@@ -1,4 +1,4 @@
-"""An actuator weakens when it should, in MuJoCo and in the truth alike, and all figures know it."""
+"""Actuator faults act in MuJoCo and in the truth alike, and every figure accounts for them."""
 
 from __future__ import annotations
 

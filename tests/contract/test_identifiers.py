@@ -1,4 +1,4 @@
-"""One contract over all identifiers: pure, safe from bad input, behind the wall."""
+"""One contract for all identifiers: pure functions, typed errors, no access to true values."""
 
 import copy
 import gc

@@ -1,4 +1,4 @@
-"""Every mismatch switch does what it says, is told, and is refused where it means nothing."""
+"""Mismatches act as documented, are reported, and are refused where they have no effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One contract over all plants: MuJoCo moves as the structure says, and failing is told."""
+"""One contract for all plants: MuJoCo moves as the structure says, and failures are reported."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""One contract over all systems: (3), (4), (8–10), (29), Ṁ − 2C skew, and no true value inside."""
+"""One contract for all systems: (3), (4), (8–10), (29), Ṁ − 2C skew, no true value inside."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Signals: seeded, within their bounds, derivatives that are derivatives, tones in their band."""
+"""Excitation signals: seeded, bounded, within their band, with consistent derivatives."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A run without a truth: what needs the truth is absent, and everything else is there."""
+"""Without a truth, figures that need one are absent and everything else is unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`nsaid verify`: what it says of honest runs, and that it catches sabotaged ones."""
+"""`nsaid verify`: its verdicts on sound runs and on falsified ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The record: what was written is read, whole or cut off at any byte."""
+"""The record: data written are read back, also from a truncated file."""
 
 import numpy as np
 import pyarrow as pa

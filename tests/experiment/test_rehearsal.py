@@ -1,4 +1,4 @@
-"""What a gain is designed by: an expected Gramian, of the prior and the excitation alone."""
+"""The simulated gain: an expected Gramian of the prior and the excitation alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scenario is data: JSON keeps it whole, its hash tells it, bad fields are named."""
+"""A scenario is data: it survives JSON, its hash identifies it, bad fields are named."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Bad input gets a typed error, with what was expected, what came and the remedy, before step 0."""
+"""Bad input raises a typed error before the first step: expected, received, remedy."""
 
 from __future__ import annotations
 

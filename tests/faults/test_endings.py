@@ -1,4 +1,4 @@
-"""A run that cannot go on ends by its own name, and what it has recorded stays readable."""
+"""A run that cannot continue ends with its own status and a readable record."""
 
 from __future__ import annotations
 

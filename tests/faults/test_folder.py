@@ -1,4 +1,4 @@
-"""Where a run writes, and what is not there to be written or shown to."""
+"""Output folders that are reused, foreign or unwritable, and machines without a display."""
 
 from __future__ import annotations
 

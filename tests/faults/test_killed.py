@@ -1,4 +1,4 @@
-"""Ctrl-C and kill -9 of a real `nsaid run`: what was recorded can be read, and finished later."""
+"""Ctrl-C and kill -9 of a real `nsaid run`: its record is readable and can be completed."""
 
 from __future__ import annotations
 

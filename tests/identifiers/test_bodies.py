@@ -1,4 +1,4 @@
-"""A body's compiled step: the generic law, of fourth order, without W."""
+"""A rigid body's compiled step equals the generic step and is of fourth order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cost of remembered data: its slope, its curvature, and what a change of scale does not do."""
+"""The memory's cost: its gradient, its curvature, and its invariance to scale."""
 
 from __future__ import annotations
 

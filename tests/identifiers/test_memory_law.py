@@ -1,4 +1,4 @@
-"""The law with a memory: implicit steps that lower V at any size, and the error it states."""
+"""The law with a memory: implicit steps that lower V at any size, and stated deviations."""
 
 from __future__ import annotations
 

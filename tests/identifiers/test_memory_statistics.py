@@ -1,4 +1,4 @@
-"""The memory: a momentum balance that the truth obeys, and means of it in bounded space."""
+"""The momentum balance that the truth satisfies, and its means in bounded storage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The memory term: every statement that docs/theory.md proves, by numbers."""
+"""Every statement about the memory proved in docs/theory.md, checked numerically."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept, and what is counted as compiling them."""
+"""Where compiled kernels are cached, and what counts as compile time."""
 
 import ast
 import os

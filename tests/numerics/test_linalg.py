@@ -1,4 +1,4 @@
-"""The compiled linear algebra against numpy's."""
+"""The compiled linear algebra agrees with numpy's."""
 
 import numpy as np
 import pytest

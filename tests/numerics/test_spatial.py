@@ -1,4 +1,4 @@
-"""Poses and twists against Pinocchio's free flyer, and against the identities they must obey."""
+"""Poses and twists agree with Pinocchio's free flyer and satisfy their identities."""
 
 import numpy as np
 import pinocchio as pin

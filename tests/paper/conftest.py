@@ -1,4 +1,4 @@
-"""Systems to test on, by name."""
+"""Fixtures: the systems on which the equations are tested."""
 
 from __future__ import annotations
 

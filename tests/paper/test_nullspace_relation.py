@@ -1,4 +1,4 @@
-"""(13–15, 32): the truth is in the regressor's nullspace, with all that cannot be told from it."""
+"""(13–15, 32): the truth lies in the regressor's nullspace, with all that is equivalent to it."""
 
 from __future__ import annotations
 

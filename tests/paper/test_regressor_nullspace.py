@@ -1,4 +1,4 @@
-"""(29–31): the estimate is in the nullspace of its own regressor, whatever it is."""
+"""(29–31): any estimate lies in the nullspace of its own regressor."""
 
 from __future__ import annotations
 

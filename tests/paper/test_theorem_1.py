@@ -1,4 +1,4 @@
-"""Theorem 1: V falls along every run, at the rate (69); Δv → 0. And where it says too much."""
+"""Theorem 1: V falls along every run at the rate (69) and Δv → 0; and where it does not hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quadrotors: MuJoCo, the structure and the textbook's equations about the centre of mass agree."""
+"""Quadrotors: MuJoCo and the structure agree with the textbook's equations of motion."""
 
 from functools import cache
 

@@ -1,4 +1,4 @@
-"""The README's number of robots: all of example-robot-data are built, or refused with a reason."""
+"""Every robot of example-robot-data is built, or refused with a reason."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""MuJoCo's frames and quaternion orders, tested where they are converted, and nowhere else.
+"""MuJoCo's frames and quaternion order are converted correctly.
 
 What is right is told by MuJoCo's own kinematics (xpos, xquat, object velocities, its steps), by the
 rotation matrices built here, and by the systems' own `difference`.

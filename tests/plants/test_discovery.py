@@ -1,4 +1,4 @@
-"""A vehicle becomes known by its file being there."""
+"""A vehicle is known by its file being there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compiled drive is the loop that asks the driver at every step, in one call."""
+"""The compiled simulation loop gives the same log as asking the driver at every step."""
 
 from __future__ import annotations
 

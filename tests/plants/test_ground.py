@@ -1,4 +1,4 @@
-"""Cars in MuJoCo against the textbook's single track, and a rover that is only nearly one."""
+"""Cars in MuJoCo agree with the single-track model; the rover does so approximately."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a vehicle.toml says is checked: it makes a plant, or an error that says what to mend."""
+"""A vehicle.toml makes a plant, or an error that says what to correct."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Astrobee in MuJoCo against Newton's and Euler's laws about the centre of mass, by scipy."""
+"""Astrobee in MuJoCo agrees with Newton's and Euler's equations integrated by scipy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""REMUS 100: MuJoCo, the structure and the prints' own equations (z down) move alike."""
+"""REMUS 100: MuJoCo and the structure agree with the published equations (z down)."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""BlueROV2 in MuJoCo against Fossen's equations, written out here and integrated by scipy."""
+"""BlueROV2 in MuJoCo agrees with Fossen's equations integrated by scipy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vehicles with an arm: the identities of (4)–(10) and (29, 30), and MuJoCo moves as they say."""
+"""Vehicles with an arm satisfy (4)–(10) and (29, 30) and move as MuJoCo does."""
 
 from functools import cache
 

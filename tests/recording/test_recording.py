@@ -1,4 +1,4 @@
-"""Recordings: what is written is what was recorded, and no viewer can end a run."""
+"""Rerun recordings hold what was recorded, and no viewer can end a run."""
 
 from __future__ import annotations
 

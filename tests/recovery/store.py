@@ -1,4 +1,4 @@
-"""`make store-directions`: accepts what the scenarios now converge to, and says what moved.
+"""`make store-directions`: stores the directions that the scenarios now converge to.
 
 Give names to store only those: `python -m tests.recovery.store ur5 panda`.
 """

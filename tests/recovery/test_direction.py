@@ -1,4 +1,4 @@
-"""The check itself: it sees a change of an estimate, and not one of its length or sign."""
+"""The comparison of directions detects a change of an estimate, but not of its length or sign."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""With a memory every scenario is on the true set within seconds, noise and faults or not."""
+"""With a memory every scenario reaches the true set within seconds, under noise and faults."""
 
 from dataclasses import replace
 from typing import Any

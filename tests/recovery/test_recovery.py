@@ -1,4 +1,4 @@
-"""Every scenario recovers what it promises, and moves only when somebody says so.
+"""Every scenario reaches its stated accuracy and converges to its stored direction.
 
 Plain (45) is a gradient: on arms of six joints and more its weak directions stay slow, so what is
 promised there is the force on another trajectory, not the distance to the true set.

@@ -1,4 +1,4 @@
-"""What a drawing shows, read back from its SVG."""
+"""Lines and texts of a drawing, read from its SVG."""
 
 from __future__ import annotations
 

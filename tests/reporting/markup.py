@@ -1,4 +1,4 @@
-"""A page read back: its tables, ids and legends, and whether its tags match."""
+"""Tables, ids and legends of a page, read from its HTML."""
 
 from __future__ import annotations
 

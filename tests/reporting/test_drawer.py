@@ -1,4 +1,4 @@
-"""Drawing in a child process: the same bytes, whatever becomes of the child."""
+"""Drawing in a child process gives the same bytes, even if the child dies."""
 
 from __future__ import annotations
 

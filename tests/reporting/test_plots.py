@@ -1,4 +1,4 @@
-"""Plots: curves lie where the axes say, and several drawings can share a page."""
+"""Plots: curves are where the axes say, and several drawings can share a page."""
 
 from __future__ import annotations
 

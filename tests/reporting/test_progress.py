@@ -1,4 +1,4 @@
-"""What a terminal shows while a command works, and kernels compiled before the clock."""
+"""Terminal output during a command, and kernels compiled before the clock starts."""
 
 from dataclasses import replace
 from pathlib import Path

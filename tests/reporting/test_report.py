@@ -1,4 +1,4 @@
-"""report.html: it shows what was recorded, whole, escaped and by itself."""
+"""report.html shows the recorded data, complete, escaped and self-contained."""
 
 from __future__ import annotations
 

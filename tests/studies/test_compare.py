@@ -1,4 +1,4 @@
-"""`nsaid compare`: the same log, prior and figures for all; failures told, nothing swallowed."""
+"""`nsaid compare`: one log, one prior and the same figures for all methods; failures reported."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Many identifiers at once give what each gives alone, however many there are and at once."""
+"""Identifiers run in batches give what each gives alone, for any number of runs and jobs."""
 
 import json
 from dataclasses import replace

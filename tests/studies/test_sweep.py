@@ -1,4 +1,4 @@
-"""Many runs: the same whoever makes them, none to another's harm, none made twice."""
+"""Sweeps: results do not depend on the workers, failures stay isolated, and runs resume."""
 
 from __future__ import annotations
 

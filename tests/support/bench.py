@@ -1,4 +1,4 @@
-"""What the tests of the paper share: systems with a truth, motions, and identification by hand."""
+"""Systems with a truth, motions, and identification step by step."""
 
 from __future__ import annotations
 

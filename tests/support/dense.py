@@ -1,4 +1,4 @@
-"""Any system seen through its regressors for one sample alone."""
+"""Any system as a `GeneralSystem`, known by its regressors of one sample only."""
 
 from __future__ import annotations
 

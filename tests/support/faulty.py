@@ -1,4 +1,4 @@
-"""Small experiments to break, and a shell to break them in."""
+"""Small scenarios to break, and ways to run `nsaid` on them."""
 
 from __future__ import annotations
 

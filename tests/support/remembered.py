@@ -1,4 +1,4 @@
-"""Driven plants, and a memory that follows them: what the tests of the memory share."""
+"""Logs of packed scenarios, and memories that follow them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hypothesis strategies that many rooms draw from."""
+"""Hypothesis strategies shared by the tests."""
 
 from hypothesis import strategies as st
 

@@ -1,4 +1,4 @@
-"""The vehicles that the contracts hold for, and what the contracts ask of any plant."""
+"""The vehicles that contracts run over, and what they ask of any plant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compiled backend gives Pinocchio's numbers, for any θ, and its step is the identifier's."""
+"""The compiled backend gives the same regressors, steps and runs as Pinocchio, for any θ."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Floating bases: the identities of (4)–(10) and (29, 30), and MuJoCo moves as they say."""
+"""Floating bases satisfy (4)–(10) and (29, 30) and move as MuJoCo does."""
 
 import mujoco
 import numpy as np
