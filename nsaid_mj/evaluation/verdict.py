@@ -38,6 +38,8 @@ def verdict(summary: dict[str, Any]) -> str:
             f"{100 * (1 - floor):.3g} % of the actuator forces on a held-out trajectory"
         )
     distance, first = (summary.get(f"theta_perp_ratio{end}") for end in ("", "_initial"))
+    if residual is None:  # no held-out trajectory: the run's own last part has to do
+        residual = summary.get("force_residual_ratio_measured")
     predicts = "" if residual is None else f", force residual {_share(residual)}"
     if distance is not None:
         arrived, nearer = distance <= CONVERGED, first is None or distance < first

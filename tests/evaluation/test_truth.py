@@ -59,6 +59,7 @@ OF_THE_TRUTH = {
     "plant_direction_error",
     "actuator_ratio_error",
     "force_residual_ratio",
+    "force_residual_floor",
     "lyapunov_violations",
     "lyapunov_largest_rise",
     "lyapunov_bound",
@@ -99,7 +100,7 @@ def test_without_a_truth_only_the_comparisons_are_missing(done):
     whole, bare = summarize(done, truth_of(done)), summarize(unknown(done), None)
     assert whole.keys() - bare.keys() == OF_THE_TRUTH
     assert bare.keys() - whole.keys() == {"force_residual_ratio_measured"}
-    judged = {"rivals", "parameters", "confidence", "r", "rank_gap", "unobservable"}
+    judged = {"rivals", "parameters", "confidence", "r", "rank_gap", "unobservable", "verdict"}
     for key in (whole.keys() & bare.keys()) - judged:
         assert bare[key] == whole[key], key
     for name, rival in bare["rivals"].items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+import pyarrow as pa
 from rerun.chunk import RrdReader
 
 
@@ -23,5 +24,8 @@ def entities_of(file: Path) -> dict[str, dict[str, list]]:
             if name.startswith("Mesh3D:vertex_"):
                 columns[name] = [None]
             elif name != "log_time":
-                columns.setdefault(name, []).extend(batch.column(name).to_pylist())
+                column = batch.column(name)
+                if pa.types.is_duration(column.type):  # `timedelta` has no nanoseconds
+                    column = column.cast(pa.duration("us"), safe=False)
+                columns.setdefault(name, []).extend(column.to_pylist())
     return entities
