@@ -108,7 +108,7 @@ class Engine:
         begun: list[int],
         patience: float,
     ) -> Iterator[dict[str, Any]]:
-        """Yields the rows of runs from joblib; appends the number of each started run to `begun`."""
+        """Yields rows of runs from joblib; appends the number of each started run to `begun`."""
         at_once = self.jobs or (joblib.cpu_count() if self.name == "loky" else -1)
 
         def tasks() -> Iterator[Any]:
