@@ -99,14 +99,14 @@ def test_kernels_are_kept_in_the_users_cache_directory(tmp_path: Path):
 
 def test_numba_cache_dir_is_respected(tmp_path: Path):
     mine, other = tmp_path / "mine", tmp_path / "other"
-    told = process(SHOW, NUMBA_CACHE_DIR=str(mine), XDG_CACHE_HOME=str(other))
-    assert Path(told.stdout.strip()).is_relative_to(mine)
+    done = process(SHOW, NUMBA_CACHE_DIR=str(mine), XDG_CACHE_HOME=str(other))
+    assert Path(done.stdout.strip()).is_relative_to(mine)
     assert not other.exists()
 
 
 def test_a_relative_cache_home_is_ignored(tmp_path: Path):
-    told = process(SHOW, XDG_CACHE_HOME="here", HOME=str(tmp_path))
-    assert Path(told.stdout.strip()).is_relative_to(tmp_path / ".cache")
+    done = process(SHOW, XDG_CACHE_HOME="here", HOME=str(tmp_path))
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path / ".cache")
 
 
 def test_without_a_writable_cache_kernels_work_with_one_warning(
@@ -125,12 +125,12 @@ if len(sys.argv) == 1:
     assert not child.stderr, child.stderr
     print(child.stdout)
 """
-    told = process(code, XDG_CACHE_HOME=str(blocked), TMPDIR=str(scratch))
-    folder, child = (Path(line) for line in told.stdout.split())
+    done = process(code, XDG_CACHE_HOME=str(blocked), TMPDIR=str(scratch))
+    folder, child = (Path(line) for line in done.stdout.split())
     assert child.is_relative_to(folder)
     assert folder.is_relative_to(scratch)
-    assert told.stderr.count("NoKernelCache: compiled kernels cannot be kept") == 1
-    assert "Traceback" not in told.stderr
+    assert done.stderr.count("NoKernelCache: compiled kernels cannot be kept") == 1
+    assert "Traceback" not in done.stderr
     assert not list(scratch.iterdir())
 
 

@@ -216,8 +216,8 @@ def test_the_compiled_drive_ends_where_the_loop_does_for_the_same_reason(name, c
         assert np.isfinite(part).all()
 
 
-class Spoilt:
-    """A source of errors whose `at`-th number is no error, and is told by no one."""
+class BrokenNoise:
+    """A noise source whose `at`-th number is not finite."""
 
     def __init__(self, at: int, value: float):
         self._left, self._value, self._rng = at, value, np.random.default_rng(0)
@@ -239,7 +239,7 @@ def test_driving_stops_at_the_first_nonfinite_measurement(case, value, row, sign
     at = (2 * row + signal) * p.system.n
     logs = []
     for asked in (driver, Asked(driver)):
-        sensors: Any = Sensors(SensorNoise(), Spoilt(at, value))  # type: ignore[arg-type]
+        sensors: Any = Sensors(SensorNoise(), BrokenNoise(at, value))  # type: ignore[arg-type]
         with p.running(), np.errstate(invalid="ignore"):
             logs.append(p.drive(asked, p.begin(asked, sensors), STEPS, sensors))
         assert p.diverged == ""

@@ -433,8 +433,8 @@ def test_a_failing_viewer_does_not_end_the_run(
         monkeypatch.setattr(recording.Live, "_see", lambda *_: 1 / 0)
     result = run(ROV, tmp_path, recording.Live("rov"))
     assert result.ending.status is Status.completed
-    told = [x for x in capfd.readouterr().err.splitlines() if x.startswith("nsaid:")]
-    assert len(told) == 1 and "goes on without a viewer" in told[0]
+    printed = [x for x in capfd.readouterr().err.splitlines() if x.startswith("nsaid:")]
+    assert len(printed) == 1 and "goes on without a viewer" in printed[0]
 
 
 @pytest.mark.usefixtures("no_display")

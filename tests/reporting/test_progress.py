@@ -33,8 +33,8 @@ def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path
 
 def test_quiet_says_nothing_of_compiling(tmp_path: Path):
     words = ("run", "scalar_rov", "--duration", "0.5", "--quiet", "--out", tmp_path / "run")
-    told = call(*words, cwd=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
-    assert (told.returncode, told.stdout, told.stderr) == (0, "", "")
+    done = call(*words, cwd=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.fixture

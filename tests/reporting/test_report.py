@@ -93,12 +93,12 @@ def test_every_parameter_and_unobservable_direction_is_listed(
 def test_truth_prior_and_estimate_are_in_their_columns(summary: dict[str, Any], text: str) -> None:
     tables = [table for table in Page.of(text).tables if "estimate" in table.heads]
     rows = summary["parameters"]
-    told = [dict(zip(table.heads, row, strict=True)) for table in tables for row in table.rows]
-    assert [line["true"] for line in told] == [f"{row['true']:.4g}" for row in rows]
-    assert [line["unit"] for line in told] == [row["unit"] for row in rows]
+    listed = [dict(zip(table.heads, row, strict=True)) for table in tables for row in table.rows]
+    assert [line["true"] for line in listed] == [f"{row['true']:.4g}" for row in rows]
+    assert [line["unit"] for line in listed] == [row["unit"] for row in rows]
     factors = {
         float(line[key]) / row[key]
-        for line, row in zip(told, rows, strict=True)
+        for line, row in zip(listed, rows, strict=True)
         for key in ("prior", "estimate")
         if row[key]
     }
@@ -120,8 +120,8 @@ def test_no_table_can_be_clipped(text: str) -> None:
 def test_everything_from_outside_is_escaped(
     done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
 ) -> None:
-    told = copy.deepcopy(summary)
-    told |= {
+    altered = copy.deepcopy(summary)
+    altered |= {
         "verdict": EVIL,
         "status": EVIL,
         "status_signal": EVIL,
@@ -134,7 +134,7 @@ def test_everything_from_outside_is_escaped(
         "scenario_hash": EVIL,
         "versions": {EVIL: EVIL},
         "unobservable": [{"direction": EVIL, "fix": EVIL, "parameters": [EVIL, EVIL]}],
-        "rivals": {EVIL: told["rivals"]["conventional"]},
+        "rivals": {EVIL: altered["rivals"]["conventional"]},
         "confidence": {
             "directions": 2,
             "below_noise": 0,
@@ -145,10 +145,10 @@ def test_everything_from_outside_is_escaped(
             "worst_known": [{"deviation": 0.2, "below_noise": True, "parameters": {EVIL: 1.0}}],
         },
     }
-    for row in told["parameters"]:
+    for row in altered["parameters"]:
         row |= {"name": EVIL, "unit": EVIL}
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
-    text = report.page(evil, told, metrics.truth_of(done))
+    text = report.page(evil, altered, metrics.truth_of(done))
     assert "<script" not in text
     assert unescape(text).count("<script>") > 20
     Page.of(text)
@@ -162,8 +162,8 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
 
     monkeypatch.setattr(metrics, "energy", nobody_knows)
     monkeypatch.setattr(type(done.plant), "truth_at", nobody_knows)
-    told = copy.deepcopy(summary)
-    for found in (told, *told["rivals"].values()):
+    altered = copy.deepcopy(summary)
+    for found in (altered, *altered["rivals"].values()):
         for key in list(found):
             if key.startswith(("theta_perp", "lyapunov")) or key in {
                 "plant_direction_error",
@@ -171,19 +171,19 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
                 "conserved_drift",
             }:
                 del found[key]
-    for row in told["parameters"]:
+    for row in altered["parameters"]:
         del row["true"]
-    text = report.page(done, told, None)
+    text = report.page(done, altered, None)
     page = Page.of(text)
     labels = [drawing.get("aria-label") for drawing in drawings(text)]
     assert labels == ["Actuators relative to the prior", "Velocity error"]
     assert "true" not in {head for table in page.tables for head in table.heads}
     assert "Lyapunov" not in text
     assert "rms Δv over the last tenth [SI]" in text
-    told_estimates = [
+    listed_estimates = [
         float(row[3]) for table in page.tables for row in table.rows if "estimate" in table.heads
     ]
-    assert told_estimates == [float(f"{row['estimate']:.4g}") for row in told["parameters"]]
+    assert listed_estimates == [float(f"{row['estimate']:.4g}") for row in altered["parameters"]]
 
 
 def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, summary: dict[str, Any]) -> None:
