@@ -1,6 +1,7 @@
 """Terminal output during a command, and kernels compiled before the clock starts."""
 
-from dataclasses import replace
+import subprocess
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,27 +15,55 @@ from nsaid_mj.reporting.progress import COMPILING, Progress
 from tests.support.faulty import call
 
 ROV = replace(load("scalar_rov"), duration=1.0)
+COMMAND = ("run", "scalar_rov", "--duration", "0.5")
 
 
-def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path: Path):
-    words = ("run", "scalar_rov", "--duration", "1", "--law", "memory", "--out")
-    cache = str(tmp_path / "cache")
-    first, second = (
-        call(*words, tmp_path / name, cwd=tmp_path, NUMBA_CACHE_DIR=cache) for name in "ab"
-    )
-    assert first.returncode == second.returncode == 0
-    assert first.stderr.count(COMPILING) == 1
-    assert "compiling, once, took" in first.stdout
+@dataclass(frozen=True)
+class FirstRun:
+    """A run whose kernels were not on disk, in a process of its own.
+
+    Attributes:
+        folder: where it was run, and its record is.
+        cache: where its kernels are.
+        done: what it exited with and printed.
+    """
+
+    folder: Path
+    cache: Path
+    done: subprocess.CompletedProcess[str]
+
+    def another(self, name: str, *words: object) -> subprocess.CompletedProcess[str]:
+        """A later run with the same kernels on disk, into a folder of this name."""
+        return call(
+            *COMMAND, *words, "--out", name, cwd=self.folder, NUMBA_CACHE_DIR=str(self.cache)
+        )
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> FirstRun:
+    folder = tmp_path_factory.mktemp("first")
+    cache = folder / "cache"
+    done = call(*COMMAND, "--out", "first", cwd=folder, NUMBA_CACHE_DIR=str(cache))
+    return FirstRun(folder, cache, done)
+
+
+def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(first: FirstRun):
+    second = first.another("second")
+    assert first.done.returncode == second.returncode == 0
+    assert first.done.stderr.count(COMPILING) == 1
+    assert "compiling, once, took" in first.done.stdout
     assert COMPILING not in second.stderr
     assert "compiling" not in second.stdout
-    a, b = (Record.read(tmp_path / name) for name in "ab")
+    a, b = (Record.read(first.folder / name) for name in ("first", "second"))
     assert all(np.array_equal(a[column], b[column]) for column in a.columns)
 
 
-def test_quiet_says_nothing_of_compiling(tmp_path: Path):
-    words = ("run", "scalar_rov", "--duration", "0.5", "--quiet", "--out", tmp_path / "run")
-    done = call(*words, cwd=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+def test_quiet_says_nothing_of_compiling(first: FirstRun):
+    """The law `memory` has kernels that the first run has not compiled."""
+    before = len(list(first.cache.rglob("*.nbc")))
+    done = first.another("quiet", "--law", "memory", "--quiet")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert len(list(first.cache.rglob("*.nbc"))) > before
 
 
 @pytest.fixture
