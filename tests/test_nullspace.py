@@ -221,8 +221,8 @@ def test_a_common_scale_moves_its_parameters_by_one_factor(name):
         factors = found.P[places] / (truth / system.space.scale)[places, None]
         assert np.abs(factors - factors[0]).max() < 1e-6 * np.linalg.norm(factors[0])
         assert "common scale" in d.words and d.fix
-    told = {parameter for d in scales for parameter in d.parameters}
-    assert told >= {system.space.names[i] for i in system.space.actuators}
+    named = {parameter for d in scales for parameter in d.parameters}
+    assert named >= {system.space.names[i] for i in system.space.actuators}
 
 
 def test_the_scalar_vehicle_is_known_up_to_one_scale():

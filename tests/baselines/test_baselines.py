@@ -175,7 +175,7 @@ def test_methods_are_deterministic_and_leave_the_log_unchanged(name, pendulum):
 
 @pytest.mark.parametrize("name", BATCH)
 def test_scaling_the_prior_scales_the_estimate(name, pendulum):
-    """No log tells it; all methods must treat it so."""
+    """No log determines the common scale: every method keeps that of the prior."""
     problem = pendulum._problem
     one, two = (BATCH[name](problem._replace(prior=s * problem.prior)) for s in (1.0, 2.0))
     if name in ("ekf", "rls"):  # whose start has a spread in θ/scale

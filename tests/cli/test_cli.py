@@ -297,7 +297,7 @@ def test_law_sets_the_identifiers_law_and_not_a_rivals() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "expected"),
     [
         ("scalar_rov --dration 3", ("--dration", "--duration")),
         ("ur5 --robt panda", ("--robt", "--robot")),
@@ -313,13 +313,13 @@ def test_law_sets_the_identifiers_law_and_not_a_rivals() -> None:
     ],
 )
 def test_a_wrong_option_lists_the_valid_ones(
-    words: str, told: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: str, expected: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, said = shell("run", *words.split())
     text = flat(said.err)
     assert code == 2 and said.out == ""
-    assert all(part in text for part in told)
+    assert all(part in text for part in expected)
     assert f"nsaid run {words.partition(' ')[0]} --help" in text
     assert not list(tmp_path.iterdir())
 
@@ -511,12 +511,12 @@ def test_the_terminal_shows_the_result_and_the_folder(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, said = shell(*ROV)
-    told = flat(said.out)
+    printed = flat(said.out)
     assert code == 0 and "Traceback" not in said.err
-    assert told.startswith("scalar_rov: still converging: ")
-    assert "1 s simulated in" in told
-    assert "× real time" in told and "3 of 4 directions of θ are observable" in told
-    assert "nsaid view runs/scalar_rov-paper" in told
+    assert printed.startswith("scalar_rov: still converging: ")
+    assert "1 s simulated in" in printed
+    assert "× real time" in printed and "3 of 4 directions of θ are observable" in printed
+    assert "nsaid view runs/scalar_rov-paper" in printed
     assert sorted(path.name for path in (tmp_path / "runs/scalar_rov-paper").iterdir()) == sorted(
         FILES
     )
@@ -583,5 +583,5 @@ def test_a_scenario_script_runs_on_its_own(path: Path, tmp_path: Path) -> None:
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(FILES)
     assert [file.name for file in tmp_path.iterdir()] == ["out"]
-    told = Scenario.from_json((tmp_path / "out" / "scenario.json").read_text(encoding="utf-8"))
-    assert told.hash == summary["scenario_hash"]
+    stored = Scenario.from_json((tmp_path / "out" / "scenario.json").read_text(encoding="utf-8"))
+    assert stored.hash == summary["scenario_hash"]

@@ -25,9 +25,9 @@ HEAVY = {
 
 def modules_after(code: str) -> set[str]:
     """What a fresh process has imported at its end, whatever else it prints."""
-    told = f"import sys, atexit\natexit.register(lambda: print('\\n', *sys.modules))\n{code}"
+    program = f"import sys, atexit\natexit.register(lambda: print('\\n', *sys.modules))\n{code}"
     done = subprocess.run(
-        [sys.executable, "-c", told], capture_output=True, text=True, check=True, timeout=120
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120
     )
     return set(done.stdout.splitlines()[-1].split())
 

@@ -269,7 +269,7 @@ def test_the_ellipsoid_model_brakes_without_added_inertia(config):
     assert other.mismatches == ("MuJoCo's ellipsoid fluid instead of the structure's",)
 
 
-# -- told --------------------------------------------------------------------------------------
+# -- reported --------------------------------------------------------------------------------------
 
 
 ALL = Mismatch(lag=0.1, delay=0.05, flow=(0.1, 0.0, -0.2), fluid="ellipsoid")
@@ -388,8 +388,8 @@ def test_a_run_from_the_command_line(tmp_path, capsys):
     assert command(["run", "bluerov2", *words.split(), str(tmp_path / "out")]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["status"] == "completed" and summary["mismatch"] == ["actuators lag by 0.1 s"]
-    told = Scenario.from_json((tmp_path / "out/scenario.json").read_text(encoding="utf-8"))
-    assert told.plant.mismatch == Mismatch(lag=0.1)
+    stored = Scenario.from_json((tmp_path / "out/scenario.json").read_text(encoding="utf-8"))
+    assert stored.plant.mismatch == Mismatch(lag=0.1)
 
 
 def test_a_refused_mismatch_ends_the_command_before_anything_is_written(tmp_path):

@@ -448,7 +448,7 @@ def test_a_file_that_is_no_urdf_is_a_bad_robot(tmp_path, text):
 
 
 def chain(kind: str = "revolute", inertial: str | None = None) -> str:
-    """A sound link on a hinge, then a second one as told."""
+    """A valid link on a hinge, then a second one as given."""
     sound = """<inertial><mass value="1"/>
     <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
     limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'

@@ -449,7 +449,7 @@ def inertias(model):
 
 @vehicles
 def test_other_true_numbers_leave_a_vehicles_system_bit_identical(name):
-    """Plants of two seeds differ in the truth; what they tell of themselves is the same."""
+    """Plants of two seeds differ in the truth; their structure is the same."""
     one, other = (plant(name, seed) for seed in (1, 2))
     assert (one.truth != other.truth).any()
     t, x, w, a, u = draw(one.system, np.random.default_rng(11))

@@ -151,16 +151,16 @@ def test_a_record_of_few_rows_is_refused(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+def verified(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     """`nsaid verify scalar_rov --json`: its folder, and what it printed."""
-    folder = tmp_path_factory.mktemp("told")
+    folder = tmp_path_factory.mktemp("verified")
     code, said = shell("verify", "scalar_rov", *FLAGS, "--out", folder, "--json")
     assert (code, said.err) == (0, "")
     return folder, strict(said.out)
 
 
-def test_verify_runs_judges_and_writes(told):
-    folder, document = told
+def test_verify_runs_judges_and_writes(verified):
+    folder, document = verified
     assert sorted(path.name for path in folder.iterdir()) == sorted((*FILES, "verify.json"))
     assert strict((folder / "verify.json").read_text(encoding="utf-8")) == document
     assert [s["statement"] for s in document["statements"]] == NAMES
@@ -169,8 +169,8 @@ def test_verify_runs_judges_and_writes(told):
     assert document["scenario_hash"] == summary["scenario_hash"]
 
 
-def test_verify_gives_the_same_verdicts_from_a_recorded_folder(told):
-    folder, document = told
+def test_verify_gives_the_same_verdicts_from_a_recorded_folder(verified):
+    folder, document = verified
     code, said = shell("verify", "--run", folder, "--json")
     assert (code, said.err) == (0, "")
     assert strict(said.out) == document
@@ -193,8 +193,8 @@ def test_verify_of_a_falsified_folder_exits_with_1_and_names_what_fails(honest, 
     assert verdicts[0]["verdict"] == "fails" and verdicts[0]["number"] > verdicts[0]["bound"]
 
 
-def test_quiet_prints_nothing(told):
-    code, said = shell("verify", "--run", told[0], "--quiet")
+def test_quiet_prints_nothing(verified):
+    code, said = shell("verify", "--run", verified[0], "--quiet")
     assert (code, said.out, said.err) == (0, "", "")
 
 

@@ -108,11 +108,11 @@ def test_a_bad_command_says_what_was_expected_what_came_and_the_remedy(
 ) -> None:
     before = sorted(desk.rglob("*"))
     code, said = shell("run", *typed.split(), "--out", "out", "--quiet")
-    told = flat(said.err)
+    message = flat(said.err)
     assert code == 2
     for words in WORDS[typed]:
-        assert words in told
-    assert "Traceback" not in told and said.out == ""
+        assert words in message
+    assert "Traceback" not in message and said.out == ""
     assert sorted(desk.rglob("*")) == before
 
 

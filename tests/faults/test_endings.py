@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rerun.chunk import RrdReader
 
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.control import Driver, multisine, tracking
@@ -22,6 +21,7 @@ from nsaid_mj.identifiers import Status
 from nsaid_mj.plants import SensorNoise
 from nsaid_mj.reporting import finish
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
+from tests.support.recordings import entities_of
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 
@@ -179,7 +179,7 @@ def ended(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return provoke(FAULTS[request.param], tmp_path_factory.mktemp("fault"))
 
 
-def assert_told(ended: Ended) -> None:
+def assert_reported(ended: Ended) -> None:
     fault, summary = ended.fault, ended.summary
     assert ended.code == fault.code
     assert summary["status"] == fault.status.words
@@ -198,7 +198,7 @@ def assert_quiet(ended: Ended) -> None:
 
 
 def test_a_faulty_run_ends_with_its_status_time_and_signal(ended: Ended) -> None:
-    assert_told(ended)
+    assert_reported(ended)
     dt, time = ended.fault.scenario.dt, ended.summary["status_time"]
     assert dt < time < ended.fault.scenario.duration
     assert time / dt == pytest.approx(round(time / dt), abs=1e-6)
@@ -225,11 +225,11 @@ def test_a_faulty_run_prints_nothing_else_and_leaves_no_mujoco_log(ended: Ended)
 
 def test_a_faulty_run_writes_all_its_files(ended: Ended) -> None:
     assert sorted(path.name for path in ended.folder.iterdir()) == sorted(FILES)
-    told = Scenario.from_json((ended.folder / finish.SCENARIO).read_text(encoding="utf-8"))
-    assert told.hash == ended.fault.scenario.hash == ended.summary["scenario_hash"]
+    stored = Scenario.from_json((ended.folder / finish.SCENARIO).read_text(encoding="utf-8"))
+    assert stored.hash == ended.fault.scenario.hash == ended.summary["scenario_hash"]
     page = (ended.folder / "report.html").read_text(encoding="utf-8")
     assert ended.fault.status.words in page and ended.fault.status.remedy in page
-    entities = {str(chunk.entity_path) for chunk in RrdReader(ended.folder / "run.rrd").stream()}
+    entities = entities_of(ended.folder / "run.rrd").keys()
     assert "/result" in entities and "/velocity_error" in {"/" + e.split("/")[1] for e in entities}
 
 
@@ -257,7 +257,7 @@ def test_a_rebuilt_faulty_run_keeps_its_status(ended: Ended, capfd: object) -> N
 @pytest.mark.parametrize("which", AT_ONCE)
 def test_a_run_that_ends_at_once_is_reported(which: str, tmp_path: Path) -> None:
     ended = provoke(AT_ONCE[which], tmp_path)
-    assert_told(ended)
+    assert_reported(ended)
     assert_quiet(ended)
     record = Record.read(ended.folder)
     assert record.complete and len(record) == round(ended.summary["status_time"] / ROV.dt)
@@ -266,11 +266,11 @@ def test_a_run_that_ends_at_once_is_reported(which: str, tmp_path: Path) -> None
 
 def test_the_terminal_says_when_and_why_a_run_ended_and_the_remedy(tmp_path: Path) -> None:
     code, said = script(gained(300.0), "--out", tmp_path / "out")
-    told = " ".join(said.out.split())
+    text = " ".join(said.out.split())
     status = Status.estimate_not_positive_definite
     assert code == 1
-    assert status.words in told and status.remedy in told
-    assert ": ended early: " in told and " at t = " in told and "(pivot -" in told
+    assert status.words in text and status.remedy in text
+    assert ": ended early: " in text and " at t = " in text and "(pivot -" in text
 
 
 def test_too_fast_an_adaptation_is_reported_even_at_the_last_step(tmp_path: Path) -> None:

@@ -351,7 +351,7 @@ def knowledge(law: NullspaceIdentifier, state: State) -> Known:
 
 
 @cache
-def told(seed: int, seconds: float) -> tuple[Known, float, float]:
+def confidence_after(seed: int, seconds: float) -> tuple[Known, float, float]:
     """What a BlueROV2's estimate knows after some time with noise, its coverage and error."""
     log = driven("bluerov2", seconds, seed=seed)
     law = build("bluerov2", inside(log, seed), NOISE.levels)
@@ -362,19 +362,20 @@ def told(seed: int, seconds: float) -> tuple[Known, float, float]:
 
 
 def test_the_stated_deviations_cover_the_truth():
-    covered = [told(seed, 20.0)[1] for seed in range(6)]
+    covered = [confidence_after(seed, 20.0)[1] for seed in range(6)]
     assert np.mean(covered) >= 0.9
-    assert not any(told(seed, 20.0)[0].below_noise.any() for seed in range(6))
+    assert not any(confidence_after(seed, 20.0)[0].below_noise.any() for seed in range(6))
 
 
 @pytest.mark.slow
 def test_a_deviation_shrinks_with_the_square_root_of_time():
     seeds = range(3)
     short, long = (
-        np.median([np.median(told(s, t)[0].deviation) for s in seeds]) for t in (20.0, 80.0)
+        np.median([np.median(confidence_after(s, t)[0].deviation) for s in seeds])
+        for t in (20.0, 80.0)
     )
     assert 1.4 < short / long < 2.8  # 2 of fourfold data
-    blocks = [np.median(told(seeds[0], t)[0].blocks) for t in (20.0, 80.0)]
+    blocks = [np.median(confidence_after(seeds[0], t)[0].blocks) for t in (20.0, 80.0)]
     assert blocks[1] / blocks[0] == pytest.approx(4, rel=0.25)
     assert blocks[0] < 200  # 200 blocks there were, and neighbours are correlated
 
@@ -382,7 +383,7 @@ def test_a_deviation_shrinks_with_the_square_root_of_time():
 def test_stated_deviations_are_not_much_wider_than_the_errors():
     """An actuator's error is of the size that is stated: neither 10 times less nor more."""
     for seed in range(6):
-        found, _, error = told(seed, 20.0)
+        found, _, error = confidence_after(seed, 20.0)
         assert 0.1 < error / found.actuators.max() < 4
 
 

@@ -169,7 +169,7 @@ def test_the_noise_gramian_equals_that_of_many_draws(name):
     system, same = log.plant.system, recorder(log, levels=noise.levels)
     scale = np.outer(system.space.scale, system.space.scale)
     clean = blocks(same, log)
-    true, told = [], []
+    true, estimated = [], []
     for seed in range(draws):
         change = blocks(same, noisy(log, noise, seed)) - clean
         before = np.concatenate([np.zeros_like(change[:1]), change[:-1]])
@@ -184,9 +184,9 @@ def test_the_noise_gramian_equals_that_of_many_draws(name):
         own.__dict__["_draws"] = unit * np.array(noise.levels)[:, None]
         *_, kept = remember(own, noisy(log, noise, seed + draws))
         assert kept.means.noise is not None
-        told.append(np.einsum("aipp,pp->ai", kept.means.noise, scale))
-    error = np.sqrt((np.var(true, axis=0) + np.var(told, axis=0)) / draws)
-    expected, stated = np.mean(true, axis=0), np.mean(told, axis=0)
+        estimated.append(np.einsum("aipp,pp->ai", kept.means.noise, scale))
+    error = np.sqrt((np.var(true, axis=0) + np.var(estimated, axis=0)) / draws)
+    expected, stated = np.mean(true, axis=0), np.mean(estimated, axis=0)
     assert (np.abs(stated - expected) < 4 * error).all()
     assert np.median(error[0] / expected[0]) < 0.2  # a factor of 2 would be seen
     assert (stated[1] > 0.1 * stated[0]).any()  # neighbours do correlate

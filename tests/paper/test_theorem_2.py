@@ -110,7 +110,7 @@ def test_theorem_2_only_what_is_excited_converges():
     assert np.ptp(first) < 1e-3
     assert np.ptp(second) > 0.2
     balance = theta_hat[-1, 7] * hover - theta_hat[-1, 6]
-    assert abs(balance) < 1e-4  # all that rest can tell of it
+    assert abs(balance) < 1e-4  # all that a motion at rest shows of it
     assert np.array_equal(theta_hat[-1, 5], theta_hat[0, 5])  # drag: not one bit
 
 

@@ -238,8 +238,8 @@ def test_only_the_common_scale_is_unobservable(model):
     p = plant(model)
     nullspace = structural(p.system, p.truth, np.random.default_rng(0))
     assert p.system.p == 24 and nullspace.r == 1
-    (told,) = directions(nullspace, p.system.space)
-    assert told.words.startswith("common scale of everything")
+    (direction,) = directions(nullspace, p.system.space)
+    assert direction.words.startswith("common scale of everything")
     assert nullspace.gap[0] > 1e-4 and nullspace.gap[1] < 1e-12
 
 

@@ -1,7 +1,7 @@
 """MuJoCo's frames and quaternion order are converted correctly.
 
-What is right is told by MuJoCo's own kinematics (xpos, xquat, object velocities, its steps), by the
-rotation matrices built here, and by the systems' own `difference`.
+The reference is MuJoCo's own kinematics (xpos, xquat, object velocities, its steps), the rotation
+matrices built here, and the systems' own `difference`.
 """
 
 from dataclasses import dataclass

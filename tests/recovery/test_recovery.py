@@ -1,7 +1,7 @@
 """Every scenario reaches its stated accuracy and converges to its stored direction.
 
-Plain (45) is a gradient: on arms of six joints and more its weak directions stay slow, so what is
-promised there is the force on another trajectory, not the distance to the true set.
+Plain (45) is a gradient: on arms of six joints and more its weak directions stay slow, so the
+accuracy stated there is that of the force on another trajectory, not the distance to the true set.
 """
 
 import pytest

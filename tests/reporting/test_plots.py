@@ -53,9 +53,9 @@ def test_a_curve_lies_where_its_axes_say(low, high, logarithmic):
     scale = np.log10 if logarithmic else np.asarray
     for across, column, wanted in ((True, 0, np.arange(40.0)), (False, 1, scale(values))):
         marks = ticks(drawing, across)
-        told = np.array(list(marks)) if across else scale(np.array(list(marks)))
+        positions = np.array(list(marks)) if across else scale(np.array(list(marks)))
         assert len(marks) >= 3
-        slope, start = np.polyfit(told, list(marks.values()), 1)
+        slope, start = np.polyfit(positions, list(marks.values()), 1)
         off = 0 if across else points[0, 1] - (slope * wanted[0] + start)  # text below its line
         assert abs(off) < 5
         ends = slope * wanted[[0, -1]] + start + off
@@ -165,7 +165,7 @@ def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():
 
 
 @pytest.mark.parametrize(
-    "value,told,power",
+    "value,plain,power",
     [
         (0.02, "0.02", "2·10⁻²"),
         (300, "300", "3·10²"),
@@ -176,6 +176,6 @@ def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():
         (1.5e-7, "1.5·10⁻⁷", "1.5·10⁻⁷"),
     ],
 )
-def test_tick_numbers_are_written_plainly_or_as_powers_of_ten(value, told, power):
-    assert number(value) == told
+def test_tick_numbers_are_written_plainly_or_as_powers_of_ten(value, plain, power):
+    assert number(value) == plain
     assert number(value, plain=False) == power

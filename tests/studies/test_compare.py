@@ -162,7 +162,7 @@ def test_a_fault_changes_the_truth_that_judges():
     assert before.actuator_ratio_error != after.actuator_ratio_error
 
 
-# -- what is told ----------------------------------------------------------------------------
+# -- what is reported ----------------------------------------------------------------------------
 
 
 def test_a_failed_seed_counts_as_infinite():
@@ -270,7 +270,7 @@ def test_as_json_it_prints_nothing_else(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "flags, told",
+    "flags, message",
     [
         (["--seeds", "a"], "0:10"),
         (["--seeds", "3:1"], "one or more"),
@@ -282,8 +282,8 @@ def test_as_json_it_prints_nothing_else(tmp_path, capsys):
         (["--duration=3"], "--durations"),
     ],
 )
-def test_bad_flags_say_what_would_be_accepted(flags, told):
-    with pytest.raises((InvalidInput, UnknownName), match=told):
+def test_bad_flags_say_what_would_be_accepted(flags, message):
+    with pytest.raises((InvalidInput, UnknownName), match=message):
         command(["compare", "scalar_rov", *flags])
 
 

@@ -177,9 +177,9 @@ def test_a_plant_that_diverges_ends_its_runs():
 
 @pytest.mark.parametrize("runs,jobs,name", [(0, 1, "runs"), (-3, 1, "runs"), (1, 0, "jobs")])
 def test_zero_runs_or_zero_jobs_is_refused(runs, jobs, name):
-    with pytest.raises(InvalidInput) as told:
+    with pytest.raises(InvalidInput) as caught:
         monte_carlo(ARM, runs, jobs)
-    assert told.value.name == name
+    assert caught.value.name == name
 
 
 # -- batches: one SIMD lane per identifier -------------------------------------------------------
@@ -308,12 +308,12 @@ def test_identifiers_that_fit_no_batch_run_alone(arm, monkeypatch):
 def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
     words = ["montecarlo", "scalar_rov", "--duration=2", "--jobs=2", f"--out={tmp_path / 'mc'}"]
     assert command([*words, "--runs=4", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     table = pq.read_table(tmp_path / "mc" / sweep_results.TABLE)
     far = np.sort(table["theta_perp_ratio"].to_numpy())
-    assert told["quantiles"]["theta_perp_ratio"]["worst"] == far[-1]
-    assert far[0] <= told["quantiles"]["theta_perp_ratio"]["median"] <= far[-1]
-    assert told["runs"] == table.num_rows == 4 and told["lost"] == []
+    assert printed["quantiles"]["theta_perp_ratio"]["worst"] == far[-1]
+    assert far[0] <= printed["quantiles"]["theta_perp_ratio"]["median"] <= far[-1]
+    assert printed["runs"] == table.num_rows == 4 and printed["lost"] == []
     rows = (tmp_path / "mc" / sweep_results.ROWS).read_text().splitlines()
     (tmp_path / "mc" / sweep_results.ROWS).write_text("\n".join(rows[:2]) + "\n" + rows[2][:9])
     assert command([*words, "--runs=4"]) == 0

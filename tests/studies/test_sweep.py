@@ -122,8 +122,8 @@ def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Sweep, tmp_path: Path) -> 
 def test_the_command_listed_for_a_run_repeats_it(sweep: Sweep, tmp_path: Path) -> None:
     arguments = [*SHORT, "--identifier.K=12"]
     plan = Plan("scalar_rov", load("scalar_rov"), FIELDS, 2, arguments=tuple(arguments))
-    told = Sweep(Path(), plan.manifest, []).command(sweep.rows[2])
-    words = shlex.split(told)
+    line = Sweep(Path(), plan.manifest, []).command(sweep.rows[2])
+    words = shlex.split(line)
     assert words[:2] == ["nsaid", "run"]
     code, _ = shell("run", *words[2:], "--quiet", "--out", tmp_path)
     scenario = strict((tmp_path / "scenario.json").read_text())

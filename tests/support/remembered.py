@@ -61,8 +61,8 @@ def noisy(log: Log, noise: SensorNoise, seed: int) -> Log:
     rng, system = np.random.default_rng(seed), log.plant.system
     rows = []
     for t, q, v, u in log.rows:
-        step, told = noise.corrupt(np.zeros(system.n), v, rng)
-        rows.append(Measurement(t, system.integrate(q, step), told, u))
+        step, velocity = noise.corrupt(np.zeros(system.n), v, rng)
+        rows.append(Measurement(t, system.integrate(q, step), velocity, u))
     return Log(log.plant, log.dt, rows)
 
 

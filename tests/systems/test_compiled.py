@@ -304,12 +304,12 @@ def test_nan_in_a_measurement_is_not_hidden(part, law):
     ours, samples = pair(robot)[1], motion(robot, 1, 1e-3)
     identifier = NullspaceAID(law=law).build(ours, true_theta(robot), 1e-3)
     state = identifier.init(samples[0])
-    spoilt = getattr(samples[1 if part != "u" else 0], part).copy()
-    spoilt[0] = np.nan
+    broken = getattr(samples[1 if part != "u" else 0], part).copy()
+    broken[0] = np.nan
     if part == "u":
-        samples[0] = samples[0]._replace(u=spoilt)
+        samples[0] = samples[0]._replace(u=broken)
     else:
-        samples[1] = samples[1]._replace(**{part: spoilt})
+        samples[1] = samples[1]._replace(**{part: broken})
     after = identifier.step(state, *samples)
     assert not after.pivot > 0 and after.status is Status.measurement_not_finite
     a, W, _ = ours.evaluate_at(0.0, *samples[1][1:3], samples[0].u, state.v_hat, state.theta_hat)
