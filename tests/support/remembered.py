@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def scenario_plant(name: str) -> Plant:
 
 
 @cache
-def driven(name: str, seconds: float, hold: int = 1, seed: int = 0) -> Log:
+def driven(name: str, seconds: float, hold: int = 1, seed: Any = 0) -> Log:
     """A packed scenario's plant and driver; the plant makes `hold` steps to each command."""
     scenario = load(name)
     dt = scenario.dt / hold
