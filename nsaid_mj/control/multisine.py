@@ -34,7 +34,7 @@ class MultisineCommand(DriverConfig):
 
 
 class _MultisineDriver(Driver):
-    """Plays a multisine, whatever is measured."""
+    """Plays a multisine in open loop, from rest."""
 
     def __init__(self, n: int, signal: Multisine):
         self._n, self._signal = n, signal

@@ -110,7 +110,7 @@ class Car(NamedTuple):
         front: cornering stiffness of the front axle [N/rad].
         rear: cornering stiffness of the rear axle [N/rad].
         drive: drive force at full command and standstill [N].
-        loss: what is lost of it for each metre per second [N·s/m].
+        loss: decrease of the drive force per unit of speed [N·s/m].
         rolling: rolling resistance [N].
         drag: aerodynamic drag [N·s²/m²].
     """
@@ -127,13 +127,13 @@ class Car(NamedTuple):
 
     @property
     def theta(self) -> Array:
-        """(9,) θ of a `GroundVehicle` with these numbers."""
+        """(9,) θ of a `GroundVehicle` with these parameters."""
         moment = self.mass * self.centre
         return np.array([self.mass, moment, self.inertia + moment * self.centre, *self[3:]])
 
 
 def nominal_car(sheet: CarSheet) -> Car:
-    """The nominal numbers of a data sheet; the load is on both axles by the lever rule."""
+    """Nominal parameters of a data sheet; the axle loads follow from the lever rule."""
     wheelbase = sheet.front + sheet.rear
     grip = sheet.friction * sheet.mass * sheet.gravity / wheelbase
     return Car(
@@ -150,7 +150,7 @@ def nominal_car(sheet: CarSheet) -> Car:
 
 
 def scales(nominal: Car, wheelbase: float, guess: Guess) -> GroundScales:
-    """What one guesses of a car from its data sheet: powers of two of the nominal numbers."""
+    """An engineer's guess of a car's scales: nominal values rounded to powers of two."""
     return GroundScales(
         mass=float(guessed(nominal.mass)),
         moment=guess.off_centre * nominal.mass * wheelbase,

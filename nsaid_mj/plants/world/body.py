@@ -136,7 +136,7 @@ def vehicle_spec(
     Only the geometry of model.xml is used: its masses, damping and medium are overwritten.
 
     Args:
-        vehicle: a packed vehicle's name, or the path of its TOML file or folder.
+        vehicle: an included vehicle's name, or the path of its TOML file or folder.
         dt: time step [s].
         mass: of the body [kg].
         centre: (3,) centre of mass in body axes [m].

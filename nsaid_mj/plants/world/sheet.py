@@ -70,7 +70,7 @@ class Sheet(Table):
         """The data sheet of a vehicle.
 
         Args:
-            vehicle: a packed vehicle's name, or the path of a TOML file or of its folder.
+            vehicle: an included vehicle's name, or the path of a TOML file or of its folder.
 
         Raises:
             InvalidInput: a value is missing or invalid; the message names file and key.
