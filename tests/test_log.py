@@ -37,7 +37,7 @@ nested = st.recursive(numbers, lambda inner: st.lists(inner, max_size=6), max_le
 
 
 def strided(array: np.ndarray, how: str) -> np.ndarray:
-    """The same numbers under other strides."""
+    """An array of equal numbers under other strides."""
     if how == "columns":
         return np.asfortranarray(array)
     if how == "every other":

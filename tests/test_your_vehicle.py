@@ -91,12 +91,12 @@ def test_a_vehicle_without_model_or_size_is_refused_with_the_remedy(tmp_path):
     [
         ('name="vehicle"', 'name="hull"', "one body, called vehicle"),
         ('<freejoint name="pose"/>', '<joint name="pose" type="hinge"/>', "the joints"),
-        ('type="box"', 'type="bx"', "a model that MuJoCo reads"),
+        ('type="box"', 'type="bx"', "a model that MuJoCo can load"),
         ("</worldbody>", '<body name="tail"/></worldbody>', "one body"),
         (
             "</worldbody>",
             '</worldbody><actuator><motor name="m" body="vehicle"/></actuator>',
-            "a model that MuJoCo reads|no actuators",
+            "a model that MuJoCo can load|no actuators",
         ),
     ],
 )

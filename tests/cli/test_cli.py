@@ -480,7 +480,7 @@ def test_the_summarys_numbers_are_consistent(done: Done) -> None:
 
 @pytest.fixture(scope="module")
 def again(done: Done, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Heard]:
-    """The same command in another process, this one, with --quiet."""
+    """With --quiet in another process, nothing is printed."""
     folder = tmp_path_factory.mktemp("quiet") / "out"
     code, said = shell(*ROV, "--out", folder, "--quiet")
     assert code == 0

@@ -152,7 +152,7 @@ def test_reset_sets_the_given_state(name):
                 else:
                     assert (given_ == read).all()
             p.step(u)
-            assert p.t == p.dt == 1e-4
+            assert p.t == p.dt == 1e-3
             assert (p.coordinates()[0] != coordinates).any()
 
 

@@ -76,7 +76,7 @@ OF_THE_TRUTH = {
 
 
 def unknown(done: SimulatedRun) -> Run:
-    """The same run as a robot's log would give it: nothing of the plant is left."""
+    """A run as a robot's log would give it: nothing of the plant is left."""
     parts: dict[str, Any] = {field.name: getattr(done, field.name) for field in fields(Run)}
     parts["looks"] = None
     return Run(**parts)

@@ -429,7 +429,7 @@ def test_the_compiled_body_step_equals_the_general_one(monkeypatch):
 
 
 def reference_step(law: NullspaceIdentifier, state, previous, following):
-    """The same step in numpy, its metric dense."""
+    """One RK4 step in numpy, with a dense metric."""
     cone, n = law.metric.cone, law.system.n
     stiffness = (
         np.linalg.inv(law.metric.Gamma)

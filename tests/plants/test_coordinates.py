@@ -285,7 +285,7 @@ def test_energy_and_power_are_the_same_in_both_coordinates(seed):
 
 
 def level() -> Case:
-    """The same body seen from above; nothing can accelerate in these coordinates alone."""
+    """A body seen from above; nothing can accelerate in these coordinates alone."""
     model = mujoco.MjModel.from_xml_string(BODY.format(dt=DT))
     return Case(model, mujoco.MjData(model), LevelMap(model, "pose"), 3)
 

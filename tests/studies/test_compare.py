@@ -274,8 +274,8 @@ def test_as_json_it_prints_nothing_else(tmp_path, capsys):
     [
         (["--seeds", "a"], "0:10"),
         (["--seeds", "3:1"], "one or more"),
-        (["--durations", "ten"], "numbers between commas"),
-        (["--noise-scales", "1,x"], "numbers between commas"),
+        (["--durations", "ten"], "comma-separated numbers"),
+        (["--noise-scales", "1,x"], "comma-separated numbers"),
         (["--sensors", "loud"], "kind of sensors"),
         (["--methods", "magic"], "no method"),
         (["--seed", "3"], "--seeds"),

@@ -240,7 +240,7 @@ def test_swept_values_have_their_fields_types() -> None:
 
 
 def test_an_impossible_plan_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="twice"):
+    with pytest.raises(InvalidInput, match="duplicates"):
         Plan("scalar_rov", ROV, {"identifier.gain": (1.0, 1.0)})
     with pytest.raises(InvalidInput, match="every field once"):
         varied(["tones=3", "excitation.tones=4"], ROV)

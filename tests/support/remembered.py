@@ -57,7 +57,7 @@ def driven(name: str, seconds: float, hold: int = 1, seed: Any = 0) -> Log:
 
 
 def noisy(log: Log, noise: SensorNoise, seed: int) -> Log:
-    """The same motion and commands, measured by noisy sensors."""
+    """A log's motion and commands, measured by noisy sensors."""
     rng, system = np.random.default_rng(seed), log.plant.system
     rows = []
     for t, q, v, u in log.rows:

@@ -146,8 +146,7 @@ def test_every_regressor_equals_pinocchios(robot):
 @robots
 def test_every_lane_of_a_stage_has_the_bits_of_the_stage_alone(robot):
     ours, rng = pair(robot)[1], np.random.default_rng(7)
-    linkage, (q, v, _, _, u) = ours.linkage, draw(robot, 7)
-    assert linkage is not None
+    linkage, (q, v, _, _, u) = ours.tree, draw(robot, 7)
     state, w = tree_state(linkage, q, v), v + rng.standard_normal((LANES, ours.n))
     theta = true_theta(robot) * (1 + 0.1 * rng.uniform(-1, 1, (LANES, ours.p)))
     a, gradient, pivots = np.empty(LANES * ours.n), np.empty(LANES * ours.p), np.empty(LANES)
