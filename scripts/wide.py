@@ -49,7 +49,7 @@ def cost(name: str, law: Law, runs: int = 256, jobs: int = 2, steps: int = 1000)
         for _ in range(REPEATS):
             begin = time.perf_counter(), time.process_time()
             waiting = [pool.submit(follow, course, group) for group in grouped(draws, jobs)]
-            ends = [run.ended for done in waiting for run in done.result()]
+            ends = [run.following.ended for done in waiting for run in done.result()]
             assert not any(ends), "a run ended early, which would cost less"
             times.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
     wall, processor = (1e6 * np.array(times) / (runs * steps)).T
