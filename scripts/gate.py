@@ -107,7 +107,7 @@ def main() -> int:
             with np.load(chosen.against / f"{name}.npz") as kept:
                 same = digest({key: kept[key] for key in kept.files}) == words
                 apart = 0.0 if same else difference(columns, kept)
-            most = UNANCHORED if name.endswith("memory-ideal") else TOLERANCE
+            most = REMEMBERED if "-memory-" in name else TOLERANCE
             good = same or ("pinocchio" in name and apart <= most)
             words += " same" if same else f" {apart:.1e} {'within' if good else 'DIFFERENT'}"
             failed += not good
