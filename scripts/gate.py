@@ -32,7 +32,7 @@ from nsaid_mj import Record, Scenario
 
 SCENARIOS = Path(__file__).resolve().parent.parent / "scenarios"
 STEPS, SECONDS = 300, 1.5  # duration of a run: the longer of the two
-TOLERANCE, UNANCHORED = 1e-9, 1e-7  # relative to a column's largest value, Pinocchio's backend
+TOLERANCE, REMEMBERED = 1e-9, 1e-7  # of a column's largest value, on Pinocchio's regressors
 
 
 def cases(only: str) -> Iterator[tuple[str, Scenario]]:
