@@ -83,6 +83,8 @@ def difference(columns: dict[str, Any], kept: Any) -> float:
         other = kept[name]
         if other.shape != column.shape:
             return np.inf
+        if not np.array_equal(np.isfinite(other), np.isfinite(column)):
+            return np.inf  # a number on one side only
         with np.errstate(invalid="ignore"):
             apart = np.max(np.abs(np.nan_to_num(column - other)), initial=0.0)
         worst = max(worst, apart / max(np.max(np.abs(np.nan_to_num(other)), initial=0.0), 1e-300))
