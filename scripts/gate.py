@@ -78,6 +78,8 @@ def digest(columns: dict[str, Any]) -> str:
 
 def difference(columns: dict[str, Any], kept: Any) -> float:
     """The largest difference of two records, as a share of each column's largest value."""
+    if set(columns) != set(kept):
+        return np.inf
     worst = 0.0
     for name, column in columns.items():
         other = kept[name]
