@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -71,11 +71,14 @@ class SecondOrderSystem(ABC):
         mounts: (k, 3) point of application of every actuator parameter's force, in the body's
             axes [m], NaN if it exerts no force; None if there is nothing to draw.
         motion_steps: time steps whose motion is in memory at once.
+        forward: a structure of `dynamics.forward`, for compiled simulation; None where the
+            regressors are not compiled.
     """
 
     group: int = 0
     mounts: Array | None = None
     motion_steps: int = 500
+    forward: Any = None
 
     space: ParameterSpace
     velocity_units: tuple[str, ...]

@@ -62,6 +62,25 @@ def solve_positive(M, L, x):
 
 
 @njit(cache=True)
+def solve_many(L, X):
+    """Overwrites B in X (n, k) by M⁻¹ B, with the factor L that `solve_positive` left."""
+    n, k = X.shape
+    for i in range(n):
+        for j in range(i):
+            factor = L[i, j]
+            for c in range(k):
+                X[i, c] -= factor * X[j, c]
+    for i in range(n - 1, -1, -1):
+        factor = L[i, i]
+        for c in range(k):
+            X[i, c] *= factor
+        for j in range(i + 1, n):
+            factor = L[j, i]
+            for c in range(k):
+                X[i, c] -= factor * X[j, c]
+
+
+@njit(cache=True)
 def copy_into(source, target):
     """Writes the numbers of an array (k,) into another: faster than a slice where k is small."""
     for i in range(source.shape[0]):

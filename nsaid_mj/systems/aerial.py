@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from ..dynamics.forward import force_law
 from ..numerics.spatial import cross, unrotate
 from ..parameters import Array, Block, ParameterSpace
 from . import actuators
@@ -69,18 +71,12 @@ class Quadrotor(RigidBody):
     def __init__(self, scales: AerialScales, positions: Array, spin: Array):
         space = _space(scales)
         mounts = np.vstack([positions, np.full((4, 3), np.nan)])  # a torque acts at no point
-        super().__init__(space, of_a_body(0, len(space)), 4, mounts)
         self.rotors = np.ascontiguousarray(positions, dtype=np.float64)
         self.spin = np.asarray(spin, dtype=np.float64)
-        self._lever = actuators.wrenches(self.rotors, np.tile(_UP, (4, 1)))
+        lever = actuators.wrenches(self.rotors, np.tile(_UP, (4, 1)))
+        law = RotorForces(self.rotors, self.spin, lever)
+        super().__init__(space, of_a_body(0, len(space)), 4, mounts, law)
         self._speed = scales.speed
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return _forces(q, v, u, self.rotors, self.spin, self._lever, self.p)
-
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples, in one compiled call."""
-        return _each_forces(q, v, u, self.rotors, self.spin, self._lever, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a position within 10 m, any attitude, velocities and rotor speeds of operation."""
@@ -88,9 +84,24 @@ class Quadrotor(RigidBody):
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0.1, 1, 4)
 
 
+class RotorForces(NamedTuple):
+    """Weight, drag and rotors, for compiled loops.
+
+    Attributes:
+        rotors: (4, 3) positions [m].
+        spin: (4,) ±1, the sign of the torque that each rotor makes about z.
+        lever: (6, 4) wrench of a unit thrust of each.
+    """
+
+    rotors: Array
+    spin: Array
+    lever: Array
+
+
+@force_law(RotorForces)
 @njit(cache=True)
-def _forces(q, v, u, rotors, spin, lever, p):
-    F = np.zeros((6, p))
+def _forces(forces, q, v, u, F):
+    rotors, spin, lever = forces
     down = -GRAVITY * unrotate(q[3:], _UP)
     for i in range(3):
         F[i, 0] = down[i]
@@ -115,15 +126,6 @@ def _forces(q, v, u, rotors, spin, lever, p):
             for i in range(3):
                 F[i, _ROTOR_DRAG + part] += drag[i]
                 F[3 + i, _ROTOR_DRAG + part] += turning[i]
-    return F
-
-
-@njit(cache=True)
-def _each_forces(q, v, u, rotors, spin, lever, p):
-    F = np.empty((v.shape[0], 6, p))
-    for k in range(v.shape[0]):
-        F[k] = _forces(q[k], v[k], u[k], rotors, spin, lever, p)
-    return F
 
 
 def _space(s: AerialScales) -> ParameterSpace:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pinocchio as pin
 from numba import njit
 
 from ..parameters import Array, Block
 from . import actuators
+from .loads import carried_force_law
 from .multibody import JointScales
 from .rigid_body import of_a_body
 from .tree import Carried
@@ -46,6 +49,9 @@ class FlyingArm(VehicleManipulator):
         spins: Array,
     ):
         bodies, rotors = model.njoints - 1, len(positions)
+        self.allocation = np.zeros((2, model.nv, rotors))
+        self.allocation[0, :6] = actuators.wrenches(positions, directions)
+        self.allocation[1, 3:6] = (spins[:, None] * directions).T
         super().__init__(
             model,
             [Carried(i, of_a_body(0, 10), True) for i in range(bodies)],
@@ -59,14 +65,8 @@ class FlyingArm(VehicleManipulator):
             (np.full(rotors, 0.1), np.ones(rotors)),
             np.vstack([positions, np.full((rotors, 3), np.nan)]),  # a torque acts at no point
             speed,
+            RotorForces(self.allocation),
         )
-        self.allocation = np.zeros((2, self.n, rotors))
-        self.allocation[0, :6] = actuators.wrenches(positions, directions)
-        self.allocation[1, 3:6] = (spins[:, None] * directions).T
-
-    def applied(self, states: Array, u: Array) -> Array:
-        """(N, n, 2 r) the columns of F of the rotors' thrust and torque gains."""
-        return _rotors(self.allocation, u[:, len(self.joints) :])
 
 
 def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
@@ -76,12 +76,21 @@ def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
     return Block(name, names, (unit,) * len(scale), scale, "positive", actuator=True, labels=labels)
 
 
-@njit(cache=True)
-def _rotors(allocation, u):
-    """(N, n, 2 r) wrench per gain of the rotors' thrusts, then torques, at speeds u (N, r).
+class RotorForces(NamedTuple):
+    """The rotors, for compiled loops.
 
-    `allocation` (2, n, r) holds the unit wrenches.
+    Attributes:
+        allocation: (2, n, r) unit wrenches of their thrusts, then of their torques.
     """
+
+    allocation: Array
+
+
+@carried_force_law(RotorForces)
+@njit(cache=True)
+def _rotors(forces, linkage, states, u):
+    """(N, n, 2 r) wrench per gain of the rotors' thrusts, then torques, at speeds u (N, r)."""
+    allocation = forces.allocation
     kinds, n, rotors = allocation.shape
     F = np.empty((u.shape[0], n, kinds * rotors))
     for s in range(u.shape[0]):

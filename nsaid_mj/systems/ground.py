@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from ..dynamics.forward import force_law
 from ..parameters import Array, Block, ParameterSpace
 from .rigid_body import RigidBody
 
@@ -68,16 +70,9 @@ class GroundVehicle(RigidBody):
         tensor[1, 2, 1] = tensor[2, 1, 1] = 1.0
         tensor[2, 2, 2] = 1.0
         mounts = np.array([[-wheelbase / 2, 0.0, 0.0], [np.nan] * 3])
-        super().__init__(space, tensor, 2, mounts)
+        super().__init__(space, tensor, 2, mounts, GroundForces(wheelbase / 2))
         self.wheelbase, self.steering = wheelbase, steering
         self.speed, self.grip = scales.speed, scales.grip
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return _forces(v, u, self.wheelbase / 2, self.p)
-
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples, in one compiled call."""
-        return _each_forces(v, u, self.wheelbase / 2, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a pose, 0.4 to 1.6 times the cruising speed, slip and yaw rate within the grip."""
@@ -89,22 +84,24 @@ class GroundVehicle(RigidBody):
         return rng.uniform(-1, 1, 3) * [100.0, 100.0, 3.0], v, u
 
 
+class GroundForces(NamedTuple):
+    """Tyres, drive and drag, for compiled loops.
+
+    Attributes:
+        arm: half the wheelbase [m].
+    """
+
+    arm: float
+
+
+@force_law(GroundForces)
 @njit(cache=True)
-def _forces(v, u, arm, p):
-    F = np.zeros((3, p))
+def _forces(forces, q, v, u, F):
+    arm = forces.arm
     column = tyre(F, 3, arm, u[1], v)
     column = tyre(F, column, -arm, 0.0, v)
     F[0, column], F[0, column + 1] = u[0], -v[0] * u[0]
     F[0, column + 2], F[0, column + 3] = -np.tanh(v[0] / CREEP), -abs(v[0]) * v[0]
-    return F
-
-
-@njit(cache=True)
-def _each_forces(v, u, arm, p):
-    F = np.empty((v.shape[0], 3, p))
-    for k in range(v.shape[0]):
-        F[k] = _forces(v[k], u[k], arm, p)
-    return F
 
 
 @njit(cache=True)

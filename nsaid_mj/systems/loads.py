@@ -2,13 +2,65 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import njit
+from numba.extending import overload
 
+from ..dynamics.forward import (
+    STEP,
+    difference_into,
+    forward_work,
+    group_of,
+    integrate_into,
+    linearise,
+    tree_difference,
+    tree_integrate,
+)
 from ..dynamics.loaded import MOTION, accelerate, add_accelerations, loaded_workspace, write_twists
+from ..dynamics.structures import LoadedTree
 from ..dynamics.tree import SLIP, STATE, TWIST, tree_place
+from ..dynamics.tree_regressor import write_reach
+from ..numerics.linalg import solve_many
 from ..numerics.spatial import bracket
-from .compiled import write_reach
+
+
+class Carrier(NamedTuple):
+    """A tree of bodies with general 6×6 inertias and further forces, for `dynamics.forward`.
+
+    Attributes:
+        loaded: the tree.
+        forces: the further forces, whose type selects the code of `carried_forces`.
+    """
+
+    loaded: LoadedTree
+    forces: Any
+
+
+def carried_forces(forces, linkage, states, u):
+    """(N, n, k) the last k columns of F at N states (N, b, STATE) and commands u (N, ·)."""
+
+
+def carried_force_law(kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Makes a compiled function the `carried_forces` of forces of a kind, a NamedTuple."""
+
+    def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        def chosen(forces, linkage, states, u):
+            return function.py_func if forces.instance_class is kind else None
+
+        overload(carried_forces)(chosen)
+        return function
+
+    return register
+
+
+@njit(cache=True)
+def applied_along(carrier, states, u):
+    """(N, n, k) the last k columns of F at N states (N, b, STATE) and commands u (N, n_u)."""
+    linkage = carrier.loaded.linkage
+    return carried_forces(carrier.forces, linkage, states, u[:, linkage[1].shape[0] - 1 :])
 
 
 @njit(cache=True)
@@ -118,7 +170,7 @@ def _add_joints(linkage, state, v, u, F):
 
 
 @njit(cache=True)
-def forces(loaded, states, v, u, p):
+def forces_along_states(loaded, states, v, u, p):
     """(N, n, p) F's columns of weight, friction and motors at N samples; the others are 0."""
     samples, n = v.shape
     F, x = np.empty((samples, n, p)), np.zeros((states.shape[1], 2, 6))
@@ -210,3 +262,90 @@ def _write_balance(loaded, leak, state, v, momentum, drive):
     for k in range(viscous - rotor):
         momentum[rotor + k, 6 + k] = v[6 + k]
         drive[rotor + k, 6 + k] = leak * v[6 + k]
+
+
+@njit(cache=True)
+def _linearise_carrier(carrier, q, v, u, theta, scale, work, a, J):
+    loaded, forces = carrier
+    linkage = loaded.linkage
+    states, stage, F, moved, step, other = work
+    n, p, thrusters = v.shape[0], theta.shape[0], u[linkage[1].shape[0] - 1 :].reshape(1, -1)
+    tree_place(linkage, q, v, states[0])
+    F[:] = forces_along_states(loaded, states, v.reshape(1, n), u.reshape(1, -1), p)
+    rest = carried_forces(forces, linkage, states, thrusters)[0]
+    pivot = accelerate(loaded, states[0], v, u, rest, v, theta, stage, a)
+    if not pivot > 0.0:
+        return pivot
+    for k in range(rest.shape[1]):
+        for i in range(n):
+            F[0, i, p - rest.shape[1] + k] = rest[i, k]
+    W = inertial(loaded, states[0], v, v, a, p)
+    for i in range(n):
+        for k in range(p):
+            J[i, 2 * n + k] = (F[0, i, k] - W[i, k]) * scale[k]
+    solve_many(stage[4], J[:, 2 * n :])
+    step[:] = 0.0
+    for j in range(2 * n):
+        i = j % n
+        step[i] = STEP if j < n else STEP * (1.0 + abs(v[i]))
+        if j < n:
+            tree_integrate(linkage, q, step, moved)
+            tree_place(linkage, moved, v, states[0])
+            speed = v
+        else:
+            speed = v + step
+            tree_place(linkage, q, speed, states[0])
+        rest = carried_forces(forces, linkage, states, thrusters)[0]
+        accelerate(loaded, states[0], speed, u, rest, speed, theta, stage, other)
+        for r in range(n):
+            J[r, j] = (other[r] - a[r]) / step[i]
+        step[i] = 0.0
+    return pivot
+
+
+@overload(forward_work)
+def _work(structure, n, p):
+    def carrier(structure, n, p):
+        bodies = structure.loaded.linkage[1].shape[0]
+        return (
+            np.empty((1, bodies, STATE)),
+            loaded_workspace(structure.loaded, n),
+            np.empty((1, n, p)),
+            np.empty(n + 1),
+            np.zeros(n),
+            np.empty(n),
+        )
+
+    return carrier if structure.instance_class is Carrier else None
+
+
+@overload(linearise)
+def _linearise(structure, q, v, u, theta, scale, work, a, J):
+    def carrier(structure, q, v, u, theta, scale, work, a, J):
+        return _linearise_carrier(structure, q, v, u, theta, scale, work, a, J)
+
+    return carrier if structure.instance_class is Carrier else None
+
+
+@overload(group_of)
+def _group_of(structure):
+    def carrier(structure):
+        return 6
+
+    return carrier if structure.instance_class is Carrier else None
+
+
+@overload(integrate_into)
+def _integrate_into(structure, q, step, out):
+    def carrier(structure, q, step, out):
+        tree_integrate(structure.loaded.linkage, q, step, out)
+
+    return carrier if structure.instance_class is Carrier else None
+
+
+@overload(difference_into)
+def _difference_into(structure, q0, q1, out):
+    def carrier(structure, q0, q1, out):
+        tree_difference(structure.loaded.linkage, q0, q1, out)
+
+    return carrier if structure.instance_class is Carrier else None

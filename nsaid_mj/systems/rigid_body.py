@@ -11,10 +11,12 @@ vector] (6,) in space.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numba import njit
 
+from ..dynamics.forward import Body, forces_along
 from ..dynamics.motions import BodyMotion, force_regressors
 from ..dynamics.structures import ConstantInertia
 from ..log import Log, Middle
@@ -42,7 +44,8 @@ INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 class RigidBody(SecondOrderSystem):
     """A body whose M is linear in θ and constant in its own frame.
 
-    A subclass supplies `_F`, `forces` and `random_state`. As C w = −ad_wᵀ h with h = M v, an
+    A subclass supplies its forces, a tuple with a compiled function registered by
+    `dynamics.forward.force_law`, and `random_state`. As C w = −ad_wᵀ h with h = M v, an
     identifier need not form W_M and W_C.
 
     Args:
@@ -51,6 +54,7 @@ class RigidBody(SecondOrderSystem):
         n_u: number of commands.
         mounts: (k, 3) point of application of every actuator parameter's force, in the body's
             axes [m].
+        law: of the forces.
 
     Attributes:
         inertia: M(θ), sparse.
@@ -59,19 +63,29 @@ class RigidBody(SecondOrderSystem):
     inertia: ConstantInertia
     mounts: Array
 
-    def __init__(self, space: ParameterSpace, mass_tensor: Array, n_u: int, mounts: Array):
+    def __init__(
+        self, space: ParameterSpace, mass_tensor: Array, n_u: int, mounts: Array, law: Any
+    ):
         self.space, self.n_u, self.mounts = space, n_u, mounts
         self.n = self.group = len(mass_tensor)
         self.m = 7 if self.n == 6 else 3
         self.velocity_units = SPATIAL_UNITS if self.n == 6 else PLANAR_UNITS
         entries = np.argwhere(mass_tensor)
         self.inertia = ConstantInertia(entries, mass_tensor[tuple(entries.T)])
+        self.forward = Body(self.inertia, self.group, law)
 
     def _W_M(self, q: Array, a: Array) -> Array:
         return momentum(*self.inertia, self.p, a)
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
         return turned(self.group, w, momentum(*self.inertia, self.p, v))
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        return forces_along(self.forward.forces, q[None], v[None], u[None], self.p)[0]
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """(N, n, p) F for N samples, in one compiled call."""
+        return forces_along(self.forward.forces, q, v, u, self.p)
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numba import njit
+
+from ..dynamics.forward import Body, force_law, forces_along
 from ..dynamics.motions import BodyMotion, force_regressors
 from ..dynamics.structures import ConstantInertia
 from ..log import Log, Middle
@@ -11,6 +15,22 @@ from ..numerics.interpolation import body_midpoints
 from ..numerics.linalg import evaluate
 from ..parameters import Array, Block, ParameterSpace
 from ..system import SecondOrderSystem, Stage
+
+
+class ScalarForces(NamedTuple):
+    """Drag, weight and thruster, for compiled loops.
+
+    Attributes:
+        n: number of velocities, 1.
+    """
+
+    n: int
+
+
+@force_law(ScalarForces)
+@njit(cache=True)
+def _forces(forces, q, v, u, F):
+    F[0, 1], F[0, 2], F[0, 3] = -v[0] * abs(v[0]), -1.0, u[0]
 
 
 class ScalarVehicle(SecondOrderSystem):
@@ -28,6 +48,7 @@ class ScalarVehicle(SecondOrderSystem):
     n, m, n_u = 1, 1, 1
     velocity_units = ("m/s",)
     inertia = ConstantInertia(np.zeros((1, 3), dtype=np.intp), np.ones(1))
+    forward = Body(inertia, 0, ScalarForces(1))
     mounts = np.zeros((1, 3))  # point of application of the thrust, for drawing [m]
 
     def __init__(self, scale: Array, speed: float = 1.0):
@@ -77,9 +98,7 @@ class ScalarVehicle(SecondOrderSystem):
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
         """(N, 1, 4) F for N samples."""
-        F = np.zeros((len(v), 1, 4))
-        F[:, 0, 1:2], F[:, 0, 2], F[:, 0, 3:] = -v * np.abs(v), -1.0, u
-        return F
+        return forces_along(self.forward.forces, q, v, u, 4)
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
+from ..dynamics.forward import force_law
 from ..parameters import Array, Block, ParameterSpace
 from . import actuators
 from .rigid_body import RigidBody, inertial_block, of_a_body
@@ -57,21 +60,27 @@ class FreeFlyer(RigidBody):
         )
         body = inertial_block("body", scales.mass, scales.offset, scales.inertia)
         space = ParameterSpace((body, thrust))
-        super().__init__(space, of_a_body(0, len(space)), k, positions)
-        self._allocation, self._speed = actuators.wrenches(positions, directions), scales.speed
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        F = np.zeros((6, self.p))
-        actuators.thrusters(F, 10, self._allocation, _LINEAR, u)
-        return F
-
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples, vectorised."""
-        F = np.zeros((len(u), 6, self.p))
-        F[:, :, 10:] = self._allocation * u[:, None]
-        return F
+        law = NozzleForces(actuators.wrenches(positions, directions))
+        super().__init__(space, of_a_body(0, len(space)), k, positions, law)
+        self._speed = scales.speed
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a position within 1 m, any attitude, velocities and commands of operation."""
         q = self.position(np.r_[rng.uniform(-1, 1, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0, 1, self.n_u)
+
+
+class NozzleForces(NamedTuple):
+    """Nozzles alone, for compiled loops.
+
+    Attributes:
+        allocation: (6, k) unit wrenches of the nozzles.
+    """
+
+    allocation: Array
+
+
+@force_law(NozzleForces)
+@njit(cache=True)
+def _forces(forces, q, v, u, F):
+    actuators.thrusters(F, 10, forces.allocation, _LINEAR, u)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from ..dynamics.forward import force_law
 from ..parameters import Array, Block, ParameterSpace
 from . import actuators, fluid
 from .rigid_body import RigidBody
@@ -81,19 +83,13 @@ class TorpedoVehicle(RigidBody):
         k = len(positions)
         nowhere = np.full(3, np.nan)  # a torque acts at no point
         mounts = np.vstack([propeller, nowhere, positions, positions])
-        super().__init__(space, _mass_tensor(len(space)), k + 1, mounts)
         astern = np.tile([-1.0, 0.0, 0.0], (k, 1))
         self.allocation = np.stack(
             [actuators.wrenches(positions, lifts), actuators.wrenches(positions, astern)]
         )
+        law = TorpedoForces(self.allocation, slip)
+        super().__init__(space, _mass_tensor(len(space)), k + 1, mounts, law)
         self.speed, self.limit, self.slip = scales.speed, scales.limit, slip
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return _forces(q, v, u, self.allocation, self.slip, self.p)
-
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples, in one compiled call."""
-        return _each_forces(q, v, u, self.allocation, self.slip, self.p)
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a position within 10 m, attitude near upright, forward motion and commands."""
@@ -103,23 +99,26 @@ class TorpedoVehicle(RigidBody):
         return q, v, np.r_[fins, rng.uniform(0.2, 1)]
 
 
+class TorpedoForces(NamedTuple):
+    """Drag, lift, weight, propeller and fins, for compiled loops.
+
+    Attributes:
+        allocation: (2, 6, k) unit wrenches of the fins' lifts, and of their drags.
+        slip: relative loss of full thrust per m/s of advance at full shaft speed [s/m].
+    """
+
+    allocation: Array
+    slip: float
+
+
+@force_law(TorpedoForces)
 @njit(cache=True)
-def _forces(q, v, u, allocation, slip, p):
-    F = np.zeros((6, p))
+def _forces(forces, q, v, u, F):
     column = fluid.revolution_drag(F, 6, v)
     column = fluid.revolution_lift(F, column, v)
     column = fluid.upright(F, column, q[3:], _UP)
-    column = actuators.propeller(F, column, v, u[-1], slip)
-    actuators.fins(F, column, allocation, v, u[:-1])
-    return F
-
-
-@njit(cache=True)
-def _each_forces(q, v, u, allocation, slip, p):
-    F = np.empty((v.shape[0], 6, p))
-    for k in range(v.shape[0]):
-        F[k] = _forces(q[k], v[k], u[k], allocation, slip, p)
-    return F
+    column = actuators.propeller(F, column, v, u[-1], forces.slip)
+    actuators.fins(F, column, forces.allocation, v, u[:-1])
 
 
 def _mass_tensor(p: int) -> Array:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from ..dynamics.forward import force_law
 from ..numerics.spatial import unrotate
 from ..parameters import Array, Block, ParameterSpace
 from . import actuators, fluid
@@ -55,16 +57,11 @@ class UnderwaterVehicle(RigidBody):
     def __init__(self, scales: UnderwaterScales, positions: Array, directions: Array, curve: Array):
         space = body_space(scales)
         k = len(positions)
-        super().__init__(space, symmetric(6, 0, len(space)), k, positions)
-        self._allocation = actuators.wrenches(positions, directions)
-        self._curve, self._speed = np.asarray(curve, dtype=np.float64), scales.speed
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return _forces(q, v, u, self._allocation, self._curve, self.p)
-
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples, in one compiled call."""
-        return _each_forces(q, v, u, self._allocation, self._curve, self.p)
+        law = WaterForces(
+            actuators.wrenches(positions, directions), np.asarray(curve, dtype=np.float64)
+        )
+        super().__init__(space, symmetric(6, 0, len(space)), k, positions, law)
+        self._speed = scales.speed
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a position within 10 m, any attitude, velocities and commands of operation."""
@@ -72,22 +69,25 @@ class UnderwaterVehicle(RigidBody):
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(-1, 1, self.n_u)
 
 
+class WaterForces(NamedTuple):
+    """Drag, weight and thrusters, for compiled loops.
+
+    Attributes:
+        allocation: (6, k) unit wrenches of the thrusters.
+        curve: coefficients of their command curve.
+    """
+
+    allocation: Array
+    curve: Array
+
+
+@force_law(WaterForces)
 @njit(cache=True)
-def _forces(q, v, u, allocation, curve, p):
-    F = np.zeros((6, p))
+def _forces(forces, q, v, u, F):
     column = fluid.linear_drag(F, 21, v)
     column = fluid.quadratic_drag(F, column, v)
     column = fluid.restoring(F, column, unrotate(q[3:], _UP))
-    actuators.thrusters(F, column, allocation, curve, u)
-    return F
-
-
-@njit(cache=True)
-def _each_forces(q, v, u, allocation, curve, p):
-    F = np.empty((v.shape[0], 6, p))
-    for k in range(v.shape[0]):
-        F[k] = _forces(q[k], v[k], u[k], allocation, curve, p)
-    return F
+    actuators.thrusters(F, column, forces.allocation, forces.curve, u)
 
 
 def mass_block(diagonal: Array) -> Block:

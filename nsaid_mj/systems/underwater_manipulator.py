@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +14,7 @@ from ..numerics.triples import add, back, cross, dot, scale, three
 from ..parameters import Array, Block
 from . import actuators, fluid
 from .joints import body_names
+from .loads import carried_force_law
 from .multibody import JointScales
 from .rigid_body import of_a_body, symmetric
 from .tree import Carried
@@ -93,6 +95,15 @@ class UnderwaterManipulator(VehicleManipulator):
         drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag, names)
         buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy, names)
         full = np.ones(len(positions))
+        still = np.zeros((model.nv - 6, len(positions)))
+        self.cylinders = cylinders
+        law = WaterForces(
+            cylinders.centres,
+            cylinders.axes,
+            *strips(cylinders),
+            np.vstack([actuators.wrenches(positions, directions), still]),
+            np.asarray(curve, dtype=np.float64),
+        )
         super().__init__(
             model,
             [
@@ -107,30 +118,7 @@ class UnderwaterManipulator(VehicleManipulator):
             (-full, full),
             positions,
             base.speed,
-        )
-        self.cylinders = cylinders
-        self._points, self._weights = strips(cylinders)
-        still = np.zeros((self.n - 6, len(positions)))
-        self.allocation = np.vstack([actuators.wrenches(positions, directions), still])
-        self.curve = np.asarray(curve, dtype=np.float64)
-
-    def applied(self, states: Array, u: Array) -> Array:
-        """(N, n, ·) columns of F of drag, net weight, righting, buoyancy and thrusters.
-
-        Args:
-            states: (N, b, STATE) of `dynamics.tree`.
-            u: (N, n_u) commands.
-        """
-        return _water(
-            self.loaded.linkage,
-            states,
-            u[:, len(self.joints) :],
-            self.cylinders.centres,
-            self.cylinders.axes,
-            self._points,
-            self._weights,
-            self.allocation,
-            self.curve,
+            law,
         )
 
 
@@ -161,9 +149,31 @@ def strips(cylinders: Cylinders) -> tuple[Array, Array]:
     return cylinders.centres[:, None] + reach, half * weights
 
 
+class WaterForces(NamedTuple):
+    """Drag and buoyancy of base and links, and thrusters, for compiled loops.
+
+    Attributes:
+        centres: (k, 3) of the links [m].
+        axes: (k, 3) unit vectors.
+        points: (k, s, 3) of the quadrature along the links [m].
+        weights: (k, s) their lengths [m].
+        allocation: (n, t) unit forces of the thrusters.
+        curve: coefficients of their command curve.
+    """
+
+    centres: Array
+    axes: Array
+    points: Array
+    weights: Array
+    allocation: Array
+    curve: Array
+
+
+@carried_force_law(WaterForces)
 @njit(cache=True)
-def _water(linkage, states, u, centres, axes, points, weights, allocation, curve):
+def _water(forces, linkage, states, u):
     """(N, n, ·) columns of F of drag and buoyancy of base and links, then of the thrusters."""
+    centres, axes, points, weights, allocation, curve = forces
     samples, bodies, _ = states.shape
     links = bodies - 1
     F = np.zeros((samples, 6 + links, 16 + 2 * links + u.shape[1]))

@@ -8,7 +8,7 @@ then the thrusters'.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -42,6 +42,7 @@ class VehicleManipulator(JointTree):
         mounts: (·, 3) point on the base where the force of every actuator parameter in `vehicle`
             acts [m], NaN if it exerts no force.
         speed: (6,) the base's velocities of operation [m/s, rad/s].
+        law: of the forces in `vehicle`; see `loads.carried_force_law`.
 
     Attributes:
         mounts: (k, 3) point of application of every actuator parameter's force in the base's
@@ -62,6 +63,7 @@ class VehicleManipulator(JointTree):
         thrust_limits: tuple[Array, Array],
         mounts: Array,
         speed: Array,
+        law: Any,
     ):
         super().__init__(model)
         self.scales, self.friction_speed = joints, friction_speed
@@ -76,9 +78,9 @@ class VehicleManipulator(JointTree):
         columns = np.array([start, viscous, viscous + k, viscous + 2 * k])
         linkage = linkage_of(self.model, np.full(k, friction_speed), columns)
         self.loaded = loaded(linkage, inertias)
+        self.forward = loads.Carrier(self.loaded, law)
         self._speed = np.concatenate([speed, joints.speed])
 
-    @abstractmethod
     def applied(self, states: Array, u: Array) -> Array:
         """(N, n, k) the columns of F of the blocks in `vehicle`.
 
@@ -86,6 +88,7 @@ class VehicleManipulator(JointTree):
             states: (N, b, ·) of `dynamics.tree`.
             u: (N, n_u) commands.
         """
+        return loads.applied_along(self.forward, states, u)
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
@@ -116,7 +119,7 @@ class VehicleManipulator(JointTree):
         return self._forces(loads.states_of(self.loaded.linkage, q, v), v, u)
 
     def _forces(self, states: Array, v: Array, u: Array) -> Array:
-        F = loads.forces(self.loaded, states, v, u, self.p)
+        F = loads.forces_along_states(self.loaded, states, v, u, self.p)
         F[:, :, self._vehicle :] = self.applied(states, u)
         return F
 

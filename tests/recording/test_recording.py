@@ -6,10 +6,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 import rerun as rr
+from numba import njit
 from rerun.error_utils import RerunWarning
 
 from nsaid_mj import (
@@ -26,6 +28,7 @@ from nsaid_mj import (
 from nsaid_mj import (
     evaluation as metrics,
 )
+from nsaid_mj.dynamics.forward import force_law
 from nsaid_mj.errors import BadRun
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.identifiers import Status
@@ -33,7 +36,6 @@ from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.recording import forces, layout, live, scene, series, viewer
 from nsaid_mj.recording.file import spread
 from nsaid_mj.recording.text import drawable
-from nsaid_mj.systems.general import forces_by_sample
 from nsaid_mj.systems.rigid_body import RigidBody
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.recordings import entities_of
@@ -323,6 +325,18 @@ def test_meshes_of_a_vehicle_move_rigidly_as_in_mujoco(vehicle: SimulatedRun) ->
         np.testing.assert_allclose(R @ there, world, atol=1e-6)
 
 
+class SledForces(NamedTuple):
+    fin: float
+
+
+@force_law(SledForces)
+@njit
+def sled_forces(forces, q, v, u, F):
+    F[0, 1], F[1, 2] = u[0], u[1]
+    F[2, 1:4] = np.array([0.3, 0.4, 1.0]) * u  # a jet turns too: no force across the plane
+    F[0, 5], F[1, 4] = -forces.fin, forces.fin
+
+
 class Sled(RigidBody):
     """In the plane: a jet astern, one abeam, a torque, which has no place, and a weak fin."""
 
@@ -334,15 +348,7 @@ class Sled(RigidBody):
         )
         mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3, [1, 0, 0], [1, 0, 0]])
         tensor = np.eye(3)[..., None] * np.eye(6)[0]
-        super().__init__(ParameterSpace(blocks), tensor, 3, mounts)
-
-    def _F(self, t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        turning = [0.3, 0.4, 1.0]  # a jet turns too, and that is no force across the plane
-        fin = 0.02 * np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-        return np.hstack([np.zeros((3, 1)), np.vstack([np.diag(u)[:2], turning * u]), fin])
-
-    def forces(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return forces_by_sample(self, t, q, v, u)
+        super().__init__(ParameterSpace(blocks), tensor, 3, mounts, SledForces(0.02))
 
     def random_state(self, rng: np.random.Generator):
         return np.zeros(3), np.zeros(3), rng.uniform(-1, 1, 3)
