@@ -25,9 +25,15 @@ def conserved_drift(run: Run) -> float | None:
     return float(np.max(np.abs(conserved / conserved[0] - 1)))
 
 
-def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int]:
-    """Number and size of the steps in which V, under the true θ, rose beyond the error bound."""
-    record, identifier, V = run.record, run.identifiers[""], energy(run, truth)
+def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
+    """Number and size of the steps in which V, under the true θ, rose beyond the error bound.
+
+    None for a law of which nothing is proven.
+    """
+    record, identifier = run.record, run.identifiers[""]
+    if not identifier.proven:
+        return dict.fromkeys(("lyapunov_violations", "lyapunov_largest_rise", "lyapunov_bound"))
+    V = energy(run, truth)
     rises, bound = lyapunov_rises(V, identifier, record)
     rises[np.diff(truth.struck(record["t"]))] = 0.0  # a fault changes the truth, and V with it
     stepped = identifier.implicit(record["t"])

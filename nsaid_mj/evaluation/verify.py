@@ -112,6 +112,8 @@ def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> Verdict:
     """(69): V decreases in every time step, up to the integration error."""
     name, claim = "Theorem 1 (69)", "V decreases in every time step"
     broken = premises or _anchored(run)
+    if not run.identifiers[""].proven:
+        broken = "this law is not (44, 45); the theorem says nothing of it"
     if broken:
         return Verdict(name, claim, "not applicable", None, None, broken)
     count, rise = summary["lyapunov_violations"], summary["lyapunov_largest_rise"]

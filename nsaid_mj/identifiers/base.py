@@ -5,14 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..bounds import Config, config
+from ..errors import InvalidInput
 from ..log import EXACT, Log, Measurement, SensorLevels
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..system import SecondOrderSystem, checked
 from .memory.statistics import Memory
 
 
@@ -55,6 +56,7 @@ class State(NamedTuple):
         status: `completed` as long as identification may continue.
         memory: statistics of past data; None for laws without a memory.
         spent: total decrease of the conserved quantity in the memory's implicit steps.
+        filter: filter and guard of the law `efficient`; None for other laws.
     """
 
     t: float
@@ -64,6 +66,7 @@ class State(NamedTuple):
     status: Status
     memory: Memory | None = None
     spent: float = 0.0
+    filter: Any = None
 
 
 class Estimates(NamedTuple):
@@ -123,21 +126,56 @@ class Identifier(ABC):
     Attributes:
         system: the structure it knows.
         conserves: whether the law has a conserved quantity.
+        proven: whether V (66) is proven not to rise.
         cancelling: size of the terms that cancel in V's second term, besides V itself [J]; their
             rounding errors bound the accuracy of V.
     """
 
     system: SecondOrderSystem
     conserves: bool
+    proven: bool = True
     cancelling: float
 
     @abstractmethod
     def init(self, first: Measurement) -> State:
         """The state at the first measurement, with Δv = 0."""
 
-    @abstractmethod
     def step(self, state: State, previous: Measurement, following: Measurement) -> State:
-        """The state at the following measurement, with `previous.u` held in between."""
+        """The state at the following measurement, with `previous.u` held in between.
+
+        Raises:
+            InvalidInput: time does not increase, or a shape is wrong.
+        """
+        for sample in (previous, following):
+            if tuple(map(np.shape, sample)) != ((), *((k,) for k in self._widths)):
+                checked(self.system, sample)  # raises, and names the wrong part
+        if not (following.t > previous.t and np.isfinite(following.t)):
+            raise InvalidInput(
+                "t",
+                f"a time after {previous.t!r} s",
+                repr(following.t),
+                "Sort the samples by time.",
+            )
+        pair = zip(previous, following, strict=True)
+        return self.follow(state, Log.unchecked(*(np.array(part, np.float64) for part in pair)))[0]
+
+    def check(self, log: Log) -> None:
+        """Raises `InvalidInput` unless the log has the system's numbers of columns."""
+        if not isinstance(log, Log):
+            raise InvalidInput("log", "a Log", type(log).__name__, "Make one: Log(t, q, v, u).")
+        for name, part, width in zip("qvu", log[1:], self._widths, strict=True):
+            if part.shape[1] != width:
+                raise InvalidInput(
+                    name,
+                    f"{width} columns",
+                    f"{part.shape[1]}",
+                    "A log holds the system's own coordinates: m positions, n velocities and "
+                    "n_u commands.",
+                )
+
+    @property
+    def _widths(self) -> tuple[int, int, int]:
+        return self.system.m, self.system.n, self.system.n_u
 
     @abstractmethod
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:

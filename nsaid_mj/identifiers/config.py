@@ -15,6 +15,7 @@ from ..parameters import Array
 from ..system import SecondOrderSystem
 from .base import ExpectedGramian, Identifier, IdentifierConfig
 from .cone.law import cone_identifier
+from .efficient.law import EfficientConfig, efficient_identifier
 from .memory.law import memory_identifier
 from .memory.statistics import MemoryConfig
 from .nullspace_aid import paper_identifier
@@ -36,11 +37,13 @@ class NullspaceAID(IdentifierConfig):
             excited less than `floor` of the best are slower.
         floor: lower bound of H's eigenvalues, as a share of the largest.
         law: `paper`, (45) with constant Γ; `cone`, Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹, which keeps θ̂
-            inside the cone of physical parameters and M̂ > 0; or `memory`, the law `cone` with
-            implicit steps that fit past data.
-        barrier: μ of the laws `cone` and `memory`, in units of Γ⁻¹ at the scale; with 0 `cone` is
+            inside the cone of physical parameters and M̂ > 0; `memory`, the law `cone` with
+            implicit steps that fit past data; or `efficient`, a Kalman filter of state and
+            parameters that is guarded by the law `memory`.
+        barrier: μ of all laws but `paper`, in units of Γ⁻¹ at the scale; with 0 `cone` is
             the paper's law.
-        memory: how past data are kept and used, where the law is `memory`.
+        memory: how past data are kept and used, where the law is `memory` or `efficient`.
+        efficient: the filter, where the law is `efficient`.
     """
 
     K: Positive = 20.0
@@ -49,15 +52,16 @@ class NullspaceAID(IdentifierConfig):
     gamma: Literal["scale", "simulated"] = "scale"
     rate: Positive = 0.1
     floor: PositiveShare = 1e-2
-    law: Literal["paper", "cone", "memory"] = "paper"
+    law: Literal["paper", "cone", "memory", "efficient"] = "paper"
     barrier: NonNegative = 1.0
     memory: MemoryConfig = field(default_factory=MemoryConfig)
+    efficient: EfficientConfig = field(default_factory=EfficientConfig)
 
     @model_validator(mode="after")
     def _check_barrier(self) -> Self:
-        if self.law == "memory" and self.barrier == 0:
+        if self.law in {"memory", "efficient"} and self.barrier == 0:
             raise InvalidInput(
-                "identifier.barrier", "a weight > 0 for the law memory", 0, "1.0 will do."
+                "identifier.barrier", f"a weight > 0 for the law {self.law}", 0, "1.0 will do."
             )
         return self
 
@@ -82,7 +86,10 @@ class NullspaceAID(IdentifierConfig):
         mu = self.barrier * float(np.median(stiffness * system.space.scale**2))
         if self.law == "cone":
             return cone_identifier(system, K, Gamma, prior, dt, mu, hermite)
-        return memory_identifier(system, K, Gamma, prior, dt, mu, hermite, self.memory, noise)
+        guard = memory_identifier(system, K, Gamma, prior, dt, mu, hermite, self.memory, noise)
+        if self.law == "memory":
+            return guard
+        return efficient_identifier(guard, dt, self.efficient)
 
     @property
     def in_cone(self) -> bool:

@@ -107,25 +107,6 @@ class NullspaceIdentifier(Identifier):
         theta = self.prior.copy()
         return State(first.t, first.v.copy(), theta, np.inf, Status.completed, memory)
 
-    def step(self, state: State, previous: Measurement, following: Measurement) -> State:
-        """One RK4 step of (44, 45) from `previous` to `following`, with `previous.u` held.
-
-        Raises:
-            InvalidInput: time does not increase, or a shape is wrong.
-        """
-        for sample in (previous, following):
-            if tuple(map(np.shape, sample)) != ((), *((k,) for k in self._widths)):
-                checked(self.system, sample)  # raises, and names the wrong part
-        if not (following.t > previous.t and np.isfinite(following.t)):
-            raise InvalidInput(
-                "t",
-                f"a time after {previous.t!r} s",
-                repr(following.t),
-                "Sort the samples by time.",
-            )
-        pair = zip(previous, following, strict=True)
-        return self.follow(state, Log.unchecked(*(np.array(part, np.float64) for part in pair)))[0]
-
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """RK4 steps of (44, 45) along a log, with the memory's updates if there is one.
 
@@ -162,7 +143,7 @@ class NullspaceIdentifier(Identifier):
         Raises:
             InvalidInput: the log's widths are not the system's.
         """
-        self._check(log)
+        self.check(log)
         estimates = Estimates(
             np.empty((len(log.t), self.system.n)),
             np.empty((len(log.t), self.system.p)),
@@ -180,24 +161,6 @@ class NullspaceIdentifier(Identifier):
     def motion(self, log: Log) -> Motion:
         """All parts of the RK4 stages along a log that do not depend on the estimate."""
         return self.system.motion(log, self.hermite)
-
-    def _check(self, log: Log) -> None:
-        """Raises `InvalidInput` unless the log has the system's numbers of columns."""
-        if not isinstance(log, Log):
-            raise InvalidInput("log", "a Log", type(log).__name__, "Make one: Log(t, q, v, u).")
-        for name, part, width in zip("qvu", log[1:], self._widths, strict=True):
-            if part.shape[1] != width:
-                raise InvalidInput(
-                    name,
-                    f"{width} columns",
-                    f"{part.shape[1]}",
-                    "A log holds the system's own coordinates: m positions, n velocities and "
-                    "n_u commands.",
-                )
-
-    @property
-    def _widths(self) -> tuple[int, int, int]:
-        return self.system.m, self.system.n, self.system.n_u
 
     def _follow(self, log: Log, estimates: Estimates, motion: Motion | None) -> int:
         """Writes the estimates from row 1 on; returns the row that failed, or N."""
@@ -295,7 +258,7 @@ def _batch(
     laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
 ) -> list[tuple[State, Estimates]] | None:
     """Runs `along` for at most `LANES` identifiers in SIMD lanes; None if one of them fails."""
-    laws[0]._check(log)
+    laws[0].check(log)
     assert isinstance(motion, TreeMotion)
     count, batch = len(log.t), tree_batch(motion)
     full = np.minimum(np.arange(LANES), len(laws) - 1)  # idle lanes repeat the last identifier

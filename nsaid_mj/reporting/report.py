@@ -113,7 +113,7 @@ def _figures(summary: dict[str, Any]) -> dict[str, Any]:
 def _checks(summary: dict[str, Any]) -> str:
     """How far the run agrees with the theory: Lyapunov function, conserved quantity, excitation."""
     said = []
-    if "lyapunov_violations" in summary:
+    if summary.get("lyapunov_violations") is not None:
         said.append(
             f"The Lyapunov function rose by more than the integration error in "
             f"{summary['lyapunov_violations']} time steps."

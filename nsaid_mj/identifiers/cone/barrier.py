@@ -305,6 +305,28 @@ def gradient_and_hessian(cone, theta):
 
 
 @compiled
+def local_norm(cone, theta, step):
+    """Length (dᵀ ∇²b(θ) d)^½ of a step d (p,) at θ (p,); a step shorter than 1 stays inside.
+
+    It is the sum over the numbers of (d/θ)² and over the matrices of tr(P⁻¹D P⁻¹D). NaN outside.
+    """
+    total = 0.0
+    for j in cone.positive:
+        total += (step[j] / theta[j]) ** 2 if theta[j] > 0 else np.nan
+    for block in range(cone.blocks.shape[0]):
+        S, D = inverse(factor(cone, block, theta)), matrix(cone, block, step)
+        k = D.shape[0]
+        for i in range(k):
+            for j in range(i):
+                D[j, i] = D[i, j]
+        X = np.dot(S, D)
+        for i in range(k):
+            for j in range(k):
+                total += X[i, j] * X[j, i]
+    return np.sqrt(total)
+
+
+@compiled
 def metric_solve(cone, theta, stiffness, mu, gradient):
     """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
 

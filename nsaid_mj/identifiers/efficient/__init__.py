@@ -1,0 +1,1 @@
+"""The statistically efficient law: a Kalman filter of state and parameters."""

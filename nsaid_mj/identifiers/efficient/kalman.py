@@ -1,0 +1,320 @@
+"""An extended Kalman filter of position, velocity and parameters, compiled.
+
+    x̄ = RK4(x̂, u held; θ̂),    F = [Φ Γ; 0 1],
+    P̄ = F P Fᵀ + γ² diag(diag(Γ P_θθ Γᵀ)),
+    S = P̄_xx + R,    L Lᵀ = S,    e = L⁻¹ y,    y = (difference(q̄, q), v − v̄),
+    θ̂ ← θ̂ + scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄.
+
+This is (44, 45) with K and Γ replaced by the gains that the data's own information implies. Both q
+and v are measured, so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for
+the error of linearisation about θ̂: a share of what the uncertainty of θ does in a step.
+
+The noise levels R come from the data: where the fourth difference of a signal at a constant rate is
+negligible, its fourth differences have C(8, 4) = 70 times the variance of the noise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...dynamics.forward import Structure, difference_into, integrate_into
+from ...dynamics.transition import transition, transition_work
+from ...numerics.linalg import cholesky
+from ...parameters import Array
+from ..cone.barrier import Cone, local_norm
+
+COMPLETED, CONTRADICTED = 0, 1
+"""Ways in which `follow_filter` ends: at the log's end, or at a contradiction."""
+_REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
+_WARM_UP = 20  # fourth differences before the noise is known well enough to begin
+_MEMORY = 2000.0  # samples over which the noise is averaged
+_SMALLEST = 1e-9  # least standard deviation of the noise [rad or m, rad/s or m/s]
+_SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
+
+
+class Law(NamedTuple):
+    """What the filter knows beforehand, for compiled loops.
+
+    Attributes:
+        structure: of the system; see `dynamics.forward`.
+        cone: of physical parameters.
+        scale: (p,) of θ.
+        gamma: γ.
+        window: samples over which innovations are tested.
+    """
+
+    structure: Structure
+    cone: Cone
+    scale: Array
+    gamma: float
+    window: int
+
+
+class Noise(NamedTuple):
+    """Running estimate of the sensors' noise.
+
+    Attributes:
+        increments: (3, 2n) the last increments of position and velocity.
+        variance: (2n,) of the noise [rad² or m², (rad/s)² or (m/s)²].
+        count: (2n,) fourth differences that entered; those of a signal that stands still do not.
+        seen: (1,) number of increments so far.
+    """
+
+    increments: Array
+    variance: Array
+    count: Array
+    seen: Array
+
+
+class Filter(NamedTuple):
+    """State of the filter at a sample. All arrays are overwritten by `follow_filter`.
+
+    Attributes:
+        q: (m,) estimated position.
+        v: (n,) estimated velocity.
+        theta: (p,) estimate.
+        Pxx: (2n, 2n) covariance of the tangent state.
+        Pxt: (2n, p) covariance of the state with θ/scale.
+        Ptt: (p, p) covariance of θ/scale.
+        noise: running estimate of the sensors' noise.
+        tally: (4,) whether the filter has begun; samples in the current window, their sum of
+            squared normalised innovations; and the sum of all windows' means.
+        safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
+        safe_P: (2, p, p) P_θθ there.
+        totals: (2,) sum of all squared normalised innovations, and their number.
+    """
+
+    q: Array
+    v: Array
+    theta: Array
+    Pxx: Array
+    Pxt: Array
+    Ptt: Array
+    noise: Noise
+    tally: Array
+    safe: Array
+    safe_P: Array
+    totals: Array
+
+
+def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
+    """The filter at its first measurement q (m,), v (n,), with P_θθ (p, p) of θ̂/scale."""
+    n, p = len(v), len(theta)
+    noise = Noise(np.zeros((3, 2 * n)), np.zeros(2 * n), np.zeros(2 * n), np.zeros(1))
+    safe, safe_P = np.array([theta, theta]), np.array([Ptt, Ptt])
+    Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
+    return Filter(
+        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
+        np.zeros(2),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def _add_increment(noise, increment):
+    """Updates the estimate of the noise by an increment (2n,) of position and velocity."""
+    increments, variance, count, seen = noise
+    for i in range(increment.shape[0]):
+        fourth = increment[i] - 3 * increments[2, i] + 3 * increments[1, i] - increments[0, i]
+        if seen[0] >= 3 and fourth != 0.0:
+            count[i] += 1
+            share = 1.0 / min(count[i], _MEMORY)
+            variance[i] += share * (fourth * fourth / 70 - variance[i])
+        increments[0, i], increments[1, i] = increments[1, i], increments[2, i]
+        increments[2, i] = increment[i]
+    seen[0] += 1
+
+
+@njit(cache=True)
+def restart_state(filter, q, v, R):
+    """Starts the state at a measurement, uncorrelated with θ."""
+    filter.q[:], filter.v[:] = q, v
+    filter.Pxx[:], filter.Pxt[:] = 0.0, 0.0
+    for i in range(R.shape[0]):
+        filter.Pxx[i, i] = R[i]
+    filter.tally[0], filter.tally[1], filter.tally[2] = 1.0, 0.0, 0.0
+    filter.safe[0], filter.safe[1] = filter.theta, filter.theta
+    filter.safe_P[0], filter.safe_P[1] = filter.Ptt, filter.Ptt
+
+
+@njit(cache=True)
+def _predict(law, F, filter, work):
+    """Writes P̄, without R, from the derivatives F (2n, 2n+p) of a step."""
+    Pxx, Pxt, Ptt = filter.Pxx, filter.Pxt, filter.Ptt
+    Phi, Gamma, T, PX, A, B = work
+    size, p = Pxt.shape
+    for i in range(size):
+        Phi[i], Gamma[i] = F[i, :size], F[i, size:]
+    np.dot(Gamma, Ptt, T)
+    np.dot(Phi, Pxt, PX)
+    np.dot(Phi, Pxx, A)
+    np.dot(A, Phi.T, Pxx)
+    np.dot(PX, Gamma.T, A)
+    np.dot(T, Gamma.T, B)
+    for i in range(size):
+        for j in range(size):
+            Pxx[i, j] += A[i, j] + A[j, i] + B[i, j]
+        Pxx[i, i] += law.gamma * law.gamma * B[i, i]
+        for k in range(p):
+            Pxt[i, k] = PX[i, k] + T[i, k]
+
+
+@njit(cache=True)
+def _update(law, filter, R, y, work):
+    """Updates θ̂ and P by an innovation y (2n,); writes the step of the state into y.
+
+    Returns:
+        The squared normalised innovation; NaN if S is not positive definite.
+    """
+    theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
+    S, L, Z, step = work
+    size, p = Pxt.shape
+    for i in range(size):
+        for j in range(size):
+            S[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i])
+            Z[i, j] = 0.0
+        S[i, i] += R[i]
+        Z[i, i] = 1.0
+    if not cholesky(S, L) > 0.0:
+        return np.nan
+    square = 0.0
+    for i in range(size):  # forward: Pxt becomes L⁻¹ P̄_xθ, Z becomes L⁻¹, y becomes e
+        for j in range(i):
+            factor = L[i, j]
+            y[i] -= factor * y[j]
+            for k in range(p):
+                Pxt[i, k] -= factor * Pxt[j, k]
+            for k in range(j + 1):
+                Z[i, k] -= factor * Z[j, k]
+        factor = 1.0 / L[i, i]
+        y[i] *= factor
+        square += y[i] * y[i]
+        for k in range(p):
+            Pxt[i, k] *= factor
+        for k in range(i + 1):
+            Z[i, k] *= factor
+    step[:] = 0.0
+    for i in range(size):
+        for k in range(p):
+            step[k] += y[i] * Pxt[i, k]
+    for k in range(p):
+        step[k] *= law.scale[k]
+    length = local_norm(law.cone, theta, step)
+    share = min(1.0, _REACH / length) if length > 0.0 else 1.0
+    for k in range(p):
+        theta[k] += share * step[k]
+    for i in range(p):
+        for r in range(size):
+            factor = Pxt[r, i]
+            for k in range(i + 1):
+                Ptt[i, k] -= factor * Pxt[r, k]
+        for k in range(i):
+            Ptt[k, i] = Ptt[i, k]
+    for i in range(size - 1, -1, -1):  # backward: S⁻¹ P̄_xθ and S⁻¹ y
+        factor = 1.0 / L[i, i]
+        y[i] *= factor
+        for k in range(p):
+            Pxt[i, k] *= factor
+        for j in range(i):
+            factor = L[i, j]
+            y[j] -= factor * y[i]
+            for k in range(p):
+                Pxt[j, k] -= factor * Pxt[i, k]
+    for i in range(size):
+        for k in range(p):
+            Pxt[i, k] *= R[i]
+    for i in range(size):  # P̄_xx S⁻¹ y = y₀ − R S⁻¹ y would cancel
+        total = 0.0
+        for j in range(size):
+            total += Pxx[i, j] * y[j]
+        step[i] = total
+    for i in range(size):
+        y[i] = step[i]
+    np.dot(Z.T, Z, S)  # S⁻¹
+    np.dot(Pxx, S, Z)
+    for i in range(size):
+        for j in range(size):
+            Pxx[i, j] = 0.5 * (Z[i, j] * R[j] + Z[j, i] * R[i])
+    return square
+
+
+@njit(cache=True, nogil=True)
+def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
+    """Runs the filter along a log of N samples.
+
+    Args:
+        law: what is known beforehand.
+        filter: at the first sample; overwritten by that at the last one processed.
+        t: (N,) times [s].
+        q: (N, m) positions.
+        v: (N, n) velocities.
+        u: (N, n_u) commands.
+        thetas: (N, p) θ̂, written from row 1 on.
+        v_hats: (N, n) v̂, written from row 1 on.
+        pivots: (N,) M̂'s smallest pivot in the step that ends at the row, written from row 1 on.
+
+    Returns:
+        The last row processed, and how the loop ended.
+    """
+    structure, scale, tally, totals = law.structure, law.scale, filter.tally, filter.totals
+    n, m, p = v.shape[1], q.shape[1], scale.shape[0]
+    size = 2 * n
+    step = transition_work(structure, n, m, p)
+    q1, v1, y, R = np.empty(m), np.empty(n), np.empty(size), np.empty(size)
+    predicting = (
+        np.empty((size, size)), np.empty((size, p)), np.empty((size, p)), np.empty((size, p)),
+        np.empty((size, size)), np.empty((size, size)),
+    )  # fmt: skip
+    updating = (
+        np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
+        np.empty(max(p, size)),
+    )  # fmt: skip
+    for k in range(1, t.shape[0]):
+        difference_into(structure, q[k - 1], q[k], y[:n])
+        for i in range(n):
+            y[n + i] = v[k, i] - v[k - 1, i]
+        _add_increment(filter.noise, y)
+        for i in range(size):
+            R[i] = max(filter.noise.variance[i], _SMALLEST * _SMALLEST)
+        pivots[k] = np.inf
+        if tally[0] == 0.0:
+            if filter.noise.seen[0] >= _WARM_UP + 3:
+                restart_state(filter, q[k], v[k], R)
+            thetas[k], v_hats[k] = filter.theta, v[k]
+            continue
+        pivot, F = transition(
+            structure, filter.q, filter.v, u[k - 1], t[k] - t[k - 1], filter.theta, scale, step,
+            q1, v1,
+        )  # fmt: skip
+        square = np.nan
+        if pivot > 0.0:
+            pivots[k] = pivot
+            _predict(law, F, filter, predicting)
+            difference_into(structure, q1, q[k], y[:n])
+            for i in range(n):
+                y[n + i] = v[k, i] - v1[i]
+            square = _update(law, filter, R, y, updating)
+        if not square < np.inf:
+            thetas[k], v_hats[k] = filter.theta, v[k]
+            return k, CONTRADICTED
+        integrate_into(structure, q1, y[:n], filter.q)
+        for i in range(n):
+            filter.v[i] = v1[i] + y[n + i]
+        thetas[k], v_hats[k] = filter.theta, filter.v
+        tally[1] += 1
+        tally[2] += square
+        totals[0] += square
+        totals[1] += size
+        dof = size * law.window
+        spread = _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2
+        vague = 1.0 + 4.0 / np.sqrt(min(filter.noise.seen[0], _MEMORY))  # of R itself
+        if tally[2] > vague * (dof + spread):
+            return k, CONTRADICTED
+        if tally[1] >= law.window:
+            filter.safe[0], filter.safe[1] = filter.safe[1], filter.theta
+            filter.safe_P[0], filter.safe_P[1] = filter.safe_P[1], filter.Ptt
+            tally[3] = max(tally[3], tally[2] / dof)
+            tally[1], tally[2] = 0.0, 0.0
+    return t.shape[0] - 1, COMPLETED

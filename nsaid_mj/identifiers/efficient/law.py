@@ -1,0 +1,255 @@
+"""The efficient law: a Kalman filter of state and parameters, guarded by the law `memory`.
+
+The filter is as accurate as the data allow, but only locally: nothing is proven from far away, or
+where the structure does not explain the motion. Beside it runs the law `memory`, which converges
+from anywhere. At the end of every interval of the memory, θ̂ is handed out from the filter if its
+mean residual on all remembered data is at most `_WORSE` times that of the memory's estimate, else
+from the memory.
+
+Innovations larger than chance allows contradict the filter. The first time, an actuator counts as
+changed: the filter returns to its estimate from before, with the actuators' gains set free. The
+next time, or if it is young, it starts again at the memory's estimate, which alone is handed out
+until the filter has again explained `_PROBATION` seconds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bounds import Config, NonNegative, Positive, config
+from ...errors import InvalidInput
+from ...log import Log, Measurement
+from ...parameters import Array
+from ..base import Confidence, Estimates, Identifier, State, Status
+from ..cone.barrier import cone_of, gradient_and_hessian
+from ..memory.cost import quotient
+from ..nullspace_aid import NullspaceIdentifier
+from .kalman import CONTRADICTED, Filter, Law, filter_at, follow_filter, restart_state
+
+_WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
+_PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
+_MATURE = 2.0  # time without a contradiction after which one is taken for a changed actuator [s]
+_FREE = 0.5  # relative standard deviation of a gain that is set free
+_ROUNDING = 1e-15  # of P_θθ relative to its largest entry
+
+
+@config
+class EfficientConfig(Config):
+    """The filter of the law `efficient`.
+
+    Attributes:
+        prior: standard deviation of θ̂(0) in the metric of the cone, for instance the relative one
+            of a positive parameter.
+        linearisation: γ, standard deviation of the error of a step's linearisation relative to the
+            standard deviation of what θ does in it.
+        window: time over which innovations are tested against chance [s].
+    """
+
+    _path = "identifier.efficient"
+
+    prior: Positive = 0.3
+    linearisation: NonNegative = 0.3
+    window: Positive = 0.1
+
+
+class Guarded(NamedTuple):
+    """State of the efficient law.
+
+    Attributes:
+        filter: the filter.
+        guard: state of the law `memory`.
+        calm: time since the filter began, or was last contradicted [s].
+        handed: whether θ̂ is handed out from the filter.
+        restarts: times the filter started again at the memory's estimate.
+        returns: times it returned to an earlier estimate with the gains set free.
+    """
+
+    filter: Filter
+    guard: State
+    calm: float
+    handed: bool
+    restarts: int
+    returns: int
+
+
+def efficient_identifier(
+    guard: NullspaceIdentifier, dt: float, config: EfficientConfig | None = None
+) -> EfficientIdentifier:
+    """The efficient law.
+
+    Args:
+        guard: the law `memory`, whose system and prior are the filter's.
+        dt: time between measurements [s].
+        config: of the filter; None is `EfficientConfig()`.
+
+    Raises:
+        InvalidInput: the system has no compiled forward dynamics.
+    """
+    return EfficientIdentifier(guard, dt, config or EfficientConfig())
+
+
+class EfficientIdentifier(Identifier):
+    """A Kalman filter of (q, v, θ), guarded by the law `memory`; arguments as above."""
+
+    conserves = proven = False
+    cancelling = 0.0
+
+    def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
+        self.guard, self.system, self.config = guard, guard.system, config
+        system = guard.system
+        if system.forward is None:
+            raise InvalidInput(
+                "law",
+                "a system with compiled forward dynamics",
+                type(system).__name__,
+                "Take --law memory; for an arm, --plant.backend compiled.",
+            )
+        assert guard.memory is not None
+        self._cone, self._scale = cone_of(system.space), np.array(system.space.scale)
+        window = max(10, round(config.window / dt))
+        gamma = config.linearisation
+        self._law = Law(system.forward, self._cone, self._scale, gamma, window)
+
+    def init(self, first: Measurement) -> State:
+        """The state at the first measurement: θ̂ = prior, no past data."""
+        guard = self.guard.init(first)
+        theta = guard.theta_hat
+        q = np.asarray(first.q, dtype=np.float64)
+        kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
+        inside = Guarded(kalman, guard, 0.0, False, 0, 0)
+        return guard._replace(memory=None, filter=inside)
+
+    def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
+        """Filter and memory along a log, with a decision at the end of every interval."""
+        self.check(log)
+        made, at = [Estimates.of(state)], 0
+        while at < len(log.t) - 1 and state.status is Status.completed:
+            memory = state.filter.guard.memory
+            steps = self.guard.memory.every - memory.step % self.guard.memory.every
+            state, estimates = self._interval(state, log.part(at, at + steps + 1))
+            made.append(estimates.after(1))
+            at += len(estimates.pivot) - 1
+        return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
+
+    def _interval(self, state: State, log: Log) -> tuple[State, Estimates]:
+        """Filter and memory along a log that ends at the latest where the memory is updated."""
+        inside: Guarded = state.filter
+        guard, estimates = self.guard.follow(inside.guard, log)
+        log = log.first(len(estimates.pivot))
+        inside, thetas, v_hats, pivots = self._filtered(inside, guard, log)
+        if inside.handed:
+            estimates = Estimates(v_hats, thetas, pivots, estimates.spent)
+        elif inside.filter.tally[0]:
+            estimates = estimates._replace(v_hat=v_hats)
+        if guard.status is Status.completed and guard.memory.step % self.guard.memory.every == 0:
+            inside = inside._replace(handed=self._explains(inside))
+            best = inside.filter.theta if inside.handed else guard.theta_hat
+            estimates.theta_hat[-1] = best
+        return (
+            State(
+                guard.t,
+                estimates.v_hat[-1].copy(),
+                estimates.theta_hat[-1].copy(),
+                float(estimates.pivot[-1]),
+                guard.status,
+                filter=inside._replace(guard=guard),
+            ),
+            estimates,
+        )
+
+    def _filtered(
+        self, inside: Guarded, guard: State, log: Log
+    ) -> tuple[Guarded, Array, Array, Array]:
+        """The filter along a log, through contradictions; and its θ̂, v̂ and pivots."""
+        count = len(log.t)
+        thetas, v_hats = np.empty((count, self.system.p)), np.empty((count, self.system.n))
+        pivots, at = np.full(count, np.inf), 0
+        kalman = _copied(inside.filter)
+        while at < count - 1:
+            begun, columns = bool(kalman.tally[0]), (part[at:] for part in log)
+            out = thetas[at:], v_hats[at:], pivots[at:]
+            row, end = follow_filter(self._law, kalman, *columns, *out)
+            calm = inside.calm + float(log.t[at + row] - log.t[at]) * begun
+            inside = inside._replace(filter=kalman, calm=calm)
+            at += row
+            if end == CONTRADICTED:
+                inside = self._recovered(inside, guard, log.at(at))
+                thetas[at], v_hats[at] = kalman.theta, kalman.v
+        thetas[0], v_hats[0] = thetas[min(1, count - 1)], v_hats[min(1, count - 1)]
+        return inside, thetas, v_hats, pivots
+
+    def _recovered(self, inside: Guarded, guard: State, here: Measurement) -> Guarded:
+        """After a contradiction: an earlier estimate with free gains, or the memory's."""
+        kalman, k = inside.filter, self.system.space.actuators
+        returns = inside.calm >= _MATURE
+        if returns:
+            kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
+            kalman.Ptt[k], kalman.Ptt[:, k] = 0.0, 0.0
+            kalman.Ptt[k, k] = (_FREE * kalman.theta[k] / self._scale[k]) ** 2
+        else:
+            kalman.theta[:] = guard.theta_hat
+            kalman.Ptt[:] = self._covariance(guard.theta_hat)
+        R = np.maximum(kalman.noise.variance, 1e-18)
+        restart_state(kalman, here.q, here.v, R)
+        return inside._replace(
+            calm=0.0,
+            handed=inside.handed and returns,
+            returns=inside.returns + returns,
+            restarts=inside.restarts + (not returns),
+        )
+
+    def _explains(self, inside: Guarded) -> bool:
+        """Whether the filter's estimate explains the remembered data as well as the memory's."""
+        kalman, memory = inside.filter, inside.guard.memory
+        remembered = None if memory is None else quotient(memory.means, self.system.space)
+        if remembered is None or not kalman.tally[0]:
+            return False
+        if inside.returns + inside.restarts and inside.calm < _PROBATION:
+            return inside.handed  # after a change of an actuator the memory holds data from before
+        theirs = np.maximum(remembered.levels(inside.guard.theta_hat), 1e-300)
+        return bool(np.mean(remembered.levels(kalman.theta) / theirs) <= _WORSE)
+
+    def _covariance(self, theta: Array) -> Array:
+        """(p, p) P_θθ before any data: σ² (∇²b(θ̂) + 1)⁻¹ in units of the scale."""
+        _, metric = gradient_and_hessian(self._cone, theta)
+        balanced = metric * np.outer(self._scale, self._scale) + np.eye(self.system.p)
+        return self.config.prior**2 * np.linalg.inv(balanced)
+
+    def conserved(self, theta_hat: Array) -> Array:
+        """(...,) the quantity that the law `memory` would conserve."""
+        return self.guard.conserved(theta_hat)
+
+    def divergence(self, theta: Array, theta_hat: Array) -> Array:
+        """(...,) the second term of V of the law `memory`, at θ (p,) and estimates (..., p)."""
+        return self.guard.divergence(theta, theta_hat)
+
+    def implicit(self, t: Array) -> np.ndarray:
+        """(N−1,) True: every update of the filter is a step outside (44, 45)."""
+        return np.ones(max(0, len(t) - 1), dtype=bool)
+
+    def slack(self, state: State, theta: Array) -> float:
+        """Infinity: nothing is proven of V."""
+        return np.inf
+
+    def confidence(self, state: State) -> Confidence | None:
+        """The covariance of the estimate that is handed out.
+
+        That of the filter is scaled by the mean squared normalised innovation where it exceeds 1.
+        """
+        inside: Guarded = state.filter
+        if not inside.handed:
+            return self.guard.confidence(inside.guard)
+        kalman, prior = inside.filter, self._covariance(self.guard.prior)
+        squares, number = kalman.totals
+        P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
+        units = np.outer(self._scale, self._scale)
+        samples = np.full(self.system.n, number / (2 * self.system.n))
+        return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
+
+
+def _copied(kalman: Filter) -> Filter:
+    """A copy, as `follow_filter` overwrites its argument."""
+    noise = type(kalman.noise)(*(part.copy() for part in kalman.noise))
+    return Filter(*(noise if part is kalman.noise else part.copy() for part in kalman))
