@@ -1,4 +1,4 @@
-"""(32–36, 39, 40): the split of parameter space, and its dimension by other ways of counting."""
+"""(32–36, 39–43): the split of parameter space, and its dimension by other ways of counting."""
 
 from __future__ import annotations
 
@@ -46,6 +46,26 @@ def test_40_decomposition_round_trip(table: Bench):
     assert lengths == pytest.approx(np.sum(theta_s**2, axis=1), rel=1e-13)
     sine = np.linalg.norm(across, axis=1) / np.linalg.norm(theta_s, axis=1)
     assert nullspace.ratio(theta_s) == pytest.approx(sine, rel=1e-13)
+
+
+def test_42_43_theta_perp_is_the_distance_to_P(table: Bench):
+    """(42) ⇔ (43): ‖θ̄_P⊥‖ is the distance of θ̂ to P_s(θ), so that both vanish together.
+
+    The nearest member is found by least squares over a skew basis of P_s(θ); the basis of the
+    complement has no part in it.
+    """
+    nullspace, rng = table.nullspace, np.random.default_rng(25)
+    theta_s = table.truth / table.system.space.scale
+    mixing = 0.1 * rng.standard_normal((nullspace.r, nullspace.r)) / np.sqrt(nullspace.r)
+    members = theta_s[:, None] / np.linalg.norm(theta_s) + nullspace.P @ mixing
+    for error in (1.0, 1e-3, 1e-6):
+        estimate = members @ rng.standard_normal(nullspace.r)
+        estimate = estimate / np.linalg.norm(estimate) + error * rng.standard_normal(len(theta_s))
+        nearest = members @ np.linalg.lstsq(members, estimate, rcond=None)[0]
+        distance = np.linalg.norm(estimate - nearest)
+        _, across = nullspace.coordinates(estimate)
+        assert distance > 0.1 * error
+        assert np.linalg.norm(across) == pytest.approx(distance, rel=1e-6)
 
 
 def test_r_of_an_arm_by_inverse_dynamics(arm: Bench):

@@ -5,9 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
 from nsaid_mj.persistence import PersistenceMonitor, level
-from tests.support.bench import Bench, accelerations, bench, columns
+from tests.support.bench import (
+    Bench,
+    TwoVehicles,
+    accelerations,
+    bench,
+    columns,
+    estimates,
+    identify,
+    simulate,
+)
 
 
 def window(table: Bench, theta_hat: Array, seconds: float, stride: int) -> tuple[Array, float]:
@@ -53,6 +64,47 @@ def test_proposition_1_holds_off_the_true_set_too():
     assert level(B, dt) < 1e-13 * strongest
     assert level(B, dt, (s_of_hat / np.linalg.norm(s_of_hat))[:, None]) < 1e-13 * strongest
     assert level(B, dt, (s_of_truth / np.linalg.norm(s_of_truth))[:, None]) > 1e-3 * strongest
+
+
+def test_proposition_1_the_estimate_need_not_converge_for_it():
+    """(30): over a late window (2) fails along θ̂ at its start, although θ̂ is far from P(θ).
+
+    W(τ, x, v̂, θ̂(τ)) θ̂(t) = W(τ, x, v̂, θ̂(τ)) [θ̂(t) − θ̂(τ)] is no larger than what θ̂ moves, and
+    by (45, 70) that vanishes: here while the vehicle hovers, and θ̂ stays 40 % off in places.
+    """
+    system, dt, rows = TwoVehicles(), 0.02, 200
+    truth = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])
+    prior = truth * np.tile([1.4, 0.6], 4)
+    samples = simulate(system, truth, lambda t: truth[[2, 6]] / truth[[3, 7]], dt, 3000)
+    law = paper_identifier(system, np.full(2, 2.0), np.full(8, 1.0), prior, dt)
+    states = identify(law, samples)
+    t, x, _, u = columns(samples)
+    v_hat, theta_hat = estimates(states)
+    levels = []
+    for start in range(0, len(t) - rows, rows):
+        k = slice(start, start + rows)
+        a_hat = accelerations(system, t[k], x[k], v_hat[k], u[k], theta=theta_hat[k])
+        W = system.regressor(t[k], x[k], v_hat[k], a_hat, u[k])
+        along = theta_hat[start] / np.linalg.norm(theta_hat[start])
+        moved = np.linalg.norm(theta_hat[k] - theta_hat[start], axis=1)
+        force = np.linalg.norm(W @ theta_hat[start], axis=1)
+        assert (force <= np.linalg.norm(W, ord=2, axis=(1, 2)) * moved + 1e-12).all()
+        levels.append(level(W, dt, along[:, None]))
+    assert levels[0] > 0.01
+    assert levels[-1] < 1e-4 * levels[0]
+    nullspace = structural(system, truth, np.random.default_rng(0))
+    assert nullspace.ratio(theta_hat[-1]) > 0.5 * nullspace.ratio(prior) > 0.1
+
+
+def test_56_58_the_truth_enters_the_nullspace_of_the_estimates_regressor(converged):
+    """(56–58) As θ̂ converges to P(θ), W(t, x, v̂, θ̂) θ → 0, while W(t, x, v̂, θ̂) itself does not."""
+    table, samples, v_hat, theta_hat = converged
+    t, x, _, u = columns(samples)
+    a_hat = accelerations(table.system, t, x, v_hat, u, theta=theta_hat)
+    W = table.system.regressor(t, x, v_hat, a_hat, u)
+    force, tenth = np.linalg.norm(W @ table.truth, axis=1), len(t) // 10
+    assert force[-tenth:].max() < 1e-4 * force[:tenth].max()
+    assert np.linalg.norm(W[-tenth:]) > 0.5 * np.linalg.norm(W[:tenth])
 
 
 @pytest.mark.parametrize("name", ["scalar_rov", "double_pendulum", "ur5"])

@@ -8,7 +8,17 @@ from scipy.integrate import cumulative_simpson
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
-from tests.support.bench import bench, columns, estimates, identify, lyapunov, order, swing
+from tests.support.bench import (
+    TwoVehicles,
+    bench,
+    columns,
+    estimates,
+    identify,
+    lyapunov,
+    order,
+    simulate,
+    swing,
+)
 
 
 @pytest.mark.parametrize(
@@ -57,6 +67,33 @@ def test_69_rate_of_V():
         errors.append(np.abs(V - V[0] + lost)[:: count // 50].max() / lost[-1])
     assert errors[-1] < 1e-6
     assert 3.5 < order(1 / counts, np.array(errors)) < 5.5
+
+
+def test_69_holds_for_every_member_of_P_s():
+    """(66, 69) need no M(x, θ*) ≻ 0: V changes by −∫ Δvᵀ M(x, θ*) K Δv for every θ* of P_s(θ).
+
+    Among them are 0, one with a vehicle of mass 0 and one with a negative mass. As ∫ |Δv|² dt is
+    finite, V converges for all of them, and with Δv → 0 so does ‖θ̂ − θ*‖ in the metric of Γ. A
+    limit point of θ̂ in P_s(θ) is then the only one: (43) makes θ̂ come to rest, as (42) says.
+    """
+    system, dt = TwoVehicles(), 0.01
+    truth = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])
+    Gamma, K = np.linspace(0.5, 1.5, 8), 2.0
+    samples = simulate(system, truth, lambda t: np.array([0.9, -0.2]), dt, 400)
+    law = paper_identifier(system, np.full(2, K), Gamma, truth * np.tile([1.4, 0.6], 4), dt)
+    states = identify(law, samples)
+    t, x, v, _ = columns(samples)
+    dv = estimates(states)[0] - v
+
+    def defect(theta: np.ndarray) -> float:
+        V = lyapunov(system, theta, Gamma, samples, states)
+        loss = K * np.einsum("ki,kij,kj->k", dv, system.mass_matrix(x, theta), dv)
+        lost = cumulative_simpson(loss, x=t, initial=0.0)
+        return np.abs(V - V[0] + lost).max() / (K * np.sum(dv**2) * dt)
+
+    for scales in ([1.0, 1.0], [1.0, 0.0], [1.0, -1.0], [0.0, 0.0], [-0.4, 2.0]):
+        assert defect(truth * np.repeat(scales, 4)) < 1e-6
+    assert defect(truth * np.repeat([1.0, 0.5], 4) + 0.1) > 1e-2  # not in P_s(θ)
 
 
 def rise(K: np.ndarray, dv: np.ndarray, dt: float) -> tuple[float, float]:
