@@ -103,15 +103,16 @@ def reversals(jumps: Array, steps: int) -> tuple[Array, Array, Array, Array]:
     """
     system, K = Cart(), 2.0  # its true θ is (1, 2)
     pieces = [np.linspace(*pair, steps, endpoint=False) for pair in pairwise(jumps)]
-    t, u = np.concatenate(pieces), np.repeat((-1.0) ** np.arange(len(pieces)), steps)
+    t, u = np.concatenate(pieces), np.repeat(np.resize([1.0, -1.0], len(pieces)), steps)
     v = np.concatenate([[0.0], np.cumsum(2 * u[:-1] * np.diff(t))])  # exact: v̇ = 2u is constant
     q = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
     P_perp = np.array([[2.0], [-1.0]]) / np.sqrt(5.0)
-    W = np.stack([2 * u, -u], axis=1)[:, None]  # (10) with the true v̇
+    W: Array = u[:, None, None] * np.array([2.0, -1.0])  # (10) with the true v̇
     for start in range(0, 36, 4):
         window = W[(t >= start) & (t < start + 4)]
         assert level(window, 4 / len(window), P_perp) > 8.0
-    law = paper_identifier(system, np.full(1, K), np.full(2, 2.0), [1.5, 1.5], np.diff(t).max())
+    gains, prior = (np.full(1, K), np.full(2, 2.0)), np.array([1.5, 1.5])
+    law = paper_identifier(system, *gains, prior, float(np.diff(t).max()))
     log = Log(t, q, v, u)
     state, estimates = law.follow(law.init(log.at(0)), log)
     assert state.status is Status.completed
