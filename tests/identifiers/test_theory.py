@@ -1,4 +1,4 @@
-"""Every statement about the memory proved in docs/theory.md, checked numerically."""
+"""Statements about the memory that docs/theory.md proves, checked numerically."""
 
 from __future__ import annotations
 
