@@ -9,6 +9,7 @@ from scipy.integrate import cumulative_simpson
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
 from tests.support.bench import (
+    Bench,
     TwoVehicles,
     bench,
     columns,
@@ -48,6 +49,40 @@ def test_69_V_never_rises(name: str, seconds: float):
     assert np.diff(V).max() <= bound
     assert V[0] - V[-1] > 1e3 * bound
     assert V[-1] < 0.99 * V[0]
+
+
+def test_67_68_the_rate_of_V_term_by_term(arm: Bench):
+    """(67) = (68) = (69) at random states, for any v̂, θ̂, K and Γ; not with M − 2C, as printed.
+
+    Δv̇ and θ̂̇ are those of (44, 45); Ṁ is a fourth-order difference along q̇ = J v.
+    """
+    system, truth, rng, h = arm.system, arm.truth, np.random.default_rng(26), 1e-3
+    n, p, scale = system.n, system.p, system.space.scale
+    for t, x, v, u in zip(*arm.states(5), strict=True):
+        q, _ = system.split(x)
+        theta_hat = truth + 0.1 * np.abs(truth) * rng.uniform(-1, 1, p)
+        v_hat = v + rng.standard_normal(n)
+        K, mixing = 5 * np.eye(n) + rng.standard_normal((n, n)), rng.standard_normal((p, p))
+        Gamma = np.outer(scale, scale) * (np.eye(p) + 0.1 * mixing @ mixing.T)
+        dv, dtheta = v_hat - v, theta_hat - truth
+        a_hat = system.acceleration(t, x, v_hat, u, theta_hat)
+        dv_rate = a_hat - K @ dv - system.acceleration(t, x, v, u, truth)  # (48)
+        W = system.regressor(t, x, v_hat, a_hat, u)
+
+        def M(s: float, q=q, v=v) -> np.ndarray:
+            moved = np.concatenate([system.integrate(q, s * v), v])
+            return system.mass_matrix(moved, truth)
+
+        M_dot = (8 * (M(h) - M(-h)) - (M(2 * h) - M(-2 * h))) / (12 * h)
+        C = system.coriolis_matrix(x, truth)
+        theta_rate = Gamma @ W.T @ dv  # (45)
+        flow = dtheta @ np.linalg.solve(Gamma, theta_rate)
+        whole = 0.5 * dv @ M_dot @ dv + dv @ M(0) @ dv_rate + flow  # (67)
+        loss = dv @ M(0) @ K @ dv
+        size = abs(loss) + abs(flow) + abs(dv @ C @ dv)
+        assert abs(whole - (0.5 * dv @ (M_dot - 2 * C) @ dv - loss)) < 1e-9 * size  # (68)
+        assert abs(whole + loss) < 1e-9 * size  # (69)
+        assert abs(whole - (0.5 * dv @ (M(0) - 2 * C) @ dv - loss)) > 1e-6 * size
 
 
 def test_69_rate_of_V():
