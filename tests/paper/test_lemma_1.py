@@ -105,7 +105,9 @@ def reversals(jumps: Array, steps: int) -> tuple[Array, Array, Array, Array]:
     pieces = [np.linspace(*pair, steps, endpoint=False) for pair in pairwise(jumps)]
     t, u = np.concatenate(pieces), np.repeat(np.resize([1.0, -1.0], len(pieces)), steps)
     v = np.concatenate([[0.0], np.cumsum(2 * u[:-1] * np.diff(t))])  # exact: v̇ = 2u is constant
+    v -= v[-20 * steps :].mean()  # or the cart would run away
     q = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    assert np.abs(q).max() < 1.0  # bounded, as Theorem 1 has it
     P_perp = np.array([[2.0], [-1.0]]) / np.sqrt(5.0)
     W: Array = u[:, None, None] * np.array([2.0, -1.0])  # (10) with the true v̇
     for start in range(0, 36, 4):
