@@ -192,6 +192,7 @@ def _compare(script: str, arguments: Sequence[str]) -> int:
         else (0.5 * scenario.duration, scenario.duration),
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
         budget=compare.BUDGET if chosen.budget is None else chosen.budget,
+        bound=chosen.bound,
     )
     folder = chosen.out or Path("runs") / f"{name}-compare"
     compare.run(plan, folder, quiet=chosen.quiet or chosen.json)

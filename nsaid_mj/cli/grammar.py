@@ -49,6 +49,7 @@ class Comparison:
         sensors: ideal, noisy or ideal,noisy; by default those of the scenario.
         noise_scales: comma-separated multiples of the scenario's noise.
         budget: time limit of the search by sysid [s].
+        bound: also compute the Cramér–Rao bound of the noisy logs, and compare with it.
         out: folder of the results; by default runs/NAME-compare.
         quiet: print only errors.
         json: print only the table, as JSON, to the standard output.
@@ -60,6 +61,7 @@ class Comparison:
     sensors: str | None = None
     noise_scales: str | None = None
     budget: float | None = None
+    bound: bool = False
     out: Path | None = None
     quiet: bool = False
     json: bool = False

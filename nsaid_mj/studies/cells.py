@@ -14,6 +14,9 @@ from ..identifiers import NullspaceAID
 PRIOR = "prior"
 """Name of the prior, which is judged like a method."""
 
+BOUND = "bound"
+"""Name of the Cramér–Rao bound, whose median figures stand beside those of the methods."""
+
 LAWS: tuple[str, ...] = get_args(get_type_hints(NullspaceAID)["law"])
 
 METHODS = ("conventional", *LAWS, *BATCH, "sysid")
@@ -76,6 +79,8 @@ class Row:
         best: smallest over the seeds, by key of `FIGURES`.
         failures: one reason for each failed seed.
         notes: settings that the method chose by itself, without duplicates.
+        over_bound: median over that of the Cramér–Rao bound, by key of `FIGURES`; empty where the
+            bound was not computed.
     """
 
     method: str
@@ -86,6 +91,7 @@ class Row:
     best: dict[str, float]
     failures: tuple[str, ...]
     notes: tuple[str, ...]
+    over_bound: dict[str, float]
 
 
 def rows(cells: Sequence[Cell]) -> list[Row]:
@@ -93,23 +99,31 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
     groups: dict[tuple[float, float, str], list[Cell]] = {}
     for cell in cells:
         groups.setdefault((cell.noise, cell.duration, cell.method), []).append(cell)
-    found = []
-    order = (PRIOR, *METHODS)
+    found: list[Row] = []
+    bounds: dict[tuple[float, float], dict[str, float]] = {}
+    order = (PRIOR, BOUND, *METHODS)
     for noise, duration, method in sorted(groups, key=lambda k: (*k[:2], order.index(k[2]))):
         group = groups[noise, duration, method]
         values = {
             key: np.array([_number(getattr(cell, key)) for cell in group]) for _, key in FIGURES
         }
+        median = {key: float(np.median(v)) for key, v in values.items()}
+        if method == BOUND:
+            bounds[noise, duration] = {
+                key: value for key, value in median.items() if 0 < value < np.inf
+            }
+        least = bounds.get((noise, duration), {}) if method not in {PRIOR, BOUND} else {}
         found.append(
             Row(
                 method,
                 noise,
                 duration,
-                median={key: float(np.median(v)) for key, v in values.items()},
+                median=median,
                 worst={key: float(np.max(v)) for key, v in values.items()},
                 best={key: float(np.min(v)) for key, v in values.items()},
                 failures=tuple(cell.failure for cell in group if cell.failure),
                 notes=tuple(dict.fromkeys(cell.note for cell in group if cell.note)),
+                over_bound={key: median[key] / value for key, value in least.items()},
             )
         )
     return found

@@ -26,13 +26,14 @@ from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
 from ..baselines.sysid import BUDGET, sysid
 from ..errors import BadRun, InvalidInput, NoEstimate, NsaidError, UnknownName
+from ..evaluation.bound import bound_figures, cramer_rao
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup, is_sound
 from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
-from ..log import EXACT
+from ..log import EXACT, Log
 from ..reporting.progress import announcing
 from ..resources import write_json, write_text
-from .cells import DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
+from .cells import BOUND, DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
 from .study import Study
 
 _HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "relative gains", "force residual", "time [s]")
@@ -53,6 +54,7 @@ class Plan(Study):
         durations: lengths of log that the methods get [s].
         noises: multiples of the scenario's sensor noise; 0 for exact sensors.
         budget: time limit of the search by `sysid` [s].
+        bound: whether the Cramér–Rao bound of every noisy log is computed.
 
     Raises:
         UnknownName: a method is unknown.
@@ -64,6 +66,7 @@ class Plan(Study):
     durations: tuple[float, ...] = (10.0, 20.0)
     noises: tuple[float, ...] = (0.0,)
     budget: float = BUDGET
+    bound: bool = False
 
     def __post_init__(self) -> None:
         for name in self.methods:
@@ -88,6 +91,10 @@ class Plan(Study):
             remedy = "Give longer durations."
             raise InvalidInput("durations", f"times ≥ {shortest:g} s", self.durations, remedy)
 
+    def names(self, noise: float) -> tuple[str, ...]:
+        """The prior, the bound if there is one at this multiple of the noise, and the methods."""
+        return (PRIOR, *((BOUND,) if self.bound and noise else ()), *self.methods)
+
     @property
     def manifest(self) -> dict[str, Any]:
         """Everything that the results depend on, as JSON values; the scenario as JSON text."""
@@ -97,6 +104,7 @@ class Plan(Study):
             durations=list(self.durations),
             noises=list(self.noises),
             budget=self.budget,
+            bound=self.bound,
         ) | {"scenario": self.scenario.to_json()}
 
 
@@ -111,7 +119,7 @@ def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Itera
     for seed in plan.seeds:
         for noise in plan.noises:
             report(f"seed {seed}, {sensors(noise)}: driving the plant")
-            names = (PRIOR, *plan.methods)
+            names = plan.names(noise)
             try:
                 world = World(plan, seed, noise)
             except NsaidError as error:
@@ -169,6 +177,8 @@ class World:
         """Runs one method on the first `duration` [s] of the log and judges its estimate."""
         problem = self._problem._replace(log=self._problem.log.until(duration))
         begin = time.perf_counter()
+        if name == BOUND:
+            return self._bound(duration, problem.log)
         estimate, failure = _attempt(self._methods[name], problem)
         wall: float | None = time.perf_counter() - begin
         if name == PRIOR:
@@ -178,6 +188,16 @@ class World:
         figures = self._judge(duration)(estimate.theta)
         cell = Cell(name, *self._key, duration, wall_s=wall, note=estimate.note)
         return replace(cell, **figures)  # pyright: ignore[reportArgumentType]
+
+    def _bound(self, duration: float, log: Log) -> Cell:
+        """The figures of estimates that attain the Cramér–Rao bound."""
+        truth = evaluation.Truth(self._setup, duration)
+        try:
+            covariance = cramer_rao(truth, log, self._setup.scenario.noise.levels)
+        except NsaidError as error:
+            return Cell(BOUND, *self._key, duration, failure=str(error))
+        figures = bound_figures(truth, self._judge(duration), covariance)
+        return replace(Cell(BOUND, *self._key, duration), **figures)  # pyright: ignore[reportArgumentType]
 
     def _judge(self, duration: float) -> evaluation.Judge:
         """The judge of estimates made at a time [s]; a fault may have changed the truth by then."""
@@ -273,6 +293,7 @@ def print_table(cells: Sequence[Cell], console: Console) -> None:
         shown = [
             _digits(row.median[key])
             + (f" ({_digits(row.worst[key])})" if several and key != "wall_s" else "")
+            + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else "")
             for _, key in FIGURES
         ]
         table.add_row(f"  {row.method}", *shown, *(["; ".join(row.notes)] if wide else []))
@@ -285,6 +306,8 @@ def print_table(cells: Sequence[Cell], console: Console) -> None:
     console.print(table)
     if several:
         console.print("Medians over the seeds, worst in brackets; – stands for a failed seed.")
+    if any(row.method == BOUND for row in rows(cells)):
+        console.print("Multiples (×) are of the Cramér–Rao bound of the same logs.")
     for line in failures:
         console.print(line, soft_wrap=True, markup=False)
 
@@ -308,7 +331,8 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
         quiet: print nothing.
     """
     cells: list[Cell] = []
-    total = (1 + len(plan.methods)) * len(plan.seeds) * len(plan.durations) * len(plan.noises)
+    columns = sum(len(plan.names(noise)) for noise in plan.noises)
+    total = columns * len(plan.seeds) * len(plan.durations)
     bar = Progress(
         TextColumn("{task.description:48}"),
         BarColumn(),

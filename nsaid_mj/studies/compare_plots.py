@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..reporting import plots
-from .cells import FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
+from .cells import BOUND, FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
 
 FILES = ("data_length.png", "noise.png", "wall_time.png")
 _SHOWN = FIGURES[:3]
@@ -17,6 +17,8 @@ _STYLES = {
     "paper": ("#5f3dc4", "o"),
     "cone": ("#9775fa", "s"),
     "memory": ("#0b6e99", "D"),
+    "efficient": ("#d6336c", "h"),
+    BOUND: ("#212529", "_"),
     "conventional": ("#868e96", "o"),
     "ols": ("#e8590c", "^"),
     "wls": ("#2b8a3e", "v"),
@@ -89,7 +91,7 @@ def _against_time(found: list[Row], noises: list[float], duration: float) -> Any
         chosen = [r for r in found if (r.noise, r.duration) == (noise, duration)]
         for axis, (_, key) in zip(line, _SHOWN, strict=True):
             for row in chosen:
-                if row.method != PRIOR:
+                if row.method not in {PRIOR, BOUND}:
                     _curve(axis, [row], key, lambda row: row.median["wall_s"])
         line[0].set_ylabel(f"{sensors(noise)}, {duration:g} s of data")
     for axis in axes.ravel():
@@ -118,7 +120,7 @@ def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
         marker=mark,
         ms=7 if ours else 5,
         lw=2.2 if ours else 1.1,
-        ls="--" if method == PRIOR else "-",
+        ls="--" if method in {PRIOR, BOUND} else "-",
         elinewidth=0.8,
         capsize=2,
         label=method,

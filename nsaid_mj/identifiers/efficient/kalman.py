@@ -140,6 +140,21 @@ def restart_state(filter, q, v, R):
 
 
 @njit(cache=True)
+def _workspaces(structure, n, m, p):
+    """Allocates the workspaces of `transition`, `_predict` and `_update`."""
+    size = 2 * n
+    predicting = (
+        np.empty((size, size)), np.empty((size, p)), np.empty((size, p)), np.empty((size, p)),
+        np.empty((size, size)), np.empty((size, size)),
+    )  # fmt: skip
+    updating = (
+        np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
+        np.empty(max(p, size)),
+    )  # fmt: skip
+    return transition_work(structure, n, m, p), predicting, updating
+
+
+@njit(cache=True)
 def _predict(law, F, filter, work):
     """Writes P̄, without R, from the derivatives F (2n, 2n+p) of a step."""
     Pxx, Pxt, Ptt = filter.Pxx, filter.Pxt, filter.Ptt
@@ -261,16 +276,8 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
     structure, scale, tally, totals = law.structure, law.scale, filter.tally, filter.totals
     n, m, p = v.shape[1], q.shape[1], scale.shape[0]
     size = 2 * n
-    step = transition_work(structure, n, m, p)
+    step, predicting, updating = _workspaces(structure, n, m, p)
     q1, v1, y, R = np.empty(m), np.empty(n), np.empty(size), np.empty(size)
-    predicting = (
-        np.empty((size, size)), np.empty((size, p)), np.empty((size, p)), np.empty((size, p)),
-        np.empty((size, size)), np.empty((size, size)),
-    )  # fmt: skip
-    updating = (
-        np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
-        np.empty(max(p, size)),
-    )  # fmt: skip
     for k in range(1, t.shape[0]):
         difference_into(structure, q[k - 1], q[k], y[:n])
         for i in range(n):
@@ -318,3 +325,36 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
             tally[3] = max(tally[3], tally[2] / dof)
             tally[1], tally[2] = 0.0, 0.0
     return t.shape[0] - 1, COMPLETED
+
+
+@njit(cache=True, nogil=True)
+def covariance_along(law, filter, R, t, q, v, u):
+    """Overwrites P of a filter by that after a log, along given states and at a given θ.
+
+    Args:
+        law: what is known beforehand; its γ adds to the covariance as in the filter.
+        filter: its θ̂ is the θ at which the system is linearised; P at the first sample.
+        R: (2n,) variances of the noise.
+        t: (N,) times [s].
+        q: (N, m) positions at which the system is linearised.
+        v: (N, n) velocities there.
+        u: (N, n_u) commands.
+
+    Returns:
+        The last row processed: N − 1, or that where M or S was not positive definite.
+    """
+    n, m, p = v.shape[1], q.shape[1], law.scale.shape[0]
+    step, predicting, updating = _workspaces(law.structure, n, m, p)
+    q1, v1, y = np.empty(m), np.empty(n), np.empty(2 * n)
+    for k in range(1, t.shape[0]):
+        pivot, F = transition(
+            law.structure, q[k - 1], v[k - 1], u[k - 1], t[k] - t[k - 1], filter.theta, law.scale,
+            step, q1, v1,
+        )  # fmt: skip
+        if not pivot > 0.0:
+            return k - 1
+        _predict(law, F, filter, predicting)
+        y[:] = 0.0
+        if not _update(law, filter, R, y, updating) < np.inf:
+            return k - 1
+    return t.shape[0] - 1

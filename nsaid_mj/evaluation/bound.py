@@ -1,0 +1,75 @@
+"""The Cramér–Rao bound of an experiment: how accurate an estimate from its log can be.
+
+The plant is deterministic given θ, the command is known, and every position and velocity has white
+Gaussian noise of known variance. The state at the first sample is known as well as one measurement
+tells it, and θ beforehand to `PRIOR` of its scale. The covariance of (q, v, θ) given all samples
+then follows by a Kalman filter's recursion along the true trajectory under the true θ (H. L. Van
+Trees, Detection, Estimation, and Modulation Theory, part I, 1968). The system is linearised at the
+measured states, whose noise changes the bound in the second order only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import NoEstimate
+from ..identifiers.cone.barrier import cone_of
+from ..identifiers.efficient.kalman import Law, covariance_along, filter_at
+from ..log import Log, SensorLevels
+from ..parameters import Array
+from .figures import Judge
+from .truth import Truth
+
+PRIOR = 0.3
+"""Standard deviation of θ/scale before any data."""
+_DRAWS = 200  # estimates whose median figures are those of the bound
+
+
+def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
+    """(p, p) smallest covariance of θ̂/scale that an unbiased estimate from a log can have.
+
+    Args:
+        truth: of the plant.
+        log: the measurements.
+        levels: standard deviations of the sensors' noise, > 0.
+
+    Raises:
+        NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or M is not
+            positive definite along the log.
+    """
+    system, n = truth.system, truth.system.n
+    if system.forward is None:
+        raise NoEstimate(
+            "no bound for a system without compiled forward dynamics", "Take a packaged system."
+        )
+    if not (levels.position > 0 and levels.velocity > 0):
+        raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
+    scale = np.array(system.space.scale)
+    law = Law(system.forward, cone_of(system.space), scale, 0.0, 1)
+    R = np.repeat(np.array(levels) ** 2, n)
+    filter = filter_at(log.q[0], log.v[0], truth.theta, PRIOR**2 * np.eye(system.p))
+    filter.Pxx[:] = np.diag(R)
+    if covariance_along(law, filter, R, *log) < len(log.t) - 1:
+        raise NoEstimate("M is not positive definite along the log", "Check the parameters.")
+    return filter.Ptt
+
+
+def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, float | None]:
+    """Median figures of estimates that attain the bound.
+
+    Args:
+        truth: of the plant.
+        judge: of estimates of that plant.
+        covariance: (p, p) of `cramer_rao`.
+    """
+    basis, scale = truth.nullspace.P_perp, truth.system.space.scale
+    values, vectors = np.linalg.eigh(basis.T @ covariance @ basis)
+    root = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    draws = np.random.default_rng(0).standard_normal((_DRAWS, root.shape[1])) @ root.T
+    found = [judge(truth.theta + scale * draw) for draw in draws]
+    return {
+        key: None
+        if any(f[key] is None for f in found)
+        else float(np.median([f[key] for f in found]))
+        for key in found[0]
+    }
