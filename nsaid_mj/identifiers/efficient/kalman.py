@@ -31,7 +31,7 @@ COMPLETED, CONTRADICTED = 0, 1
 _REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _MEMORY = 2000.0  # samples over which the noise is averaged
-_SMALLEST = 1e-9  # least standard deviation of the noise [rad or m, rad/s or m/s]
+_SMALLEST = 1e-7  # least standard deviation of the noise [rad or m, rad/s or m/s]
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
 
 
@@ -125,6 +125,20 @@ def _add_increment(noise, increment):
         increments[0, i], increments[1, i] = increments[1, i], increments[2, i]
         increments[2, i] = increment[i]
     seen[0] += 1
+
+
+@njit(cache=True)
+def noise_variance(noise):
+    """(2n,) R, not below what rounding errors allow."""
+    return np.maximum(noise.variance, _SMALLEST * _SMALLEST)
+
+
+@njit(cache=True)
+def acceptable(law, filter):
+    """Largest sum of squared normalised innovations in a window that chance explains."""
+    dof = 2.0 * filter.v.shape[0] * law.window
+    vague = 1.0 + 4.0 / np.sqrt(min(filter.noise.seen[0], _MEMORY))  # of R itself
+    return vague * (dof + _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2)
 
 
 @njit(cache=True)
@@ -283,8 +297,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         for i in range(n):
             y[n + i] = v[k, i] - v[k - 1, i]
         _add_increment(filter.noise, y)
-        for i in range(size):
-            R[i] = max(filter.noise.variance[i], _SMALLEST * _SMALLEST)
+        R[:] = noise_variance(filter.noise)
         pivots[k] = np.inf
         if tally[0] == 0.0:
             if filter.noise.seen[0] >= _WARM_UP + 3:
@@ -314,15 +327,12 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         tally[2] += square
         totals[0] += square
         totals[1] += size
-        dof = size * law.window
-        spread = _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2
-        vague = 1.0 + 4.0 / np.sqrt(min(filter.noise.seen[0], _MEMORY))  # of R itself
-        if tally[2] > vague * (dof + spread):
+        if tally[2] > acceptable(law, filter):
             return k, CONTRADICTED
         if tally[1] >= law.window:
             filter.safe[0], filter.safe[1] = filter.safe[1], filter.theta
             filter.safe_P[0], filter.safe_P[1] = filter.safe_P[1], filter.Ptt
-            tally[3] = max(tally[3], tally[2] / dof)
+            tally[3] = max(tally[3], tally[2] / (size * law.window))
             tally[1], tally[2] = 0.0, 0.0
     return t.shape[0] - 1, COMPLETED
 

@@ -6,10 +6,11 @@ from anywhere. At the end of every interval of the memory, θ̂ is handed out fr
 mean residual on all remembered data is at most `_WORSE` times that of the memory's estimate, else
 from the memory.
 
-Innovations larger than chance allows contradict the filter. The first time, an actuator counts as
-changed: the filter returns to its estimate from before, with the actuators' gains set free. The
-next time, or if it is young, it starts again at the memory's estimate, which alone is handed out
-until the filter has again explained `_PROBATION` seconds.
+Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
+before, an actuator may have changed: the filter returns to its estimate from before, and over one
+window tries which gain, set free, explains the motion best. If none does, or if the filter is
+young, it starts again at the memory's estimate, which alone is handed out until the filter has
+again explained `_PROBATION` seconds.
 """
 
 from __future__ import annotations
@@ -26,11 +27,22 @@ from ..base import Confidence, Estimates, Identifier, State, Status
 from ..cone.barrier import cone_of, gradient_and_hessian
 from ..memory.cost import quotient
 from ..nullspace_aid import NullspaceIdentifier
-from .kalman import CONTRADICTED, Filter, Law, filter_at, follow_filter, restart_state
+from .kalman import (
+    CONTRADICTED,
+    Filter,
+    Law,
+    acceptable,
+    filter_at,
+    follow_filter,
+    noise_variance,
+    restart_state,
+)
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
+_EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
 _MATURE = 2.0  # time without a contradiction after which one is taken for a changed actuator [s]
+_DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _FREE = 0.5  # relative standard deviation of a gain that is set free
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
@@ -63,7 +75,8 @@ class Guarded(NamedTuple):
         calm: time since the filter began, or was last contradicted [s].
         handed: whether θ̂ is handed out from the filter.
         restarts: times the filter started again at the memory's estimate.
-        returns: times it returned to an earlier estimate with the gains set free.
+        returns: times it returned to an earlier estimate with gains set free.
+        trials: filters that set gains free, of which one will be chosen; empty where there is none.
     """
 
     filter: Filter
@@ -72,6 +85,7 @@ class Guarded(NamedTuple):
     handed: bool
     restarts: int
     returns: int
+    trials: tuple[Filter, ...] = ()
 
 
 def efficient_identifier(
@@ -111,6 +125,7 @@ class EfficientIdentifier(Identifier):
         window = max(10, round(config.window / dt))
         gamma = config.linearisation
         self._law = Law(system.forward, self._cone, self._scale, gamma, window)
+        self._patient = self._law._replace(window=10**9)  # never contradicted
 
     def init(self, first: Measurement) -> State:
         """The state at the first measurement: θ̂ = prior, no past data."""
@@ -166,39 +181,72 @@ class EfficientIdentifier(Identifier):
         count = len(log.t)
         thetas, v_hats = np.empty((count, self.system.p)), np.empty((count, self.system.n))
         pivots, at = np.full(count, np.inf), 0
-        kalman = _copied(inside.filter)
+        inside = inside._replace(filter=copied(inside.filter))
         while at < count - 1:
-            begun, columns = bool(kalman.tally[0]), (part[at:] for part in log)
-            out = thetas[at:], v_hats[at:], pivots[at:]
-            row, end = follow_filter(self._law, kalman, *columns, *out)
-            calm = inside.calm + float(log.t[at + row] - log.t[at]) * begun
-            inside = inside._replace(filter=kalman, calm=calm)
-            at += row
-            if end == CONTRADICTED:
-                inside = self._recovered(inside, guard, log.at(at))
-                thetas[at], v_hats[at] = kalman.theta, kalman.v
-        thetas[0], v_hats[0] = thetas[min(1, count - 1)], v_hats[min(1, count - 1)]
+            if inside.trials:
+                last = min(count - 1, at + self._law.window - int(inside.trials[0].tally[1]))
+                thetas[at + 1 : last + 1] = inside.filter.theta
+                v_hats[at + 1 : last + 1] = log.v[at + 1 : last + 1]
+                inside = self._tried(inside, guard, log.part(at, last + 1))
+            else:
+                begun, kalman = bool(inside.filter.tally[0]), inside.filter
+                out = thetas[at:], v_hats[at:], pivots[at:]
+                row, end = follow_filter(self._law, kalman, *(part[at:] for part in log), *out)
+                last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
+                inside = inside._replace(calm=calm)
+                if end == CONTRADICTED:
+                    inside = self._contradicted(inside, guard, log.at(last))
+                    thetas[last], v_hats[last] = inside.filter.theta, inside.filter.v
+            at = last
         return inside, thetas, v_hats, pivots
 
-    def _recovered(self, inside: Guarded, guard: State, here: Measurement) -> Guarded:
-        """After a contradiction: an earlier estimate with free gains, or the memory's."""
-        kalman, k = inside.filter, self.system.space.actuators
-        returns = inside.calm >= _MATURE
-        if returns:
-            kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
-            kalman.Ptt[k], kalman.Ptt[:, k] = 0.0, 0.0
-            kalman.Ptt[k, k] = (_FREE * kalman.theta[k] / self._scale[k]) ** 2
-        else:
-            kalman.theta[:] = guard.theta_hat
-            kalman.Ptt[:] = self._covariance(guard.theta_hat)
-        R = np.maximum(kalman.noise.variance, 1e-18)
-        restart_state(kalman, here.q, here.v, R)
-        return inside._replace(
-            calm=0.0,
-            handed=inside.handed and returns,
-            returns=inside.returns + returns,
-            restarts=inside.restarts + (not returns),
-        )
+    def _contradicted(self, inside: Guarded, guard: State, here: Measurement) -> Guarded:
+        """After a contradiction: trials of an earlier estimate with free gains, or a new start.
+
+        One trial for each actuator sets its gain alone free, the last one all of them.
+        """
+        if inside.calm < _MATURE:
+            return self._started_again(inside, guard, here)
+        kalman, trials = inside.filter, []
+        kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
+        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+        actuators = self.system.space.actuators
+        for k in [*actuators[:, None], actuators]:
+            trial = copied(kalman)
+            trial.Ptt[k], trial.Ptt[:, k] = 0.0, 0.0
+            trial.Ptt[k, k] = (_FREE * trial.theta[k] / self._scale[k]) ** 2
+            trials.append(trial)
+        return inside._replace(trials=tuple(trials))
+
+    def _tried(self, inside: Guarded, guard: State, log: Log) -> Guarded:
+        """The trials along a log, of which the best goes on at the end of a window."""
+        trials, count = tuple(map(copied, inside.trials)), len(log.t)
+        out = np.empty((count, self.system.p)), np.empty((count, self.system.n)), np.empty(count)
+        kept = []
+        for trial in trials:
+            row, _ = follow_filter(self._patient, trial, *log, *out)
+            kept += [trial] * (row == count - 1)
+        if not kept:
+            return self._started_again(inside._replace(trials=()), guard, log.at(-1))
+        if kept[0].tally[1] < self._law.window:
+            return inside._replace(trials=tuple(kept))
+        *single, whole = kept  # the last one has most freedom: only if no single gain will do
+        best = min(single or [whole], key=lambda trial: trial.tally[2])
+        if best.tally[2] > acceptable(self._law, best):
+            best = whole
+        if best.tally[2] > acceptable(self._law, best):
+            return self._started_again(inside._replace(trials=()), guard, log.at(-1))
+        best.tally[1:3] = 0.0
+        best.safe[:], best.safe_P[:] = best.theta, best.Ptt
+        return inside._replace(filter=best, trials=(), calm=0.0, returns=inside.returns + 1)
+
+    def _started_again(self, inside: Guarded, guard: State, here: Measurement) -> Guarded:
+        """The filter at the memory's estimate, with the uncertainty of a prior."""
+        kalman = inside.filter
+        kalman.theta[:] = guard.theta_hat
+        kalman.Ptt[:] = self._covariance(guard.theta_hat)
+        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+        return inside._replace(calm=0.0, handed=False, restarts=inside.restarts + 1)
 
     def _explains(self, inside: Guarded) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
@@ -206,9 +254,12 @@ class EfficientIdentifier(Identifier):
         remembered = None if memory is None else quotient(memory.means, self.system.space)
         if remembered is None or not kalman.tally[0]:
             return False
-        if inside.returns + inside.restarts and inside.calm < _PROBATION:
+        changed, system = inside.returns + inside.restarts > 0, self.system
+        if memory.means.blocks * system.n < _DETERMINED * system.p:
+            return inside.handed or not changed  # an estimate from few data fits them too well
+        if changed and inside.calm < _PROBATION:
             return inside.handed  # after a change of an actuator the memory holds data from before
-        theirs = np.maximum(remembered.levels(inside.guard.theta_hat), 1e-300)
+        theirs = np.maximum(remembered.levels(inside.guard.theta_hat), _EXPLAINED)
         return bool(np.mean(remembered.levels(kalman.theta) / theirs) <= _WORSE)
 
     def _covariance(self, theta: Array) -> Array:
@@ -249,7 +300,7 @@ class EfficientIdentifier(Identifier):
         return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
 
 
-def _copied(kalman: Filter) -> Filter:
+def copied(kalman: Filter) -> Filter:
     """A copy, as `follow_filter` overwrites its argument."""
     noise = type(kalman.noise)(*(part.copy() for part in kalman.noise))
     return Filter(*(noise if part is kalman.noise else part.copy() for part in kalman))
