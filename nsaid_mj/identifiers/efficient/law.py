@@ -250,12 +250,15 @@ class EfficientIdentifier(Identifier):
 
     def _explains(self, inside: Guarded) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
-        kalman, memory = inside.filter, inside.guard.memory
-        remembered = None if memory is None else quotient(memory.means, self.system.space)
-        if remembered is None or not kalman.tally[0]:
+        kalman, memory, system = inside.filter, inside.guard.memory, self.system
+        assert memory is not None
+        if not kalman.tally[0]:
             return False
-        changed, system = inside.returns + inside.restarts > 0, self.system
-        if memory.means.blocks * system.n < _DETERMINED * system.p:
+        changed, remembered = (
+            inside.returns + inside.restarts > 0,
+            quotient(memory.means, system.space),
+        )
+        if remembered is None or memory.means.blocks * system.n < _DETERMINED * system.p:
             return inside.handed or not changed  # an estimate from few data fits them too well
         if changed and inside.calm < _PROBATION:
             return inside.handed  # after a change of an actuator the memory holds data from before
