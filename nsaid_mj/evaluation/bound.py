@@ -67,9 +67,8 @@ def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, fl
     root = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     draws = np.random.default_rng(0).standard_normal((_DRAWS, root.shape[1])) @ root.T
     found = [judge(truth.theta + scale * draw) for draw in draws]
+    columns = {key: [figures[key] for figures in found] for key in found[0]}
     return {
-        key: None
-        if any(f[key] is None for f in found)
-        else float(np.median([f[key] for f in found]))
-        for key in found[0]
+        key: None if None in column else float(np.median(np.array(column, dtype=np.float64)))
+        for key, column in columns.items()
     }

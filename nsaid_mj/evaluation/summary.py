@@ -17,6 +17,7 @@ from .confidence import known
 from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
+from .misfit import CONTRADICTS, misfit_of
 from .truth import Truth
 from .verdict import residual_floor, verdict
 from .words import scientific
@@ -135,7 +136,10 @@ def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
         name: judge(run, name, truth) | {"status": run.statuses[name].words}
         for name in record.rivals
     }
-    found["confidence"] = confidence(run, truth)
+    misfit = misfit_of(run)
+    found |= misfit.keys() if misfit else {}
+    contradicted = misfit is not None and misfit.level == CONTRADICTS
+    found["confidence"] = confidence(run, truth, contradicted)
     found["parameters"] = parameters(run, truth)
     return found
 
@@ -189,8 +193,10 @@ def law_of(identifier: IdentifierConfig) -> str:
     return law if law != "cone" or identifier.in_cone else "paper"
 
 
-def confidence(run: Run, truth: Truth | None) -> dict[str, Any] | None:
+def confidence(run: Run, truth: Truth | None, contradicted: bool = False) -> dict[str, Any] | None:
     """The identifier's stated per-direction standard deviations, compared with the truth if known.
+
+    Where the motion contradicts the structure, they are those of the prior.
 
     None if the law states no covariance, or if the run was read from its record and no earlier
     summary has it.
@@ -198,6 +204,8 @@ def confidence(run: Run, truth: Truth | None) -> dict[str, Any] | None:
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     if stated is None:
         return run.confidence
+    if contradicted:
+        stated = stated._replace(covariance=stated.prior)
     theta, space = run.record["theta_hat"][-1], run.system.space
     found = known(stated, theta, nullspace_of(run, None), space)
     covered = {}

@@ -13,13 +13,15 @@ CONVERGED = 1e-2  # largest distance to the true set, or ± along any direction,
 PREDICTS = 1e-3  # largest force residual on a held-out trajectory, used if the truth is unknown
 CONTRADICTED = 1e-2  # smallest share of the actuator forces left unexplained by every θ
 _MARGIN = 3.0  # factor on the smallest possible residual, within which an estimate has converged
-_FASTER = "--law memory does in seconds what this law does in hours"
+_FASTER = "--law efficient does in seconds what this law does in hours"
 
 
 def verdict(summary: dict[str, Any]) -> str:
     """The outcome of a run in one line: a judgement, a colon, and the figures it is based on.
 
-    The first that applies: a run that did not complete *ended early*; a structure under which every
+    The first that applies: a run that did not complete *ended early*; a motion that no θ of the
+    structure explains, judged from the measurements alone, *contradicts* it; so does, by the truth
+    of a simulated plant, a structure under which every
     θ leaves more than `CONTRADICTED` of the forces on a held-out trajectory unexplained is
     *contradicted by the motion*; an estimate within `CONVERGED` of the true set has *converged*;
     one that is closer to it than the prior is *still converging*. If the truth is unknown, the
@@ -31,6 +33,13 @@ def verdict(summary: dict[str, Any]) -> str:
     if summary["status"] != "completed":
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
         return f"ended early: {summary['status']} at t = {summary['status_time']:.4g} s{signal}"
+    if summary.get("misfit") == "contradicts":
+        times = summary["misfit_contradictions"]
+        return (
+            f"the motion contradicts this structure: {len(times)} times in the last "
+            f"{summary['misfit_seconds']:.3g} s the innovations exceeded chance, first at t = "
+            f"{times[0]:.4g} s; look for a delay, a lag, a reversed sign or a force left out"
+        )
     residual, floor = summary.get("force_residual_ratio"), summary.get("force_residual_floor")
     if floor is not None and floor > CONTRADICTED:
         return (
@@ -56,7 +65,7 @@ def verdict(summary: dict[str, Any]) -> str:
         where = where or "no figure to judge it by"
     if arrived:
         return f"converged: {where}"
-    if summary["law"] == "memory":
+    if summary["law"] in {"memory", "efficient"}:
         advice = "try a longer run or a motion with more excitation"
     elif summary.get("gains_held"):
         advice = "this law holds the actuator gains at their assumed values"

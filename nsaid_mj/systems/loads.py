@@ -39,7 +39,7 @@ class Carrier(NamedTuple):
     forces: Any
 
 
-def carried_forces(forces, linkage, states, u):
+def carried_forces(forces, linkage, states, u) -> Any:
     """(N, n, k) the last k columns of F at N states (N, b, STATE) and commands u (N, ·)."""
 
 

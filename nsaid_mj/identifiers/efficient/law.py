@@ -15,6 +15,7 @@ again explained `_PROBATION` seconds.
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from ...bounds import Config, NonNegative, Positive, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
+from ...system import SecondOrderSystem
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..cone.barrier import cone_of, gradient_and_hessian
 from ..memory.cost import quotient
@@ -66,12 +68,67 @@ class EfficientConfig(Config):
     window: Positive = 0.1
 
 
+class Witness:
+    """The filter alone, for a structure with compiled forward dynamics.
+
+    Args:
+        system: the structure.
+        dt: time between measurements [s].
+        config: of the filter.
+
+    Attributes:
+        law: what the filter knows beforehand.
+
+    Raises:
+        InvalidInput: the system has no compiled forward dynamics.
+    """
+
+    def __init__(self, system: SecondOrderSystem, dt: float, config: EfficientConfig):
+        if system.forward is None:
+            raise InvalidInput(
+                "law",
+                "a system with compiled forward dynamics",
+                type(system).__name__,
+                "Take --law memory; for an arm, --plant.backend compiled.",
+            )
+        self._spread, self._p = config.prior, system.p
+        cone, scale = cone_of(system.space), np.array(system.space.scale)
+        window = max(10, round(config.window / dt))
+        self.law = Law(system.forward, cone, scale, config.linearisation, window)
+
+    def covariance(self, theta: Array) -> Array:
+        """(p, p) P_θθ before any data: σ² (∇²b(θ̂) + 1)⁻¹ in units of the scale."""
+        _, metric = gradient_and_hessian(self.law.cone, theta)
+        balanced = metric * np.outer(self.law.scale, self.law.scale) + np.eye(self._p)
+        return np.asarray(self._spread**2 * np.linalg.inv(balanced), dtype=np.float64)
+
+    def contradictions(self, theta: Array, log: Log) -> tuple[list[float], float]:
+        """Times at which a log of N measurements contradicts every θ near θ̂ (p,) [s].
+
+        Returns:
+            The times, and the mean squared normalised innovation.
+        """
+        count, P = len(log.t), self.covariance(theta)
+        kalman, times, at = filter_at(log.q[0], log.v[0], theta, P), [], 0
+        out = np.empty((count, self._p)), np.empty(log.v.shape), np.empty(count)
+        while at < count - 1:
+            columns = (part[at:] for part in log)
+            row, end = follow_filter(self.law, kalman, *columns, *(part[at:] for part in out))
+            at += row
+            if end == CONTRADICTED:
+                times.append(float(log.t[at]))
+                kalman.theta[:], kalman.Ptt[:] = theta, P
+                restart_state(kalman, log.q[at], log.v[at], noise_variance(kalman.noise))
+        return times, float(kalman.totals[0] / max(1.0, kalman.totals[1]))
+
+
 class Guarded(NamedTuple):
     """State of the efficient law.
 
     Attributes:
         filter: the filter.
         guard: state of the law `memory`.
+        anchor: (p,) the memory's estimate after its last update.
         calm: time since the filter began, or was last contradicted [s].
         handed: whether θ̂ is handed out from the filter.
         restarts: times the filter started again at the memory's estimate.
@@ -81,6 +138,7 @@ class Guarded(NamedTuple):
 
     filter: Filter
     guard: State
+    anchor: Array
     calm: float
     handed: bool
     restarts: int
@@ -111,20 +169,15 @@ class EfficientIdentifier(Identifier):
     cancelling = 0.0
 
     def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
-        self.guard, self.system, self.config = guard, guard.system, config
-        system = guard.system
-        if system.forward is None:
-            raise InvalidInput(
-                "law",
-                "a system with compiled forward dynamics",
-                type(system).__name__,
-                "Take --law memory; for an arm, --plant.backend compiled.",
-            )
         assert guard.memory is not None
-        self._cone, self._scale = cone_of(system.space), np.array(system.space.scale)
-        window = max(10, round(config.window / dt))
-        gamma = config.linearisation
-        self._law = Law(system.forward, self._cone, self._scale, gamma, window)
+        self._every = guard.memory.every
+        self.guard, self.system, self._witness = (
+            guard,
+            guard.system,
+            Witness(guard.system, dt, config),
+        )
+        self._law, self._covariance = self._witness.law, self._witness.covariance
+        self._scale = self._law.scale
         self._patient = self._law._replace(window=10**9)  # never contradicted
 
     def init(self, first: Measurement) -> State:
@@ -133,7 +186,7 @@ class EfficientIdentifier(Identifier):
         theta = guard.theta_hat
         q = np.asarray(first.q, dtype=np.float64)
         kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
-        inside = Guarded(kalman, guard, 0.0, False, 0, 0)
+        inside = Guarded(kalman, guard, theta, 0.0, False, 0, 0)
         return guard._replace(memory=None, filter=inside)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
@@ -142,7 +195,7 @@ class EfficientIdentifier(Identifier):
         made, at = [Estimates.of(state)], 0
         while at < len(log.t) - 1 and state.status is Status.completed:
             memory = state.filter.guard.memory
-            steps = self.guard.memory.every - memory.step % self.guard.memory.every
+            steps = self._every - memory.step % self._every
             state, estimates = self._interval(state, log.part(at, at + steps + 1))
             made.append(estimates.after(1))
             at += len(estimates.pivot) - 1
@@ -152,42 +205,29 @@ class EfficientIdentifier(Identifier):
         """Filter and memory along a log that ends at the latest where the memory is updated."""
         inside: Guarded = state.filter
         guard, estimates = self.guard.follow(inside.guard, log)
-        log = log.first(len(estimates.pivot))
-        inside, thetas, v_hats, pivots = self._filtered(inside, guard, log)
-        if inside.handed:
-            estimates = Estimates(v_hats, thetas, pivots, estimates.spent)
-        elif inside.filter.tally[0]:
-            estimates = estimates._replace(v_hat=v_hats)
-        if guard.status is Status.completed and guard.memory.step % self.guard.memory.every == 0:
-            inside = inside._replace(handed=self._explains(inside))
+        inside = self._filtered(inside, log.first(len(estimates.pivot)), estimates)
+        inside, memory = inside._replace(guard=guard), guard.memory
+        assert memory is not None
+        if guard.status is Status.completed and memory.step % self._every == 0:
+            inside = inside._replace(handed=self._explains(inside), anchor=guard.theta_hat)
             best = inside.filter.theta if inside.handed else guard.theta_hat
             estimates.theta_hat[-1] = best
-        return (
-            State(
-                guard.t,
-                estimates.v_hat[-1].copy(),
-                estimates.theta_hat[-1].copy(),
-                float(estimates.pivot[-1]),
-                guard.status,
-                filter=inside._replace(guard=guard),
-            ),
-            estimates,
-        )
+        last = estimates.v_hat[-1].copy(), estimates.theta_hat[-1].copy()
+        pivot = float(estimates.pivot[-1])
+        return State(guard.t, *last, pivot, guard.status, filter=inside), estimates
 
-    def _filtered(
-        self, inside: Guarded, guard: State, log: Log
-    ) -> tuple[Guarded, Array, Array, Array]:
-        """The filter along a log, through contradictions; and its θ̂, v̂ and pivots."""
-        count = len(log.t)
-        thetas, v_hats = np.empty((count, self.system.p)), np.empty((count, self.system.n))
-        pivots, at = np.full(count, np.inf), 0
-        inside = inside._replace(filter=copied(inside.filter))
+    def _filtered(self, inside: Guarded, log: Log, estimates: Estimates) -> Guarded:
+        """The filter along a log, through contradictions; overwrites what it hands out."""
+        count, at = len(log.t), 0
+        thetas, v_hats = np.empty(estimates.theta_hat.shape), np.empty(log.v.shape)
+        pivots = np.full(count, np.inf)
+        inside = inside._replace(filter=deepcopy(inside.filter))
         while at < count - 1:
             if inside.trials:
                 last = min(count - 1, at + self._law.window - int(inside.trials[0].tally[1]))
                 thetas[at + 1 : last + 1] = inside.filter.theta
                 v_hats[at + 1 : last + 1] = log.v[at + 1 : last + 1]
-                inside = self._tried(inside, guard, log.part(at, last + 1))
+                inside = self._tried(inside, log.part(at, last + 1))
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
                 out = thetas[at:], v_hats[at:], pivots[at:]
@@ -195,39 +235,44 @@ class EfficientIdentifier(Identifier):
                 last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
                 inside = inside._replace(calm=calm)
                 if end == CONTRADICTED:
-                    inside = self._contradicted(inside, guard, log.at(last))
+                    inside = self._contradicted(inside, log.at(last))
                     thetas[last], v_hats[last] = inside.filter.theta, inside.filter.v
+            own = slice(at + 1, last + 1)
+            if inside.handed:
+                estimates.theta_hat[own], estimates.pivot[own] = thetas[own], pivots[own]
+            if inside.filter.tally[0]:
+                estimates.v_hat[own] = v_hats[own]
             at = last
-        return inside, thetas, v_hats, pivots
+        return inside
 
-    def _contradicted(self, inside: Guarded, guard: State, here: Measurement) -> Guarded:
+    def _contradicted(self, inside: Guarded, here: Measurement) -> Guarded:
         """After a contradiction: trials of an earlier estimate with free gains, or a new start.
 
         One trial for each actuator sets its gain alone free, the last one all of them.
         """
         if inside.calm < _MATURE:
-            return self._started_again(inside, guard, here)
+            return self._started_again(inside, here)
         kalman, trials = inside.filter, []
         kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         actuators = self.system.space.actuators
         for k in [*actuators[:, None], actuators]:
-            trial = copied(kalman)
+            trial = deepcopy(kalman)
             trial.Ptt[k], trial.Ptt[:, k] = 0.0, 0.0
             trial.Ptt[k, k] = (_FREE * trial.theta[k] / self._scale[k]) ** 2
             trials.append(trial)
         return inside._replace(trials=tuple(trials))
 
-    def _tried(self, inside: Guarded, guard: State, log: Log) -> Guarded:
+    def _tried(self, inside: Guarded, log: Log) -> Guarded:
         """The trials along a log, of which the best goes on at the end of a window."""
-        trials, count = tuple(map(copied, inside.trials)), len(log.t)
+        trials, count = tuple(map(deepcopy, inside.trials)), len(log.t)
         out = np.empty((count, self.system.p)), np.empty((count, self.system.n)), np.empty(count)
         kept = []
         for trial in trials:
             row, _ = follow_filter(self._patient, trial, *log, *out)
             kept += [trial] * (row == count - 1)
         if not kept:
-            return self._started_again(inside._replace(trials=()), guard, log.at(-1))
+            return self._started_again(inside._replace(trials=()), log.at(-1))
         if kept[0].tally[1] < self._law.window:
             return inside._replace(trials=tuple(kept))
         *single, whole = kept  # the last one has most freedom: only if no single gain will do
@@ -235,16 +280,15 @@ class EfficientIdentifier(Identifier):
         if best.tally[2] > acceptable(self._law, best):
             best = whole
         if best.tally[2] > acceptable(self._law, best):
-            return self._started_again(inside._replace(trials=()), guard, log.at(-1))
+            return self._started_again(inside._replace(trials=()), log.at(-1))
         best.tally[1:3] = 0.0
         best.safe[:], best.safe_P[:] = best.theta, best.Ptt
         return inside._replace(filter=best, trials=(), calm=0.0, returns=inside.returns + 1)
 
-    def _started_again(self, inside: Guarded, guard: State, here: Measurement) -> Guarded:
+    def _started_again(self, inside: Guarded, here: Measurement) -> Guarded:
         """The filter at the memory's estimate, with the uncertainty of a prior."""
         kalman = inside.filter
-        kalman.theta[:] = guard.theta_hat
-        kalman.Ptt[:] = self._covariance(guard.theta_hat)
+        kalman.theta[:], kalman.Ptt[:] = inside.anchor, self._covariance(inside.anchor)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         return inside._replace(calm=0.0, handed=False, restarts=inside.restarts + 1)
 
@@ -264,12 +308,6 @@ class EfficientIdentifier(Identifier):
             return inside.handed  # after a change of an actuator the memory holds data from before
         theirs = np.maximum(remembered.levels(inside.guard.theta_hat), _EXPLAINED)
         return bool(np.mean(remembered.levels(kalman.theta) / theirs) <= _WORSE)
-
-    def _covariance(self, theta: Array) -> Array:
-        """(p, p) P_θθ before any data: σ² (∇²b(θ̂) + 1)⁻¹ in units of the scale."""
-        _, metric = gradient_and_hessian(self._cone, theta)
-        balanced = metric * np.outer(self._scale, self._scale) + np.eye(self.system.p)
-        return self.config.prior**2 * np.linalg.inv(balanced)
 
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) the quantity that the law `memory` would conserve."""
@@ -301,9 +339,3 @@ class EfficientIdentifier(Identifier):
         units = np.outer(self._scale, self._scale)
         samples = np.full(self.system.n, number / (2 * self.system.n))
         return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
-
-
-def copied(kalman: Filter) -> Filter:
-    """A copy, as `follow_filter` overwrites its argument."""
-    noise = type(kalman.noise)(*(part.copy() for part in kalman.noise))
-    return Filter(*(noise if part is kalman.noise else part.copy() for part in kalman))
