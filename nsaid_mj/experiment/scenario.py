@@ -49,7 +49,9 @@ class Scenario(Config):
         gain_error: relative error of the actuator gains in θ̂(0), alternating in sign; None treats
             gains like all other parameters.
         duration: simulated time [s].
-        dt: time step of plant, controller and identifier [s].
+        dt: time step of measurements, controller and identifier [s].
+        substeps: steps of MuJoCo in a time step, so that the plant is integrated more accurately
+            than the identifier.
         sensors: `ideal`, or `noisy` with the levels of `noise`.
         noise: sensor levels, used if `sensors` is `noisy`.
         pe_window: window δ₀ of the persistence levels [s].
@@ -66,6 +68,7 @@ class Scenario(Config):
     gain_error: Share | None = None
     duration: Positive = 60.0
     dt: Annotated[float, Field(strict=True, ge=SHORTEST_STEP, le=10)] = 1e-3
+    substeps: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1
     sensors: Literal["ideal", "noisy"] = "ideal"
     noise: SensorNoise = field(default_factory=SensorNoise)
     pe_window: Positive = 2.0

@@ -67,7 +67,7 @@ class Setup:
         """Builds the plant, with a truth drawn from the scenario's seed, and draws the prior."""
         seeds = Seeds.of(scenario.seed)
         plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
-        return Setup(scenario, plant, prior_for(scenario, plant))
+        return Setup(scenario, plant.refined(scenario.substeps), prior_for(scenario, plant))
 
     def with_prior_of(self, scenario: Scenario) -> Setup:
         """This plant with the prior and the identifier of another scenario."""

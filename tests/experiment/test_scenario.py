@@ -76,6 +76,7 @@ SCENARIO = st.builds(
     noise=st.builds(SensorNoise, share, share, share),
     pe_window=positive,
     held_out=st.floats(1e-9, 1),
+    substeps=st.integers(1, 99),
     record_every=st.integers(1, 99),
     seed=st.integers(0, 2**64),
 )
@@ -292,6 +293,7 @@ BAD = {
         "dt": NOT_POSITIVE, "duration": [*NOT_POSITIVE, 1.9e-3], "pe_window": NOT_POSITIVE,
         "held_out": NOT_POSITIVE, "initial_error": [-0.1, NAN, INF],
         "gain_error": [-0.1, 1.0, NAN], "record_every": [0, 1.5, -1],
+        "substeps": [0, 1.5, -1, 1001],
         "seed": [-1, 0.5], "sensors": ["perfect", ""],
         "rivals": [{"": NullspaceAID()}, {"two words": NullspaceAID()}],
     },

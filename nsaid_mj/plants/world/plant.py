@@ -62,7 +62,8 @@ class Plant(ABC):
         system: the structure that an identifier may know.
         model: MuJoCo's model. It holds the truth and must not reach an identifier.
         data: MuJoCo's data.
-        dt: time step [s].
+        dt: time step of the measurements and the commands [s].
+        substeps: steps of MuJoCo in a time step.
         delay: time steps from a command to the actuators.
         mismatches: effects that the structure does not model, in words.
         fault: an actuator's loss of gain.
@@ -75,6 +76,8 @@ class Plant(ABC):
     system: SecondOrderSystem
     model: Any
     data: Any
+    dt: float
+    substeps: int = 1
     passive: Any | None = None  # a compiled callback, kept alive here
     delay: int = 0
     mismatches: tuple[str, ...] = ()
@@ -89,14 +92,10 @@ class Plant(ABC):
         mismatch.apply(spec)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
+        self.dt = self.model.opt.timestep
         self._initial_gainprm = self.model.actuator_gainprm.copy()
         self.delay = mismatch.steps(self.dt)
         self.mismatches = (*self.mismatches, *mismatch.in_words(self.dt))
-
-    @property
-    def dt(self) -> float:
-        """Time step of the simulation [s]."""
-        return self.model.opt.timestep
 
     @property
     @abstractmethod
@@ -125,6 +124,15 @@ class Plant(ABC):
             fault.gains(self.system)
             strikes = (round(fault.time / self.dt) - 0.5) * self.dt
         self.fault, self._strikes, self._next_strike = fault, strikes, strikes
+        return self
+
+    def refined(self, substeps: int) -> Self:
+        """Divides every time step into equal steps of MuJoCo's; returns the plant itself.
+
+        Commands, measurements, delays and faults stay at the time steps.
+        """
+        self.substeps = substeps
+        self.model.opt.timestep = self.dt / substeps
         return self
 
     def reset(self, position: Array, velocity: Array, as_at: float | None = None) -> None:
@@ -254,7 +262,8 @@ class Plant(ABC):
         for column, first in zip(log, last, strict=True):
             column[0] = first
         errors = sensors.errors(steps, self.system.n)
-        return log.first(drive(law, World.of(self.model, self.data), self.reading, errors, log))
+        world = World.of(self.model, self.data, self.substeps)
+        return log.first(drive(law, world, self.reading, errors, log))
 
     def _drive_stepwise(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
         """Drives at times t (k,) [s] with a call of `command` at each; t[0] is that of `last`."""
@@ -273,14 +282,14 @@ class Plant(ABC):
         return Measurement(t, q, v, driver.command(t, q, v))
 
     def step(self, u: Array) -> None:
-        """Advances by one time step of RK4 with the command u (n_u,) held."""
+        """Advances by one time step, in substeps of RK4, with the command u (n_u,) held."""
         if self.delay:
             self._delayed_commands.append(np.array(u, dtype=np.float64))
             u = self._delayed_commands.popleft()
         if self.t > self._next_strike:
             self._weaken()
         self.data.ctrl[:] = u
-        mujoco.mj_step(self.model, self.data)
+        mujoco.mj_step(self.model, self.data, self.substeps)
 
 
 _DIVERGENCES = (

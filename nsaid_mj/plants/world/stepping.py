@@ -38,6 +38,7 @@ class World(NamedTuple):
         qvel: (nv,).
         ctrl: (n_u,).
         warnings: (4,) counts of bad positions, velocities, accelerations and controls.
+        substeps: calls of `step` in a time step.
     """
 
     step: CFunction
@@ -47,13 +48,14 @@ class World(NamedTuple):
     qvel: Array
     ctrl: Array
     warnings: Any
+    substeps: int
 
     @staticmethod
-    def of(model: Any, data: Any) -> World:
+    def of(model: Any, data: Any, substeps: int) -> World:
         """Views of a model and its data, which must outlive them."""
         addresses = np.uintp(model._address), np.uintp(data._address)
         arrays = data.qpos, data.qvel, data.ctrl
-        return World(_mj_step(), *addresses, *arrays, warnings_of(data))
+        return World(_mj_step(), *addresses, *arrays, warnings_of(data), substeps)
 
 
 def warnings_of(data: Any) -> Any:
@@ -111,7 +113,8 @@ def _advance(world, reading, errors, k, command, numbers, q, v):
     """Advances by one time step with a command, and writes a measurement with the k-th errors."""
     for i in range(command.shape[0]):
         world.ctrl[i] = command[i]
-    world.step(world.model, world.data)
+    for _ in range(world.substeps):
+        world.step(world.model, world.data)
     read_coordinates(reading, world.qpos, world.qvel, numbers, v)
     add_errors(errors, k, numbers, v)
     write_position(reading, numbers, q)
