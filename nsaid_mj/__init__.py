@@ -29,7 +29,15 @@ _NAMED = {
     "log": ("Log", "Measurement", "SensorLevels"),
     "parameters": ("Block", "ParameterSpace"),
     "reporting.finish": ("finish",),
-    "plants": ("Fault", "Mismatch", "Plant", "PlantConfig", "SensorNoise", "Sensors"),
+    "plants": (
+        "Fault",
+        "Mismatch",
+        "ParametricPlantConfig",
+        "Plant",
+        "PlantConfig",
+        "SensorNoise",
+        "Sensors",
+    ),
     "system": ("SecondOrderSystem",),
 }
 

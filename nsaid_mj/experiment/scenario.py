@@ -45,6 +45,9 @@ class Scenario(Config):
         excitation: the driver that makes its commands.
         identifier: estimates θ from the measurements.
         rivals: other identifiers on the same measurements, by name, for comparison.
+        prior: `drawn` for a θ̂(0) drawn about the true θ, which differs from the published values by
+            the plant's spread; `nominal` for the published values as θ̂(0), with the true θ drawn
+            about them in all parameters.
         initial_error: largest relative error of every parameter in θ̂(0).
         gain_error: relative error of the actuator gains in θ̂(0), alternating in sign; None treats
             gains like all other parameters.
@@ -64,6 +67,7 @@ class Scenario(Config):
     excitation: DriverConfig = field(default_factory=FourierTracking)
     identifier: IdentifierConfig = field(default_factory=NullspaceAID)
     rivals: Mapping[_Rival, IdentifierConfig] = field(default_factory=dict)
+    prior: Literal["drawn", "nominal"] = "drawn"
     initial_error: NonNegative = 0.3
     gain_error: Share | None = None
     duration: Positive = 60.0

@@ -4,9 +4,9 @@ A `Setup` holds the simulated plant and the prior θ̂(0), and builds driver, se
 each from its own stream of the scenario's seed. Runs, held-out trajectories, comparisons of methods
 and Monte Carlo studies all use it.
 
-The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is drawn
-here as the truth plus a seeded error; nothing else in this package reads the truth before the end
-of a run.
+The wall: an identifier gets the plant's structure, a prior, and measurements. The prior is the
+truth plus a seeded error, or the published values, about which the truth is then drawn; nothing
+else in this package reads the truth before the end of a run.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..control import Driver
+from ..errors import InvalidInput
 from ..identifiers import Identifier
 from ..identifiers.cone.barrier import drawn_inside
 from ..log import EXACT, Log
 from ..parameters import Array, ParameterSpace
-from ..plants import Plant, Sensors
+from ..plants import ParametricPlantConfig, Plant, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
 from .rehearsal import expected_gramian
@@ -55,7 +56,7 @@ class Setup:
     Attributes:
         scenario: the scenario.
         plant: the simulated plant, which holds the truth.
-        prior: (p,) θ̂(0), the truth plus a seeded error.
+        prior: (p,) θ̂(0).
     """
 
     scenario: Scenario
@@ -64,9 +65,16 @@ class Setup:
 
     @staticmethod
     def of(scenario: Scenario) -> Setup:
-        """Builds the plant, with a truth drawn from the scenario's seed, and draws the prior."""
-        seeds = Seeds.of(scenario.seed)
-        plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
+        """Builds the plant, with a truth drawn from the scenario's seed, and the prior.
+
+        Raises:
+            InvalidInput: the prior is `nominal`, and the plant cannot be made with a given θ.
+        """
+        if scenario.prior == "nominal":
+            plant = plant_about_published(scenario)
+        else:
+            seeds = Seeds.of(scenario.seed)
+            plant = scenario.plant.build(scenario.dt, int(seeds.truth.generate_state(1)[0]))
         return Setup(scenario, plant.refined(scenario.substeps), prior_for(scenario, plant))
 
     def with_prior_of(self, scenario: Scenario) -> Setup:
@@ -135,15 +143,48 @@ class Setup:
         return self.scenario.excitation.build(self.system, self.prior, rng)
 
 
+def published(scenario: Scenario) -> tuple[ParametricPlantConfig, Array, ParameterSpace]:
+    """A scenario's plant, the published values of its θ (p,), and their names and scales.
+
+    Raises:
+        InvalidInput: the plant cannot be made with a given θ.
+    """
+    config = scenario.plant
+    if not isinstance(config, ParametricPlantConfig):
+        raise InvalidInput(
+            "prior",
+            f"`drawn`, for {type(config).__name__}",
+            scenario.prior,
+            "Leave it out: this plant cannot be made with a given θ; see ParametricPlantConfig.",
+        )
+    plant = config.simulating(scenario.dt)
+    return config, plant.truth, plant.system.space
+
+
+def plant_about_published(scenario: Scenario) -> Plant:
+    """The plant with a physical θ drawn about its published values in all parameters."""
+    config, nominal, space = published(scenario)
+    seeds = Seeds.of(scenario.seed)
+    rng = np.random.default_rng(seeds.truth)
+    truth = drawn_inside(space, nominal, scenario.initial_error, rng)
+    if scenario.gain_error is not None:
+        truth[space.actuators] = nominal[space.actuators] / _gain_errors(space, scenario.gain_error)
+    return config.simulating(scenario.dt, truth)
+
+
 def prior_for(scenario: Scenario, plant: Plant) -> Array:
-    """(p,) the prior, drawn about a plant's truth from a scenario's seed."""
+    """(p,) a scenario's prior: drawn about a plant's truth from its seed, or the published values.
+
+    Published values on the boundary of the cone of physical parameters are moved inside for
+    identifiers that need this; see `cone.barrier.drawn_inside`.
+    """
+    in_cone = any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values()))
+    rng = np.random.default_rng(Seeds.of(scenario.seed).prior)
+    if scenario.prior == "nominal":
+        _, nominal, space = published(scenario)
+        return drawn_inside(space, nominal, 0.0, rng) if in_cone else nominal
     return draw_prior(
-        plant.truth,
-        plant.system.space,
-        scenario.initial_error,
-        scenario.gain_error,
-        np.random.default_rng(Seeds.of(scenario.seed).prior),
-        any(config.in_cone for config in (scenario.identifier, *scenario.rivals.values())),
+        plant.truth, plant.system.space, scenario.initial_error, scenario.gain_error, rng, in_cone
     )
 
 
@@ -175,10 +216,13 @@ def draw_prior(
         size = np.maximum(np.abs(truth), 0.1 * space.scale)
         prior = truth + error * size * rng.uniform(-1, 1, len(truth))
     if gain_error is not None:
-        gains = truth[space.actuators]
-        sign = np.where(np.arange(len(gains)) % 2, -1, 1)
-        prior[space.actuators] = gains * (1 + gain_error * sign)
+        prior[space.actuators] = truth[space.actuators] * _gain_errors(space, gain_error)
     return prior
+
+
+def _gain_errors(space: ParameterSpace, error: float) -> Array:
+    """(a,) ratios of prior to truth of the actuator parameters, 1 + error and 1 − error in turn."""
+    return 1 + error * np.where(np.arange(len(space.actuators)) % 2, -1, 1)
 
 
 def trajectory(

@@ -10,6 +10,7 @@ from typing import Any
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .world.faults import Fault as Fault
 from .world.mismatch import Mismatch as Mismatch
+from .world.plant import ParametricPlantConfig as ParametricPlantConfig
 from .world.plant import Plant as Plant
 from .world.plant import PlantConfig as PlantConfig
 from .world.sensors import SensorNoise as SensorNoise

@@ -18,7 +18,7 @@ from ..parameters import Array
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
 from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
-from .world.plant import Plant, PlantConfig
+from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
     NotNegative,
     Number,
@@ -81,7 +81,7 @@ class QuadrotorSheet(Sheet):
 
 
 @config
-class QuadrotorPlant(PlantConfig):
+class QuadrotorPlant(ParametricPlantConfig):
     """A quadrotor in the air.
 
     Attributes:
@@ -97,20 +97,33 @@ class QuadrotorPlant(PlantConfig):
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
         sheet = QuadrotorSheet.of(self.vehicle)
-        nominal, guess = nominal_airframe(sheet), sheet.guess
-        rng = np.random.default_rng(seed)
+        nominal, rng = nominal_airframe(sheet), np.random.default_rng(seed)
+        moments = np.diag(nominal.inertia)
         true = replace(
             nominal,
             mass=float(hidden(nominal.mass, self.spread, rng)),
-            centre=nominal.centre * rng.uniform(-1, 1, 3),
-            second_moments=hidden(nominal.second_moments, self.spread, rng),
+            centre=np.array(sheet.centre_of_mass) * rng.uniform(-1, 1, 3),
+            inertia=_inertia(hidden(moments.sum() / 2 - moments, self.spread, rng)),
             lift=float(hidden(nominal.lift, self.spread, rng)),
             rotor_drag=hidden(nominal.rotor_drag, self.spread, rng),
             body_drag=hidden(nominal.body_drag, self.spread, rng),
             thrust=hidden(nominal.thrust, self.spread, rng),
             torque=hidden(nominal.torque, self.spread / 2, rng),
-            wind=np.array(self.mismatch.flow),
         )
+        return self._plant(dt, true)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (24,), or the published ones.
+
+        The centre of mass is published as that of the rotors.
+        """
+        nominal = nominal_airframe(QuadrotorSheet.of(self.vehicle))
+        return self._plant(dt, nominal if theta is None else with_theta(nominal, theta))
+
+    def _plant(self, dt: float, true: Airframe) -> Plant:
+        sheet = QuadrotorSheet.of(self.vehicle)
+        nominal, guess = nominal_airframe(sheet), sheet.guess
+        true = replace(true, wind=np.array(self.mismatch.flow))
         system = Quadrotor(
             AerialScales(
                 mass=float(guessed(nominal.mass)),
@@ -156,8 +169,7 @@ class Airframe:
     Attributes:
         mass: [kg].
         centre: (3,) centre of mass [m].
-        second_moments: (3,) ∫x² dm, ∫y² dm, ∫z² dm about the centre of mass [kg·m²]; any three
-            positive values give moments of inertia that satisfy the triangle inequality.
+        inertia: (3, 3) about the centre of mass [kg·m²].
         lift: translational lift of a rotor [N·s²/m²].
         rotor_drag: (2,) of a rotor at full speed, in and across its plane [N·s/m].
         body_drag: (3,) [N·s²/m²].
@@ -170,7 +182,7 @@ class Airframe:
 
     mass: float
     centre: Array
-    second_moments: Array
+    inertia: Array
     lift: float
     rotor_drag: Array
     body_drag: Array
@@ -179,11 +191,6 @@ class Airframe:
     thrust: Array
     torque: Array
     wind: Array
-
-    @property
-    def inertia(self) -> Array:
-        """(3, 3) about the centre of mass, in its principal axes [kg·m²]."""
-        return np.diag(self.second_moments.sum() - self.second_moments)
 
     def theta(self) -> Array:
         """(24,) θ of a `Quadrotor`."""
@@ -213,12 +220,12 @@ _ROTORS, _PER_ROTOR = 10, 5  # offset of the rotors' values in userdata, and val
 
 
 def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
-    """Nominal parameters of a data sheet; `centre` bounds the offset of the centre of mass."""
-    rotors, moments, top = sheet.rotors, np.array(sheet.inertia), sheet.rotors.top_speed
+    """Nominal parameters of a data sheet, the centre of mass at the rotors' centre."""
+    rotors, top = sheet.rotors, sheet.rotors.top_speed
     return Airframe(
         mass=sheet.mass,
-        centre=np.array(sheet.centre_of_mass),
-        second_moments=moments.sum() / 2 - moments,
+        centre=np.zeros(3),
+        inertia=np.diag(sheet.inertia),
         lift=rotors.lift,
         rotor_drag=top * np.array(rotors.drag),
         body_drag=np.array(sheet.body_drag),
@@ -228,6 +235,31 @@ def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
         torque=np.full(4, rotors.torque * top**2),
         wind=np.zeros(3),
     )
+
+
+def with_theta(nominal: Airframe, theta: Array) -> Airframe:
+    """The nominal geometry with the parameters θ (24,) of a `Quadrotor`."""
+    body = pin.Inertia.FromDynamicParameters(theta[:10])
+    lift, rotor_drag, body_drag, thrust, torque = np.split(theta[10:], [1, 3, 6, 10])
+    return replace(
+        nominal,
+        mass=body.mass,
+        centre=body.lever,
+        inertia=body.inertia,
+        lift=float(lift[0]),
+        rotor_drag=rotor_drag,
+        body_drag=body_drag,
+        thrust=thrust,
+        torque=torque,
+    )
+
+
+def _inertia(second_moments: Array) -> Array:
+    """(3, 3) inertia of a body with the second moments ∫x² dm, ∫y² dm, ∫z² dm (3,) [kg·m²].
+
+    Any three positive ones give principal moments that satisfy the triangle inequality.
+    """
+    return np.diag(second_moments.sum() - second_moments)
 
 
 @cache

@@ -19,10 +19,10 @@ from ..systems.multibody import JointScales, MotorTree, Multibody
 from .world.callbacks import coulomb_friction
 from .world.coordinates import joint_map
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig
+from .world.plant import ParametricPlantConfig, Plant
 from .world.robots import Base, Robot, load_robot
 from .world.shapes import VisualMesh
-from .world.tree import RobotVisuals, tree_spec
+from .world.tree import RobotVisuals, set_inertias, tree_spec
 
 Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: compiled recursions, or Pinocchio's."""
@@ -31,7 +31,7 @@ AGREEMENT = 1e-10  # largest relative difference of M and bias between the engin
 
 
 @config
-class ArmPlant(PlantConfig):
+class ArmPlant(ParametricPlantConfig):
     """A robot with a motor on every joint; a floating base is fixed to a stand.
 
     Friction, rotor inertia and motor gain have one nominal value for all joints, as in a data
@@ -72,25 +72,41 @@ class ArmPlant(PlantConfig):
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
             EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
         """
-        robot = load_robot(self.robot, self._base)
-        if robot.model.joints[robot.model.njoints - 1].nv != 1:
-            raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
-        nominal = nominal_scales(robot.model, self)
+        robot, nominal = self._published()
         rng = np.random.default_rng(seed)
         n = len(nominal.gain)
 
         def hidden(value: Array) -> Array:
             return value * (1 + self.spread * rng.uniform(-1, 1, n))
 
-        hidden_joints = HiddenJoints(
+        joints = HiddenJoints(
             rotor=hidden(nominal.rotor) if nominal.rotor is not None else None,
             viscous=hidden(nominal.viscous),
             coulomb=hidden(nominal.coulomb),
             gain=hidden(nominal.gain),
         )
+        return self._plant(dt, robot, nominal, joints)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Arm:
+        """Makes the robot with the true parameters θ (p,), or those of URDF and data sheet."""
+        robot, nominal = self._published()
+        joints = HiddenJoints.of(nominal)
+        if theta is not None:
+            joints = set_tree(robot.model, theta, len(nominal.gain))
+        return self._plant(dt, robot, nominal, joints)
+
+    def _published(self) -> tuple[Robot, JointScales]:
+        """The robot's description, and the joints' nominal values."""
+        robot = load_robot(self.robot, self._base)
+        if robot.model.joints[robot.model.njoints - 1].nv != 1:
+            raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
+        return robot, nominal_scales(robot.model, self)
+
+    def _plant(self, dt: float, robot: Robot, nominal: JointScales, joints: HiddenJoints) -> Arm:
+        n = len(nominal.gain)
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
         system = structure(robot.model, nominal, np.full(n, self.friction_speed))
-        return Arm(robot, system, hidden_joints, dt, self.mismatch).failing(self.fault)
+        return Arm(robot, system, joints, dt, self.mismatch).failing(self.fault)
 
 
 @config
@@ -112,6 +128,19 @@ class HiddenJoints:
     viscous: Array
     coulomb: Array
     gain: Array
+
+    @staticmethod
+    def of(nominal: JointScales) -> HiddenJoints:
+        """Joints with the nominal values."""
+        return HiddenJoints(nominal.rotor, nominal.viscous, nominal.coulomb, nominal.gain)
+
+
+def set_tree(model: pin.Model, theta: Array, joints: int) -> HiddenJoints:
+    """Overwrites the inertias of a model by those in θ = [bodies, joints]; returns the joints."""
+    links = 10 * (model.njoints - 1)
+    set_inertias(model, theta[:links])
+    values = theta[links:].reshape(-1, joints) if joints else np.zeros((3, 0))
+    return HiddenJoints(values[0] if len(values) == 4 else None, *values[-3:])
 
 
 class Arm(Plant):

@@ -16,7 +16,7 @@ from ..systems.ground import CREEP, GroundScales, GroundVehicle
 from .world.body import Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig
+from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import Positive, Sheet, Table, one, several
 
 
@@ -48,7 +48,7 @@ class CarSheet(Sheet):
 
 
 @config
-class CarPlant(PlantConfig):
+class CarPlant(ParametricPlantConfig):
     """A car that drives forwards on level ground.
 
     Attributes:
@@ -67,9 +67,20 @@ class CarPlant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
+        nominal, rng = nominal_car(CarSheet.of(self.vehicle)), np.random.default_rng(seed)
+        return self._plant(dt, Car(*hidden(np.array(nominal), self.spread, rng).tolist()))
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (9,), or the published ones."""
+        if theta is None:
+            return self._plant(dt, nominal_car(CarSheet.of(self.vehicle)))
+        mass, moment, inertia, *others = theta.tolist()
+        centre = moment / mass
+        return self._plant(dt, Car(mass, centre, inertia - moment * centre, *others))
+
+    def _plant(self, dt: float, true: Car) -> Plant:
         sheet, flow = CarSheet.of(self.vehicle), self.mismatch.flow
         nominal, wheelbase = nominal_car(sheet), sheet.front + sheet.rear
-        true = Car(*hidden(np.array(nominal), self.spread, np.random.default_rng(seed)).tolist())
         system = GroundVehicle(scales(nominal, wheelbase, sheet.guess), wheelbase, sheet.steering)
         centre, inertia = np.array([true.centre, 0.0, 0.0]), true.inertia * np.eye(3)
         spec = vehicle_spec(self.vehicle, dt, true.mass, centre, inertia, sheet.size, planar=True)

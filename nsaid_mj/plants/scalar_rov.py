@@ -15,12 +15,12 @@ from ..resources import asset
 from ..systems.scalar import ScalarVehicle
 from .world.coordinates import reading_of
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig, set_options
+from .world.plant import ParametricPlantConfig, Plant, set_options
 from .world.shapes import VisualMesh, of_geom
 
 
 @config
-class ScalarRovPlant(PlantConfig):
+class ScalarRovPlant(ParametricPlantConfig):
     """The heave axis of a BlueROV2 Heavy; parameters and sources in assets/scalar_rov.
 
     Attributes:
@@ -51,10 +51,17 @@ class ScalarRovPlant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> ScalarRov:
         """Draws the hidden parameters and makes the plant."""
-        nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
         rng = np.random.default_rng(seed)
-        theta = nominal * (1 + self.spread * rng.uniform(-1, 1, 4))
-        return ScalarRov(nominal, theta, dt, self.mismatch).failing(self.fault)
+        return self.simulating(dt, self._nominal * (1 + self.spread * rng.uniform(-1, 1, 4)))
+
+    def simulating(self, dt: float, theta: Array | None = None) -> ScalarRov:
+        """Makes the plant with the true parameters θ (4,), or the published ones."""
+        true = self._nominal if theta is None else theta
+        return ScalarRov(self._nominal, true, dt, self.mismatch).failing(self.fault)
+
+    @property
+    def _nominal(self) -> Array:
+        return np.array([self.mass, self.drag, self.net_weight, self.gain])
 
 
 class ScalarRov(Plant):

@@ -14,7 +14,7 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..systems.space import FreeFlyer, FreeFlyerScales
 from .world.body import BODY, NED, Vehicle, guessed, hidden, vehicle_spec
-from .world.plant import Plant, PlantConfig
+from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
     Number,
     Positive,
@@ -77,7 +77,7 @@ class FreeFlyerSheet(Sheet):
 
 
 @config
-class AstrobeePlant(PlantConfig):
+class AstrobeePlant(ParametricPlantConfig):
     """NASA's Astrobee, or another free-flyer with two propulsion modules.
 
     Attributes:
@@ -96,6 +96,18 @@ class AstrobeePlant(PlantConfig):
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
         sheet = FreeFlyerSheet.of(self.vehicle)
+        thrust = hidden(nozzles(sheet)[2], self.spread, np.random.default_rng(seed))
+        return self._plant(dt, published_body(sheet), thrust)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (p,), or the published ones."""
+        if theta is not None:
+            return self._plant(dt, pin.Inertia.FromDynamicParameters(theta[:10]), theta[10:])
+        sheet = FreeFlyerSheet.of(self.vehicle)
+        return self._plant(dt, published_body(sheet), nozzles(sheet)[2])
+
+    def _plant(self, dt: float, body: pin.Inertia, true_thrust: Array) -> Plant:
+        sheet = FreeFlyerSheet.of(self.vehicle)
         positions, jets, thrust = nozzles(sheet)
         guess = sheet.guess
         scales = FreeFlyerScales(
@@ -105,16 +117,18 @@ class AstrobeePlant(PlantConfig):
             thrust=guessed(thrust),
             speed=np.array(guess.speed),
         )
-        true_thrust = hidden(thrust, self.spread, np.random.default_rng(seed))
-        mass, centre, inertia = sheet.mass, NED * sheet.centre, np.diag(sheet.inertia)
-        spec = vehicle_spec(self.vehicle, dt, mass, centre, inertia, sheet.size)
+        spec = vehicle_spec(self.vehicle, dt, body.mass, body.lever, body.inertia, sheet.size)
         for i, (position, jet, gain) in enumerate(zip(positions, jets, true_thrust, strict=True)):
             _add_nozzle(spec, f"nozzle {i + 1}", position, -jet, gain)
-        body = pin.Inertia(mass, centre, inertia).toDynamicParameters()
-        truth = np.concatenate([body, true_thrust])
+        truth = np.concatenate([body.toDynamicParameters(), true_thrust])
         system = FreeFlyer(scales, positions, -jets)
         vehicle = Vehicle(system, truth, spec, np.zeros(0), None, self.mismatch)
         return vehicle.failing(self.fault)
+
+
+def published_body(sheet: FreeFlyerSheet) -> pin.Inertia:
+    """The body's inertia; z up."""
+    return pin.Inertia(sheet.mass, NED * sheet.centre, np.diag(sheet.inertia))
 
 
 def nozzles(sheet: FreeFlyerSheet) -> tuple[Array, Array, Array]:

@@ -14,13 +14,13 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
-from ..systems.torpedo import TorpedoScales, TorpedoVehicle
+from ..systems.torpedo import TorpedoScales, TorpedoVehicle, mass_tensor
 from .underwater import use_mujoco_fluid
 from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
-from .world.hydrodynamics import motion_in_water, passive_wrench
+from .world.hydrodynamics import motion_in_water, passive_wrench, split_mass
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig
+from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
     Negative,
     Number,
@@ -136,7 +136,7 @@ class TorpedoSheet(Sheet):
 
 
 @config
-class REMUS100Plant(PlantConfig):
+class REMUS100Plant(ParametricPlantConfig):
     """A REMUS 100, or another torpedo-shaped vehicle.
 
     Attributes:
@@ -150,8 +150,7 @@ class REMUS100Plant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
-        sheet = TorpedoSheet.of(self.vehicle)
-        nominal = nominal_numbers(sheet)
+        nominal = nominal_numbers(TorpedoSheet.of(self.vehicle))
         rng = np.random.default_rng(seed)
         true = replace(
             nominal,
@@ -162,8 +161,21 @@ class REMUS100Plant(PlantConfig):
             propeller=hidden(nominal.propeller, self.spread, rng),
             fin_lift=hidden(nominal.fin_lift, self.spread, rng),
             fin_drag=hidden(nominal.fin_drag, self.spread, rng),
-            flow=np.array(self.mismatch.flow),
         )
+        return self._plant(dt, true)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (p,), or the published ones.
+
+        See `split_mass` for how M is divided into rigid-body and added mass.
+        """
+        nominal = nominal_numbers(TorpedoSheet.of(self.vehicle))
+        return self._plant(dt, nominal if theta is None else with_theta(nominal, theta))
+
+    def _plant(self, dt: float, true: Torpedo) -> Plant:
+        sheet = TorpedoSheet.of(self.vehicle)
+        nominal = nominal_numbers(sheet)
+        true = replace(true, flow=np.array(self.mismatch.flow))
         system = TorpedoVehicle(
             TorpedoScales(
                 inertia=guessed(theta_of(nominal)[:4]),
@@ -330,6 +342,28 @@ def theta_of(true: Torpedo) -> Array:
             true.fin_lift,
             true.fin_drag,
         ]
+    )
+
+
+def with_theta(nominal: Torpedo, theta: Array) -> Torpedo:
+    """The nominal geometry with the parameters θ (p,) of a `TorpedoVehicle`."""
+    M = mass_tensor(6) @ theta[:6]
+    rigid, added = split_mass(M, nominal.rigid, nominal.added)
+    k = len(nominal.fin_lift)
+    drag, lift, weight, righting, propeller, fin_lift, fin_drag = np.split(
+        theta[6:], [4, 6, 7, 8, 10, 10 + k]
+    )
+    return replace(
+        nominal,
+        rigid=rigid,
+        added=added,
+        drag=drag,
+        lift=lift,
+        net_weight=float(weight[0]),
+        righting=float(righting[0]),
+        propeller=propeller,
+        fin_lift=fin_lift,
+        fin_drag=fin_drag,
     )
 
 

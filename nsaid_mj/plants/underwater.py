@@ -21,9 +21,9 @@ from .world.body import (
     hidden,
     vehicle_spec,
 )
-from .world.hydrodynamics import LIMIT, POWERS, SIZE, Hydrodynamics, fossen
+from .world.hydrodynamics import LIMIT, POWERS, SIZE, Hydrodynamics, fossen, split_mass
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig
+from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
     NotNegative,
     Number,
@@ -160,7 +160,7 @@ class UnderwaterSheet(Sheet):
 
 
 @config
-class BlueROV2Plant(PlantConfig):
+class BlueROV2Plant(ParametricPlantConfig):
     """A BlueROV2 Heavy, or another underwater vehicle with fixed thrusters.
 
     Attributes:
@@ -174,9 +174,20 @@ class BlueROV2Plant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
+        nominal = nominal_numbers(UnderwaterSheet.of(self.vehicle))
+        return self._plant(dt, drawn(nominal, self.spread, np.random.default_rng(seed)))
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (p,), or the published ones.
+
+        See `split_mass` for how M is divided into rigid-body and added mass.
+        """
+        nominal = nominal_numbers(UnderwaterSheet.of(self.vehicle))
+        return self._plant(dt, nominal if theta is None else with_theta(nominal, theta))
+
+    def _plant(self, dt: float, true: Hydrodynamics) -> Plant:
         sheet = UnderwaterSheet.of(self.vehicle)
         nominal = nominal_numbers(sheet)
-        true = drawn(nominal, self.spread, np.random.default_rng(seed))
         true = replace(true, flow=np.array(self.mismatch.flow))
         system = UnderwaterVehicle(
             scales_of(nominal, sheet.guess), nominal.positions, nominal.directions, nominal.curve
@@ -253,6 +264,24 @@ def theta_of(true: Hydrodynamics) -> Array:
     M = (true.rigid + true.added)[np.triu_indices(6)]
     return np.concatenate(
         [M, true.linear, true.quadratic, [true.net_weight], true.righting, true.thrust]
+    )
+
+
+def with_theta(nominal: Hydrodynamics, theta: Array) -> Hydrodynamics:
+    """The nominal geometry with the parameters θ (p,) of an `UnderwaterVehicle`."""
+    M = np.zeros((6, 6))
+    M[np.triu_indices(6)] = theta[:21]
+    rigid, added = split_mass(M + np.triu(M, 1).T, nominal.rigid, nominal.added)
+    linear, quadratic, weight, righting, thrust = np.split(theta[21:], [6, 12, 13, 16])
+    return replace(
+        nominal,
+        rigid=rigid,
+        added=added,
+        linear=linear,
+        quadratic=quadratic,
+        net_weight=float(weight[0]),
+        righting=righting,
+        thrust=thrust,
     )
 
 

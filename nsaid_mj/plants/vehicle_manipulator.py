@@ -18,16 +18,16 @@ from ..systems.flying_arm import FlyingArm
 from ..systems.multibody import JointScales
 from ..systems.underwater_manipulator import Cylinders, LinkFluidScales, UnderwaterManipulator
 from ..systems.vehicle_manipulator import VehicleManipulator
-from .arm import ArmPlant, extent, nominal_scales
-from .underwater import UnderwaterSheet, drawn, nominal_numbers, scales_of
+from .arm import ArmPlant, HiddenJoints, extent, nominal_scales, set_tree
+from .underwater import UnderwaterSheet, drawn, nominal_numbers, scales_of, with_theta
 from .world.body import command_inputs, guessed, hidden, vehicle_spec
 from .world.coordinates import joint_map
 from .world.hydrodynamics import Hydrodynamics
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig
-from .world.robots import load_robot
+from .world.plant import ParametricPlantConfig, Plant
+from .world.robots import Robot, load_robot
 from .world.shapes import VisualMesh
-from .world.tree import GeomVisuals, RobotVisuals, tree_spec
+from .world.tree import GeomVisuals, RobotVisuals, set_inertias, tree_spec
 from .world.tree_forces import TreeForces, tree_forces
 
 BASE = "base"
@@ -122,7 +122,7 @@ class VehicleWithArm(Plant):
 
 
 @config
-class UvmsPlant(PlantConfig):
+class UvmsPlant(ParametricPlantConfig):
     """A BlueROV2 Heavy with a Reach Alpha 5; parameters and sources in assets/uvms.
 
     No hydrodynamics of the arm are published; those used here are of cylinders.
@@ -141,14 +141,59 @@ class UvmsPlant(PlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
-        arm, sheet = numbers("uvms"), UnderwaterSheet.of("bluerov2")
-        base, rng = nominal_numbers(sheet), np.random.default_rng(seed)
-        model = uvms_model(base, arm)
-        nominal, shapes = nominal_forces(base, arm), cylinders(arm)
+        arm, base = numbers("uvms"), nominal_numbers(UnderwaterSheet.of("bluerov2"))
+        nominal, rng = nominal_forces(base, arm), np.random.default_rng(seed)
+        true = drawn(base, self.spread, rng)
+        forces = replace(
+            nominal_forces(true, arm),
+            cylinder_added=hidden(nominal.cylinder_added, self.spread, rng),
+            cylinder_drag=hidden(nominal.cylinder_drag, self.spread, rng),
+            cylinder_buoyancy=hidden(nominal.cylinder_buoyancy, self.spread, rng),
+            viscous=hidden(nominal.viscous, self.spread, rng),
+            coulomb=hidden(nominal.coulomb, self.spread, rng),
+            gain=hidden(nominal.gain, self.spread, rng),
+        )
+        rotor = hidden(_nominal_rotor(arm), self.spread, rng)
+        return self._plant(dt, true, uvms_model(base, arm), forces, rotor)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (p,), or the published ones.
+
+        See `split_mass` for how M of the base is divided into rigid-body and added mass.
+        """
+        arm, base = numbers("uvms"), nominal_numbers(UnderwaterSheet.of("bluerov2"))
+        if theta is None:
+            forces, rotor = nominal_forces(base, arm), _nominal_rotor(arm)
+            return self._plant(dt, base, uvms_model(base, arm), forces, rotor)
         k = len(arm["links"])
+        ends = 21 + np.cumsum([10 * k, *[k] * 5, 16, k, k])
+        M, links, added, rotor, viscous, coulomb, gain, base_theta, drag, buoyancy, thrust = (
+            np.split(theta, [21, *ends])
+        )
+        true = with_theta(base, np.concatenate([M, base_theta, thrust]))
+        model = uvms_model(true, arm)
+        set_inertias(model, links, 2)
+        forces = replace(
+            nominal_forces(true, arm),
+            cylinder_added=added,
+            cylinder_drag=drag,
+            cylinder_buoyancy=buoyancy,
+            viscous=viscous,
+            coulomb=coulomb,
+            gain=gain,
+        )
+        return self._plant(dt, true, model, forces, rotor)
+
+    def _plant(
+        self, dt: float, true: Hydrodynamics, model: pin.Model, forces: TreeForces, rotor: Array
+    ) -> Plant:
+        arm, sheet = numbers("uvms"), UnderwaterSheet.of("bluerov2")
+        base = nominal_numbers(sheet)
+        published = uvms_model(base, arm)
+        nominal, shapes = nominal_forces(base, arm), cylinders(arm)
         system = UnderwaterManipulator(
-            model,
-            _joint_guesses(model, arm),
+            published,
+            _joint_guesses(published, arm),
             scales_of(base, sheet.guess),
             LinkFluidScales(
                 added=guessed(nominal.cylinder_added),
@@ -161,18 +206,7 @@ class UvmsPlant(PlantConfig):
             base.directions,
             base.curve,
         )
-        true = drawn(base, self.spread, rng)
-        forces = replace(
-            nominal_forces(true, arm),
-            cylinder_added=hidden(nominal.cylinder_added, self.spread, rng),
-            cylinder_drag=hidden(nominal.cylinder_drag, self.spread, rng),
-            cylinder_buoyancy=hidden(nominal.cylinder_buoyancy, self.spread, rng),
-            viscous=hidden(nominal.viscous, self.spread, rng),
-            coulomb=hidden(nominal.coulomb, self.spread, rng),
-            gain=hidden(nominal.gain, self.spread, rng),
-            flow=np.array(self.mismatch.flow),
-        )
-        rotor = hidden(np.full(k, arm["joints"]["rotor"]), self.spread, rng)
+        forces = replace(forces, flow=np.array(self.mismatch.flow))
         links = [inertia.toDynamicParameters() for inertia in list(model.inertias)[2:]]
         truth = np.concatenate(
             [
@@ -196,6 +230,10 @@ class UvmsPlant(PlantConfig):
         _add_visual_geoms(spec, arm)
         vehicle = VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
         return vehicle.failing(self.fault)
+
+
+def _nominal_rotor(arm: dict[str, Any]) -> Array:
+    return np.full(len(arm["links"]), arm["joints"]["rotor"])
 
 
 def uvms_model(base: Hydrodynamics, arm: dict[str, Any]) -> pin.Model:
@@ -326,7 +364,7 @@ def _placement(position: list[float], angles: list[float]) -> pin.SE3:
 
 
 @config
-class FlyingArmPlant(PlantConfig):
+class FlyingArmPlant(ParametricPlantConfig):
     """A flying robot of example-robot-data; rotor parameters and sources in assets/flying_arm.
 
     Attributes:
@@ -350,29 +388,57 @@ class FlyingArmPlant(PlantConfig):
         Raises:
             UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
         """
+        robot, joints, thrust, torque = self._published()
+        rng = np.random.default_rng(seed)
+        rotor = None if joints.rotor is None else hidden(joints.rotor, self.spread, rng)
+        thrust, torque = hidden(thrust, self.spread, rng), hidden(torque, self.spread / 4, rng)
+        true = HiddenJoints(
+            rotor,
+            viscous=hidden(joints.viscous, self.spread, rng),
+            coulomb=hidden(joints.coulomb, self.spread, rng),
+            gain=hidden(joints.gain, self.spread, rng),
+        )
+        return self._plant(dt, robot, true, thrust, torque)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the robot with the true parameters θ (p,), or the published ones."""
+        robot, nominal, thrust, torque = self._published()
+        joints = HiddenJoints.of(nominal)
+        if theta is not None:
+            tree, thrust, torque = np.split(theta, [-2 * len(thrust), -len(thrust)])
+            joints = set_tree(robot.model, tree, len(nominal.gain))
+        return self._plant(dt, robot, joints, thrust, torque)
+
+    def _published(self) -> tuple[Robot, JointScales, Array, Array]:
+        """The description, the joints' nominal values, and the rotors' thrusts and torques."""
         known = numbers("flying_arm")
         if self.robot not in known:
             remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
             raise UnknownName("flying robot", self.robot, known, remedy)
         robot, d = load_robot(self.robot, "free"), known[self.robot]
+        thrust, torque = (np.full(len(d["spins"]), d[what]) for what in ("thrust", "torque"))
+        return robot, nominal_scales(robot.model, ArmPlant()), thrust, torque
+
+    def _plant(
+        self, dt: float, robot: Robot, true: HiddenJoints, thrust: Array, torque: Array
+    ) -> Plant:
+        published, joints, *nominal = self._published()
+        rotor = np.zeros(0) if true.rotor is None else true.rotor
+        d = numbers("flying_arm")[self.robot]
         positions, spins = np.array(d["positions"]), np.array(d["spins"], dtype=float)
         directions = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
-        thrust, torque = np.full(len(spins), d["thrust"]), np.full(len(spins), d["torque"])
-        joints, rng = nominal_scales(robot.model, ArmPlant()), np.random.default_rng(seed)
         friction_speed = ArmPlant().friction_speed
         system = FlyingArm(
-            robot.model,
+            published.model,
             joints,
-            guessed(thrust),
-            guessed(torque),
+            guessed(nominal[0]),
+            guessed(nominal[1]),
             np.array(d["speed"]),
             friction_speed,
             positions,
             directions,
             spins,
         )
-        rotor = np.zeros(0) if joints.rotor is None else hidden(joints.rotor, self.spread, rng)
-        thrust, torque = hidden(thrust, self.spread, rng), hidden(torque, self.spread / 4, rng)
         still, square = np.zeros(6), np.zeros(9)
         square[1] = 1.0
         forces = TreeForces(
@@ -394,10 +460,10 @@ class FlyingArmPlant(PlantConfig):
             cylinder_added=np.zeros(0),
             cylinder_drag=np.zeros(0),
             cylinder_buoyancy=np.zeros(0),
-            viscous=hidden(joints.viscous, self.spread, rng),
-            coulomb=hidden(joints.coulomb, self.spread, rng),
+            viscous=true.viscous,
+            coulomb=true.coulomb,
             friction_speed=friction_speed,
-            gain=hidden(joints.gain, self.spread, rng),
+            gain=true.gain,
             flow=np.zeros(3),
         )
         bodies = [inertia.toDynamicParameters() for inertia in list(robot.model.inertias)[1:]]

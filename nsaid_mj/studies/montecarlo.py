@@ -77,7 +77,7 @@ class Plan(Study):
             only; otherwise draw i equals `nsaid run` with its seed, including truth and motion.
 
     Raises:
-        InvalidInput: `runs` is less than 1.
+        InvalidInput: `runs` is less than 1, or a shared plant leaves nothing to draw.
     """
 
     runs: int
@@ -85,6 +85,7 @@ class Plan(Study):
 
     def __post_init__(self) -> None:
         _at_least_one("runs", self.runs, "256 runs give distributions.")
+        _check_sharing(self.scenario, self.shared)
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -289,10 +290,11 @@ def monte_carlo(
         estimate.
 
     Raises:
-        InvalidInput: `runs` or `jobs` is less than 1.
+        InvalidInput: `runs` or `jobs` is less than 1, or a shared plant leaves nothing to draw.
         NsaidError: the scenario cannot be started.
     """
     _at_least_one("runs", runs, "256 runs give distributions.")
+    _check_sharing(scenario, shared)
     rows = [row for part in _rows(scenario, range(runs), jobs, shared) for row in part]
     return sorted(rows, key=lambda row: row["run"])
 
@@ -338,6 +340,16 @@ def _identified(
 def _at_least_one(name: str, number: int, remedy: str) -> None:
     if number < 1:
         raise InvalidInput(name, "a number ≥ 1", number, remedy)
+
+
+def _check_sharing(scenario: Scenario, shared: bool) -> None:
+    if shared and scenario.prior == "nominal":
+        raise InvalidInput(
+            "prior",
+            "`drawn`, if all runs share one plant",
+            scenario.prior,
+            "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
+        )
 
 
 def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) -> Sweep:

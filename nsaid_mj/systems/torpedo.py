@@ -88,7 +88,7 @@ class TorpedoVehicle(RigidBody):
             [actuators.wrenches(positions, lifts), actuators.wrenches(positions, astern)]
         )
         law = TorpedoForces(self.allocation, slip)
-        super().__init__(space, _mass_tensor(len(space)), k + 1, mounts, law)
+        super().__init__(space, mass_tensor(len(space)), k + 1, mounts, law)
         self.speed, self.limit, self.slip = scales.speed, scales.limit, slip
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -121,7 +121,7 @@ def _forces(forces, q, v, u, F):
     actuators.fins(F, column, forces.allocation, v, u[:-1])
 
 
-def _mass_tensor(p: int) -> Array:
+def mass_tensor(p: int) -> Array:
     """(6, 6, p) mass tensor of a body of revolution about x, whose M has six parameters."""
     tensor = np.zeros((6, 6, p))
     for i, j, k, value in _MASS:

@@ -245,6 +245,7 @@ def test_a_flag_may_be_the_last_part_of_a_fields_name(
         ("--seed", "seed", 3),
         ("--dt", "dt", 0.005),
         ("--substeps", "substeps", 4),
+        ("--prior", "prior", "nominal"),
         ("--sensors", "sensors", "noisy"),
         ("--record-every", "record_every", 4),
         ("--gain-error", "gain_error", 0.1),

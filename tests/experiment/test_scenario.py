@@ -68,6 +68,7 @@ SCENARIO = st.builds(
     excitation=DRIVER,
     identifier=LAW,
     rivals=st.dictionaries(st.from_regex(r"[a-zé_]{1,3}", fullmatch=True), LAW, max_size=2),
+    prior=st.sampled_from(["drawn", "nominal"]),
     initial_error=share,
     gain_error=st.none() | share,
     duration=st.floats(1, 1000),
@@ -141,6 +142,7 @@ def changed(value: Any, name: str) -> Iterator[Any]:
             "law": "cone",
             "fluid": "ellipsoid",
             "backend": "pinocchio",
+            "prior": "nominal",
         }
         yield others.get(name, value + "_")
     elif isinstance(value, int):
@@ -293,7 +295,7 @@ BAD = {
         "dt": NOT_POSITIVE, "duration": [*NOT_POSITIVE, 1.9e-3], "pe_window": NOT_POSITIVE,
         "held_out": NOT_POSITIVE, "initial_error": [-0.1, NAN, INF],
         "gain_error": [-0.1, 1.0, NAN], "record_every": [0, 1.5, -1],
-        "substeps": [0, 1.5, -1, 1001],
+        "substeps": [0, 1.5, -1, 1001], "prior": ["true", ""],
         "seed": [-1, 0.5], "sensors": ["perfect", ""],
         "rivals": [{"": NullspaceAID()}, {"two words": NullspaceAID()}],
     },

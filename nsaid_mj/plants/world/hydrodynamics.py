@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numba import carray, cfunc, njit
+from scipy.linalg import eigh
 
 from ...numerics.spatial import coadjoint, rotate, unrotate
 from ...parameters import Array
@@ -87,6 +88,21 @@ class Hydrodynamics:
     def gain_places(self) -> list[list[int]]:
         """For each thruster, the index of its gain in `numbers`."""
         return [[140 + 7 * j] for j in range(len(self.thrust))]
+
+
+def split_mass(M: Array, rigid: Array, added: Array) -> tuple[Array, Array]:
+    """Divides a mass matrix into rigid-body and added mass; only their sum can be identified.
+
+    The rigid body is the nominal one, times the largest factor for which the added mass exceeds the
+    nominal one times this factor: both are then physical.
+
+    Args:
+        M: (6, 6) the sum, positive definite.
+        rigid: (6, 6) nominal M_RB.
+        added: (6, 6) nominal M_A.
+    """
+    share = eigh(M, rigid + added, eigvals_only=True)[0]
+    return share * rigid, M - share * rigid
 
 
 SIZE = 2 + 3 * 36 + 12 + 1 + 3 + 3 + 5 + 7 * LIMIT

@@ -55,6 +55,20 @@ class PlantConfig(Config, ABC):
         """
 
 
+@config
+class ParametricPlantConfig(PlantConfig, ABC):
+    """A plant that can be made with any physical θ of its system."""
+
+    @abstractmethod
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with given true parameters.
+
+        Args:
+            dt: time step of the simulation and of the measurements [s].
+            theta: (p,) the true θ; None for the published values.
+        """
+
+
 class Plant(ABC):
     """A simulated plant. Step it inside `with plant.running():`.
 

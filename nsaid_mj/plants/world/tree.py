@@ -62,6 +62,12 @@ def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
     body.iquat, body.inertia = _wxyz(axes), moments
 
 
+def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
+    """Overwrites the inertias of the bodies from `first` on by ten parameters each (10 b,)."""
+    for i, own in enumerate(theta.reshape(-1, 10)):
+        model.inertias[first + i] = pin.Inertia.FromDynamicParameters(own)
+
+
 class RobotVisuals:
     """The visual meshes of a robot's description; there may be none.
 
