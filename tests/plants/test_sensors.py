@@ -61,6 +61,17 @@ def test_a_coarse_encoder_hides_small_noise():
     assert np.unique(said).size == 1
 
 
+@pytest.mark.parametrize("noise", [0.0, 2e-3])
+@pytest.mark.parametrize("step", [0.0, 1e-2])
+def test_the_stated_level_is_the_measured_one_of_noise_and_encoder_together(noise, step):
+    """An encoder's error is uniform within ± half a step: its variance is a twelfth of step²."""
+    sensor = SensorNoise(position=noise, velocity=3e-3, encoder_step=step)
+    true = np.random.default_rng(1).uniform(-1, 1, 200_000)
+    said, v = corrupt(sensor, true, np.zeros_like(true))
+    assert sensor.levels.position == pytest.approx(np.std(said - true), rel=0.01, abs=1e-12)
+    assert sensor.levels.velocity == pytest.approx(np.std(v), rel=0.01)
+
+
 @pytest.mark.parametrize("field", ["position", "velocity", "encoder_step"])
 @pytest.mark.parametrize("bad", [-1e-9, np.nan, np.inf])
 def test_a_bad_level_is_refused(field, bad):

@@ -394,3 +394,43 @@ def test_the_mounts_are_where_the_forces_act():
     F = system.F(0.0, np.r_[q, v], u)[:, system.space.actuators[~unseen]]
     moment = np.cross(system.mounts[~unseen], F[:3].T)
     np.testing.assert_allclose(moment, F[3:].T, atol=1e-12)
+
+
+# -- in reverse ----------------------------------------------------------------------------------
+
+
+def forces_of(p, v, u):
+    """(n, p) F at the origin, upright."""
+    return p.system.F(0.0, np.r_[p.system.position(np.zeros(6)), v], u)
+
+
+@pytest.mark.parametrize("n", [0.3, 0.8, 1.0])
+def test_the_propeller_turned_backwards_pulls_and_twists_the_other_way(n):
+    """At rest thrust and torque are odd in the shaft's speed, in the structure and in MuJoCo."""
+    p, still = remus(1), np.zeros(6)
+    ahead, astern = (np.array([0, 0, 0, 0, sign * n]) for sign in (1, -1))
+    place = p.system.space["propeller gain"]
+    there, back = (forces_of(p, still, u)[:, place] for u in (ahead, astern))
+    assert there[0, 0] == pytest.approx(n**2) and there[3, 1] == pytest.approx(-(n**2))
+    assert (back == -there).all()
+    a, b, idle = (acceleration(p, still, still, u) for u in (ahead, astern, np.zeros(5)))
+    assert a[0] > idle[0] > b[0] and a[3] < idle[3] < b[3]
+    assert b - idle == pytest.approx(idle - a, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("speed", [1.5, -1.5])
+def test_a_deflected_fins_drag_brakes_ahead_and_astern(speed):
+    """Its lift is odd in the deflection and its drag even, in the structure and in MuJoCo."""
+    p, v = remus(1), np.r_[speed, np.zeros(5)]
+    u = np.array([0.1, -0.05, 0.08, 0.12, 0.0])
+    drag, lift = p.system.space["fin drag"], p.system.space["fin lift"]
+    one, other, rest = (forces_of(p, v, s * u) for s in (1, -1, 0))
+    power = v @ one[:, drag]
+    assert power == pytest.approx(-(abs(speed) ** 3) * u[:4] ** 2, rel=1e-12)
+    assert (one[:, drag] == other[:, drag]).all() and (one[:, lift] == -other[:, lift]).all()
+    assert not rest[:, drag].any()
+    a, b, none = (acceleration(p, np.zeros(6), v, s * u) for s in (1, -1, 0))
+    M = p.system.mass_matrix(np.r_[p.system.position(np.zeros(6)), v], p.truth)
+    braking = M @ (0.5 * (a + b) - none)
+    expected = -abs(speed) * speed * (u[:4] ** 2 @ p.truth[drag])
+    assert braking[0] == pytest.approx(expected, rel=1e-9) and braking[0] * speed < 0

@@ -1,0 +1,62 @@
+"""Figures mean what their names say: 95 % intervals, rms over the last tenth of a run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation.confidence import INTERVAL, Known
+from nsaid_mj.evaluation.figures import last_tenth
+from nsaid_mj.evaluation.words import gain_rows
+from nsaid_mj.experiment.loop import run
+from tests.support.faulty import ROV
+
+
+def test_an_interval_is_that_of_95_percent_of_a_normal_distribution():
+    assert norm.cdf(INTERVAL) - norm.cdf(-INTERVAL) == pytest.approx(0.95, abs=1e-4)
+
+
+def test_intervals_of_the_right_width_cover_95_percent():
+    """Directions whose errors have the stated standard deviations; θ̂ and θ have norm 1."""
+    rng, p = np.random.default_rng(0), 400
+    deviation, covered = rng.uniform(3e-5, 1e-4, p), []
+    for _ in range(100):
+        theta = rng.standard_normal(p)
+        theta /= np.linalg.norm(theta)
+        estimate = theta + deviation * rng.standard_normal(p)
+        estimate /= np.linalg.norm(estimate)
+        found = Known(np.eye(p), deviation, np.zeros(p, bool), np.zeros(0), np.ones(1))
+        covered.append(found.covered(estimate, 3.0 * theta))
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.005)
+
+
+def test_the_plus_minus_of_a_gain_is_half_its_95_percent_interval():
+    rows = [
+        {"name": name, "label": name, "unit": "N", "estimate": value, "true": value}
+        for name, value in (("one", 2.0), ("two", 8.0))
+    ]
+    stated = {"actuators": {"one": 0.01, "two": 0.03}}
+    found = gain_rows({"confidence": stated, "parameters": rows})
+    assert [row[1] for row in found] == pytest.approx([0.5, 2.0])
+    assert [row[2] for row in found] == pytest.approx([0.0196, 0.0588], rel=1e-3)
+
+
+@pytest.mark.parametrize("rows,expected", [(1, [0]), (9, [8]), (40, [36, 37, 38, 39])])
+def test_the_last_tenth_has_a_tenth_of_the_rows_and_at_least_one(rows, expected):
+    assert last_tenth(np.arange(rows)).tolist() == expected
+
+
+def test_the_velocity_error_is_that_of_the_last_tenth_of_the_time(tmp_path):
+    done = run(replace(ROV, duration=4.0, sensors="noisy"), tmp_path)
+    summary, record = summarize(done, truth_of(done)), done.record
+    late = record["t"] > 0.9 * done.ending.time + 1e-9
+    assert late.sum() == len(record) // 10 > 10
+    dv = record["v_hat"] - record["v"]
+    rms = np.sqrt(np.mean(dv[late] ** 2))
+    assert summary["velocity_error_rms"] == pytest.approx(rms, rel=1e-12)
+    for other in (dv, dv[-1:], dv[~late]):  # which differ, so that the test can fail
+        assert rms != pytest.approx(np.sqrt(np.mean(other**2)), rel=1e-3)
