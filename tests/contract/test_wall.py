@@ -169,6 +169,20 @@ def starts(name: str, law: str) -> tuple[Array, Array, Array]:
     return np.array([setup.prior[zero] for setup in setups]), scale, zero
 
 
+@pytest.mark.parametrize("in_cone", [False, True])
+def test_a_friction_or_gain_that_is_truly_0_does_not_start_at_0(in_cone):
+    space = drawn("ur5").system.space
+    truth, rng = drawn("ur5").plant.truth.copy(), np.random.default_rng(0)
+    positive = np.zeros(len(space), bool)
+    for block, place in space:
+        positive[place] = block.geometry == "positive"
+    truth[positive] = 0.0
+    prior = wiring.draw_prior(truth, space, 0.3, None, rng, in_cone)[positive]
+    assert (prior != 0).all() and (np.abs(prior) <= 0.03 * space.scale[positive]).all()
+    if in_cone:
+        assert (prior >= 0.01 * np.exp(-0.3) * space.scale[positive]).all()
+
+
 @pytest.mark.parametrize("law", ["paper", "cone"])
 @pytest.mark.parametrize("name", ["bluerov2", "ur5", "kinova", "borinot"])
 def test_a_parameter_that_is_truly_0_does_not_start_at_0(name, law):

@@ -27,6 +27,7 @@ from nsaid_mj.plants import (
     RoverPlant,
     ScalarRovPlant,
 )
+from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers, theta_of, with_theta
 from nsaid_mj.resources import scenarios
 from nsaid_mj.studies.montecarlo import Plan, monte_carlo
 from tests.support.plants import assert_engines_agree, name_of
@@ -71,6 +72,21 @@ def test_a_parametric_plant_moves_by_the_theta_it_is_given(config, seed, error):
     plant = config.simulating(DT, drawn)
     assert (np.abs(plant.truth - drawn) <= 1e-14 * np.maximum(np.abs(drawn), space.scale)).all()
     assert_engines_agree(plant, seed, 1e-11)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=seeds, error=st.sampled_from([0.1, 0.3, 1.0]))
+def test_a_drawn_mass_in_water_is_a_rigid_body_and_an_added_mass_both_physical(seed, error):
+    theta, space = published(VEHICLES["bluerov2"])
+    nominal = nominal_numbers(UnderwaterSheet.of("bluerov2"))
+    drawn = drawn_inside(space, theta, error, np.random.default_rng(seed))
+    true = with_theta(nominal, drawn)
+    assert theta_of(true) == pytest.approx(drawn, rel=1e-12, abs=1e-12)
+    share = true.rigid[0, 0] / nominal.rigid[0, 0]
+    assert share > 0 and true.rigid == pytest.approx(share * nominal.rigid, rel=1e-12)
+    beyond = np.linalg.eigvalsh(true.added - share * nominal.added)
+    assert beyond[0] == pytest.approx(0.0, abs=1e-10 * beyond[-1])  # the largest such share
+    assert with_theta(nominal, theta).added == pytest.approx(nominal.added, abs=1e-10)
 
 
 @parametric

@@ -429,8 +429,11 @@ def test_a_deflected_fins_drag_brakes_ahead_and_astern(speed):
     assert power == pytest.approx(-(abs(speed) ** 3) * u[:4] ** 2, rel=1e-12)
     assert (one[:, drag] == other[:, drag]).all() and (one[:, lift] == -other[:, lift]).all()
     assert not rest[:, drag].any()
+    sideways = np.diag(one[[1, 1, 2, 2], lift])  # rudders push to y, planes to z
+    assert sideways == pytest.approx(abs(speed) * speed * u[:4], rel=1e-12)
     a, b, none = (acceleration(p, np.zeros(6), v, s * u) for s in (1, -1, 0))
     M = p.system.mass_matrix(np.r_[p.system.position(np.zeros(6)), v], p.truth)
-    braking = M @ (0.5 * (a + b) - none)
+    pushed, braking = M @ (0.5 * (a - b)), M @ (0.5 * (a + b) - none)
+    assert pushed == pytest.approx(one[:, lift] @ p.truth[lift], rel=1e-9, abs=1e-9)
     expected = -abs(speed) * speed * (u[:4] ** 2 @ p.truth[drag])
     assert braking[0] == pytest.approx(expected, rel=1e-9) and braking[0] * speed < 0
