@@ -243,7 +243,7 @@ def test_the_readmes_commands_identify_the_users_own_urdf(workplace: Path) -> No
         for words in COMMANDS["README.md"]
         if "my_arm.urdf" in words and "--help" not in words
     ]
-    assert len(runs) == 2
+    assert len(runs) == 3
     for number, words in enumerate(runs):
         short = ["--duration", "0.3", "--held-out", "0.2", "--pe-window", "0.1"]
         done = shell(*words, *short, "--out", f"out{number}", "--quiet", cwd=workplace)
