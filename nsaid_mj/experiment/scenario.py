@@ -47,7 +47,7 @@ class Scenario(Config):
         rivals: other identifiers on the same measurements, by name, for comparison.
         prior: `drawn` for a θ̂(0) drawn about the true θ, which differs from the published values by
             the plant's spread; `nominal` for the published values as θ̂(0), with the true θ drawn
-            about them in all parameters.
+            about them in all parameters and the plant's spread unused.
         initial_error: largest relative error of every parameter in θ̂(0).
         gain_error: relative error of the actuator gains in θ̂(0), alternating in sign; None treats
             gains like all other parameters.
