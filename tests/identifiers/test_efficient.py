@@ -38,9 +38,8 @@ class Followed(NamedTuple):
         system, theta = self.setup.system, self.state.theta_hat
         stated = self.setup.identifiers()[""].confidence(self.state)
         assert stated is not None
-        return known(
-            stated, theta, structural(system, theta, np.random.default_rng(0)), system.space
-        )
+        nullspace = structural(system, theta, np.random.default_rng(0))
+        return known(stated, theta, nullspace, system.space)
 
     @property
     def covered(self) -> float:
@@ -92,7 +91,9 @@ def test_its_intervals_hold_the_truth() -> None:
 def test_it_finds_the_noise_by_itself() -> None:
     found = followed("bluerov2", 10, 30.0)
     variance = found.state.filter.filter.noise.variance
-    np.testing.assert_allclose(np.sqrt(variance[:6]), 1e-4, rtol=0.05)
+    np.testing.assert_allclose(np.sqrt(variance[:3]), 1e-4, rtol=0.05)
+    assert (np.sqrt(variance[3:6]) < 1.05e-4).all()  # noise of a rotation vector turns the body
+    assert (np.sqrt(variance[3:6]) > 0.7e-4).all()  # by less, far from zero rotation
     np.testing.assert_allclose(np.sqrt(variance[6:]), 5e-3, rtol=0.05)
 
 

@@ -223,6 +223,7 @@ class EfficientIdentifier(Identifier):
         pivots = np.full(count, np.inf)
         inside = inside._replace(filter=deepcopy(inside.filter))
         while at < count - 1:
+            handed = inside.handed
             if inside.trials:
                 last = min(count - 1, at + self._law.window - int(inside.trials[0].tally[1]))
                 thetas[at + 1 : last + 1] = inside.filter.theta
@@ -237,12 +238,11 @@ class EfficientIdentifier(Identifier):
                 if end == CONTRADICTED:
                     inside = self._contradicted(inside, log.at(last))
                     thetas[last], v_hats[last] = inside.filter.theta, inside.filter.v
-            own = slice(at + 1, last + 1)
-            if inside.handed:
+            own = slice(at + 1, last + inside.handed)
+            if handed:
                 estimates.theta_hat[own], estimates.pivot[own] = thetas[own], pivots[own]
-            if inside.filter.tally[0]:
-                estimates.v_hat[own] = v_hats[own]
             at = last
+        estimates.v_hat[1:] = v_hats[1:]
         return inside
 
     def _contradicted(self, inside: Guarded, here: Measurement) -> Guarded:
