@@ -17,7 +17,7 @@ __version__ = "0.1.0"
 
 _NAMED = {
     "cli": ("main",),
-    "control": ("DriverConfig",),
+    "control": ("DriverConfig", "Phase"),
     "errors": ("NsaidError",),
     "experiment.loop": ("run",),
     "experiment.record": ("Record",),

@@ -5,9 +5,12 @@ from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig
 from .driving import Driving as Driving
+from .multisine import AxisMultisine as AxisMultisine
 from .multisine import MultisineCommand as MultisineCommand
 from .pose_hold import PoseHold as PoseHold
 from .quadrotor import QuadrotorFlight as QuadrotorFlight
+from .sequence import Phase as Phase
+from .sequence import Sequence as Sequence
 from .tracking import FourierTracking as FourierTracking
 from .vehicle_manipulator import HoverAndReach as HoverAndReach
 from .vehicle_manipulator import SwimAndReach as SwimAndReach

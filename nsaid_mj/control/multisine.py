@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import numpy as np
 
 from ..bounds import Positive, Tones, config
+from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .signals import Multisine
+
+Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 
 
 @config
@@ -33,11 +38,70 @@ class MultisineCommand(DriverConfig):
         return _MultisineDriver(system.n, signal)
 
 
-class _MultisineDriver(Driver):
-    """Plays a multisine in open loop, from rest."""
+@config
+class AxisMultisine(DriverConfig):
+    """The force or torque along each chosen axis of a free body follows a multisine, from rest.
 
-    def __init__(self, n: int, signal: Multisine):
-        self._n, self._signal = n, signal
+    The prior's gains distribute it over the actuators, which push in proportion to their commands.
+
+    Attributes:
+        axes: the axes along or about which the body is moved.
+        low: lowest frequency [Hz].
+        high: highest frequency [Hz].
+        tones: number of sines on each axis.
+        amplitude: largest command, where one axis moves alone.
+    """
+
+    axes: tuple[Axis, ...] = get_args(Axis)
+    low: Positive = 0.05
+    high: Positive = 0.5
+    tones: Tones = 8
+    amplitude: Positive = 0.8
+
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
+        """Makes the driver.
+
+        Raises:
+            InvalidInput: no axis is given, or the system is not a free body with exactly one gain
+                for each command.
+        """
+        if not self.axes:
+            raise InvalidInput("excitation.axes", "at least one axis", "none", "Try heave.")
+        wrenches = unit_wrenches(system, prior)
+        chosen = [get_args(Axis).index(axis) for axis in self.axes]
+        share = np.linalg.pinv(wrenches)[:, chosen]
+        signal = Multisine(len(chosen), self.low, self.high, self.tones, self.amplitude, rng)
+        return _MultisineDriver(system.n, signal, share / np.abs(share).max(axis=0))
+
+
+def unit_wrenches(system: SecondOrderSystem, prior: Array) -> Array:
+    """(6, n_u) force and torque on a free body at rest per unit command, under the prior (p,).
+
+    Raises:
+        InvalidInput: the system is not a free body with exactly one gain for each command.
+    """
+    if system.n != 6 or len(system.space.actuators) != system.n_u:
+        raise InvalidInput(
+            "excitation",
+            "a body in space with one gain for each command",
+            type(system).__name__,
+            "Use MultisineCommand.",
+        )
+    rest, k = (np.r_[np.zeros(6), 1.0], np.zeros(6)), system.space.actuators
+    pushes = [system._F(0.0, *rest, e)[:, k] @ prior[k] for e in np.eye(system.n_u)]
+    return np.array(pushes).T
+
+
+class _MultisineDriver(Driver):
+    """Plays a multisine in open loop, from rest, distributed over the actuators by `share`."""
+
+    def __init__(self, n: int, signal: Multisine, share: Array | None = None):
+        self._n, self._share = n, share
+        self._multisine = signal
+
+    def _signal(self, t: float | Array) -> Array:
+        signal = self._multisine(t)
+        return signal if self._share is None else np.clip(signal @ self._share.T, -1.0, 1.0)
 
     def start(self) -> tuple[Array, Array]:
         return np.zeros(self._n), np.zeros(self._n)

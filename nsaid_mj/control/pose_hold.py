@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..bounds import Flag, NonNegative, Positive, Tones, config
-from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .driver import Driver, DriverConfig
+from .multisine import unit_wrenches
 from .signals import Multisine
 
 
@@ -48,33 +48,25 @@ class PoseHold(DriverConfig):
         Raises:
             InvalidInput: the system is not a free body with exactly one gain for each command.
         """
-        if system.n != 6 or len(system.space.actuators) != system.n_u:
-            raise InvalidInput(
-                "excitation",
-                "a body in space with one gain for each command",
-                type(system).__name__,
-                "Use MultisineCommand.",
-            )
+        wrenches = unit_wrenches(system, prior)
         bound = np.repeat([self.travel, self.turn], 3)
         reference = Multisine(6, 0.2 / self.period, 1 / self.period, 3, 1.0, rng)
         dither = Multisine(system.n_u, self.low, self.high, self.tones, self.dither, rng)
-        return _PoseHold(self, system, prior, lambda t: bound * reference(t), dither)
+        M = system.mass_matrix(np.r_[np.zeros(6), 1.0, np.zeros(6)], prior)
+        allocation = np.linalg.pinv(wrenches) @ M
+        return _PoseHold(self, system, allocation, lambda t: bound * reference(t), dither)
 
 
 class _PoseHold(Driver):
     """u = bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B (6, n_u) the prior's wrench per unit command."""
 
     def __init__(
-        self, config: PoseHold, system: SecondOrderSystem, prior: Array, reference, dither
+        self, config: PoseHold, system: SecondOrderSystem, allocation: Array, reference, dither
     ):
         self._system, self._reference, self._dither = system, reference, dither
         self._bias, self._low = config.bias, 0.0 if config.one_sided else -1.0
         self._omega = 2 * np.pi * config.bandwidth
-        rest = np.r_[np.zeros(6), 1.0], np.zeros(6)
-        k = system.space.actuators
-        pushes = [system._F(0.0, *rest, e)[:, k] @ prior[k] for e in np.eye(system.n_u)]
-        M = system.mass_matrix(np.concatenate(rest), prior)
-        self._allocation = np.linalg.pinv(np.array(pushes).T) @ M
+        self._allocation = allocation
 
     def start(self) -> tuple[Array, Array]:
         return self._reference(0.0), np.zeros(6)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
+from pydantic import Field
 
 from ..bounds import Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
@@ -24,6 +27,8 @@ class FourierTracking(DriverConfig):
         reach: share of each joint's range and speed limits that the trajectory uses, in (0, 1].
         bandwidth: of the tracking loop [Hz].
         speed: peak speed of every joint [rad/s or m/s]; None takes `reach` of the nominal speeds.
+        joints: numbers of the joints that move, from 1; the others are held at the middle of their
+            range. None moves all.
     """
 
     fundamental: Positive = 0.1
@@ -31,6 +36,7 @@ class FourierTracking(DriverConfig):
     reach: PositiveShare = 0.8
     bandwidth: Positive = 2.0
     speed: Positive | None = None
+    joints: tuple[Annotated[int, Field(strict=True, ge=1)], ...] | None = None
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
@@ -47,6 +53,11 @@ class FourierTracking(DriverConfig):
             )
         low, high = system.limits
         centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
+        moving = np.isin(np.arange(1, system.n + 1), self.joints or np.arange(1, system.n + 1))
+        if self.joints is not None and moving.sum() != len(set(self.joints)):
+            raise InvalidInput(
+                "excitation.joints", f"numbers from 1 to {system.n}", self.joints, "Leave it out."
+            )
         trajectory = FourierTrajectory(
             centre - half,
             centre + half,
@@ -57,6 +68,7 @@ class FourierTracking(DriverConfig):
             self.harmonics,
             rng,
         )
+        trajectory.series.coefficients[~moving] = 0.0
         return _ComputedTorque(system, prior, trajectory, 2 * np.pi * self.bandwidth)
 
 
