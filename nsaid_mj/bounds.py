@@ -111,11 +111,25 @@ class Config:
     def __get_pydantic_json_schema__(
         cls, core_schema: Any, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        """The schema of the fields and `$type`; for an abstract class, of all its subclasses."""
+        """The schema of the fields and `$type`; for an abstract class, of all its subclasses.
+
+        Within a part of its own kind, as a driver in a sequence of drivers, only `$type` is stated.
+        """
         if inspect.isabstract(cls):
-            kinds = kinds_of(cls).values()
-            return {"oneOf": [_typed(kind, _adapter(kind).core_schema, handler) for kind in kinds]}
+            kinds = kinds_of(cls)
+            if cls in _open:
+                return {"properties": {TYPE: {"enum": list(kinds)}}, "required": [TYPE]}
+            _open.append(cls)
+            try:
+                made = [_typed(k, _adapter(k).core_schema, handler) for k in kinds.values()]
+            finally:
+                _open.remove(cls)
+            return {"oneOf": made}
         return _typed(cls, core_schema, handler)
+
+
+_open: list[type[Config]] = []
+"""Abstract classes whose schemas are being made."""
 
 
 def _typed(cls: type, core_schema: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:

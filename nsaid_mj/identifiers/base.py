@@ -204,11 +204,15 @@ class Identifier(ABC):
         """(N−1,) whether a memory's implicit step lies between consecutive times (N,) of a run."""
 
     @abstractmethod
-    def slack(self, state: State, theta: Array) -> float:
-        """Bound on the rise of V [J] in a memory's step to `state`, under the true θ (p,).
+    def slacks(self, log: Log, theta: Array) -> Array:
+        """(N−1,) bounds on the rise of V [J] in a memory's updates, under the true θ (p,).
 
-        0 for a law without a memory. Otherwise sensor noise and quadrature error leave a residual
-        even at the true θ, so that V may rise.
+        Sensor noise and quadrature error leave a residual even at the true θ, so that V may rise.
+        The bounds are 0 in steps without an update.
+
+        Args:
+            log: all N measurements of a run, which the law follows again.
+            theta: (p,) the true θ.
         """
 
     @abstractmethod
@@ -234,8 +238,8 @@ class DataMemory(ABC):
         """The state after adding a log of at most `every` steps, with θ̂ updated if due."""
 
     @abstractmethod
-    def slack(self, state: State, theta: Array) -> float:
-        """Bound on the rise of V [J] in the update that led to `state`, under the true θ (p,)."""
+    def slack(self, before: State, after: State, theta: Array) -> float:
+        """Bound on the rise of V [J] in the update between two states, under the true θ (p,)."""
 
     @abstractmethod
     def updates(self, t: Array) -> np.ndarray:

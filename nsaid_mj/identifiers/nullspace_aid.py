@@ -115,18 +115,25 @@ class NullspaceIdentifier(Identifier):
         """
         if self.memory is None:
             return self.along(state, log)
-        made, at = [Estimates.of(state)], 0
+        made = [Estimates.of(state)]
+        end = state
+        for _, end, estimates in self._updates(state, log):
+            estimates.theta_hat[-1], estimates.spent[-1] = end.theta_hat, end.spent
+            made.append(estimates.after(1))
+        return end, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
+
+    def _updates(self, state: State, log: Log) -> Iterator[tuple[State, State, Estimates]]:
+        """The states before and after each update by the memory, and the estimates before it."""
+        at = 0
         while at < len(log.t) - 1 and state.status is Status.completed:
-            assert state.memory is not None
+            assert self.memory is not None and state.memory is not None
             steps = self.memory.every - state.memory.step % self.memory.every
             piece = log.part(at, at + steps + 1)
-            state, estimates = self.along(state, piece)
-            if state.status is Status.completed:
-                state = self.memory.absorb(state, piece)
-                estimates.theta_hat[-1], estimates.spent[-1] = state.theta_hat, state.spent
-            made.append(estimates.after(1))
+            before, estimates = self.along(state, piece)
+            completed = before.status is Status.completed
+            state = self.memory.absorb(before, piece) if completed else before
+            yield before, state, estimates
             at += len(estimates.pivot) - 1
-        return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
 
     def along(
         self, state: State, log: Log, motion: Motion | None = None
@@ -188,9 +195,20 @@ class NullspaceIdentifier(Identifier):
             return np.zeros(max(0, len(t) - 1), dtype=bool)
         return self.memory.updates(t)
 
-    def slack(self, state: State, theta: Array) -> float:
-        """Bound on the rise of V [J] in the memory's update to `state`, under the true θ (p,)."""
-        return 0.0 if self.memory is None else self.memory.slack(state, theta)
+    def slacks(self, log: Log, theta: Array) -> Array:
+        """(N−1,) bounds on the rise of V [J] in the memory's updates along a run's log.
+
+        Args:
+            log: all N measurements of the run.
+            theta: (p,) the true θ.
+        """
+        slacks, at = np.zeros(len(log.t) - 1), 0
+        if self.memory is not None:
+            for before, after, estimates in self._updates(self.init(log.at(0)), log):
+                at += len(estimates.pivot) - 1
+                if after is not before:
+                    slacks[at - 1] = self.memory.slack(before, after, theta)
+        return slacks
 
     def confidence(self, state: State) -> Confidence | None:
         """The estimate's uncertainty according to the memory; None without one."""

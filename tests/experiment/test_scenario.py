@@ -12,14 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.control import (
+    AxisMultisine,
     DepthHeadingAutopilot,
     DriverConfig,
     Driving,
     FourierTracking,
     HoverAndReach,
     MultisineCommand,
+    Phase,
     PoseHold,
     QuadrotorFlight,
+    Sequence,
     SwimAndReach,
 )
 from nsaid_mj.errors import InvalidInput, UnknownName
@@ -328,7 +331,14 @@ BAD = {
     FourierTracking: {
         "fundamental": NOT_POSITIVE, "harmonics": [0, -1], "reach": [0.0, 1.01, NAN],
         "bandwidth": NOT_POSITIVE, "speed": NOT_POSITIVE,
+        "joints": [(0,), (9,), (1.5,)],
     },
+    AxisMultisine: {
+        "axes": [(), ("up",)], "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF],
+        "tones": [0, -1], "amplitude": [-1.0, NAN, INF],
+    },
+    Phase: {"duration": NOT_POSITIVE, "driver": [None]},
+    Sequence: {"phases": [{}, {"two words": Phase()}], "blend": [-1.0, NAN, INF]},
     MultisineCommand: {
         "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF], "tones": [0, -1],
         "amplitude": [-1.0, NAN, INF],
@@ -390,6 +400,7 @@ ALSO = {
 
 
 DRIVEN = {
+    AxisMultisine: BlueROV2Plant(),
     Driving: F1TenthPlant(),
     SwimAndReach: UvmsPlant(),
     PoseHold: AstrobeePlant(),

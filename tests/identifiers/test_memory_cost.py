@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.identifiers.memory.cost import Quotient, positive, quotient
-from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder
+from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder, eliminated
 from nsaid_mj.log import EXACT
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
@@ -44,7 +44,7 @@ def weighted(name: str, sensors: str, theta: Array) -> Quotient:
     log, memory = remembered(name, sensors)
     found = quotient(memory.means, log.plant.system.space)
     assert found is not None
-    return found.weighted(theta, memory)[0]
+    return found.weighted(theta, memory)
 
 
 def drawn(rng: np.random.Generator, n: int = 3, p: int = 7) -> tuple[Quotient, Array]:
@@ -55,7 +55,7 @@ def drawn(rng: np.random.Generator, n: int = 3, p: int = 7) -> tuple[Quotient, A
     effort = np.zeros((n, p))
     effort[:, :3] = rng.uniform(0, 2, (n, 3))
     G = np.einsum("ikp,ikq->ipq", rows, rows)
-    return Quotient(G, effort, rng.uniform(0.1, 9, n), None, effort.mean(axis=0)), truth
+    return Quotient(G, effort, rng.uniform(0.1, 9, n)), truth
 
 
 each = pytest.mark.parametrize("name", NAMES)
@@ -133,7 +133,7 @@ def test_the_curvature_is_that_of_gauss_and_newton(seed):
     rows, effort = rng.standard_normal((n, count, p)), np.zeros((n, p))
     effort[:, :2] = rng.uniform(0.1, 2, (n, 2))
     theta, weights = rng.uniform(0.5, 2, p), rng.uniform(0.1, 9, n)
-    cost = Quotient(np.einsum("ikp,ikq->ipq", rows, rows), effort, weights, None, effort[0])
+    cost = Quotient(np.einsum("ikp,ikq->ipq", rows, rows), effort, weights)
 
     def residuals(theta: Array) -> Array:
         return ((rows @ theta) * np.sqrt(weights / (effort @ theta**2))[:, None]).ravel()
@@ -158,24 +158,6 @@ def test_curvature_is_positive_semidefinite(name, sensors, seed):
     hessian = weighted(name, sensors, theta).curvature(theta)
     balanced = hessian * np.outer(theta, theta)
     assert np.linalg.eigvalsh(balanced)[0] > -1e-9 * np.abs(balanced).max()
-
-
-@each
-@FEW
-@given(seeds)
-def test_the_noise_excess_is_at_most_the_curvature(name, seed):
-    """0 ⪯ B ⪯ the curvature with Σ held: R ≥ 0."""
-    log, _ = remembered(name, "noisy")
-    theta = near(log, np.random.default_rng(seed))
-    cost = weighted(name, "noisy", theta)
-    assert cost.excess is not None and weighted(name, "ideal", theta).excess is None
-    assert cost.seen is not None
-    whole = cost.seen
-    unit = 1 / np.sqrt(np.where(np.diag(whole) > 0, np.diag(whole), 1.0))
-    left = (whole - cost.excess) * np.outer(unit, unit)
-    assert np.linalg.eigvalsh(left)[0] > -1e-8  # a ridge of 1e-9 keeps the last digits ⪰ 0
-    made = cost.excess * np.outer(unit, unit)
-    assert np.linalg.eigvalsh(made)[0] > -1e-9 and np.abs(made).max() > 0
 
 
 # -- what the data are measured in ---------------------------------------------------------------
@@ -210,7 +192,7 @@ def test_an_unused_actuator_does_not_enter_the_quotient():
     k = space.actuators[still]
     assert (found.effort[:, k] == 0).all() and (found.gramian[:, k] == 0).all()
     theta = near(log, np.random.default_rng(0))
-    cost, _ = found.weighted(theta, memory)
+    cost = found.weighted(theta, memory)
     assert cost.gradient(theta)[k] == 0 and (cost.curvature(theta)[k] == 0).all()
 
 
@@ -249,12 +231,13 @@ def test_a_row_without_excitation_has_no_cost():
             gramian=moving * means.gramian,
             lagged=moving * means.lagged,
             last=moving[:, 0] * means.last,
+            noise=moving * means.noise,
         )
     )
     found = quotient(still.means, log.plant.system.space)
     assert found is not None
-    cost, view = found.weighted(theta, still)
-    assert np.isfinite(cost.weights).all() and np.isfinite(view.share).all()
+    cost = found.weighted(theta, still)
+    assert np.isfinite(cost.weights).all()
     alone = Quotient(cost.gramian[[1]], cost.effort[[1]], cost.weights[[1]])
     assert alone.value(theta) == 0 and (alone.gradient(theta) == 0).all()
     assert np.isfinite(cost.gradient(theta)).all()
@@ -262,14 +245,44 @@ def test_a_row_without_excitation_has_no_cost():
 
 @both
 def test_weights_are_one_over_the_residuals(sensors):
-    """½ w λ = ½ blocks for every row whose residuals are above the floor, without N."""
+    """½ w λ = ½ blocks for every row whose residuals are above the floor."""
     log, memory = remembered("bluerov2", sensors)
     theta = near(log, np.random.default_rng(2))
     cost = weighted("bluerov2", sensors, theta)
-    without = cost.value(theta)
-    if cost.excess is not None:
-        without += 0.5 * theta @ cost.excess @ theta
-    assert without == pytest.approx(0.5 * memory.means.blocks * log.plant.system.n, rel=1e-9)
+    expected = 0.5 * memory.means.blocks * log.plant.system.n
+    assert cost.value(theta) == pytest.approx(expected, rel=1e-9)
     truth = log.plant.truth
     floor = weighted("bluerov2", sensors, truth)
     assert np.isfinite(floor.weights).all() and (floor.weights > 0).all()
+
+
+# -- what is kept of it when an actuator changes -------------------------------------------------
+
+
+@given(seeds, st.integers(0, 3), st.integers(1, 9))
+def test_eliminating_gains_leaves_a_form_between_zero_and_the_whole(seed, uncommanded, blocks):
+    """0 ≤ θᵀSθ ≤ θᵀHθ; uncommanded actuators have columns of 0, or of rounding errors."""
+    rng = np.random.default_rng(seed)
+    p, gains = 10, np.arange(10) < 4
+    rows = rng.standard_normal((blocks, p)) * 10.0 ** rng.uniform(-4, 4, p)
+    rows[:, :uncommanded] = 0.0
+    H = rows.T @ rows
+    tiny = 1e-17 * np.abs(H).max() * rng.standard_normal(uncommanded)
+    H[range(uncommanded), range(uncommanded)] = tiny  # some < 0, as sums and differences leave them
+    S = eliminated(H, gains)
+    assert (S[gains] == 0).all() and (S[:, gains] == 0).all()
+    for theta in rng.standard_normal((20, p)) / np.sqrt(np.maximum(np.diag(H), 1e-3)):
+        whole = float(theta @ H @ theta)
+        assert -1e-12 * p <= theta @ S @ theta <= whole + 1e-9 * p
+    moved = np.where(np.arange(p) < uncommanded, 1e3, 0.0)
+    assert np.abs(S @ moved).max() == 0
+
+
+def test_eliminating_gains_takes_the_least_over_them():
+    """θᵀSθ is the minimum of θᵀHθ over the gains, by least squares."""
+    rng = np.random.default_rng(1)
+    rows, gains = rng.standard_normal((30, 6)), np.arange(6) < 2
+    S, theta = eliminated(rows.T @ rows, gains), rng.standard_normal(6)
+    rest = rows[:, 2:] @ theta[2:]
+    left = rest - rows[:, :2] @ np.linalg.lstsq(rows[:, :2], rest, rcond=None)[0]
+    assert theta @ S @ theta == pytest.approx(left @ left, rel=1e-9)

@@ -30,6 +30,9 @@ BARS = {
     "rover": {"force_residual_ratio": 0.25, "conserved_drift": 1e-8},
     "uvms": {"force_residual_ratio": 0.02, "theta_perp_ratio": 0.1, "conserved_drift": 1e-7},
     "borinot": {"force_residual_ratio": 0.01, "conserved_drift": 1e-7},
+    "one_axis_at_a_time": {"theta_perp_ratio": 1e-5, "conserved_drift": 1e-4},
+    "straight_then_slalom": {"theta_perp_ratio": 1e-5, "conserved_drift": 1e-4},
+    "wrist_first": {"theta_perp_ratio": 1e-5, "conserved_drift": 1e-4},
 }
 
 

@@ -6,10 +6,8 @@ with G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 diago
 the residual is measured relative to the actuators' effort, as if every command had a relative
 error. θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
 
-With noisy sensors, or with information kept from before a change of the actuators, all rows are
-merged into one with the same gradient at the estimate θ̂: G = Σ_i w_i G_i/θ̂ᵀΣ_iθ̂ − B + (kept
-information) ⪰ 0, relative to Σ̄, the mean of the Σ_i/θ̂ᵀΣ_iθ̂. B is the bias that noise adds to the
-first sum.
+Information kept from before a change of the actuators is a further row, relative to Σ̄, the mean of
+the Σ_i/θ̂ᵀΣ_iθ̂.
 """
 
 from __future__ import annotations
@@ -18,16 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...parameters import Array, Indices, ParameterSpace
-from .statistics import Means, Memory, View
+from ...parameters import Array, ParameterSpace
+from .statistics import Means, Memory
 
-_QUADRATURE = 1e-8  # floor of λ with exact sensors, where the quadrature's error remains
-_NOISE = 1e-12  # floor of λ with noisy sensors
+_QUADRATURE = 1e-8  # floor of λ, where the quadrature's error remains
 _DRIVEN = 1e-6  # share of a row's size below which the row counts as unactuated
 _CORRELATED = 0.95  # upper bound of the correlation of neighbouring blocks
 _OWN = 1e-2  # share of a row's size that its positive parameters need to serve as its reference
-_SURE = 3.0  # standard errors, of 1/√blocks each, by which a signal must exceed noise
-_RIDGE = 1e-9  # added to a curvature of unit diagonal, which rounding may leave indefinite
 
 
 @dataclass(frozen=True)
@@ -38,15 +33,11 @@ class Quotient:
         gramian: (n, p, p) G_i, means over the blocks.
         effort: (n, p) diagonals of Σ_i.
         weights: (n,) w_i.
-        seen: (p, p) G before B is subtracted; None where rows are not merged.
-        excess: (p, p) B, for diagnosis; None where rows are not merged.
     """
 
     gramian: Array
     effort: Array
     weights: Array
-    seen: Array | None = None
-    excess: Array | None = None
 
     def value(self, theta: Array) -> float:
         """R(θ)."""
@@ -66,66 +57,58 @@ class Quotient:
         effort = self.effort @ theta**2
         return _projected(self.gramian, self.effort * theta, theta, effort, self.weights / effort)
 
-    def levels(self, theta: Array, gramian: Array | None = None) -> Array:
+    def levels(self, theta: Array) -> Array:
         """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ."""
-        G = self.gramian if gramian is None else gramian
-        return (G @ theta) @ theta / (self.effort @ theta**2)
+        return (self.gramian @ theta) @ theta / (self.effort @ theta**2)
 
-    def weighted(self, theta: Array, memory: Memory) -> tuple[Quotient, View]:
+    def weighted(self, theta: Array, memory: Memory) -> Quotient:
         """R weighted as a negative log-likelihood near θ, for residuals correlated between blocks.
 
         With ρ_i the correlation of neighbouring blocks in row i at θ, Y − ρ_i Y′ is a block's
         innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949); its Gramian replaces G_i,
-        and w_i = blocks/λ_i(θ). B is the sum of the noise's Gramians with these weights; in
-        directions where the rest is not significant, B is the whole sum: data that cannot be
-        distinguished from noise neither move nor hold the estimate.
+        and w_i = blocks/λ_i(θ).
 
         Args:
             theta: (p,) an estimate.
             memory: the memory of which this is the cost.
-
-        Returns:
-            R with these weights, and the weights of the residuals in later blocks.
         """
-        means, kept, view = memory.means, memory.kept, self.view(theta, memory.means)
-        effort, share = self.effort @ theta**2, means.blocks * view.share
-        if means.noise is None and kept is None:
-            return Quotient(means.innovations(view.rho), self.effort, share * effort), view
-        seen = means.weighted_sum(view.rho, share)
-        excess = np.zeros_like(seen)
-        if means.noise is not None:
-            certain = max(0.5, 1 - _SURE / np.sqrt(means.blocks))
-            excess = _conservative_noise(means.weighted_noise(view.rho, share), seen, certain)
-        if kept is not None:
-            seen = seen + kept
+        means, (rho, share) = memory.means, self.residuals(theta, memory.means)
+        gramian, effort = means.innovations(rho), self.effort @ theta**2
+        weights = means.blocks * share * effort
+        if memory.kept is None:
+            return Quotient(gramian, self.effort, weights)
         reference = np.mean(self.effort / effort[:, None], axis=0)
-        return Quotient((seen - excess)[None], reference[None], np.ones(1), seen, excess), view
+        return Quotient(
+            np.concatenate([gramian, memory.kept[None]]),
+            np.concatenate([self.effort, reference[None]]),
+            np.append(weights, 1.0),
+        )
 
-    def view(self, theta: Array, means: Means) -> View:
-        """The weights at θ (p,) of the blocks in these means and of later ones; see `weighted`."""
+    def of_noise(self, theta: Array, means: Means) -> Quotient:
+        """The part of `weighted` that the sensors' noise is expected to contribute."""
+        rho, share = self.residuals(theta, means)
+        noise = (1 + rho**2)[:, None, None] * means.noise
+        return Quotient(noise, self.effort, means.blocks * share * (self.effort @ theta**2))
+
+    def residuals(self, theta: Array, means: Means) -> tuple[Array, Array]:
+        """(n,) correlations ρ_i of neighbouring residuals at θ (p,); (n,) their inverse variances.
+
+        The variances are those of the innovations, at least those of the quadrature's error.
+        """
 
         def level(gramian: Array) -> Array:
             return (gramian @ theta) @ theta / effort
 
-        effort, floor = self.effort @ theta**2, _QUADRATURE if means.noise is None else _NOISE
+        effort = self.effort @ theta**2
         own, lagged, last = level(means.gramian), level(means.lagged), (means.last @ theta) ** 2
-        rho = np.clip(lagged / np.maximum(own, floor), 0.0, _CORRELATED)
-        new, least = means.of_innovations(rho, own, lagged, last / effort), np.full(len(rho), floor)
-        if means.noise is not None:  # residuals of few data underestimate the noise
-            own, lagged = (level(part) for part in means.noise)
-            least = np.maximum(least, (1 + rho**2) * own - 2 * rho * lagged)
-        return View(theta, rho, 1 / (np.maximum(new, least) * effort))
+        rho = np.clip(lagged / np.maximum(own, _QUADRATURE), 0.0, _CORRELATED)
+        new = means.of_innovations(rho, own, lagged, last / effort)
+        least = np.maximum((1 + rho**2) * level(means.noise), _QUADRATURE)
+        return rho, 1 / (np.maximum(new, least) * effort)
 
-    def plant(self, theta: Array, actuators: Indices) -> Array:
-        """(p, p) curvature at θ with the actuators' gains eliminated, Σ constant.
-
-        It is the Schur complement of the actuators' block, with zeros in that block.
-        """
-        whole = np.tensordot(self.weights / (self.effort @ theta**2), self.gramian, 1)
-        k = actuators
-        rest = whole - whole[:, k] @ inverse(whole[np.ix_(k, k)]) @ whole[k]
-        rest[k], rest[:, k] = 0.0, 0.0
-        return rest
+    def information(self, theta: Array) -> Array:
+        """(p, p) curvature of R at θ (p,) with Σ held."""
+        return np.tensordot(self.weights / (self.effort @ theta**2), self.gramian, 1)
 
 
 def quotient(means: Means, space: ParameterSpace) -> Quotient | None:
@@ -156,36 +139,6 @@ def positive(space: ParameterSpace) -> Array:
     for block, place in space:
         mask[place] = block.geometry == "positive"
     return mask
-
-
-def _conservative_noise(excess: Array, whole: Array, certain: float) -> Array:
-    """The noise bias B, raised to the whole sum in directions without a significant signal.
-
-    Args:
-        excess: (p, p) estimated contribution of noise.
-        whole: (p, p) ⪰ 0, signal and noise.
-        certain: share of noise in `whole` from which on a direction counts as noise only.
-
-    Returns:
-        (p, p) B ⪰ 0.
-    """
-    size = np.diag(whole)
-    scale = np.sqrt(np.where(size > 0, size, 1.0))
-    L = np.linalg.cholesky(whole / np.outer(scale, scale) + _RIDGE * np.eye(len(scale)))
-    half = np.linalg.solve(L, excess / np.outer(scale, scale))
-    shares, vectors = np.linalg.eigh(np.linalg.solve(L, half.T))
-    root = scale[:, None] * (L @ vectors)
-    return (root * np.where(shares < certain, np.maximum(shares, 0.0), 1.0)) @ root.T
-
-
-def inverse(matrix: Array) -> Array:
-    """(k, k) pseudo-inverse of a symmetric matrix, computed after scaling its diagonal to 1.
-
-    Directions that are singular to machine precision are mapped to 0.
-    """
-    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    balanced = np.outer(scale, scale)
-    return np.linalg.pinv(matrix * balanced, rcond=1e-14, hermitian=True) * balanced
 
 
 def _projected(gramian: Array, slope: Array, theta: Array, effort: Array, share: Array) -> Array:

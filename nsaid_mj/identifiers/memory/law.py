@@ -21,14 +21,17 @@ from ...system import SecondOrderSystem
 from ..base import Confidence, DataMemory, State
 from ..cone.law import ConeMetric
 from ..nullspace_aid import NullspaceIdentifier
-from .cost import Quotient, inverse, quotient
-from .statistics import Memory, MemoryConfig, Recorder, Trusted
+from .cost import Quotient, quotient
+from .statistics import Evidence, Memory, MemoryConfig, Recorder, View, cholesky
 
 _REACH = 0.5  # longest Newton step in the metric; the Dikin ellipsoid of radius 1 is in the cone
 _NEWTON, _HALVINGS = 30, 8  # iterations, at most, in one implicit step
 _CLOSE = 1e-3  # length below which a Newton step is scaled by the gradient, not the objective
-_DONE = 1e-7  # length of a Newton step at which the iteration ends
-_HINT = 1e-6  # least weight of the prior in the covariance: unobservable directions need one
+_DONE = 1e-6  # Newton decrement at which the iteration ends
+_SOLVED = 1e-4  # Newton decrement above which an implicit step counts as not solved
+_SHORTER, _SHORTENINGS = 0.25, 6  # factor of an unsolved step's length, and how often it is applied
+_SURE = 10.0  # information, in units of the prior's, below which noisy data say nothing: 30 %
+_FIRM = 32.0  # weight of the hold where data say as much as noise, relative to these data
 
 
 def memory_identifier(
@@ -101,12 +104,12 @@ class ImplicitMemory(DataMemory):
                 "none",
                 "The memory measures residuals relative to the actuators' effort.",
             )
-        self.system, self.metric, self.config = system, metric, config
+        self.system, self.metric, self.config, self.prior = system, metric, config, prior
         self.anchor = config.weight(levels)
         self.recorder = Recorder(system, config, dt, levels, hermite)
         self.every, self._dt = self.recorder.every, dt
         self._pace = config.pace * self.every * dt
-        self._mirror_prior, self._metric_prior = metric.mirror(prior)
+        self._metric_prior = metric.mirror(prior)[1]
 
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
@@ -121,8 +124,9 @@ class ImplicitMemory(DataMemory):
         memory, changed = self.recorder.check_consistency(memory, log.at(-1))
         theta, spent = state.theta_hat, state.spent
         if changed:  # an actuator's gain: back to the estimate before the change
-            assert memory.trusted is not None
-            theta = memory.trusted.theta
+            view = state.memory.scores.view
+            assert view is not None
+            theta = view.theta
             conserved = self.metric.conserved
             spent += float(conserved(state.theta_hat) - conserved(theta))
         elif not memory.alarmed:
@@ -144,31 +148,68 @@ class ImplicitMemory(DataMemory):
         remembered = quotient(memory.means, self.system.space)
         if remembered is None:
             return theta, memory
-        pace, anchor = self._pace, self._pace * self.anchor
-        cost, _ = remembered.weighted(theta, memory)
-        dual = self.metric.mirror(theta)[0] + anchor * self._mirror_prior
-
-        def uphill(theta: Array, slope: Array) -> Array:
-            return pace * cost.gradient(theta) + (1 + anchor) * slope - dual
-
-        for _ in range(_NEWTON):
-            slope, metric = self.metric.mirror(theta)
-            gradient = uphill(theta, slope)
-            way = -_solve(pace * cost.curvature(theta) + (1 + anchor) * metric, gradient)
-            length = float(np.sqrt(way @ metric @ way))
-            if not length > _DONE:  # or NaN: the last iterate stands
+        hold = self._hold(remembered, theta, memory)
+        cost, pace = remembered.weighted(theta, memory), self._pace
+        for _ in range(_SHORTENINGS):
+            ahead = _Step(self, cost, hold, theta, pace).solved()
+            if ahead is not None:
+                theta = ahead
                 break
-            if length > _CLOSE:
-                way = self._shortened(cost, dual, theta, min(1.0, _REACH / length) * way)
-            else:  # differences of the objective are rounding errors here, its gradient is exact
-                ahead = uphill(theta + way, self.metric.mirror(theta + way)[0]) @ way
-                way = way / (1 + max(0.0, float(ahead / -(gradient @ way))))
-            theta = theta + way
-            if not way.any():
-                break
-        view = remembered.view(theta, memory.means)
-        trusted = Trusted(theta, cost.plant(theta, self.system.space.actuators))
-        return theta, memory._replace(scores=memory.scores._replace(view=view), trusted=trusted)
+            pace *= _SHORTER
+        view = self._view(remembered, theta, memory)
+        scores = memory.scores._replace(view=view, evidence=Evidence.empty(len(theta)))
+        return theta, memory._replace(scores=scores)
+
+    def _hold(self, remembered: Quotient, theta: Array, memory: Memory) -> Array:
+        """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
+
+        With A the data's information and B what noise and a measurement as good as 30 % would
+        give, directions in which B has the share s of A + B are held by 32 (2s)⁶ of A + B: far more
+        than by the data where A ≤ B, less than a thousandth of that where A > 10 B. 0 with exact
+        sensors.
+        """
+        noise = remembered.of_noise(theta, memory.means).information(theta)
+        if not noise.any():
+            return noise
+        unsure = noise + _SURE * self._metric_prior
+        whole = remembered.weighted(theta, memory).information(theta) + unsure
+        unit = 1 / np.sqrt(np.diag(whole))
+        balance = np.outer(unit, unit)
+        L = cholesky(whole * balance)
+        half = np.linalg.solve(L, np.linalg.solve(L, unsure * balance).T)
+        shares, vectors = np.linalg.eigh(0.5 * (half + half.T))
+        root = (L @ vectors) / unit[:, None]
+        return (root * (_FIRM * (2 * np.maximum(shares, 0.0)) ** 6)) @ root.T
+
+    def _view(self, remembered: Quotient, theta: Array, memory: Memory) -> View:
+        """The view at θ (p,), with the covariance of the estimate's error.
+
+        θ̂ − θ* has approximately the sandwich covariance H⁻¹ S H⁻¹, with H the Hessian of the
+        minimised cost at θ̂ and S the covariance of its gradient at θ*: of the sum of the blocks'
+        scores, robust to correlation between rows and neighbouring blocks (White, Econometrica 48,
+        1980; Newey and West, 1987), to which that of independent residuals is added, since few
+        blocks leave it rank-deficient; of the pull towards the prior; and the square of the bias
+        that noise of q and v causes.
+        """
+        cost, means = remembered.weighted(theta, memory), memory.means
+        hold, gains = self._hold(remembered, theta, memory), self.system.space.actuators
+        data, (rho, share) = cost.curvature(theta), remembered.residuals(theta, means)
+        pull = hold + max(self.anchor, 1.0) * self.metric.mirror(theta)[1]
+        bias = remembered.of_noise(theta, means).gradient(theta)
+        scatter = data + means.blocks * memory.scores.meat + np.outer(bias, bias)
+        scatter += pull @ np.linalg.solve(self._metric_prior, pull)
+        unit = 1 / np.sqrt(np.diag(data + pull))
+        balance = np.outer(unit, unit)
+        bread = cholesky((data + pull) * balance)
+        root = np.linalg.solve(bread.T, np.linalg.solve(bread, cholesky(scatter * balance)))
+        root *= unit[:, None]
+        efforts = remembered.effort * theta
+        scale = np.mean(efforts / (efforts @ theta)[:, None], axis=0)
+        root -= np.outer(theta, scale @ root)  # at a fixed scale: θ = 0 would explain all data
+        driven = np.zeros(len(theta), dtype=bool)
+        driven[gains] = (remembered.effort[:, gains] > 0).any(axis=0)
+        effort, information = remembered.effort, cost.information(theta)
+        return View(theta, rho, share, effort, root, information, driven)
 
     def _cost(self, before: Array, after: Array) -> float:
         """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
@@ -176,17 +217,25 @@ class ImplicitMemory(DataMemory):
             return float(self.metric.conserved(before) - self.metric.conserved(after))
         return 2 * float(self.metric.divergence(after, before))
 
-    def slack(self, state: State, theta: Array) -> float:
-        """Bound on the rise of V in a step: ½ κ h R(θ) max_j θ_j/θ̂_j over the actuators j."""
-        memory = state.memory
+    def slack(self, before: State, after: State, theta: Array) -> float:
+        """Bound on the rise of V in an update, under the true θ (p,).
+
+        It is the sum of κh/2 R(θ) max_j θ_j/θ̂_j over the actuators j; of what the hold's form
+        gives at θ − θ̂₀; and with an anchor, of what V lacks of its value at the prior (M11).
+        Infinite where the update returned to an earlier estimate.
+        """
+        memory = after.memory
         remembered = None if memory is None else quotient(memory.means, self.system.space)
-        if memory is None or remembered is None:
-            return 0.0
-        cost, _ = remembered.weighted(state.theta_hat, memory)
-        k = self.system.space.actuators
-        largest = float(np.max(theta[k] / state.theta_hat[k]))
-        pace = self.metric.mu * self._pace
-        return max(0.0, 0.5 * pace * cost.value(theta) * largest)
+        if memory is None or memory.step % self.every or remembered is None:
+            return 0.0 if memory is None or memory.kept is None else np.inf
+        cost, k = remembered.weighted(before.theta_hat, memory), self.system.space.actuators
+        largest, off = float(np.max(theta[k] / after.theta_hat[k])), theta - self.prior
+        hold = self._hold(remembered, before.theta_hat, memory)
+        data = 0.5 * (max(0.0, cost.value(theta)) * largest + off @ hold @ off)
+        divergence = self.metric.divergence
+        missing = divergence(theta, self.prior) - divergence(theta, before.theta_hat)
+        anchor = self.anchor * max(0.0, float(missing)) / self.metric.mu
+        return float(self.metric.mu * self._pace * (data + anchor))
 
     def updates(self, t: Array) -> np.ndarray:
         """(N−1,) whether an implicit step lies in (t_k, t_k+1] of the times (N,) of a run."""
@@ -194,50 +243,78 @@ class ImplicitMemory(DataMemory):
         return np.diff(number) > 0
 
     def confidence(self, state: State) -> Confidence | None:
-        """The covariance of the estimate's error; None before the first scores.
-
-        θ̂ − θ* has approximately the sandwich covariance H⁻¹ (S + w ∇²ψ/μ) H⁻¹, with H the Hessian
-        of the minimised cost at θ̂ and S the covariance of the sum of the blocks' scores, robust to
-        correlation between rows and neighbouring blocks (White, Econometrica 48, 1980; Newey and
-        West, 1987). As few blocks leave S rank-deficient, the covariance of independent residuals
-        is added; so is the square of the bias that noise causes beyond first order.
-        """
-        memory, theta = state.memory, state.theta_hat
+        """The covariance at the last implicit step; None before the first scores."""
+        memory = state.memory
         if memory is None or memory.scores.view is None or not memory.scores.count:
             return None
-        cost = quotient(memory.means, self.system.space)
-        assert cost is not None  # the memory has a view, so an implicit step has had a cost
-        _, metric = self.metric.mirror(theta)
-        prior = max(self.anchor, _HINT) * metric
-        cost, view = cost.weighted(theta, memory)
-        bread = inverse(cost.curvature(theta) + prior)
-        data = cost.curvature(theta) if cost.seen is None else cost.seen
-        blocks, scores = memory.means.blocks, memory.scores
-        bias = blocks * scores.bias
-        scatter = data + blocks * scores.meat + np.outer(bias, bias)
-        return Confidence(
-            bread @ (scatter + prior) @ bread,
-            inverse(self._metric_prior),
-            blocks * (1 - view.rho) / (1 + view.rho),
+        view, prior = (
+            memory.scores.view,
+            np.asarray(np.linalg.inv(self._metric_prior), dtype=np.float64),
         )
+        samples = memory.means.blocks * (1 - view.rho) / (1 + view.rho)
+        return Confidence(view.root @ view.root.T, prior, samples)
 
-    def _shortened(self, cost: Quotient, dual: Array, theta: Array, way: Array) -> Array:
+
+class _Step:
+    """One implicit step: Newton's iteration for the stationary point of its objective.
+
+    Args:
+        memory: the metric, the anchor and the prior.
+        cost: R, with the weights of this step.
+        hold: (p, p) curvature of the term that holds θ̂ at the prior.
+        start: (p,) θ̂.
+        pace: κh/μ.
+    """
+
+    def __init__(
+        self, memory: ImplicitMemory, cost: Quotient, hold: Array, start: Array, pace: float
+    ):
+        self.metric, self.cost, self.pace = memory.metric, cost, pace
+        self.start, self.prior, self.hold = start, memory.prior, pace * hold
+        anchor = pace * memory.anchor
+        self.whole = 1 + anchor
+        self.dual = self.metric.mirror(start)[0] + anchor * self.metric.mirror(self.prior)[0]
+
+    def solved(self) -> Array | None:
+        """(p,) θ⁺; None if the iteration does not converge."""
+        theta, decrement = self.start, np.inf
+        for _ in range(_NEWTON):
+            slope, metric = self.metric.mirror(theta)
+            gradient = self.gradient(theta, slope)
+            curvature = self.pace * self.cost.curvature(theta) + self.hold + self.whole * metric
+            way = -_solve(curvature, gradient)
+            length, decrement = np.sqrt(way @ metric @ way), np.sqrt(max(0.0, -gradient @ way))
+            if not decrement > _DONE:  # or NaN
+                break
+            if length > _CLOSE:
+                way = self.shortened(theta, min(1.0, _REACH / length) * way)
+            else:  # differences of the objective are rounding errors here, its gradient is exact
+                ahead = self.gradient(theta + way, self.metric.mirror(theta + way)[0]) @ way
+                way = way / (1 + max(0.0, float(ahead / -(gradient @ way))))
+            theta = theta + way
+            if not way.any():
+                break
+        return theta if decrement <= _SOLVED else None
+
+    def objective(self, theta: Array) -> float:
+        """κh [R(θ) + w D_ψ(θ‖θ̂₀)/μ + the hold]/μ + D_ψ(θ‖θ̂)/μ at θ (p,), up to a constant."""
+        total = self.pace * self.cost.value(theta) + self.whole * self.metric.potential(theta)
+        off = theta - self.prior
+        return float(total - self.dual @ theta + 0.5 * off @ self.hold @ off)
+
+    def gradient(self, theta: Array, slope: Array) -> Array:
+        """(p,) of the objective at θ (p,), with ∇ψ(θ)/μ (p,)."""
+        pull = self.hold @ (theta - self.prior) + self.whole * slope - self.dual
+        return self.pace * self.cost.gradient(theta) + pull
+
+    def shortened(self, theta: Array, way: Array) -> Array:
         """(p,) the first of way, way/2, way/4 … that decreases the objective; 0 if none does."""
-        before = self._objective(cost, dual, theta)
+        before = self.objective(theta)
         for _ in range(_HALVINGS):
-            if self._objective(cost, dual, theta + way) <= before + 1e-12 * abs(before):
+            if self.objective(theta + way) <= before + 1e-12 * abs(before):
                 return way
             way = 0.5 * way
         return 0 * way
-
-    def _objective(self, cost: Quotient, dual: Array, theta: Array) -> float:
-        """κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ]/μ + D_ψ(θ‖θ̂)/μ, up to a constant.
-
-        `dual` (p,) is ∇ψ(θ̂)/μ + κ h w ∇ψ(θ̂₀)/μ.
-        """
-        psi = self.metric.potential(theta)
-        total = self._pace * cost.value(theta) + (1 + self._pace * self.anchor) * psi
-        return float(total - dual @ theta)
 
 
 def _solve(matrix: Array, right: Array) -> Array:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...log import Log, Middle, SensorLevels
+from ...log import Log, Measurement, Middle, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 
@@ -58,7 +58,11 @@ class Rows:
         self, system: SecondOrderSystem, window: float, block: int, dt: float, levels: SensorLevels
     ):
         self.system, self.leak, self.block = system, 1 / window, block
-        self.gain = steady_gain(levels, dt)
+        self.levels, self.gain = levels, steady_gain(levels, dt)
+        self._averaging = (
+            1 / block,
+            min(0.5 * window, _CORRECTION_TIME) * dt,
+        )  # variances of W_M, and of ż, in a block
 
     def begin(self, q: Array, v: Array) -> Balance:
         """The balance at a first sample q (m,), v (n,): Y = 0."""
@@ -95,6 +99,23 @@ class Rows:
                 self.leak, self.block, piece.t, *terms, lag, total, filled, rows, made
             )
         return balance._replace(lag=lag, total=total, filled=filled), rows
+
+    def noise(self, here: Measurement) -> Array:
+        """(n, p, p) Gramians, one for every row, of the sensor noise in a block near a sample.
+
+        To first order, and with noise that is independent from sample to sample: that of W_M(q, v)
+        is averaged over the block, that of ż over the window.
+        """
+        system, n = self.system, self.system.n
+        many = Log.unchecked(*(np.repeat(np.asarray(part)[None], 2 * n + 2, 0) for part in here))
+        for k, step in enumerate(np.eye(n)):
+            many.q[k] = system.integrate(here.q, self.levels.position * step)
+            many.v[n + k] += self.levels.velocity * step
+        momenta, rates, *_ = system.momentum_balance(self.leak, many, many.q[1:], many.v[1:])
+        effects = [momenta[:-2] - momenta[-1], rates[:-1] - rates[-1]]
+        rows = [s**0.5 * part for s, part in zip(self._averaging, effects, strict=True)]
+        both = np.concatenate(rows).transpose(1, 0, 2)
+        return np.matmul(both.transpose(0, 2, 1), both)
 
     def _drift_corrected(
         self, balance: Balance, log: Log, middle: Middle

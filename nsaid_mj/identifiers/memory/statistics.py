@@ -1,22 +1,18 @@
 """Statistics of all past data about θ, in constant memory.
 
 Every row i of the momentum balance (`momentum`), averaged over short blocks, enters a Gramian
-G_i (p, p).
-
-To first order, sensor noise biases G_i upwards by the Gramian N_i of its own effect on Y. N_i is
-estimated by processing the same motion a second time, with an independent draw of noise of the
-same level added to the measurements.
+G_i (p, p). Blocks that follow an estimate also test it: their residuals must be no larger than
+their own noise and the estimate's uncertainty together explain.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ...bounds import Config, NonNegative, Positive, config
-from ...log import Log, Measurement, Middle, SensorLevels
+from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from .momentum import Balance, Rows
@@ -25,7 +21,8 @@ _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Eco
 _DETERMINED = 3  # rows per parameter before the residuals' variance can be estimated
 _FRESH = 16  # blocks buffered before they enter the means, at most
 _JUDGED = 50  # blocks, at least, before residuals can contradict an estimate
-_DRAWS = 32749  # noise samples, used cyclically: a prime, so that no block repeats soon
+_RIDGE = 1e-13  # share of a matrix's diagonal that is added against rounding errors
+_SINGULAR = 1e-14  # share of the largest eigenvalue below which an eigenvalue is rounding error
 
 
 @config
@@ -44,10 +41,12 @@ class MemoryConfig(Config):
             With noisy sensors 0 or a small weight is not recommended: along unexcited directions
             noise alone then moves the estimate, and its scale, which the anchor would hold.
         horizon: time constant of forgetting [s]; 0 never forgets.
-        surprise: ratio of squared residuals to their expected value that, exceeded in two
-            consecutive intervals, is taken as a change of an actuator: the estimate returns to
-            its value before the change, and of the information gathered until then only that
-            about the actuators is discarded. 0 disables the test.
+        surprise: ratio of squared innovations to their predicted variance, the estimate's
+            uncertainty included, above which an interval contradicts the estimate. If two
+            consecutive intervals do, and changed gains of the actuators explain the second one, an
+            actuator counts as changed: the estimate returns to its value before the change, and of
+            the information gathered until then that about the actuators is discarded. 0 disables
+            the test.
     """
 
     _path = "identifier.memory"
@@ -73,10 +72,8 @@ class Means(NamedTuple):
         blocks: effective number of blocks, the sum of their weights.
         gramian: (n, p, p) mean over the blocks of every row's Yᵀ Y.
         lagged: (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block.
-        last: (n, p) the last completed block.
-        noise: (2, n, p, p) `gramian` and `lagged` of the effect of noise on a block; None where
-            sensors are exact.
-        last_effect: (n, p) effect of noise on the last block.
+        last: (n, p) the last completed block; 0 after a restart of the momentum balance.
+        noise: (n, p, p) mean of N_i, the expected effect of the sensors' noise on `gramian`.
     """
 
     fade: float
@@ -84,8 +81,7 @@ class Means(NamedTuple):
     gramian: Array
     lagged: Array
     last: Array
-    noise: Array | None
-    last_effect: Array
+    noise: Array
 
     def of_innovations(self, rho: Array, own: Array, lagged: Array, last: Array) -> Array:
         """The mean square of the innovation Y − ρ Y′, from sufficient statistics.
@@ -107,34 +103,20 @@ class Means(NamedTuple):
         last = self.last[:, :, None] * self.last[:, None, :]
         return self.of_innovations(rho, self.gramian, self.lagged, last)
 
-    def weighted_sum(self, rho: Array, share: Array) -> Array:
-        """(p, p) sum over the rows of `innovations`, weighted by `share` (n,)."""
-        again = share * rho**2 / self.fade
-        last = (again / max(self.blocks, 1.0))[:, None] * self.last
-        return (
-            np.tensordot(share + again, self.gramian, 1)
-            - np.tensordot(2 * share * rho, self.lagged, 1)
-            - self.last.T @ last
-        )
-
-    def weighted_noise(self, rho: Array, share: Array) -> Array:
-        """(p, p) contribution of noise to `weighted_sum`, with the same arguments."""
-        assert self.noise is not None
-        own, lagged = self.noise
-        whole = np.tensordot(share * (1 + rho**2), own, 1)
-        return np.asarray(whole - np.tensordot(2 * share * rho, lagged, 1), dtype=np.float64)
-
     @staticmethod
-    def empty(n: int, p: int, fade: float, noisy: bool) -> Means:
+    def empty(n: int, p: int, fade: float) -> Means:
         """The means before any block."""
         flat, cube = np.zeros((n, p)), np.zeros((n, p, p))
-        noise = np.zeros((2, n, p, p)) if noisy else None
-        return Means(fade, 0.0, cube, cube, flat, noise, flat)
+        return Means(fade, 0.0, cube, cube, flat, cube)
 
-    def with_blocks(
-        self, rows: Array, before: Array, effects: Array, effects_before: Array
-    ) -> Means:
-        """The means after further blocks; arguments are those of `Scores.with_blocks`."""
+    def with_blocks(self, rows: Array, before: Array, noise: Array) -> Means:
+        """The means after further blocks.
+
+        Args:
+            rows: (k, n, p) the blocks.
+            before: (k, n, p) the block preceding each.
+            noise: (n, p, p) the N_i of each of them.
+        """
         if not len(rows):
             return self
         weights = self.fade ** np.arange(len(rows))[::-1]
@@ -142,41 +124,85 @@ class Means(NamedTuple):
         blocks = old + weights.sum()
         share = weights[:, None, None] / blocks
 
-        def mean(kept: Array, one: Array, other: Array) -> Array:
-            half = np.matmul((share * one).transpose(1, 2, 0), other.transpose(1, 0, 2))
+        def mean(kept: Array, other: Array) -> Array:
+            half = np.matmul((share * rows).transpose(1, 2, 0), other.transpose(1, 0, 2))
             half += half.transpose(0, 2, 1)
             half *= 0.5
             half += old / blocks * kept
             return half
 
-        noise, last_effect = self.noise, self.last_effect
-        if noise is not None:
-            lagged = mean(noise[1], effects, effects_before)
-            noise = np.stack([mean(noise[0], effects, effects), lagged])
-            last_effect = effects[-1]
-        return Means(
-            self.fade,
-            blocks,
-            mean(self.gramian, rows, rows),
-            mean(self.lagged, rows, before),
-            rows[-1],
-            noise,
-            last_effect,
-        )
+        gramian, lagged = mean(self.gramian, rows), mean(self.lagged, before)
+        noise = self.noise + weights.sum() / blocks * (noise - self.noise)
+        return Means(self.fade, blocks, gramian, lagged, rows[-1], noise)
 
 
 class View(NamedTuple):
-    """An estimate, and the weights of the residuals it will leave in later blocks.
+    """An estimate, its uncertainty, and the weights of the residuals it leaves in later blocks.
 
     Attributes:
         theta: (p,) the estimate.
         rho: (n,) correlation of its residuals between neighbouring blocks, for every row.
         share: (n,) inverse variance of the residuals' innovations.
+        effort: (n, p) diagonals of the Σ_i, the reference of these variances.
+        root: (p, p) factor L of the estimate's covariance L Lᵀ.
+        information: (p, p) the data's about the parameters.
+        driven: (p,) whether a parameter is the gain of an actuator that has had an effect.
     """
 
     theta: Array
     rho: Array
     share: Array
+    effort: Array
+    root: Array
+    information: Array
+    driven: np.ndarray
+
+    def freed(self) -> Array:
+        """(p, p + k) the factor if each of the k driven gains may have changed by all of itself."""
+        return np.hstack([self.root, np.diag(self.theta)[:, self.driven]])
+
+
+class Evidence(NamedTuple):
+    """Innovations e = (Y − ρ Y′) θ̂ since the last view, divided by their standard deviations.
+
+    Attributes:
+        information: (p, p) sum of (Y − ρ Y′)ᵀ (Y − ρ Y′), each row so divided.
+        slope: (p,) sum of (Y − ρ Y′)ᵀ e.
+        squares: sum of e².
+        number: of innovations.
+    """
+
+    information: Array
+    slope: Array
+    squares: float
+    number: int
+
+    @staticmethod
+    def empty(p: int) -> Evidence:
+        """No innovations yet."""
+        return Evidence(np.zeros((p, p)), np.zeros(p), 0.0, 0)
+
+    def with_rows(self, rows: Array, innovations: Array) -> Evidence:
+        """The evidence after further rows (k, p) with innovations (k,)."""
+        return Evidence(
+            self.information + rows.T @ rows,
+            self.slope + rows.T @ innovations,
+            self.squares + float(innovations @ innovations),
+            self.number + len(innovations),
+        )
+
+    def ratio(self, root: Array) -> float:
+        """Mean of eᵀ (1 + Y P Yᵀ)⁻¹ e, P = L Lᵀ: the innovations over their predicted variance.
+
+        Args:
+            root: (p, k) L.
+        """
+        if not self.number:
+            return 0.0
+        whole = np.eye(root.shape[1]) + root.T @ self.information @ root
+        values, vectors = np.linalg.eigh(whole)
+        explained = (vectors.T @ (root.T @ self.slope)) ** 2 / np.maximum(values, 1.0)
+        return max(0.0, self.squares - float(explained.sum())) / self.number
 
 
 class Scores(NamedTuple):
@@ -187,78 +213,57 @@ class Scores(NamedTuple):
         latest: (4, p) scores of the last blocks.
         meat: (p, p) mean of the scores' outer products, summed over neighbouring blocks: the
             middle of the sandwich covariance.
-        bias: (p,) mean effect of added noise on a score, which estimates that of the sensors'.
-        count: effective number of blocks in `meat` and `bias`.
-        recent: mean squared residual of the blocks since the last view, relative to what the view
-            predicts; and the number of these blocks.
+        count: effective number of blocks in `meat`.
+        evidence: of the blocks since the last view.
     """
 
     view: View | None
     latest: Array
     meat: Array
-    bias: Array
     count: float
-    recent: tuple[float, int]
+    evidence: Evidence
 
     @staticmethod
     def empty(p: int) -> Scores:
         """The scores before any block."""
-        return Scores(
-            None, np.zeros((_NEIGHBOURS, p)), np.zeros((p, p)), np.zeros(p), 0.0, (0.0, 0)
-        )
+        nothing = np.zeros((_NEIGHBOURS, p))
+        return Scores(None, nothing, np.zeros((p, p)), 0.0, Evidence.empty(p))
 
-    def with_blocks(
-        self, fade: float, rows: Array, before: Array, effects: Array, effects_before: Array
-    ) -> Scores:
+    def with_blocks(self, fade: float, rows: Array, before: Array) -> Scores:
         """The scores after k further blocks; rows and neighbouring blocks may be correlated.
+
+        The variance of an innovation grows with the actuators' effort in its block: as in the
+        quotient, every command is taken to have a relative error.
 
         Args:
             fade: factor by which a block's weight decreases per block.
             rows: (k, n, p) the blocks.
             before: (k, n, p) the block preceding each.
-            effects: (k, n, p) effect of noise on the blocks.
-            effects_before: (k, n, p) effect of noise on the preceding blocks.
         """
-        k, (mean, number) = len(rows), self.recent
-        if self.view is None or not k:
+        k, view = len(rows), self.view
+        if view is None or not k:
             return self
-        theta, rho, share = self.view
-        new, effect = rows - rho[:, None] * before, effects - rho[:, None] * effects_before
-        residual = new @ theta
-        scores = _summed(share * residual, new)
-        biases = _summed(share * (effect @ theta), new) + _summed(share * residual, effect)
+        new = rows - view.rho[:, None] * before
+        residual = new @ view.theta
+        scores = np.matmul((view.share * residual)[:, None], new)[:, 0]
         known = np.concatenate([self.latest, scores])
         together = sum((known[i : i + k] for i in range(1, _NEIGHBOURS + 1)), np.zeros_like(scores))
         weights, old = fade ** np.arange(k)[::-1], fade**k * self.count
         count = old + float(weights.sum())
         outer = (weights[:, None] * together).T @ together / _NEIGHBOURS
-        squares = float(np.sum(np.mean(share * residual**2, axis=1)))
+        effort = ((rows * view.theta) ** 2 * (view.effort > 0)).sum(axis=2)
+        usual = view.effort @ view.theta**2
+        deviation = np.sqrt(view.share / np.maximum(1.0, effort / usual))
         return Scores(
-            view=self.view,
+            view=view,
             latest=known[k:],
             meat=(old * self.meat + outer) / count,
-            bias=(old * self.bias + weights @ biases) / count,
             count=count,
-            recent=((number * mean + squares) / (number + k), number + k),
+            evidence=self.evidence.with_rows(
+                (deviation[..., None] * new).reshape(-1, new.shape[2]),
+                (deviation * residual).ravel(),
+            ),
         )
-
-
-def _summed(share: Array, rows: Array) -> Array:
-    """(k, p) sums over the rows (k, n, p) of blocks, weighted by `share` (k, n)."""
-    return np.matmul(share[:, None], rows)[:, 0]
-
-
-class Trusted(NamedTuple):
-    """An estimate that later data have not contradicted.
-
-    Attributes:
-        theta: (p,) the estimate.
-        plant: (p, p) curvature of R there with the actuators' gains eliminated: the Schur
-            complement.
-    """
-
-    theta: Array
-    plant: Array
 
 
 class Memory(NamedTuple):
@@ -267,26 +272,20 @@ class Memory(NamedTuple):
     Attributes:
         step: index of the sample.
         balance: the momentum balance at the sample.
-        perturbed: the balance of the measurements with added noise; None where sensors are exact.
         fresh: (k, n, p) blocks not yet in the means.
-        effects: (k, n, p) effect of noise on these blocks; 0 where sensors are exact.
         means: over the blocks.
         scores: of the blocks.
         alarmed: whether the preceding interval contradicted the estimate.
-        trusted: the last estimate before any alarm.
         kept: (p, p) information about all parameters but the actuators' that survived the last
             detected change of an actuator; None before the first.
     """
 
     step: int
     balance: Balance
-    perturbed: Balance | None
     fresh: Array
-    effects: Array
     means: Means
     scores: Scores
     alarmed: bool = False
-    trusted: Trusted | None = None
     kept: Array | None = None
 
 
@@ -314,33 +313,18 @@ class Recorder:
         levels: SensorLevels,
         hermite: bool = True,
     ):
-        self.system, self.levels, self.hermite = system, levels, hermite
+        self.system, self.hermite = system, hermite
         self.surprise, self.every = config.surprise, max(1, round(config.interval / dt))
         self.block = max(1, round(config.block / dt))
         self._periods = self.every, _FRESH * self.block
         self.rows = Rows(system, config.window, self.block, dt, levels)
         self.fade = float(np.exp(-self.block * dt / config.horizon)) if config.horizon else 1.0
 
-    @cached_property
-    def _draws(self) -> Array:
-        """(draws, 2, n) noise of positions and velocities, in their units."""
-        unit = np.random.default_rng(0).standard_normal((_DRAWS, 2, self.system.n))
-        return unit * np.array(self.levels)[:, None]
-
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
-        n, p, exact = self.system.n, self.system.p, self.levels.exact
-        perturbed = None if exact else self.rows.begin(*self._perturb(0, first.q, first.v))
-        nothing = np.zeros((0, n, p))
-        return Memory(
-            0,
-            self.rows.begin(first.q, first.v),
-            perturbed,
-            nothing,
-            nothing,
-            Means.empty(n, p, self.fade, not exact),
-            Scores.empty(p),
-        )
+        n, p = self.system.n, self.system.p
+        balance, means = self.rows.begin(first.q, first.v), Means.empty(n, p, self.fade)
+        return Memory(0, balance, np.zeros((0, n, p)), means, Scores.empty(p))
 
     def follow(self, memory: Memory, log: Log) -> Memory:
         """The memory at the end of a log that begins at the memory's sample.
@@ -350,59 +334,46 @@ class Recorder:
         at = 0
         while at < len(log.t) - 1:
             steps = min(period - memory.step % period for period in self._periods)
-            memory = self._advance(memory, log.part(at, at + steps + 1))
+            piece = log.part(at, at + steps + 1)
+            middle = self.system.midpoints(piece, self.hermite)
+            balance, rows = self.rows.follow(memory.balance, piece, middle)
+            memory = memory._replace(
+                step=memory.step + len(piece.t) - 1,
+                balance=balance,
+                fresh=np.concatenate([memory.fresh, rows]),
+            )
             if any(memory.step % period == 0 for period in self._periods):
-                memory = self.absorb_blocks(memory)
+                memory = self.absorb_blocks(memory, piece.at(-1))
             at += steps
         return memory
 
-    def _advance(self, memory: Memory, log: Log) -> Memory:
-        middle = self.system.midpoints(log, self.hermite)
-        balance, rows = self.rows.follow(memory.balance, log, middle)
-        perturbed, effects = memory.perturbed, np.zeros_like(rows)
-        if perturbed is not None:
-            noisier = self._perturbed(memory.step, log, middle)
-            perturbed, noisier_rows = self.rows.follow(perturbed, *noisier)
-            effects = noisier_rows - rows
-        return memory._replace(
-            step=memory.step + len(log.t) - 1,
-            balance=balance,
-            perturbed=perturbed,
-            fresh=np.concatenate([memory.fresh, rows]),
-            effects=np.concatenate([memory.effects, effects]),
-        )
-
-    def absorb_blocks(self, memory: Memory) -> Memory:
-        """Merges the buffered blocks into means and scores.
+    def absorb_blocks(self, memory: Memory, here: Measurement) -> Memory:
+        """Merges the buffered blocks, the last of which ends near a sample, into means and scores.
 
         Blocks count in the scores only once enough others precede them to estimate the residuals'
         variance.
         """
-        means, fresh, effects = memory.means, memory.fresh, memory.effects
+        means, fresh = memory.means, memory.fresh
         before = np.concatenate([means.last[None], fresh])[:-1]
-        effects_before = np.concatenate([means.last_effect[None], effects])[:-1]
         (n, p), blocks, first = means.last.shape, means.blocks, 0
         while first < len(fresh) and blocks * n < _DETERMINED * p:
             blocks, first = self.fade * blocks + 1, first + 1
-        scores = memory.scores.with_blocks(
-            self.fade, *(part[first:] for part in (fresh, before, effects, effects_before))
-        )
+        noise = means.noise if self.rows.levels.exact else self.rows.noise(here)
         return memory._replace(
             fresh=fresh[:0],
-            effects=fresh[:0],
-            scores=scores,
-            means=means.with_blocks(fresh, before, effects, effects_before),
+            scores=memory.scores.with_blocks(self.fade, fresh[first:], before[first:]),
+            means=means.with_blocks(fresh, before, noise),
             kept=None if memory.kept is None else self.fade ** len(fresh) * memory.kept,
         )
 
     def check_consistency(self, memory: Memory, here: Measurement) -> tuple[Memory, bool]:
-        """Tests an interval's residuals against the estimate that preceded them.
+        """Tests an interval's innovations against the estimate that preceded them.
 
-        An interval whose squared residuals exceed `surprise` times their expected value raises an
-        alarm. After a second one in a row, under the same view, an actuator counts as changed and
-        the data are discarded; only the information about the other parameters from before the
-        first alarm is kept. The momentum balance restarts, since its filter still holds motion
-        under the old gains.
+        An interval whose squared innovations exceed `surprise` times their predicted variance, the
+        estimate's uncertainty included, raises an alarm: no θ explains old and new data. The
+        momentum balance restarts, since its filter may hold motion under other gains. If the next
+        interval contradicts the same estimate, but not one with other gains, an actuator counts as
+        changed and the data are discarded; only the information about the other parameters is kept.
 
         Args:
             memory: at the interval's end.
@@ -411,41 +382,52 @@ class Recorder:
         Returns:
             The memory; and whether data were discarded.
         """
-        scores, (n, p) = memory.scores, memory.means.last.shape
-        alarmed = bool(0 < self.surprise < scores.recent[0])
-        if memory.trusted is None or not (alarmed and memory.alarmed):
-            sure = scores.count >= max(_JUDGED, _DETERMINED * p / n)
-            scores = scores._replace(recent=(0.0, 0))
-            return memory._replace(scores=scores, alarmed=alarmed and sure), False
-        perturbed = memory.perturbed
-        if perturbed is not None:
-            perturbed = self.rows.restart(perturbed, *self._perturb(memory.step, here.q, here.v))
-        changed = Memory(
+        scores, means = memory.scores, memory.means
+        view, evidence, (n, p) = scores.view, scores.evidence, means.last.shape
+        sure = scores.count >= max(_JUDGED, _DETERMINED * p / n)
+        if view is None or not (sure and 0 < self.surprise < evidence.ratio(view.root)):
+            return memory._replace(alarmed=False), False
+        memory = memory._replace(balance=self.rows.restart(memory.balance, here.q, here.v))
+        if not memory.alarmed:
+            scores = scores._replace(evidence=Evidence.empty(p))
+            means = means._replace(last=np.zeros((n, p)))
+            return memory._replace(scores=scores, means=means, alarmed=True), False
+        if evidence.ratio(view.freed()) > self.surprise:
+            return memory._replace(alarmed=False), False
+        return Memory(
             memory.step,
-            self.rows.restart(memory.balance, here.q, here.v),
-            perturbed,
+            memory.balance,
             memory.fresh,
-            memory.effects,
-            Means.empty(n, p, self.fade, perturbed is not None),
+            Means.empty(n, p, self.fade),
             Scores.empty(p),
-            trusted=memory.trusted,
-            kept=memory.trusted.plant,
-        )
-        return changed, True
+            kept=eliminated(view.information, view.driven),
+        ), True
 
-    def _perturbed(self, step: int, log: Log, middle: Middle) -> tuple[Log, Middle]:
-        """The log with added noise, and the states half-way between its samples."""
-        system = self.system
-        samples = enumerate(zip(log.q, log.v, strict=True))
-        states = [self._perturb(step + k, *sample) for k, sample in samples]
-        q, v = (np.array(part) for part in zip(*states, strict=True))
-        half = [
-            system.integrate(there, system.difference(here, mid))
-            for there, here, mid in zip(q, log.q, middle.q, strict=False)
-        ]
-        return Log.unchecked(log.t, q, v, log.u), Middle(np.array(half), 0.5 * (v[:-1] + v[1:]))
 
-    def _perturb(self, step: int, q: Array, v: Array) -> tuple[Array, Array]:
-        """A measured state q (m,), v (n,) with added noise of the sensors' level."""
-        position, velocity = self._draws[step % _DRAWS]
-        return self.system.integrate(q, position), v + velocity
+def cholesky(matrix: Array) -> Array:
+    """(p, p) lower factor of a matrix > 0, which rounding may have left slightly indefinite."""
+    ridge = _RIDGE * np.diag(np.diag(matrix))
+    return np.linalg.cholesky(matrix + ridge).astype(np.float64)
+
+
+def eliminated(matrix: Array, freed: np.ndarray) -> Array:
+    """The least of θᵀ H θ over some parameters, as a quadratic form of the others.
+
+    It is the Schur complement of their block, formed from a factor of H: ⪰ 0 and at most H, also
+    where H is singular.
+
+    Args:
+        matrix: (p, p) H ⪰ 0; rounding errors may leave it indefinite.
+        freed: (p,) mask of the parameters over which the least is taken.
+
+    Returns:
+        (p, p) the form, 0 in the rows and columns of these parameters.
+    """
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    values, vectors = np.linalg.eigh(matrix * np.outer(unit, unit))
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    axes, lengths, _ = np.linalg.svd(root[:, freed], full_matrices=False)
+    axes = axes[:, lengths**2 > _SINGULAR * max(1.0, values[-1])]
+    rest = (root - axes @ (axes.T @ root)) * np.where(freed, 0.0, size)
+    return rest.T @ rest
