@@ -110,6 +110,7 @@ class ImplicitMemory(DataMemory):
         self.every, self._dt = self.recorder.every, dt
         self._pace = config.pace * self.every * dt
         self._metric_prior = metric.mirror(prior)[1]
+        self._covariance_prior = np.array(np.linalg.inv(self._metric_prior), dtype=np.float64)
 
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
@@ -197,7 +198,7 @@ class ImplicitMemory(DataMemory):
         pull = hold + max(self.anchor, 1.0) * self.metric.mirror(theta)[1]
         bias = remembered.of_noise(theta, means).gradient(theta)
         scatter = data + means.blocks * memory.scores.meat + np.outer(bias, bias)
-        scatter += pull @ np.linalg.solve(self._metric_prior, pull)
+        scatter += pull @ self._covariance_prior @ pull
         unit = 1 / np.sqrt(np.diag(data + pull))
         balance = np.outer(unit, unit)
         bread = cholesky((data + pull) * balance)
@@ -209,7 +210,9 @@ class ImplicitMemory(DataMemory):
         driven = np.zeros(len(theta), dtype=bool)
         driven[gains] = (remembered.effort[:, gains] > 0).any(axis=0)
         effort, information = remembered.effort, cost.information(theta)
-        return View(theta, rho, share, effort, root, information, driven)
+        return View(
+            theta, rho, share, effort, np.array(root, dtype=np.float64), information, driven
+        )
 
     def _cost(self, before: Array, after: Array) -> float:
         """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
@@ -247,12 +250,9 @@ class ImplicitMemory(DataMemory):
         memory = state.memory
         if memory is None or memory.scores.view is None or not memory.scores.count:
             return None
-        view, prior = (
-            memory.scores.view,
-            np.asarray(np.linalg.inv(self._metric_prior), dtype=np.float64),
-        )
+        view = memory.scores.view
         samples = memory.means.blocks * (1 - view.rho) / (1 + view.rho)
-        return Confidence(view.root @ view.root.T, prior, samples)
+        return Confidence(view.root @ view.root.T, self._covariance_prior, samples)
 
 
 class _Step:
