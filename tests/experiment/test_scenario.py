@@ -150,6 +150,8 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         yield others.get(name, value + "_")
     elif isinstance(value, int):
         yield value + 1
+    elif value is None and name == "joints":
+        yield (1,)
     elif value is None:
         yield 0.5
     else:
