@@ -4,7 +4,7 @@ BIN := .venv/bin
 .PHONY: demo install test test-all bench lint screenshots store-directions wheel clean
 
 demo: install  ## install, identify a UR5 from 20 s of noisy motion, say what was found and where it is
-	$(BIN)/nsaid run ur5 --law memory --sensors noisy --duration 20
+	$(BIN)/nsaid run ur5 --law efficient --sensors noisy --duration 20
 
 install: .venv/installed
 

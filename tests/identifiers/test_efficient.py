@@ -13,7 +13,12 @@ from nsaid_mj.evaluation.confidence import Known, known
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers.base import Estimates, State, Status
-from nsaid_mj.identifiers.cone.barrier import cone_of, gradient_and_hessian, local_norm
+from nsaid_mj.identifiers.cone.barrier import (
+    cone_of,
+    drawn_inside,
+    gradient_and_hessian,
+    local_norm,
+)
 from nsaid_mj.identifiers.efficient.kalman import Noise, _add_increment
 from nsaid_mj.identifiers.efficient.law import Witness
 from nsaid_mj.log import Log
@@ -109,12 +114,13 @@ def test_fourth_differences_of_a_parabola_are_zero_and_of_white_noise_have_its_v
 
 def test_the_local_norm_is_that_of_the_barriers_hessian() -> None:
     for name in ("bluerov2", "crazyflie", "remus100"):
-        setup = Setup.of(load(name))
-        cone, rng = cone_of(setup.system.space), np.random.default_rng(0)
-        step = 0.1 * setup.system.space.scale * rng.standard_normal(setup.system.p)
-        _, hessian = gradient_and_hessian(cone, setup.prior)
+        setup, rng = Setup.of(load(name)), np.random.default_rng(0)
+        space = setup.system.space
+        cone, theta = cone_of(space), drawn_inside(space, setup.plant.truth, 0.3, rng)
+        step = 0.1 * space.scale * rng.standard_normal(len(space))
+        _, hessian = gradient_and_hessian(cone, theta)
         expected = np.sqrt(step @ hessian @ step)
-        assert local_norm(cone, setup.prior, step) == pytest.approx(expected, rel=1e-9)
+        assert local_norm(cone, theta, step) == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_log_in_pieces_gives_the_same_estimates() -> None:

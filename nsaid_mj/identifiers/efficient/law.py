@@ -321,9 +321,9 @@ class EfficientIdentifier(Identifier):
         """(N−1,) True: every update of the filter is a step outside (44, 45)."""
         return np.ones(max(0, len(t) - 1), dtype=bool)
 
-    def slack(self, state: State, theta: Array) -> float:
-        """Infinity: nothing is proven of V."""
-        return np.inf
+    def slacks(self, log: Log, theta: Array) -> Array:
+        """(N−1,) infinity: nothing is proven of V."""
+        return np.full(max(0, len(log.t) - 1), np.inf)
 
     def confidence(self, state: State) -> Confidence | None:
         """The covariance of the estimate that is handed out.
