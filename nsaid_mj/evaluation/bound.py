@@ -2,10 +2,11 @@
 
 The plant is deterministic given θ, the command is known, and every position and velocity has white
 Gaussian noise of known variance. The state at the first sample is known as well as one measurement
-tells it, and θ beforehand to `PRIOR` of its scale. The covariance of (q, v, θ) given all samples
-then follows by a Kalman filter's recursion along the true trajectory under the true θ (H. L. Van
-Trees, Detection, Estimation, and Modulation Theory, part I, 1968). The system is linearised at the
-measured states, whose noise changes the bound in the second order only.
+tells it, and θ beforehand to `PRIOR` of its scale in the directions that a motion can reveal. The
+covariance of (q, v, θ) given all samples then follows by a Kalman filter's recursion along the true
+trajectory under the true θ (H. L. Van Trees, Detection, Estimation, and Modulation Theory, part I,
+1968). The system is linearised at the measured states, whose noise changes the bound in the second
+order only.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from .truth import Truth
 
 PRIOR = 0.3
 """Standard deviation of θ/scale before any data."""
+_ROUNDING = 1e-3  # γ, so that rounding errors do not make P indefinite
 _DRAWS = 200  # estimates whose median figures are those of the bound
 
 
@@ -45,9 +47,10 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     if not (levels.position > 0 and levels.velocity > 0):
         raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
     scale = np.array(system.space.scale)
-    law = Law(system.forward, cone_of(system.space), scale, 0.0, 1)
+    law = Law(system.forward, cone_of(system.space), scale, _ROUNDING, 1)
     R = np.repeat(np.array(levels) ** 2, n)
-    filter = filter_at(log.q[0], log.v[0], truth.theta, PRIOR**2 * np.eye(system.p))
+    basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
+    filter = filter_at(log.q[0], log.v[0], truth.theta, PRIOR**2 * basis @ basis.T)
     filter.Pxx[:] = np.diag(R)
     if covariance_along(law, filter, R, *log) < len(log.t) - 1:
         raise NoEstimate("M is not positive definite along the log", "Check the parameters.")
