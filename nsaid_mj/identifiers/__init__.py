@@ -8,4 +8,5 @@ from .base import State as State
 from .base import Status as Status
 from .config import NullspaceAID as NullspaceAID
 from .conventional import ConventionalAID as ConventionalAID
+from .efficient.law import EfficientConfig as EfficientConfig
 from .memory.statistics import MemoryConfig as MemoryConfig

@@ -50,10 +50,10 @@ def test_a_memory_converges_in_seconds():
     assert "from the true set" in found["verdict"]
 
 
-def test_the_verdict_on_a_slow_law_recommends_the_memory():
+def test_the_verdict_on_a_slow_law_recommends_the_efficient_law():
     found = summary("ur5", "paper", 10.0)
     assert found["verdict"].startswith("still converging: ")
-    assert "--law memory does in seconds what this law does in hours" in found["verdict"]
+    assert "--law efficient does in seconds what this law does in hours" in found["verdict"]
 
 
 def test_the_verdict_on_a_short_memory_run_recommends_no_law():

@@ -28,7 +28,7 @@ from nsaid_mj.control import (
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID
+from nsaid_mj.identifiers import ConventionalAID, EfficientConfig, MemoryConfig, NullspaceAID
 from nsaid_mj.plants import (
     ArmPlant,
     AstrobeePlant,
@@ -170,7 +170,7 @@ WET = Scenario(plant=BlueROV2Plant(), excitation=MultisineCommand())
 def test_the_hash_changes_with_any_field(scenario):
     others = list(changed(scenario, ""))
     leaves = scenario.to_json().count('": ') - scenario.to_json().count('"$type": ')
-    assert len(others) >= leaves - 9  # at least one for each number (the rest are containers)
+    assert len(others) >= leaves - 10  # at least one for each number (the rest are containers)
     for other in others:
         assert other != scenario
         same(other)
@@ -355,6 +355,10 @@ BAD = {
         "pace": NOT_POSITIVE, "anchor": [-1.0, NAN, INF], "horizon": [-1.0, NAN, INF],
         "surprise": [-1.0, NAN, INF],
     },
+    EfficientConfig: {
+        "prior": NOT_POSITIVE, "linearisation": [-1.0, NAN, INF],
+        "innovation_window": NOT_POSITIVE,
+    },
     Mismatch: {
         "lag": [-1.0, NAN, INF], "delay": [-1.0, NAN, INF], "fluid": ["honey"],
         "flow": [(1.0, 2.0), (0.0, 0.0, NAN), ("a", "b", "c")],
@@ -453,6 +457,7 @@ def test_every_field_has_bad_values_listed_and_a_valid_default(part):
         "mismatch",
         "fault",
         "memory",
+        "efficient",
     }
     assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
     default = part(known=("mass",)) if part is ConventionalAID else part()

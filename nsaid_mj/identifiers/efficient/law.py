@@ -58,14 +58,14 @@ class EfficientConfig(Config):
             of a positive parameter.
         linearisation: γ, standard deviation of the error of a step's linearisation relative to the
             standard deviation of what θ does in it.
-        window: time over which innovations are tested against chance [s].
+        innovation_window: time over which innovations are tested against chance [s].
     """
 
     _path = "identifier.efficient"
 
     prior: Positive = 0.3
     linearisation: NonNegative = 0.3
-    window: Positive = 0.1
+    innovation_window: Positive = 0.1
 
 
 class Witness:
@@ -93,7 +93,7 @@ class Witness:
             )
         self._spread, self._p = config.prior, system.p
         cone, scale = cone_of(system.space), np.array(system.space.scale)
-        window = max(10, round(config.window / dt))
+        window = max(10, round(config.innovation_window / dt))
         self.law = Law(system.forward, cone, scale, config.linearisation, window)
 
     def covariance(self, theta: Array) -> Array:

@@ -22,7 +22,7 @@ from ..base import Confidence, DataMemory, State
 from ..cone.law import ConeMetric
 from ..nullspace_aid import NullspaceIdentifier
 from .cost import Quotient, quotient
-from .statistics import Evidence, Memory, MemoryConfig, Recorder, View, cholesky
+from .statistics import Evidence, Memory, MemoryConfig, Recorder, View, cholesky, square_root
 
 _REACH = 0.5  # longest Newton step in the metric; the Dikin ellipsoid of radius 1 is in the cone
 _NEWTON, _HALVINGS = 30, 8  # iterations, at most, in one implicit step
@@ -202,7 +202,7 @@ class ImplicitMemory(DataMemory):
         unit = 1 / np.sqrt(np.diag(data + pull))
         balance = np.outer(unit, unit)
         bread = cholesky((data + pull) * balance)
-        root = np.linalg.solve(bread.T, np.linalg.solve(bread, cholesky(scatter * balance)))
+        root = np.linalg.solve(bread.T, np.linalg.solve(bread, square_root(scatter * balance)))
         root *= unit[:, None]
         efforts = remembered.effort * theta
         scale = np.mean(efforts / (efforts @ theta)[:, None], axis=0)

@@ -406,8 +406,22 @@ class Recorder:
 
 def cholesky(matrix: Array) -> Array:
     """(p, p) lower factor of a matrix > 0, which rounding may have left slightly indefinite."""
-    ridge = _RIDGE * np.diag(np.diag(matrix))
-    return np.linalg.cholesky(matrix + ridge).astype(np.float64)
+    ridge, widest = _RIDGE, 1e6 * _RIDGE
+    while True:
+        try:
+            whole = matrix + ridge * np.diag(np.diag(matrix))
+            return np.linalg.cholesky(whole).astype(np.float64)
+        except np.linalg.LinAlgError:
+            ridge *= 100
+            if ridge > widest:
+                raise
+
+
+def square_root(matrix: Array) -> Array:
+    """(p, p) R with R Rᵀ = a matrix ⪰ 0; negative eigenvalues, from rounding, count as 0."""
+    unit = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
+    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
 
 
 def eliminated(matrix: Array, freed: np.ndarray) -> Array:
