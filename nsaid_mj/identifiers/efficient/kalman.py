@@ -26,12 +26,13 @@ from ...numerics.linalg import cholesky
 from ...parameters import Array
 from ..cone.barrier import Cone, local_norm
 
-COMPLETED, CONTRADICTED = 0, 1
-"""Ways in which `follow_filter` ends: at the log's end, or at a contradiction."""
+COMPLETED, CONTRADICTED, ROUNDED = 0, 1, 2
+"""How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
+rounding errors left the covariance indefinite."""
 _REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _MEMORY = 2000.0  # samples over which the noise is averaged
-_SMALLEST = 1e-7  # least standard deviation of the noise [rad or m, rad/s or m/s]
+_SMALLEST = 1e-6  # least standard deviation of the noise [rad or m, rad/s or m/s]
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
 
 
@@ -318,7 +319,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
             square = _update(law, filter, R, y, updating)
         if not square < np.inf:
             thetas[k], v_hats[k] = filter.theta, v[k]
-            return k, CONTRADICTED
+            return k, ROUNDED if pivot > 0.0 else CONTRADICTED
         integrate_into(structure, q1, y[:n], filter.q)
         for i in range(n):
             filter.v[i] = v1[i] + y[n + i]

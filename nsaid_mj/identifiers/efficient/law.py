@@ -30,7 +30,9 @@ from ..cone.barrier import cone_of, gradient_and_hessian
 from ..memory.cost import quotient
 from ..nullspace_aid import NullspaceIdentifier
 from .kalman import (
+    COMPLETED,
     CONTRADICTED,
+    ROUNDED,
     Filter,
     Law,
     acceptable,
@@ -46,6 +48,9 @@ _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is
 _MATURE = 2.0  # time without a contradiction after which one is taken for a changed actuator [s]
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _FREE = 0.5  # relative standard deviation of a gain that is set free
+_INDEFINITE = (
+    1e-13  # least eigenvalue of P_θθ over the largest, once rounding has made it indefinite
+)
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
 
@@ -115,11 +120,20 @@ class Witness:
             columns = (part[at:] for part in log)
             row, end = follow_filter(self.law, kalman, *columns, *(part[at:] for part in out))
             at += row
-            if end == CONTRADICTED:
+            if end == ROUNDED:
+                mend(kalman, log.at(at))
+            elif end == CONTRADICTED:
                 times.append(float(log.t[at]))
                 kalman.theta[:], kalman.Ptt[:] = theta, P
                 restart_state(kalman, log.q[at], log.v[at], noise_variance(kalman.noise))
         return times, float(kalman.totals[0] / max(1.0, kalman.totals[1]))
+
+
+def mend(kalman: Filter, here: Measurement) -> None:
+    """Makes P_θθ positive definite after rounding errors, and starts the state again."""
+    values, vectors = np.linalg.eigh(kalman.Ptt)
+    kalman.Ptt[:] = (vectors * np.maximum(values, _INDEFINITE * values[-1])) @ vectors.T
+    restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
 
 
 class Guarded(NamedTuple):
@@ -237,6 +251,9 @@ class EfficientIdentifier(Identifier):
                 inside = inside._replace(calm=calm)
                 if end == CONTRADICTED:
                     inside = self._contradicted(inside, log.at(last))
+                elif end == ROUNDED:
+                    mend(kalman, log.at(last))
+                if end != COMPLETED:
                     thetas[last], v_hats[last] = inside.filter.theta, inside.filter.v
             own = slice(at + 1, last + inside.handed)
             if handed:
