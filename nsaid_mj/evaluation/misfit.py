@@ -18,6 +18,7 @@ from ..identifiers.efficient.law import Witness
 
 NONE, SOME, CONTRADICTS = "none", "some", "contradicts"
 _LONGEST = 30.0  # length of log that is judged, its end [s]
+_FEWEST = 50  # rows that can be judged; the run that warms up has as many
 _SETTLED = 1 / 3  # share of it in which the filter may still learn
 _REPEATED = 2  # contradictions that are no single event, such as a fault
 _LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
@@ -61,7 +62,7 @@ def misfit_of(run: Run) -> Misfit | None:
     log = record.log
     log = log.part(int(np.searchsorted(log.t, log.t[-1] - _LONGEST)), len(log.t))
     theta = np.array(record["theta_hat"][-1])
-    if len(log.t) < 100 or not inside(cone_of(system.space), theta):
+    if len(log.t) < _FEWEST or not inside(cone_of(system.space), theta):
         return None
     witness = Witness(system, scenario.dt, scenario.identifier.efficient)
     times, innovations = witness.contradictions(theta, log)

@@ -20,10 +20,9 @@ def verdict(summary: dict[str, Any]) -> str:
     """The outcome of a run in one line: a judgement, a colon, and the figures it is based on.
 
     The first that applies: a run that did not complete *ended early*; a motion that no θ of the
-    structure explains, judged from the measurements alone, *contradicts* it; so does, by the truth
-    of a simulated plant, a structure under which every
-    θ leaves more than `CONTRADICTED` of the forces on a held-out trajectory unexplained is
-    *contradicted by the motion*; an estimate within `CONVERGED` of the true set has *converged*;
+    structure explains *contradicts* it, judged from the measurements alone (`misfit`), or, for a
+    simulated plant, because every θ leaves more than `CONTRADICTED` of the forces on a held-out
+    trajectory unexplained; an estimate within `CONVERGED` of the true set has *converged*;
     one that is closer to it than the prior is *still converging*. If the truth is unknown, the
     stated confidence and the force residual replace the distance.
 

@@ -27,6 +27,7 @@ def result(run: Run, summary: dict[str, Any]) -> str:
     lines = [
         f"## {run.folder.resolve().name}: {summary['status']}",
         "",
+        *([f"**{summary['verdict']}**", ""] if summary["status"] == "completed" else []),
         f"{summary['sim_s']:.4g} s, {summary['sensors']} sensors. {observable_line(summary)}.",
         "",
         *_conditions(summary),

@@ -80,6 +80,10 @@ class Plan(Study):
             kind = type(self.scenario.identifier).__name__
             remedy = "Compare a scenario with that identifier; the methods include the others."
             raise InvalidInput("scenario", "the identifier NullspaceAID", kind, remedy)
+        if self.bound and not any(self.noises):
+            raise InvalidInput(
+                "bound", "noisy sensors", "exact ones, whose bound is 0", "Add --sensors noisy."
+            )
         if min(self.seeds) < 0:
             raise InvalidInput("seeds", "whole numbers ≥ 0", self.seeds, "0:3 is 0,1,2.")
         if not all(np.isfinite(s) and s >= 0 for s in self.noises):

@@ -65,10 +65,16 @@ def test_an_unmodelled_delay_contradicts_the_structure():
     found = summary("ur5", "memory", 6.0, delay=0.01)
     assert found["verdict"].startswith("the motion contradicts this structure: ")
     assert 0.01 < found["force_residual_floor"] <= found["force_residual_ratio"]
+    assert found["misfit"] == "contradicts"  # from the measurements alone
+    assert found["confidence"]["below_noise"] == found["confidence"]["directions"]
+    blind = verdict({k: v for k, v in without_truth(found).items() if k != "force_residual_floor"})
+    assert blind == found["verdict"]
 
 
 def test_without_the_delay_the_same_run_converges():
-    assert summary("ur5", "memory", 6.0)["verdict"].startswith("converged: ")
+    found = summary("ur5", "memory", 6.0)
+    assert found["verdict"].startswith("converged: ") and found["misfit"] == "none"
+    assert found["confidence"]["below_noise"] < found["confidence"]["directions"]
 
 
 def test_an_adaptation_that_is_too_fast_ends_early():

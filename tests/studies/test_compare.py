@@ -15,7 +15,7 @@ from nsaid_mj.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import ConventionalAID
 from nsaid_mj.studies import compare
-from nsaid_mj.studies.compare import PRIOR, Cell, Plan, World, print_table, rows
+from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World, print_table, rows
 from nsaid_mj.studies.compare_plots import draw
 
 SCALAR = load("scalar_rov")
@@ -97,6 +97,23 @@ def test_a_longer_comparison_has_the_same_short_cells():
     assert [c.theta_perp_ratio for c in short] == [
         c.theta_perp_ratio for c in long if c.duration == 2.0
     ]
+
+
+def test_the_bound_grows_with_the_noise_and_no_method_is_far_below_it():
+    found = cells(
+        methods=("efficient",), seeds=(0, 1, 2), noises=(0.5, 1.0), durations=(4.0,), bound=True
+    )
+    assert [c.method for c in found[:3]] == [PRIOR, BOUND, "efficient"]
+    quiet, loud = (rows([c for c in found if c.noise == noise]) for noise in (0.5, 1.0))
+    least = [row.median["theta_perp_ratio"] for row in (quiet[1], loud[1])]
+    assert least[1] / least[0] == pytest.approx(2.0, rel=0.3)
+    for row in (quiet[2], loud[2]):
+        assert 0.1 < row.over_bound["theta_perp_ratio"] < 10
+
+
+def test_the_bound_of_exact_sensors_is_refused():
+    with pytest.raises(InvalidInput, match="noisy"):
+        plan(noises=(0.0,), bound=True)
 
 
 def test_noise_is_a_multiple_of_the_scenarios_and_stated_so():

@@ -81,8 +81,8 @@ class Filter(NamedTuple):
         Pxt: (2n, p) covariance of the state with θ/scale.
         Ptt: (p, p) covariance of θ/scale.
         noise: running estimate of the sensors' noise.
-        tally: (4,) whether the filter has begun; samples in the current window, their sum of
-            squared normalised innovations; and the sum of all windows' means.
+        tally: (3,) whether the filter has begun; samples in the current window, and their sum of
+            squared normalised innovations.
         safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
         safe_P: (2, p, p) P_θθ there.
         totals: (2,) sum of all squared normalised innovations, and their number.
@@ -108,7 +108,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     safe, safe_P = np.array([theta, theta]), np.array([Ptt, Ptt])
     Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
     return Filter(
-        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
+        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(3), safe, safe_P,
         np.zeros(2),
     )  # fmt: skip
 
@@ -333,7 +333,6 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         if tally[1] >= law.window:
             filter.safe[0], filter.safe[1] = filter.safe[1], filter.theta
             filter.safe_P[0], filter.safe_P[1] = filter.safe_P[1], filter.Ptt
-            tally[3] = max(tally[3], tally[2] / (size * law.window))
             tally[1], tally[2] = 0.0, 0.0
     return t.shape[0] - 1, COMPLETED
 

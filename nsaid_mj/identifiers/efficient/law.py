@@ -48,9 +48,7 @@ _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is
 _MATURE = 2.0  # time without a contradiction after which one is taken for a changed actuator [s]
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _FREE = 0.5  # relative standard deviation of a gain that is set free
-_INDEFINITE = (
-    1e-13  # least eigenvalue of P_θθ over the largest, once rounding has made it indefinite
-)
+_INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
 
@@ -184,13 +182,9 @@ class EfficientIdentifier(Identifier):
 
     def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
         assert guard.memory is not None
-        self._every = guard.memory.every
-        self.guard, self.system, self._witness = (
-            guard,
-            guard.system,
-            Witness(guard.system, dt, config),
-        )
-        self._law, self._covariance = self._witness.law, self._witness.covariance
+        self.guard, self.system, self._every = guard, guard.system, guard.memory.every
+        witness = Witness(guard.system, dt, config)
+        self._law, self._covariance = witness.law, witness.covariance
         self._scale = self._law.scale
         self._patient = self._law._replace(window=10**9)  # never contradicted
 
@@ -284,16 +278,15 @@ class EfficientIdentifier(Identifier):
         """The trials along a log, of which the best goes on at the end of a window."""
         trials, count = tuple(map(deepcopy, inside.trials)), len(log.t)
         out = np.empty((count, self.system.p)), np.empty((count, self.system.n)), np.empty(count)
-        kept = []
+        filled = trials[0].tally[1] + count - 1
         for trial in trials:
-            row, _ = follow_filter(self._patient, trial, *log, *out)
-            kept += [trial] * (row == count - 1)
-        if not kept:
-            return self._started_again(inside._replace(trials=()), log.at(-1))
-        if kept[0].tally[1] < self._law.window:
-            return inside._replace(trials=tuple(kept))
-        *single, whole = kept  # the last one has most freedom: only if no single gain will do
-        best = min(single or [whole], key=lambda trial: trial.tally[2])
+            _, end = follow_filter(self._patient, trial, *log, *out)
+            trial.tally[1] = filled
+            trial.tally[2] += 0.0 if end == COMPLETED else np.inf
+        if filled < self._law.window:
+            return inside._replace(trials=trials)
+        *single, whole = trials  # the last one has most freedom: only if no single gain will do
+        best = min(single, key=lambda trial: trial.tally[2])
         if best.tally[2] > acceptable(self._law, best):
             best = whole
         if best.tally[2] > acceptable(self._law, best):
@@ -315,10 +308,8 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not kalman.tally[0]:
             return False
-        changed, remembered = (
-            inside.returns + inside.restarts > 0,
-            quotient(memory.means, system.space),
-        )
+        remembered = quotient(memory.means, system.space)
+        changed = inside.returns + inside.restarts > 0
         if remembered is None or memory.means.blocks * system.n < _DETERMINED * system.p:
             return inside.handed or not changed  # an estimate from few data fits them too well
         if changed and inside.calm < _PROBATION:
