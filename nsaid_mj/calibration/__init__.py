@@ -1,0 +1,4 @@
+"""A user's robot: its model file, its logs, and what they say of its parameters.
+
+`identify` fits plant and actuators to logs of any number of files; see `identification`.
+"""

@@ -1,0 +1,87 @@
+"""What passes from reading to fitting: a robot's model and the segments of its logs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from ..log import Log
+from ..parameters import Array
+from .findings import Finding
+
+
+class Segment(NamedTuple):
+    """A stretch of a log without gaps, resampled to a constant rate.
+
+    Attributes:
+        log: t [s], q, v, u of N samples in the system's own order and units. q are one coordinate
+            for each joint (N, n) for a tree of joints on a fixed base (angles [rad], also of
+            continuous joints, or travels [m]), and the system's own (N, m) for a vehicle.
+        usable: (N, n) whether the row of a velocity may be used in a fit: neither at rest nor
+            saturated, interpolated across a drop-out or an outlier.
+        source: file name.
+        rows: (first, last) row of the file, for messages.
+    """
+
+    log: Log
+    usable: Array
+    source: str
+    rows: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """All segments of one or more logs, at one rate.
+
+    Attributes:
+        segments: in order of files and time; at least one.
+        rate: samples per second.
+        command_units: (n_u,) unit of each command, such as "A", "N·m" or "" if unknown.
+        quantisation: (n_u,) smallest step of each command in the file; 0 if it is continuous.
+        findings: what was done to the data and noticed about it.
+    """
+
+    segments: tuple[Segment, ...]
+    rate: float
+    command_units: tuple[str, ...]
+    quantisation: Array
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A robot as its model file describes it: kinematics, and guesses of its parameters.
+
+    Attributes:
+        name: of the robot.
+        source: the file; None for a packed robot or vehicle.
+        kind: format of the file, or `vehicle`.
+        model: Pinocchio's model (`pin.Model`) with physically consistent inertias, joints locked
+            and mimic joints merged; None for a vehicle.
+        joints: (n_u,) names of the actuated 1-DOF joints, in order; of the actuators of a vehicle.
+        damping: (n_u,) nominal viscous friction [N·m·s/rad or N·s/m]; 0 where the file has none.
+        friction: (n_u,) nominal Coulomb friction [N·m or N]; 0 where the file has none.
+        rotor: (n_u,) nominal reflected rotor inertia [kg·m² or kg]; 0 where the file has none.
+        gain: (n_u,) nominal force per unit of command [N·m or N]; 1 where the file has none.
+        limits: (n_u,) largest absolute command; inf where the file has none.
+        system: the structure of a vehicle (a `SecondOrderSystem`); None for a tree of joints.
+        prior: (p,) θ̂(0) of a vehicle, its published values; None for a tree of joints.
+        findings: what was noticed, such as inertias moved inside the cone or meshes not found.
+        visuals: data for drawing the robot, as `recording` wants it; None if there is nothing.
+    """
+
+    name: str
+    source: Path | None
+    kind: Literal["urdf", "mjcf", "vehicle"]
+    model: Any
+    joints: tuple[str, ...]
+    damping: Array
+    friction: Array
+    rotor: Array
+    gain: Array
+    limits: Array
+    system: Any = None
+    prior: Array | None = None
+    findings: tuple[Finding, ...] = ()
+    visuals: Any = None
