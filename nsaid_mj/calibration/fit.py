@@ -1,0 +1,209 @@
+"""The batch fit: the memory's scale-invariant cost of all rows, minimised inside the cone.
+
+    J(θ) = ½ Σ_i N_i log λ_i(θ) + D(θ, θ̂(0)),     λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ
+
+with G_i the mean Gramian of the rows of velocity i and Σ_i that of the actuators' effort in them
+(`identifiers.memory.cost`): the negative log-likelihood of Gaussian residuals, measured relative
+to the command, whose variance is unknown for every velocity. D is the prior: the divergence of the
+log-determinant for links and other matrices, a normal density of log θ for positive parameters, of
+θ for free ones. Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
+keep every estimate physical.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from ..errors import NoEstimate
+from ..identifiers.cone.barrier import barrier, cone_of, gradient_and_hessian, local_norm
+from ..identifiers.memory.cost import Quotient
+from ..parameters import Array, ParameterSpace
+from .problem import Problem
+
+_STEPS, _HALVINGS = 200, 12
+_CONVERGED = 1e-4  # decrement of J at which steps stop
+_DIKIN = 0.5  # longest step in the cone's metric
+_FLOOR = 1e-12  # smallest λ: numbers' rounding
+
+
+class Fit(NamedTuple):
+    """A minimiser of J.
+
+    Attributes:
+        theta: (p,) θ̂.
+        levels: (n,) λ_i, mean squared residuals relative to the actuators' effort.
+        hessian: (p, p) Gauss–Newton Hessian of J.
+        cost: J.
+        steps: number of Gauss–Newton steps.
+    """
+
+    theta: Array
+    levels: Array
+    hessian: Array
+    cost: float
+    steps: int
+
+
+class Prior:
+    """D(θ, θ̂(0)) of a problem; see the module.
+
+    Args:
+        problem: whose `space`, `prior` and `spread` are used.
+    """
+
+    def __init__(self, problem: Problem):
+        space = problem.space
+        kinds = np.concatenate([np.full(len(b), b.geometry, dtype=object) for b in space.blocks])
+        self._start, self._spread = problem.prior, problem.spread
+        self._matrix = np.flatnonzero((kinds != "positive") & (kinds != "free"))
+        self.positive = np.flatnonzero(kinds == "positive")
+        self._free = np.flatnonzero(kinds == "free")
+        blocks = tuple(b for b in space.blocks if b.geometry not in ("positive", "free"))
+        self._cone = cone_of(ParameterSpace(blocks)) if blocks else None
+        if self._cone is not None:
+            start = self._start[self._matrix]
+            self._slope = gradient_and_hessian(self._cone, start)[0]
+            self._level = barrier(self._cone, start)
+
+    def value(self, theta: Array) -> float:
+        """D(θ, θ̂(0)); infinite outside the cone."""
+        if not (theta[self.positive] > 0).all():
+            return np.inf
+        off = np.log(theta[self.positive] / self._start[self.positive])
+        total = 0.5 * float(np.sum((off / self._spread[self.positive]) ** 2))
+        free = (theta - self._start)[self._free] / self._spread[self._free]
+        total += 0.5 * float(free @ free)
+        if self._cone is not None:
+            own, start = theta[self._matrix], self._start[self._matrix]
+            total += barrier(self._cone, own) - self._level - self._slope @ (own - start)
+        return float(total)
+
+    def derivatives(self, theta: Array) -> tuple[Array, Array]:
+        """(p,) gradient and (p, p) positive semidefinite Hessian of D at θ (p,)."""
+        gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+        at, own = self.positive, theta[self.positive]
+        precision = 1 / self._spread[at] ** 2
+        gradient[at] = precision * np.log(own / self._start[at]) / own
+        hessian[at, at] = precision / own**2
+        at, precision = self._free, 1 / self._spread[self._free] ** 2
+        gradient[at] = precision * (theta - self._start)[at]
+        hessian[at, at] = precision
+        if self._cone is not None:
+            slope, curvature = gradient_and_hessian(self._cone, theta[self._matrix])
+            gradient[self._matrix] = slope - self._slope
+            hessian[np.ix_(self._matrix, self._matrix)] = curvature
+        return gradient, hessian
+
+    def step_size(self, theta: Array, step: Array) -> float:
+        """Length of a step (p,) in the cone's metric at θ: shorter than 1, it stays inside."""
+        total = float(np.sum((step[self.positive] / theta[self.positive]) ** 2))
+        if self._cone is not None:
+            total += local_norm(self._cone, theta[self._matrix], step[self._matrix]) ** 2
+        return float(np.sqrt(total))
+
+
+class Gramians(NamedTuple):
+    """What J needs of the rows: sums that add over parts of a log.
+
+    Attributes:
+        sums: (n, p, p) Σ Y_iᵀ Y_i over the usable rows of velocity i.
+        counts: (n,) number of these rows.
+    """
+
+    sums: Array
+    counts: Array
+
+    def __sub__(self, other: Gramians) -> Gramians:
+        return Gramians(self.sums - other.sums, self.counts - other.counts)
+
+    def __add__(self, other: Gramians) -> Gramians:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return Gramians(self.sums + other.sums, self.counts + other.counts)
+
+
+def gramians(problem: Problem) -> Gramians:
+    """The Gramians of a problem's usable rows."""
+    masked = problem.Y * problem.usable[:, :, None]
+    by_velocity = np.ascontiguousarray(masked.transpose(1, 0, 2))
+    return Gramians(
+        by_velocity.transpose(0, 2, 1) @ by_velocity, problem.usable.sum(axis=0).astype(float)
+    )
+
+
+def cost_of(parts: Gramians, space: ParameterSpace) -> Quotient:
+    """R with weights N_i; velocities on which no actuator acts are measured against all others."""
+    counts = np.maximum(parts.counts, 1.0)
+    means = parts.sums / counts[:, None, None]
+    diagonal = np.einsum("ipp->ip", means)
+    effort = np.zeros_like(diagonal)
+    effort[:, space.actuators] = diagonal[:, space.actuators]
+    scaled = effort @ space.scale**2
+    driven = scaled > 1e-6 * (diagonal @ space.scale**2)
+    if not driven.any():
+        raise NoEstimate("No command has an effect on the motion", "Check the columns of u.")
+    effort[~driven] = np.mean(effort[driven], axis=0)
+    return Quotient(means, effort, parts.counts)
+
+
+def minimise(problem: Problem, parts: Gramians | None = None, start: Array | None = None) -> Fit:
+    """Minimises J from the prior or a given start.
+
+    Args:
+        problem: rows and prior.
+        parts: Gramians of the rows to use; None for all of the problem's.
+        start: (p,) where to begin; None for the prior.
+
+    Raises:
+        NoEstimate: there are no usable rows, or the prior is not physical.
+    """
+    parts = gramians(problem) if parts is None else parts
+    if not parts.counts.any():
+        raise NoEstimate("The log has no row in which the robot moves", "Record a motion.")
+    quotient, prior = cost_of(parts, problem.space), Prior(problem)
+    theta = problem.prior.copy() if start is None else start.copy()
+    free = np.flatnonzero(~problem.known)
+    size = np.abs(problem.space.scale)
+
+    def cost(at: Array) -> float:
+        level = np.maximum(quotient.levels(at), _FLOOR)
+        return 0.5 * float(parts.counts @ np.log(level)) + prior.value(at)
+
+    here = cost(theta)
+    if not np.isfinite(here):
+        raise NoEstimate("The prior is not physically consistent", "Check the model's inertias.")
+    hessian, steps = np.eye(len(theta)), 0
+    for steps in range(1, _STEPS + 1):
+        gradient, hessian = _derivatives(quotient, parts.counts, prior, theta)
+        unit = size[free]
+        A = hessian[np.ix_(free, free)] * np.outer(unit, unit)
+        g = gradient[free] * unit
+        A[np.diag_indices_from(A)] += 1e-12 * np.trace(A) / len(A)
+        way = -unit * scipy.linalg.solve(A, g, assume_a="pos")
+        slope = float(gradient[free] @ way)
+        if -slope < _CONVERGED:
+            break
+        step = np.zeros_like(theta)
+        step[free] = way
+        step *= min(1.0, _DIKIN / max(prior.step_size(theta, step), 1e-300))
+        for _ in range(_HALVINGS):
+            trial = theta + step
+            there = cost(trial)
+            if there < here:
+                break
+            step *= 0.5
+        else:
+            break
+        theta, here = trial, there
+    return Fit(theta, quotient.levels(theta), hessian, here, steps)
+
+
+def _derivatives(
+    quotient: Quotient, counts: Array, prior: Prior, theta: Array
+) -> tuple[Array, Array]:
+    """(p,) gradient and (p, p) Gauss–Newton Hessian of J at θ."""
+    levels = np.maximum(quotient.levels(theta), _FLOOR)
+    weighted = Quotient(quotient.gramian, quotient.effort, counts / levels)
+    slope, curvature = prior.derivatives(theta)
+    return weighted.gradient(theta) + slope, weighted.curvature(theta) + curvature

@@ -1,0 +1,370 @@
+"""Rows of a tree of joints with a motor on each: links, friction of every kind, gains.
+
+The balance of joint j, in the notation of docs/theory.md:
+
+    inertia and weight of the links + rotor + friction + offset + coupling − k_j u_j(t − δ_j) = 0
+
+with the columns of friction chosen by name for each joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ..parameters import Array, Block, ParameterSpace
+from ..systems.joints import body_names
+from ..systems.multibody import link_block
+from .data import Recordings, RobotModel
+from .problem import Problem
+from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
+
+SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
+"""Candidate speeds s [rad/s or m/s] at which tanh(v/s) of Coulomb friction saturates."""
+
+
+class Column(NamedTuple):
+    """A kind of force column on a joint.
+
+    Attributes:
+        block: name of its block of θ.
+        letter: prefix of its parameters' names.
+        units: for revolute and prismatic joints.
+        geometry: `positive` or `free`.
+    """
+
+    block: str
+    letter: str
+    units: tuple[str, str]
+    geometry: str
+
+
+COLUMNS = {
+    "rotor": Column("rotor inertia", "rotor", ("kg·m²", "kg"), "positive"),
+    "viscous": Column("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), "positive"),
+    "coulomb": Column("Coulomb friction", "coulomb", ("N·m", "N"), "positive"),
+    "load": Column("load-dependent friction", "load", ("1", "1"), "positive"),
+    "quadratic": Column("quadratic friction", "quadratic", ("N·m·s²/rad²", "N·s²/m²"), "free"),
+    "cubic": Column("cubic friction", "cubic", ("N·m·s³/rad³", "N·s³/m³"), "free"),
+    "offset": Column("offset", "offset", ("N·m", "N"), "free"),
+}
+"""Columns of a joint by name: rotor v̇, viscous v, Coulomb tanh(v/s), load tanh(v/s)·|weight's
+torque|, quadratic v|v|, cubic v³, offset 1."""
+
+COUPLINGS = ("inertia", "viscous", "coulomb")
+"""Columns of two coupled joints i, j: one motor part moves with both. Rows i and j have v̇_j and
+v̇_i, v_j and v_i, tanh((v_i + v_j)/s) twice."""
+
+BASIC = frozenset({"rotor", "viscous", "coulomb"})
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The structure of a robot's joints.
+
+    Attributes:
+        columns: for each joint, names of `COLUMNS`.
+        speed: for each joint, index of its s in `SPEEDS`.
+        delay: (k,) delay of each command [s].
+        coupled: pairs of coupled joints.
+    """
+
+    columns: tuple[frozenset[str], ...]
+    speed: tuple[int, ...]
+    delay: Array
+    coupled: tuple[tuple[int, int], ...] = ()
+
+    def at(self, joint: int, *, add: str | None = None, speed: int | None = None) -> Choice:
+        """A copy with another column or speed at one joint."""
+        columns, speeds = list(self.columns), list(self.speed)
+        if add is not None:
+            columns[joint] = columns[joint] | {add}
+        if speed is not None:
+            speeds[joint] = speed
+        return replace(self, columns=tuple(columns), speed=tuple(speeds))
+
+
+@dataclass
+class JointRows:
+    """All candidate columns of a robot's segments, filtered once.
+
+    Args:
+        robot: the model.
+        recordings: the segments.
+        chosen: filters.
+        gain: (k,) expected gains [N·m or N per unit of command].
+        theta_links: (10 k,) link parameters from which the weight's torque of load-dependent
+            friction is computed; None for the model's.
+
+    Attributes:
+        links: (N, n, 10 b) columns of the links.
+        diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb" and "load"
+            have a further leading axis for `SPEEDS`.
+        sums: (S, N, n − 1) tanh((v_j + v_{j+1})/s) of neighbouring joints.
+        usable: (N, n) whether a row may be used.
+        t: (N,) times of the rows [s].
+        segment: (N,) number of the segment of each row.
+    """
+
+    robot: RobotModel
+    recordings: Recordings
+    chosen: Filter
+    gain: Array
+    theta_links: Array | None = None
+    links: Array = field(init=False)
+    diagonal: dict[str, Array] = field(init=False)
+    sums: Array = field(init=False)
+    usable: Array = field(init=False)
+    t: Array = field(init=False)
+    segment: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        differentiate = differentiates(self.recordings, self.chosen.cutoff)
+        parts = []
+        for number, segment in enumerate(self.recordings.segments):
+            motion = smooth(segment, self.chosen, differentiate)
+            centres = self.chosen.centres(len(motion.t))
+            if len(centres):
+                parts.append((number, centres, motion))
+        segments = [self.recordings.segments[number] for number, _, _ in parts]
+        self._commands = [(s, smooth_commands(s, self.chosen)) for s in segments]
+        rows = self.chosen.rows
+
+        def joined(function) -> Array:  # of each segment's motion
+            return np.concatenate([rows(function(motion)) for _, _, motion in parts])
+
+        self.links = joined(lambda m: _link_columns(self.robot.model, m))
+        self.diagonal = {
+            "rotor": joined(lambda m: m.a),
+            "viscous": joined(lambda m: m.v),
+            "quadratic": joined(lambda m: m.v * np.abs(m.v)),
+            "cubic": joined(lambda m: m.v**3),
+            "offset": joined(lambda m: np.ones_like(m.v)),
+        }
+        weight = _weight(self.robot.model, self.theta_links)
+        self.diagonal["coulomb"] = np.stack(
+            [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
+        )
+        self.diagonal["load"] = np.stack(
+            [joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
+        )
+        self.sums = np.stack(
+            [joined(lambda m, s=s: np.tanh((m.v[:, :-1] + m.v[:, 1:]) / s)) for s in SPEEDS]
+        )
+        self.usable = np.concatenate([m.usable[c] for _, c, m in parts])
+        self.t = np.concatenate([m.t[c] for _, c, m in parts])
+        self.segment = np.concatenate([np.full(len(c), number) for number, c, _ in parts])
+
+    def commands(self, delay: Array) -> Array:
+        """(N, k) filtered commands, delayed by (k,) seconds."""
+        return np.concatenate(
+            [self.chosen.rows(delayed(s, self.chosen, u, delay)) for s, u in self._commands]
+        )
+
+    def column(self, name: str, joint: int, choice: Choice) -> Array:
+        """(N,) a column of a joint."""
+        found = self.diagonal[name]
+        return (found[choice.speed[joint]] if found.ndim == 3 else found)[:, joint]
+
+    def problem(self, choice: Choice, gain: Array, gain_spread: Array) -> Problem:
+        """The fit of a structure.
+
+        Args:
+            choice: columns and delays.
+            gain: (k,) expected gains [N·m or N per unit of command].
+            gain_spread: (k,) standard deviations of log k.
+        """
+        robot, n = self.robot, len(self.robot.joints)
+        u = self.commands(choice.delay)
+        model = robot.model
+        slides = [model.joints[j + 1].shortname().startswith("JointModelP") for j in range(n)]
+        inertial = np.concatenate(
+            [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
+        )
+        force = np.maximum(gain * _rms(u, self.usable), 1e-9)  # typical force of each actuator
+        blocks = _link_blocks(model)
+        Y, prior, spread = [self.links], [inertial], [np.full(len(inertial), np.inf)]
+        nominal = {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}
+        for name, column in COLUMNS.items():
+            joints = [j for j in range(n) if name in choice.columns[j]]
+            if not joints:
+                continue
+            entries = np.zeros((len(self.t), n, len(joints)))
+            for at, j in enumerate(joints):
+                entries[:, j, at] = self.column(name, j, choice)
+            size = np.array([_rms(self.column(name, j, choice), self.usable[:, j]) for j in joints])
+            guess = _SHARES[name] * force[joints] / np.maximum(size, 1e-9)
+            given = nominal.get(name, np.zeros(n))[joints]
+            start = np.where(given > 0, given, guess)
+            if column.geometry == "free":
+                start = np.zeros(len(joints))
+            blocks.append(_joint_block(column, joints, robot.joints, slides, guess))
+            Y.append(entries)
+            prior.append(start)
+            spread.append(guess if column.geometry == "free" else np.full(len(joints), _WIDE))
+        for i, j in choice.coupled:
+            entries, block, size = self._coupling(i, j, choice)
+            guess = 0.1 * np.sqrt(force[i] * force[j]) / np.maximum(size, 1e-9)
+            blocks.append(replace_scale(block, guess))
+            Y.append(entries)
+            prior.append(np.zeros(3))
+            spread.append(10 * guess)
+        entries = np.zeros((len(self.t), n, n))
+        entries[:, np.arange(n), np.arange(n)] = -u
+        blocks.append(_gain_block(robot.joints, slides, gain, self.recordings.command_units))
+        Y.append(entries)
+        prior.append(gain)
+        spread.append(gain_spread)
+        space = ParameterSpace(tuple(blocks))
+        return Problem(
+            space,
+            np.concatenate(Y, axis=2),
+            self.usable,
+            self.t,
+            self.segment,
+            np.concatenate(prior),
+            np.concatenate(spread),
+            np.zeros(len(space), dtype=bool),
+        )
+
+    def _coupling(self, i: int, j: int, choice: Choice) -> tuple[Array, Block, Array]:
+        """(N, n, 3) columns of the coupling of joints i and j, their block and their rms."""
+        speed = choice.speed[j]
+        entries = np.zeros((len(self.t), len(self.robot.joints), 3))
+        for one, other in ((i, j), (j, i)):
+            entries[:, one, 0] = self.diagonal["rotor"][:, other]
+            entries[:, one, 1] = self.diagonal["viscous"][:, other]
+            entries[:, one, 2] = self.sums[speed][:, min(i, j)]
+        names = self.robot.joints
+        pair = f"{names[i]} and {names[j]}"
+        block = Block(
+            f"coupling of {pair}",
+            tuple(f"coupling_{kind}_{i + 1}_{j + 1}" for kind in COUPLINGS),
+            ("kg·m²", "N·m·s/rad", "N·m"),
+            np.ones(3),
+            "free",
+            labels=tuple(f"coupling's {kind} of {pair}" for kind in COUPLINGS),
+        )
+        return entries, block, np.sqrt(np.mean(entries**2, axis=(0, 1)))
+
+
+_WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
+_SHARES = {
+    "rotor": 0.1,
+    "viscous": 0.2,
+    "coulomb": 0.2,
+    "load": 0.05,
+    "quadratic": 0.1,
+    "cubic": 0.1,
+    "offset": 0.05,
+}  # guessed share of an actuator's force that a column explains
+
+
+def differentiates(recordings: Recordings, cutoff: float) -> bool:
+    """Whether positions are smooth enough that their derivative replaces the measured velocity.
+
+    Drives often report velocities that are filtered, and so delayed against the positions. The
+    measured ones are used only where the noise of the derivative would be three times larger.
+    """
+    log = max(recordings.segments, key=lambda s: len(s.log.t)).log
+    if log.q.shape[1] != log.v.shape[1]:
+        return False
+    derivative = _noise(log.q) * 2 * np.pi * cutoff / np.sqrt(3)
+    return bool(np.median(derivative) <= 3 * np.median(_noise(log.v)) + 1e-12)
+
+
+def _noise(x: Array) -> Array:
+    """(k,) standard deviation of the white noise of x (N, k), from its fourth differences."""
+    return np.sqrt(np.mean(np.diff(x, 4, axis=0) ** 2, axis=0) / 70.0)
+
+
+def _rms(x: Array, usable: Array) -> Array:
+    """rms along the first axis over the usable rows."""
+    return np.sqrt(np.sum(np.where(usable, x, 0.0) ** 2, axis=0) / np.maximum(usable.sum(0), 1))
+
+
+def _link_columns(model: pin.Model, motion: Smooth) -> Array:
+    """(N, n, 10 b) Pinocchio's joint torque regressor along a motion."""
+    data, n = model.createData(), model.nv
+    found = np.empty((len(motion.t), n, 10 * (model.njoints - 1)))
+    for k, (q, v, a) in enumerate(zip(positions(model, motion.q), motion.v, motion.a, strict=True)):
+        found[k] = pin.computeJointTorqueRegressor(model, data, q, v, a).reshape(n, -1)
+    return found
+
+
+def positions(model: pin.Model, coordinates: Array) -> Array:
+    """(N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin)."""
+    if model.nq == model.nv:
+        return coordinates
+    q = np.empty((len(coordinates), model.nq))
+    for joint in list(model.joints)[1:]:
+        c = coordinates[:, joint.idx_v]
+        if joint.nq == 2:
+            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(c), np.sin(c)
+        else:
+            q[:, joint.idx_q] = c
+    return q
+
+
+def _weight(model: pin.Model, theta_links: Array | None):
+    """Function of coordinates (N, n): (N, n) torques of the links' weight."""
+    own = pin.Model(model)
+    if theta_links is not None:
+        for i in range(1, own.njoints):
+            own.inertias[i] = pin.Inertia.FromDynamicParameters(theta_links[10 * i - 10 : 10 * i])
+    data = own.createData()
+
+    def torque(coordinates: Array) -> Array:
+        found = [
+            pin.computeGeneralizedGravity(own, data, q).copy() for q in positions(own, coordinates)
+        ]
+        return np.array(found).reshape(len(coordinates), own.nv)
+
+    return torque
+
+
+def _link_blocks(model: pin.Model) -> list[Block]:
+    names, blocks = body_names(model), []
+    for i in range(1, model.njoints):
+        inertia = model.inertias[i]
+        about = np.trace(inertia.inertia) + 2 * inertia.mass * inertia.lever @ inertia.lever
+        length = float(np.sqrt(about / (2 * inertia.mass)))
+        blocks.append(link_block(i, names[i - 1], float(inertia.mass), max(length, 1e-3)))
+    return blocks
+
+
+def _joint_block(
+    column: Column, joints: Sequence[int], names: Sequence[str], slides: list[bool], scale: Array
+) -> Block:
+    return Block(
+        column.block,
+        tuple(f"{column.letter}_{j + 1}" for j in joints),
+        tuple(column.units[slides[j]] for j in joints),
+        scale,
+        column.geometry,  # pyright: ignore[reportArgumentType]
+        labels=tuple(f"{column.block} of {names[j]}" for j in joints),
+    )
+
+
+def _gain_block(
+    names: Sequence[str], slides: list[bool], gain: Array, units: Sequence[str]
+) -> Block:
+    force = [("N·m", "N")[slide] for slide in slides]
+    return Block(
+        "motor gain",
+        tuple(f"gain_{j + 1}" for j in range(len(names))),
+        tuple(f"{f}/{unit or 'unit'}" for f, unit in zip(force, units, strict=True)),
+        gain,
+        "positive",
+        True,
+        labels=tuple(f"gain of {name}" for name in names),
+    )
+
+
+def replace_scale(block: Block, scale: Array) -> Block:
+    """The block with another scale."""
+    return replace(block, scale=scale)

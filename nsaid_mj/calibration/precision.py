@@ -1,0 +1,192 @@
+"""How precisely a log determines θ: correlated residuals, structural error, what is observable.
+
+Residuals of a real log are neither white nor the sensors' noise: they are unmodelled friction and
+flexibility, correlated over tenths of a second. Their effective number is estimated from the log
+itself, and so is the change of θ̂ from one part of the log to another and from one plausible set of
+columns to another. The stated deviation is the largest of these.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from ..parameters import Array
+from .fit import Fit, Gramians, Prior, cost_of, gramians, minimise
+from .problem import Problem, folds
+
+_BLOCKS = 20  # of the rows, for the long-run variance of the scores
+_DIRECTIONS = 12  # leading directions of a row's columns over which it is averaged
+_PARTS = 8  # of the log, left out in turn
+_DEPENDENT = 1e-7  # residual share below which a column is a combination of earlier ones
+
+
+def inflation(problem: Problem, theta: Array) -> Array:
+    """(n,) rows per effectively independent row: long-run over white variance of the scores.
+
+    The score of a residual along a column is summed over blocks in time; for white residuals the
+    blocks' variances add up to the residuals' own (batch means; Newey and West's estimator has the
+    same aim). The mean over the leading directions of the columns is at least 1.
+    """
+    residual = problem.residual(theta)
+    found = np.ones(residual.shape[1])
+    for i in range(len(found)):
+        rows = np.flatnonzero(problem.usable[:, i])
+        if len(rows) < 4 * _BLOCKS:
+            continue
+        e = residual[rows, i]
+        X = problem.Y[rows, i] * problem.space.scale
+        basis = np.linalg.svd(X, full_matrices=False)[0][:, :_DIRECTIONS]
+        scores = basis * (e / max(float(np.sqrt(np.mean(e**2))), 1e-300))[:, None]
+        blocks = np.add.reduceat(scores, np.arange(0, len(rows), -(-len(rows) // _BLOCKS)), axis=0)
+        blocks -= blocks.mean(axis=0)
+        found[i] = max(1.0, float(np.mean(np.sum(blocks**2, axis=0))))
+    return found
+
+
+def tempered(problem: Problem, share: Array) -> Gramians:
+    """The Gramians of the rows, counted as effectively independent ones."""
+    parts = gramians(problem)
+    return Gramians(parts.sums / share[:, None, None], parts.counts / share)
+
+
+class Precision(NamedTuple):
+    """Precision of an estimate.
+
+    Attributes:
+        covariance: (p, p) of θ̂: data and prior, under correlated residuals.
+        data: (p, p) information of the data alone.
+        parts: (K, p) changes of θ̂ without one part of the log, scaled as the jackknife's variance:
+            the deviation of wᵀθ̂ between parts of the log is ‖parts w‖.
+        structure: (p,) half the change of θ̂ under the basic columns; 0 where none was tried.
+        prior: (p,) standard deviations of the prior.
+    """
+
+    covariance: Array
+    data: Array
+    parts: Array
+    structure: Array
+    prior: Array
+
+    def of(self, weights: Array) -> float:
+        """Stated standard deviation of wᵀθ̂ for weights w (p,)."""
+        own = float(np.sqrt(max(weights @ self.covariance @ weights, 0.0)))
+        own = float(np.hypot(own, self.structure @ weights))
+        return max(own, float(np.linalg.norm(self.parts @ weights)))
+
+    @property
+    def deviation(self) -> Array:
+        """(p,) stated standard deviations of θ̂."""
+        return np.array([self.of(e) for e in np.eye(len(self.structure))])
+
+
+def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
+    """The precision of a fit to tempered rows.
+
+    Args:
+        problem: rows and prior.
+        fit: minimiser.
+        share: (n,) of `inflation`, with which the fit was made.
+    """
+    total = tempered(problem, share)
+    data, prior = information(problem, total, fit.theta)
+    free = np.flatnonzero(~problem.known)
+    scale = problem.space.scale
+    covariance = np.zeros_like(data)
+    inner = (data + prior)[np.ix_(free, free)] * np.outer(scale[free], scale[free])
+    inverse = scipy.linalg.inv(inner + 1e-12 * np.trace(inner) / len(inner) * np.eye(len(inner)))
+    covariance[np.ix_(free, free)] = inverse * np.outer(scale[free], scale[free])
+    estimates = []
+    for part in folds(problem, _PARTS):
+        rest = total - tempered(problem.select(part), share)
+        if (rest.counts > 0).all():
+            estimates.append(minimise(problem, rest, fit.theta).theta)
+    apart = np.zeros((1, len(scale)))
+    if len(estimates) > 1:
+        apart = np.array(estimates) - np.mean(estimates, axis=0)
+        apart *= np.sqrt((len(estimates) - 1) / len(estimates))
+    prior_only = np.diag(prior) > 0
+    before = np.zeros(len(scale))
+    inner = prior[np.ix_(prior_only, prior_only)]
+    before[prior_only] = np.sqrt(np.diag(scipy.linalg.inv(inner)))
+    return Precision(covariance, data, apart, np.zeros(len(scale)), before)
+
+
+def information(problem: Problem, parts: Gramians, theta: Array) -> tuple[Array, Array]:
+    """(p, p) information of rows and (p, p) of the prior at θ (p,)."""
+    quotient = cost_of(parts, problem.space)
+    levels = np.maximum(quotient.levels(theta), 1e-12)
+    weighted = quotient.__class__(quotient.gramian, quotient.effort, parts.counts / levels)
+    return weighted.curvature(theta), Prior(problem).derivatives(theta)[1]
+
+
+class Combinations(NamedTuple):
+    """Which parameters act on the motion only together with others.
+
+    Attributes:
+        independent: indices of parameters whose columns are linearly independent, in order.
+        dependent: indices of the others.
+        weights: (independent, dependent) the column of a dependent parameter is the sum of these
+            times the columns of the independent ones: only θ_i + Σ_d weights[i, d] θ_d is seen.
+        silent: indices of parameters whose column is 0 in the whole log.
+    """
+
+    independent: list[int]
+    dependent: list[int]
+    weights: Array
+    silent: list[int]
+
+    def expression(self, index: int) -> dict[int, float]:
+        """Coefficients, by index, of the combination that an independent parameter stands for."""
+        row = self.independent.index(index)
+        found = {index: 1.0}
+        for column, other in enumerate(self.dependent):
+            if abs(self.weights[row, column]) > 1e-6:
+                found[other] = float(self.weights[row, column])
+        return found
+
+    def members(self, index: int) -> list[int]:
+        """The independent parameters in whose combinations a parameter takes part."""
+        if index in self.independent:
+            return [index]
+        if index not in self.dependent:
+            return []
+        column = self.dependent.index(index)
+        rows = np.flatnonzero(np.abs(self.weights[:, column]) > 1e-6)
+        return [self.independent[row] for row in rows]
+
+
+def combinations(problem: Problem) -> Combinations:
+    """The base parameters of the log: columns in order, each kept if it is independent.
+
+    Actuator parameters are left out: with the gains known, the rest is determined up to these
+    combinations (Gautier and Khalil, IEEE Trans. Robotics and Automation 6(3), 1990).
+    """
+    rest = np.setdiff1d(np.arange(len(problem.space)), problem.space.actuators)
+    masked = (problem.Y * problem.usable[:, :, None])[:, :, rest]
+    size = np.maximum(np.sqrt(np.mean(masked**2, axis=(0, 2))), 1e-300)
+    stack = (masked / size[None, :, None]).reshape(-1, len(rest)) * problem.space.scale[rest]
+    R = np.linalg.qr(stack, mode="r")
+    norms = np.linalg.norm(R, axis=0)
+    kept: list[int] = []
+    basis = np.zeros((R.shape[0], 0))
+    silent, dependent = [], []
+    for j in range(len(rest)):
+        if norms[j] <= 1e-10 * norms.max():
+            silent.append(j)
+            continue
+        left = R[:, j] - basis @ (basis.T @ R[:, j])
+        left -= basis @ (basis.T @ left)
+        if np.linalg.norm(left) > _DEPENDENT * norms[j]:
+            kept.append(j)
+            basis = np.hstack([basis, (left / np.linalg.norm(left))[:, None]])
+        else:
+            dependent.append(j)
+    weights = np.linalg.lstsq(R[:, kept], R[:, dependent], rcond=None)[0]
+    scale = problem.space.scale[rest]
+    weights *= scale[kept][:, None] / scale[dependent][None, :]
+    return Combinations(
+        rest[kept].tolist(), rest[dependent].tolist(), weights, rest[silent].tolist()
+    )

@@ -1,0 +1,82 @@
+"""A fit to be made: rows of W θ = 0, and what is known of θ beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..parameters import Array, ParameterSpace
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Rows and prior.
+
+    Attributes:
+        space: names, units, scale and geometry of θ.
+        Y: (N, n, p) rows with Y θ = 0 up to noise: forces of inertia, weight and friction minus
+            those of the actuators.
+        usable: (N, n) whether a row is used.
+        t: (N,) time of each row [s].
+        segment: (N,) number of the segment of each row.
+        prior: (p,) θ̂(0), inside the cone.
+        spread: (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for
+            `free` ones; not used for matrices, whose prior is the barrier's divergence.
+        known: (p,) whether a parameter is known and keeps the prior's value.
+    """
+
+    space: ParameterSpace
+    Y: Array
+    usable: Array
+    t: Array
+    segment: Array
+    prior: Array
+    spread: Array
+    known: Array
+
+    def select(self, rows: Array) -> Problem:
+        """The problem of some of the rows (N,), as indices or a mask."""
+        return replace(
+            self,
+            Y=self.Y[rows],
+            usable=self.usable[rows],
+            t=self.t[rows],
+            segment=self.segment[rows],
+        )
+
+    def actuation(self, theta: Array) -> Array:
+        """(N, n) forces of the actuators under θ (p,), with the sign they have in Y."""
+        at = self.space.actuators
+        return self.Y[:, :, at] @ theta[at]
+
+    def residual(self, theta: Array) -> Array:
+        """(N, n) Y θ."""
+        return self.Y @ theta
+
+    def nrmse(self, theta: Array) -> Array:
+        """(n,) rms of Y θ over the standard deviation of the actuators' forces, per velocity.
+
+        1 is what predicting the mean command would give; NaN where no row is usable.
+        """
+        residual = np.where(self.usable, self.residual(theta), np.nan)
+        force = np.where(self.usable, self.actuation(theta), np.nan)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            counts = self.usable.sum(axis=0)
+            few = counts < 2
+            size = np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(counts, 1))
+            mean = np.nansum(force, axis=0) / np.maximum(counts, 1)
+            spread = np.sqrt(np.nansum((force - mean) ** 2, axis=0) / np.maximum(counts, 1))
+            return np.where(few, np.nan, size / spread)
+
+
+def folds(problem: Problem, count: int) -> list[Array]:
+    """Contiguous parts of the rows in time, as index arrays of about equal length."""
+    return [np.asarray(part) for part in np.array_split(np.arange(len(problem.t)), count)]
+
+
+def without(problem: Problem, part: Array) -> Problem:
+    """The problem without some rows."""
+    keep = np.ones(len(problem.t), dtype=bool)
+    keep[part] = False
+    return problem.select(np.flatnonzero(keep))

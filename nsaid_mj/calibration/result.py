@@ -1,0 +1,200 @@
+"""The result of a calibration: what the log says of every parameter, and what it cannot say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..parameters import Array
+from .data import Recordings, RobotModel
+from .findings import Finding
+
+Status = Literal["identified", "only in combination", "not excited", "below the noise", "known"]
+Explains = Literal["yes", "partly", "no"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of θ.
+
+    Attributes:
+        name: short name, as in `--known`.
+        label: in words, by the robot's own names.
+        block: kind of parameter.
+        unit: SI unit.
+        value: estimate.
+        low: lower end of the 95 % interval.
+        high: upper end of the 95 % interval.
+        prior: value before the log.
+        status: what the log says of it: `identified`; `only in combination` with others;
+            `not excited`: the motion does not depend on it; `below the noise`: its effect is not
+            distinguishable from 0; `known`: given by the user.
+        combination: the combination that the log determines; "" unless the status says so.
+    """
+
+    name: str
+    label: str
+    block: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    prior: float
+    status: Status
+    combination: str = ""
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A combination of parameters that the log determines.
+
+    Attributes:
+        words: such as "Izz of link_1 + rotor inertia of joint_1".
+        unit: SI unit.
+        value: estimate.
+        low: lower end of the 95 % interval.
+        high: upper end of the 95 % interval.
+    """
+
+    words: str
+    unit: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """How well the structure explains one joint's (or velocity's) command.
+
+    NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
+    1 is what predicting the mean has.
+
+    Attributes:
+        name: of the joint.
+        fit: NRMSE on the rows of the fit.
+        held_out: NRMSE on fifths of the log, each predicted from the others.
+        least_squares: the same of weighted least squares on the same rows and columns.
+        validation: NRMSE on the validation log; None without one.
+        validation_least_squares: the same of weighted least squares; None without a log.
+        columns: friction columns in use.
+        friction_speed: s of tanh(v/s) [rad/s or m/s].
+        delay: of the command [s].
+    """
+
+    name: str
+    fit: float
+    held_out: float
+    least_squares: float
+    validation: float | None
+    validation_least_squares: float | None
+    columns: tuple[str, ...]
+    friction_speed: float
+    delay: float
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Filtered commands, measured and predicted, for plots.
+
+    Attributes:
+        t: (N,) times [s].
+        segment: (N,) number of the segment.
+        measured: (N, k) commands.
+        predicted: (N, k) commands that the estimate predicts.
+        usable: (N, k) whether the row was used.
+    """
+
+    t: Array
+    segment: Array
+    measured: Array
+    predicted: Array
+    usable: Array
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Result of `identify`.
+
+    Attributes:
+        robot: the model.
+        recordings: the segments of the training logs.
+        explains: whether the structure explains the log.
+        verdict: the same in one sentence, with the figures that carry it.
+        joints: quality of the prediction, per joint.
+        parameters: all parameters, in order of θ.
+        combinations: base parameters: what the log determines, gains given.
+        anchor: what fixes the common scale of all parameters.
+        suggestion: the one further number or motion that would help most; "" if none.
+        findings: everything noticed, refusals first.
+        theta: (p,) θ̂.
+        deviation: (p,) its stated standard deviations.
+        covariance: (p, p) of θ̂.
+        correlation_names: names of the parameters, in order of θ.
+        curves: of the training logs.
+        validation: of the validation log; None without one.
+        history: rows (t, θ̂) of the estimate along the log, for `--online`; None otherwise.
+        cutoff: of the rows' filter [Hz].
+        seconds: what the identification took [s].
+    """
+
+    robot: RobotModel
+    recordings: Recordings
+    explains: Explains
+    verdict: str
+    joints: tuple[JointFit, ...]
+    parameters: tuple[Parameter, ...]
+    combinations: tuple[Combination, ...]
+    anchor: str
+    suggestion: str
+    findings: tuple[Finding, ...]
+    theta: Array
+    deviation: Array
+    covariance: Array
+    curves: Curves
+    validation: Curves | None
+    history: tuple[Array, Array] | None
+    cutoff: float
+    seconds: float
+
+    def of(self, block: str) -> list[Parameter]:
+        """The parameters of a kind, such as "motor gain"."""
+        return [p for p in self.parameters if p.block == block]
+
+    def summary(self) -> dict[str, Any]:
+        """Everything but arrays, for JSON."""
+        return {
+            "robot": self.robot.name,
+            "explains": self.explains,
+            "verdict": self.verdict,
+            "joints": [asdict(j) for j in self.joints],
+            "parameters": [asdict(p) for p in self.parameters],
+            "combinations": [asdict(c) for c in self.combinations],
+            "anchor": self.anchor,
+            "suggestion": self.suggestion,
+            "findings": [asdict(f) for f in self.findings],
+            "cutoff": self.cutoff,
+            "rate": self.recordings.rate,
+            "seconds": self.seconds,
+        }
+
+    def text(self) -> str:
+        """The summary as JSON text; numbers that are not finite become null."""
+        return json.dumps(_plain(self.summary()), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """A value of plain Python types for JSON."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,228 @@
+"""Choice of columns, friction speeds and delays by cross-validation inside the training log.
+
+Each joint's row is linear in its own columns once its command is divided by the gain, so that a
+least-squares fit of every candidate, joint by joint, takes a millisecond. Candidates are compared
+by their error in held-out fifths of the log; the physical fit is made with the chosen ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+
+from ..parameters import Array
+from .findings import Finding
+from .joints import BASIC, SPEEDS, Choice, JointRows
+
+_FOLDS = 5
+_RIDGE = 1e-3  # of the columns' rms: a prior of 30 times a column's natural size
+_WORTH = 0.01  # mean relative gain in held-out error that a change must bring, or its standard
+# error over the folds if that is larger
+REACH = 0.2  # delays are searched within ± this [s]
+_COARSE = 0.004  # spacing of the delays that are tried [s]
+_DELAY_WORTH = 0.04  # relative reduction of the unexplained part that a delay must bring
+_LOADED = 0.15  # share of the actuator's force that a joint's weight needs for a load column
+
+
+def choose(
+    rows: JointRows,
+    coupled: tuple[tuple[int, int], ...] = (),
+    delay: Array | None = None,
+    columns: frozenset[str] | None = None,
+) -> tuple[Choice, list[Finding]]:
+    """The structure of every joint that predicts held-out commands best.
+
+    Args:
+        rows: candidate columns of the training log.
+        coupled: pairs of coupled joints.
+        delay: (k,) known delays [s]; None to search for them.
+        columns: names of the columns to use on all joints; None to choose.
+
+    Returns:
+        The choice, and what was tried.
+    """
+    k = len(rows.robot.joints)
+    start = Choice(
+        (columns if columns is not None else BASIC,) * k,
+        (1,) * k,
+        np.zeros(k) if delay is None else delay,
+        coupled,
+    )
+    choice, findings = start, []
+    if delay is None:
+        choice, findings = _with_delays(rows, choice)
+    u = rows.commands(choice.delay)
+    for j in range(k):
+        choice, told = _choose_joint(rows, choice, u[:, j], j, columns is None)
+        findings.append(told)
+    return choice, findings
+
+
+def _choose_joint(
+    rows: JointRows, choice: Choice, u: Array, joint: int, free: bool
+) -> tuple[Choice, Finding]:
+    """The choice with the best speed and columns at one joint."""
+    best = held_out_errors(rows, choice, u, joint)
+    first, tried = _rms(best), []
+
+    def better(trial: Choice, words: str) -> None:
+        nonlocal best, choice
+        errors = held_out_errors(rows, trial, u, joint)
+        tried.append(f"{words} {_rms(errors):.4f}")
+        if not np.isfinite([errors, best]).all():
+            return
+        change = np.log(errors / best)
+        if change.mean() < -max(_WORTH, change.std() / np.sqrt(_FOLDS - 1)):
+            best, choice = errors, trial
+
+    def speeds() -> None:
+        if "coulomb" in choice.columns[joint] or "load" in choice.columns[joint]:
+            for index, speed in enumerate(SPEEDS):
+                if index != choice.speed[joint]:
+                    better(choice.at(joint, speed=index), f"s = {speed:g}")
+
+    speeds()
+    if free:
+        names = ["quadratic", "cubic", "offset"]
+        if _carries_weight(rows, u, joint):
+            names.insert(0, "load")
+        for name in names:
+            better(choice.at(joint, add=name), f"+ {name}")
+        speeds()
+    name = rows.robot.joints[joint]
+    used = ", ".join(sorted(choice.columns[joint]))
+    return choice, Finding(
+        "note",
+        "columns",
+        name,
+        f"friction columns {used} with s = {SPEEDS[choice.speed[joint]]:g}; held-out NRMSE "
+        f"{first:.3f} → {_rms(best):.3f} (tried: {'; '.join(tried) or 'nothing else'})",
+        data={"columns": sorted(choice.columns[joint]), "speed": SPEEDS[choice.speed[joint]],
+              "held_out": _rms(best)},
+    )  # fmt: skip
+
+
+def _carries_weight(rows: JointRows, u: Array, joint: int) -> bool:
+    """Whether weight is a substantial part of a joint's force, so that friction may follow it.
+
+    Where it is not, a column tanh(v/s)·|weight's torque| imitates other friction and bends gains.
+    """
+    weight = rows.diagonal["load"][-1][:, joint]
+    force = u * rows.gain[joint]
+    return bool(weight.std() > _LOADED * force.std())
+
+
+def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
+    """(N, c) all columns of a joint's own row, each over its rms."""
+    columns = [rows.links[:, joint]]
+    columns += [rows.column(name, joint, choice)[:, None] for name in sorted(choice.columns[joint])]
+    for pair in choice.coupled:
+        if joint in pair:
+            other = pair[0] if joint == pair[1] else pair[1]
+            columns += [
+                rows.diagonal["rotor"][:, other, None],
+                rows.diagonal["viscous"][:, other, None],
+                rows.sums[choice.speed[pair[1]]][:, min(pair), None],
+            ]
+    X = np.hstack(columns)
+    size = np.sqrt(np.mean(X**2, axis=0))
+    return X[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
+
+
+def held_out_errors(rows: JointRows, choice: Choice, u: Array, joint: int) -> Array:
+    """(5,) held-out rms of u over its standard deviation, by ridge regression on other fifths."""
+    usable = np.flatnonzero(rows.usable[:, joint])
+    X, y = joint_columns(rows, choice, joint)[usable], u[usable]
+    spread = y.std() if len(y) else 0.0
+    if len(usable) < 10 * _FOLDS or not spread > 0:
+        return np.full(_FOLDS, np.inf)
+    XX, Xy = X.T @ X, X.T @ y
+    errors = []
+    for part in np.array_split(np.arange(len(y)), _FOLDS):
+        A = XX - X[part].T @ X[part]
+        A[np.diag_indices_from(A)] += _RIDGE**2 * len(y)
+        beta = scipy.linalg.solve(A, Xy - X[part].T @ y[part], assume_a="pos")
+        errors.append(np.sqrt(np.mean((y[part] - X[part] @ beta) ** 2)) / spread)
+    return np.array(errors)
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(errors**2)))
+
+
+def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, list[Finding]]:
+    """The choice with the delay that all commands share, and those of joints that differ from it.
+
+    Every joint's row is fitted by least squares at every candidate delay. The columns do not depend
+    on the delay, so one orthogonal basis of them serves all candidates.
+    """
+    k = len(rows.robot.joints)
+    candidates = np.arange(-REACH, REACH + 1e-9, _COARSE)
+    bases = [_basis(rows, choice, j) for j in range(k)]
+    errors = np.empty((len(candidates), k))
+    for number, delay in enumerate(candidates):
+        u = rows.commands(np.full(k, delay))
+        errors[number] = [_unexplained(u[:, j], *bases[j]) for j in range(k)]
+    zero = int(np.argmin(np.abs(candidates)))
+    counts = rows.usable.sum(axis=0)
+    best = int(np.argmin(np.log(errors) @ counts))
+    shared = best if _worth_it(errors[best], errors[zero], counts) else zero
+    found, findings = np.zeros(k), []
+    for j in range(k):
+        at = int(np.argmin(errors[:, j]))
+        if errors[at, j] > (1 - _DELAY_WORTH) * errors[shared, j]:
+            at = shared
+        name = rows.robot.joints[j]
+        if at in (0, len(candidates) - 1):
+            findings.append(_at_the_edge(name, candidates[at]))
+        elif at != zero:
+            a, b, c = errors[at - 1 : at + 2, j]
+            bend = max(a - 2 * b + c, 1e-300)
+            found[j] = candidates[at] + _COARSE * np.clip(0.5 * (a - c) / bend, -1.0, 1.0)
+    moved = [j for j in range(k) if found[j]]
+    if moved:
+        words = ", ".join(f"{rows.robot.joints[j]} {found[j] * 1e3:+.1f}" for j in moved)
+        findings.append(
+            Finding(
+                "note",
+                "delay",
+                "",
+                f"commands act later than recorded, by [ms]: {words}",
+                data={rows.robot.joints[j]: float(found[j]) for j in moved},
+            )
+        )
+    return replace(choice, delay=found), findings
+
+
+def _worth_it(there: Array, here: Array, counts: Array) -> bool:
+    """Whether the mean log of the unexplained part falls by a delay's worth."""
+    return bool(counts @ np.log(there / here) < counts.sum() * np.log(1 - _DELAY_WORTH))
+
+
+def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Array, Array]:
+    """Indices of a joint's usable rows, and the basis (N, c) of its columns with a ridge."""
+    usable = np.flatnonzero(rows.usable[:, joint])
+    X = joint_columns(rows, choice, joint)[usable]
+    ridge = _RIDGE * np.sqrt(max(len(usable), 1)) * np.eye(X.shape[1])
+    return usable, np.linalg.qr(np.vstack([X, ridge]))[0][: len(usable)]
+
+
+def _unexplained(u: Array, usable: Array, basis: Array) -> float:
+    """Part of a command (N,) that the columns do not explain, over its standard deviation."""
+    y = u[usable]
+    spread = np.linalg.norm(y - y.mean()) if len(y) else 0.0
+    if not spread > 0:
+        return 1.0
+    return float(np.sqrt(max(y @ y - np.sum((basis.T @ y) ** 2), 0.0)) / spread) + 1e-12
+
+
+def _at_the_edge(name: str, delay: float) -> Finding:
+    return Finding(
+        "warning",
+        "delay_at_edge",
+        name,
+        f"the best delay of the command, {delay * 1e3:+.0f} ms, lies at the edge of the search",
+        "Align the clocks of commands and positions in the map (`offset` of a file).",
+    )

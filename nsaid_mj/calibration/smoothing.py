@@ -1,0 +1,148 @@
+"""Smoothed motion of a segment, and the one low-pass filter through which all rows pass.
+
+Positions pass through a zero-phase filter and are differentiated twice. Regressors and commands
+then pass through one and the same low-pass filter and are decimated, so that the balance
+W(q, v, v̇, u) θ = 0 still holds for what is left of it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from ..parameters import Array
+from .data import Recordings, Segment
+
+_ORDER = 4
+_SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
+_LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
+_WIDER = 5.0  # cut-off of the smoothing filter over that of the rows' filter
+_SAMPLES = 10  # regressors computed per period of the rows' cut-off
+
+
+class Smooth(NamedTuple):
+    """Smoothed motion of one segment at the rate at which regressors are computed.
+
+    Attributes:
+        t: (N,) times [s].
+        q: (N, n) coordinates.
+        v: (N, n) velocities.
+        a: (N, n) accelerations.
+        usable: (N, n) whether a velocity's row may be used.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    usable: Array
+
+
+class Filter(NamedTuple):
+    """The low-pass filters of a fit.
+
+    Attributes:
+        cutoff: of the rows [Hz]: one and the same for regressors and commands.
+        rate: of the recordings [Hz].
+        every: samples of the recordings per computed regressor.
+    """
+
+    cutoff: float
+    rate: float
+    every: int
+
+    @property
+    def smoothing(self) -> float:
+        """Cut-off of the zero-phase filter on positions, velocities and commands [Hz]."""
+        return min(_WIDER * self.cutoff, 0.4 * self.rate)
+
+    def low_pass(self, x: Array) -> Array:
+        """x (N, ·) through the zero-phase smoothing filter."""
+        if len(x) < 8:
+            return x
+        sections = signal.butter(_ORDER, self.smoothing, fs=self.rate, output="sos")
+        reach = min(len(x) - 1, int(3 * self.rate / self.smoothing))
+        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach))
+
+    @property
+    def kernel(self) -> Array:
+        """(2h + 1,) symmetric filter of the rows at the regressors' rate."""
+        rate = self.rate / self.every
+        half = int(np.ceil(1.5 * rate / self.cutoff))
+        return signal.firwin(2 * half + 1, min(self.cutoff, 0.45 * rate), fs=rate)
+
+    @property
+    def decimation(self) -> int:
+        """Computed regressors per row of the fit: rows are four times the cut-off apart in rate."""
+        return max(1, int(self.rate / self.every / (4 * self.cutoff)))
+
+    def centres(self, samples: int) -> np.ndarray:
+        """Indices of the regressors, of `samples` in a segment, at the centres of the rows."""
+        half = len(self.kernel) // 2
+        return np.arange(half, samples - half, self.decimation)
+
+    def rows(self, x: Array) -> Array:
+        """(K, ...) rows of x (N, ...) at the centres."""
+        kernel = self.kernel
+        half = len(kernel) // 2
+        flat, centres = x.reshape(len(x), -1), self.centres(len(x))
+        found = np.empty((len(centres), flat.shape[1]))
+        for row, k in enumerate(centres):
+            np.dot(kernel, flat[k - half : k + half + 1], out=found[row])
+        return found.reshape(len(centres), *x.shape[1:])
+
+
+def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
+    """The filter that passes the motion.
+
+    Args:
+        recordings: the segments.
+        cutoff: of the rows [Hz]; None for three times the frequency below which 99 % of the
+            velocities' power lies, within 3 and 20 Hz.
+    """
+    rate = recordings.rate
+    if cutoff is None:
+        cutoff = float(np.clip(3 * _bandwidth(recordings), _LOWEST, _HIGHEST))
+    cutoff = min(cutoff, 0.2 * rate)
+    return Filter(cutoff, rate, max(1, int(rate / (_SAMPLES * cutoff))))
+
+
+def _bandwidth(recordings: Recordings) -> float:
+    """Frequency [Hz] below which 99 % of the velocities' power lies."""
+    longest = max(recordings.segments, key=lambda s: len(s.log.t)).log
+    rate, v = recordings.rate, longest.v - longest.v.mean(axis=0)
+    size = np.maximum(v.std(axis=0), 1e-12)
+    frequencies, power = signal.welch(v / size, fs=rate, nperseg=min(len(v), int(4 * rate)), axis=0)
+    low = frequencies < 0.4 * rate
+    total = np.cumsum(power[low].mean(axis=1))
+    return float(frequencies[low][np.searchsorted(total, _SHARE * total[-1])])
+
+
+def smooth(segment: Segment, chosen: Filter, differentiate: bool) -> Smooth:
+    """The smoothed motion of a segment.
+
+    Args:
+        segment: of the recordings.
+        chosen: filters.
+        differentiate: whether velocities are derivatives of the positions; else the measured ones.
+    """
+    log, every = segment.log, chosen.every
+    q = chosen.low_pass(log.q)
+    v = np.gradient(q, 1 / chosen.rate, axis=0) if differentiate else chosen.low_pass(log.v)
+    a = np.gradient(v, 1 / chosen.rate, axis=0)
+    pick = slice(None, None, every)
+    return Smooth(log.t[pick], q[pick], v[pick], a[pick], segment.usable[pick])
+
+
+def smooth_commands(segment: Segment, chosen: Filter) -> Array:
+    """(N, n_u) commands of a segment through the smoothing filter, at the recordings' rate."""
+    return chosen.low_pass(segment.log.u)
+
+
+def delayed(segment: Segment, chosen: Filter, u: Array, delay: Array) -> Array:
+    """(N, n_u) smoothed commands u at the regressors' times, `delay` (n_u,) [s] after recording."""
+    t = segment.log.t
+    at = t[:: chosen.every]
+    return np.column_stack([np.interp(at - delay[k], t, u[:, k]) for k in range(u.shape[1])])

@@ -1,0 +1,199 @@
+"""What a log says of every parameter, in words: status, interval, combination, suggestion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..parameters import Array, ParameterSpace
+from .fit import Fit
+from .precision import Combinations, Precision, combinations
+from .problem import Problem
+from .result import Combination, Explains, JointFit, Parameter, Status
+
+_Z = 1.96  # of a 95 % interval
+_TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
+_NARROWED = 0.5  # deviation over the prior's below which a gain counts as identified
+_TERMS = 6  # terms of a combination that are written out
+_GOOD, _FAIR = 0.2, 0.5  # held-out NRMSE
+
+
+def parameters_in_words(
+    problem: Problem, fit: Fit, exact: Precision, gain_spread: Array
+) -> tuple[Parameter, ...]:
+    """All parameters with interval and status.
+
+    Args:
+        problem: rows and prior.
+        fit: the estimate.
+        exact: its precision.
+        gain_spread: (k,) standard deviations of log k before the log.
+    """
+    space, combined = problem.space, combinations(problem)
+    deviation, gains = exact.deviation, _relative_gains(problem, fit, exact, gain_spread)
+    found, index = [], 0
+    for block in space.blocks:
+        for name, label, unit in zip(block.names, block.labels, block.units, strict=True):
+            value, sd = float(fit.theta[index]), float(deviation[index])
+            low, high = value - _Z * sd, value + _Z * sd
+            if block.geometry == "positive" and value > 0:
+                factor = float(np.exp(min(_Z * sd / value, 50.0)))
+                low, high = value / factor, value * factor
+            if index in gains:
+                status, words = gains[index]
+            else:
+                status, words = _status(problem, exact, combined, index, value, sd)
+            found.append(
+                Parameter(
+                    name, label, block.name, unit, value, low, high,
+                    float(problem.prior[index]), status, words,
+                )
+            )  # fmt: skip
+            index += 1
+    return tuple(found)
+
+
+def _status(
+    problem: Problem,
+    exact: Precision,
+    combined: Combinations,
+    index: int,
+    value: float,
+    sd: float,
+) -> tuple[Status, str]:
+    """Status of a parameter that is no gain, and its combination in words."""
+    if problem.known[index]:
+        return "known", ""
+    told = exact.data[index, index] * exact.prior[index] ** 2
+    if index in combined.silent or told < _TELLS:
+        return "not excited", ""
+    members = combined.members(index)
+    if len(members) != 1 or len(combined.expression(members[0])) > 1:
+        return "only in combination", in_words(combined.expression(members[0]), problem.space)
+    if abs(value) < _Z * sd:
+        return "below the noise", ""
+    return "identified", ""
+
+
+def _relative_gains(
+    problem: Problem, fit: Fit, exact: Precision, spread: Array
+) -> dict[int, tuple[Status, str]]:
+    """Status of every gain: identified where the log narrows its ratio to the mean of all gains."""
+    at = problem.space.actuators
+    k, found = len(at), {}
+    for number, index in enumerate(at.tolist()):
+        label = problem.space.labels[index]
+        joint = label.partition(" of ")[2]
+        if problem.known[index]:
+            found[index] = ("known", "")
+            continue
+        weights = np.zeros(len(problem.space))
+        weights[at] = -1 / (k * fit.theta[at])
+        weights[index] += 1 / fit.theta[index]
+        before = spread[number] * np.sqrt(max(k - 1, 1) / k)
+        if k == 1 or exact.of(weights) < _NARROWED * before:
+            found[index] = ("identified", "")
+        else:
+            words = f"friction and rotor inertia of {joint} over its gain"
+            found[index] = ("only in combination", words)
+    return found
+
+
+def in_words(expression: dict[int, float], space: ParameterSpace) -> str:
+    """A combination such as "Izz of link_1 + rotor inertia of joint_1 − 0.05 · mass of link_3"."""
+    terms = sorted(expression.items(), key=lambda item: -abs(item[1]) * space.scale[item[0]])
+    words = ""
+    for number, (index, weight) in enumerate(terms[:_TERMS]):
+        sign = "−" if weight < 0 else "+"
+        factor = "" if abs(abs(weight) - 1) < 5e-4 else f"{abs(weight):.3g} · "
+        lead = ("−" if weight < 0 else "") if not number else f" {sign} "
+        words += f"{lead}{factor}{space.labels[index]}"
+    rest = len(terms) - _TERMS
+    return words + (f" + {rest} more" if rest > 0 else "")
+
+
+def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple[Combination, ...]:
+    """The base parameters of the log with intervals, gains given."""
+    combined, found = combinations(problem), []
+    for index in combined.independent:
+        expression = combined.expression(index)
+        if len(expression) < 2:
+            continue
+        weights = np.zeros(len(problem.space))
+        weights[list(expression)] = list(expression.values())
+        value, sd = float(weights @ fit.theta), exact.of(weights)
+        found.append(
+            Combination(
+                in_words(expression, problem.space),
+                problem.space.units[index],
+                value,
+                value - _Z * sd,
+                value + _Z * sd,
+            )
+        )
+    return tuple(found)
+
+
+def verdict(joints: tuple[JointFit, ...]) -> tuple[Explains, str]:
+    """Whether the structure explains the log, and the sentence that says so."""
+    worst = max(joints, key=lambda j: j.held_out if np.isfinite(j.held_out) else np.inf)
+    values = np.array([j.held_out for j in joints])
+    good = int(np.sum(values < _GOOD))
+    figures = (
+        f"held-out NRMSE {np.nanmin(values):.3f} to {np.nanmax(values):.3f}, where 1 is what "
+        "predicting the mean has"
+    )
+    n = len(joints)
+    if not (values < _FAIR).all():
+        poor = [j.name for j in joints if not j.held_out < _FAIR]
+        explains: Explains = "no" if len(poor) > n / 2 else "partly"
+        return explains, (
+            f"The structure does not explain the motion of {', '.join(poor)} ({figures}). "
+            "Do not trust parameters of these joints."
+        )
+    if good == n:
+        return "yes", f"The structure explains the log ({figures})."
+    return "partly", (
+        f"The structure explains {good} of {n} joints well and the others roughly, "
+        f"worst {worst.name} ({figures})."
+    )
+
+
+def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...]) -> str:
+    """The one number that, if known, would narrow the intervals of the gains most."""
+    at = problem.space.actuators
+    free = at[~problem.known[at]]
+    if not len(free):
+        return ""
+    C = exact.covariance
+    value = np.array([p.value for p in parameters])
+    variance = np.diag(C)[free] / value[free] ** 2
+    masses = [i for i, p in enumerate(parameters) if p.unit == "kg" and p.status != "not excited"]
+    best, gained = None, 0.0
+    for i in [*free.tolist(), *masses]:
+        if not C[i, i] > 0:
+            continue
+        others = free != i
+        left = variance - C[free, i] ** 2 / (C[i, i] * value[free] ** 2)
+        gain = (
+            float(np.mean(1 - left[others] / np.maximum(variance[others], 1e-300)))
+            if (others.any())
+            else 0.0
+        )
+        if gain > gained:
+            best, gained = i, gain
+    weak = [p.label for p in parameters if p.block == "motor gain" and p.status != "identified"]
+    words = ""
+    if best is not None and gained > 0.1:
+        before = _Z * float(np.sqrt(np.mean(variance)))
+        after = before * float(np.sqrt(1 - gained))
+        words = (
+            f"One known number would help most: {parameters[best].label} "
+            f"(`--known {parameters[best].name}=…`) narrows the other gains from about "
+            f"±{before:.0%} to ±{after:.0%}."
+        )
+    if weak:
+        words += (
+            f" {', '.join(weak)}: not told apart from friction by this motion; a payload of known "
+            "mass, or faster motion of these joints, would tell."
+        )
+    return words.strip()
