@@ -132,7 +132,7 @@ def gain_checks(robot: RobotModel, gain: Array, expected: Array, units: tuple[st
     return findings
 
 
-def structure_checks(robot: RobotModel, held_out: Array) -> list[Finding]:
+def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
     """Joints whose motion the structure does not explain."""
     return [
         Finding(
@@ -145,7 +145,7 @@ def structure_checks(robot: RobotModel, held_out: Array) -> list[Finding]:
             "the map, contacts, and couplings.",
             {"nrmse": float(value)},
         )
-        for name, value in zip(robot.joints, held_out, strict=True)
+        for name, value in zip(names, held_out, strict=True)
         if not value < _POOR
     ]
 

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..log import Log
 from ..parameters import Array
 from .findings import Finding
@@ -25,7 +28,7 @@ class Segment(NamedTuple):
     """
 
     log: Log
-    usable: Array
+    usable: NDArray[np.bool_]
     source: str
     rows: tuple[int, int]
 

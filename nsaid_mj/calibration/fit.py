@@ -37,14 +37,12 @@ class Fit(NamedTuple):
         levels: (n,) λ_i, mean squared residuals relative to the actuators' effort.
         hessian: (p, p) Gauss–Newton Hessian of J.
         cost: J.
-        steps: number of Gauss–Newton steps.
     """
 
     theta: Array
     levels: Array
     hessian: Array
     cost: float
-    steps: int
 
 
 class Prior:
@@ -173,8 +171,8 @@ def minimise(problem: Problem, parts: Gramians | None = None, start: Array | Non
     here = cost(theta)
     if not np.isfinite(here):
         raise NoEstimate("The prior is not physically consistent", "Check the model's inertias.")
-    hessian, steps = np.eye(len(theta)), 0
-    for steps in range(1, _STEPS + 1):
+    hessian = np.eye(len(theta))
+    for _ in range(_STEPS):
         gradient, hessian = _derivatives(quotient, parts.counts, prior, theta)
         unit = size[free]
         A = hessian[np.ix_(free, free)] * np.outer(unit, unit)
@@ -196,7 +194,7 @@ def minimise(problem: Problem, parts: Gramians | None = None, start: Array | Non
         else:
             break
         theta, here = trial, there
-    return Fit(theta, quotient.levels(theta), hessian, here, steps)
+    return Fit(theta, quotient.levels(theta), hessian, here)
 
 
 def _derivatives(

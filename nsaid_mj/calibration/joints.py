@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ..parameters import Array, Block, ParameterSpace
+from ..parameters import Array, Block, Indices, ParameterSpace
 from ..systems.joints import body_names
 from ..systems.multibody import link_block
 from .data import Recordings, RobotModel
-from .problem import Problem
+from .problem import Mask, Problem
 from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
 
 SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
@@ -118,9 +118,9 @@ class JointRows:
     links: Array = field(init=False)
     diagonal: dict[str, Array] = field(init=False)
     sums: Array = field(init=False)
-    usable: Array = field(init=False)
+    usable: Mask = field(init=False)
     t: Array = field(init=False)
-    segment: Array = field(init=False)
+    segment: Indices = field(init=False)
 
     def __post_init__(self) -> None:
         differentiate = differentiates(self.recordings, self.chosen.cutoff)
@@ -282,7 +282,7 @@ def _noise(x: Array) -> Array:
     return np.sqrt(np.mean(np.diff(x, 4, axis=0) ** 2, axis=0) / 70.0)
 
 
-def _rms(x: Array, usable: Array) -> Array:
+def _rms(x: Array, usable: Mask) -> Array:
     """rms along the first axis over the usable rows."""
     return np.sqrt(np.sum(np.where(usable, x, 0.0) ** 2, axis=0) / np.maximum(usable.sum(0), 1))
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..parameters import Array, ParameterSpace
+from ..parameters import Array, Indices, ParameterSpace
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -28,14 +31,14 @@ class Problem:
 
     space: ParameterSpace
     Y: Array
-    usable: Array
+    usable: Mask
     t: Array
-    segment: Array
+    segment: Indices
     prior: Array
     spread: Array
-    known: Array
+    known: Mask
 
-    def select(self, rows: Array) -> Problem:
+    def select(self, rows: Indices | Mask) -> Problem:
         """The problem of some of the rows (N,), as indices or a mask."""
         return replace(
             self,
@@ -70,12 +73,14 @@ class Problem:
             return np.where(few, np.nan, size / spread)
 
 
-def folds(problem: Problem, count: int) -> list[Array]:
+def folds(problem: Problem, count: int) -> list[Indices]:
     """Contiguous parts of the rows in time, as index arrays of about equal length."""
-    return [np.asarray(part) for part in np.array_split(np.arange(len(problem.t)), count)]
+    return [
+        np.asarray(part, dtype=np.intp) for part in np.array_split(np.arange(len(problem.t)), count)
+    ]
 
 
-def without(problem: Problem, part: Array) -> Problem:
+def without(problem: Problem, part: Indices) -> Problem:
     """The problem without some rows."""
     keep = np.ones(len(problem.t), dtype=bool)
     keep[part] = False

@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..parameters import Array
+from ..parameters import Array, Indices
 from .data import Recordings, RobotModel
 from .findings import Finding
+from .problem import Mask
 
 Status = Literal["identified", "only in combination", "not excited", "below the noise", "known"]
 Explains = Literal["yes", "partly", "no"]
@@ -110,10 +111,10 @@ class Curves:
     """
 
     t: Array
-    segment: Array
+    segment: Indices
     measured: Array
     predicted: Array
-    usable: Array
+    usable: Mask
 
 
 @dataclass(frozen=True)

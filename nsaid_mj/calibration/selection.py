@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
-from ..parameters import Array
+from ..parameters import Array, Indices
 from .findings import Finding
 from .joints import BASIC, SPEEDS, Choice, JointRows
 
@@ -201,7 +201,7 @@ def _worth_it(there: Array, here: Array, counts: Array) -> bool:
     return bool(counts @ np.log(there / here) < counts.sum() * np.log(1 - _DELAY_WORTH))
 
 
-def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Array, Array]:
+def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Indices, Array]:
     """Indices of a joint's usable rows, and the basis (N, c) of its columns with a ridge."""
     usable = np.flatnonzero(rows.usable[:, joint])
     X = joint_columns(rows, choice, joint)[usable]
@@ -209,7 +209,7 @@ def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Array, Array]:
     return usable, np.linalg.qr(np.vstack([X, ridge]))[0][: len(usable)]
 
 
-def _unexplained(u: Array, usable: Array, basis: Array) -> float:
+def _unexplained(u: Array, usable: Indices, basis: Array) -> float:
     """Part of a command (N,) that the columns do not explain, over its standard deviation."""
     y = u[usable]
     spread = np.linalg.norm(y - y.mean()) if len(y) else 0.0

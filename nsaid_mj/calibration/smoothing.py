@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import signal
 
-from ..parameters import Array
+from ..parameters import Array, Indices
 from .data import Recordings, Segment
+from .problem import Mask
 
 _ORDER = 4
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
@@ -37,7 +38,7 @@ class Smooth(NamedTuple):
     q: Array
     v: Array
     a: Array
-    usable: Array
+    usable: Mask
 
 
 class Filter(NamedTuple):
@@ -64,7 +65,7 @@ class Filter(NamedTuple):
             return x
         sections = signal.butter(_ORDER, self.smoothing, fs=self.rate, output="sos")
         reach = min(len(x) - 1, int(3 * self.rate / self.smoothing))
-        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach))
+        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
 
     @property
     def kernel(self) -> Array:
@@ -78,7 +79,7 @@ class Filter(NamedTuple):
         """Computed regressors per row of the fit: rows are four times the cut-off apart in rate."""
         return max(1, int(self.rate / self.every / (4 * self.cutoff)))
 
-    def centres(self, samples: int) -> np.ndarray:
+    def centres(self, samples: int) -> Indices:
         """Indices of the regressors, of `samples` in a segment, at the centres of the rows."""
         half = len(self.kernel) // 2
         return np.arange(half, samples - half, self.decimation)

@@ -1,0 +1,68 @@
+"""What a structure hands to the fit: a problem, what was expected, and what was tried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ..parameters import Array
+from .findings import Finding
+from .problem import Problem
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the structure is chosen.
+
+    Attributes:
+        columns: friction columns of all joints, names of `joints.COLUMNS`; None to choose them by
+            folds inside the log.
+        coupled: pairs of coupled joints, by number.
+        delay: (k,) delays of the commands [s]; None to search for them.
+        cutoff: of the rows' filter [Hz]; None for the bandwidth of the motion.
+    """
+
+    columns: frozenset[str] | None = None
+    coupled: tuple[tuple[int, int], ...] = ()
+    delay: Array | None = None
+    cutoff: float | None = None
+
+
+class Velocity(NamedTuple):
+    """What was chosen for one velocity.
+
+    Attributes:
+        name: of the joint, or of the component of a body's twist.
+        columns: names of its friction columns.
+        friction_speed: s of tanh(v/s) [rad/s or m/s]; NaN where there is no such column.
+        delay: of its command [s].
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    friction_speed: float
+    delay: float
+
+
+class Structured(NamedTuple):
+    """A chosen structure.
+
+    Attributes:
+        problem: rows of the training logs.
+        gain: (k,) expected values of the actuator parameters.
+        spread: (k,) standard deviations of their logarithms.
+        basic: the problem with the basic columns only; None where it is the same.
+        checked: rows of the validation log; None without one.
+        velocities: the choice for every velocity.
+        findings: what was tried and noticed.
+        cutoff: of the rows' filter [Hz].
+    """
+
+    problem: Problem
+    gain: Array
+    spread: Array
+    basic: Problem | None
+    checked: Problem | None
+    velocities: tuple[Velocity, ...]
+    findings: tuple[Finding, ...]
+    cutoff: float
