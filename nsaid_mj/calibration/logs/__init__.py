@@ -1,0 +1,10 @@
+"""From log files to `Recordings`: reading, mapping to joints, preparation, inspection.
+
+mapping = read_map("map.toml")  # or None, to match columns by name
+tables = read_tables(["log.csv"], mapping)
+"""
+
+from .mapping import Map as Map
+from .mapping import read_map as read_map
+from .tables import Table as Table
+from .tables import read_tables as read_tables

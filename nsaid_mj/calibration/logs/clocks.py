@@ -1,0 +1,128 @@
+"""Times of a log in seconds, whatever clock and unit its file has."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from ...parameters import Array
+from .units import TIME, of_name
+
+_CORE = {"t", "time", "timestamp", "timestamps", "stamp", "datetime", "date", "clock", "times"}
+_AROUND = {"header", "system", "robot", "elapsed", "rel", "relative", "log", "sample", "utc", "ros"}
+_EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}  # times since 1970, from 2001 to 2033
+
+
+class Clock(NamedTuple):
+    """Times of a column.
+
+    Attributes:
+        t: (N,) times since the origin [s]; NaN where a row has none.
+        origin: the file's own time at t = 0 [ns].
+        unit: `s`, `ms`, `us`, `ns` or `date`.
+        guessed: whether the unit follows from the size of the numbers alone.
+    """
+
+    t: Array
+    origin: int
+    unit: str
+    guessed: bool
+
+
+def time_column(columns: dict[str, np.ndarray]) -> str | None:
+    """The name of the column that holds the time, by name or because it increases steadily."""
+    named = [name for name in columns if _says_time(name)]
+    for name in named:
+        if _increases(columns[name], 0.9):
+            return name
+    if named and columns[named[0]].dtype.kind in "fiM":
+        return named[0]
+    for name, column in columns.items():
+        return name if _increases(column, 0.999) else None
+    return None
+
+
+def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
+    """Converts a time column to seconds.
+
+    Args:
+        column: (N,) numbers, `datetime64` or date strings.
+        name: of the column, which may state the unit, as `t_ms` does.
+        unit: `s`, `ms`, `us`, `ns`, `date`; None to detect it from the name, the size of the
+            numbers (times since 1970) and the interval between rows.
+
+    Returns:
+        The clock; None if the column holds no times.
+    """
+    if column.dtype.kind == "O":
+        dates = _dates(column)
+        return None if dates is None else read(dates, name, unit)
+    if column.dtype.kind == "M":
+        whole = column.astype("datetime64[ns]")
+        absent, counts = np.isnat(whole), whole.astype(np.int64)
+        if absent.all():
+            return None
+        origin = int(counts[~absent][0])
+        t = np.asarray((counts - origin) * 1e-9, np.float64)
+        t[absent] = np.nan
+        return Clock(t, origin, "date", False)
+    finite = np.isfinite(column)
+    if not finite.any() or unit == "date":
+        return None
+    stated = unit or of_name(name, TIME)[1]
+    used = stated or _unit_of(column[finite])
+    first = column[finite][0]
+    if column.dtype.kind in "iu":
+        t = (column - first) * (TIME[used] * 1e-9)
+        return Clock(t, round(int(first) * TIME[used]), used, not stated)
+    factor = TIME[used] * 1e-9
+    return Clock(
+        np.asarray((column - first) * factor, np.float64),
+        round(float(first) * TIME[used]),
+        used,
+        not stated,
+    )
+
+
+def _unit_of(times: Array) -> str:
+    """The unit of times since 1970 by their size, of others by the interval between rows."""
+    size = float(np.median(np.abs(times.astype(np.float64))))
+    for unit, epoch in _EPOCH.items():
+        if epoch <= size < 2 * epoch:
+            return unit
+    steps = np.diff(times.astype(np.float64))
+    steps = steps[steps > 0]
+    step = float(np.median(steps)) if len(steps) else 0.0
+    # 5 Hz to 20 kHz; a step of whole numbers is no second
+    return "s" if step < 0.5 else "ms" if step < 50 else "us" if step < 5e4 else "ns"
+
+
+def _says_time(name: str) -> bool:
+    bare, _ = of_name(name, TIME)
+    tokens = set(re.split(r"[^a-z]+", bare.lower())) - {""}
+    return bool(tokens & _CORE) and tokens <= _CORE | _AROUND | set(TIME)
+
+
+def _increases(column: np.ndarray, share: float) -> bool:
+    """Whether at least this share of the steps between rows is positive."""
+    if column.dtype.kind == "O":
+        dates = _dates(column)
+        return dates is not None and _increases(dates, share)
+    if len(column) < 3 or column.dtype.kind not in "fiM":
+        return False
+    steps = np.diff(column.astype(np.int64) if column.dtype.kind == "M" else column)
+    return bool(np.mean(steps > 0) >= share)
+
+
+def _dates(texts: np.ndarray) -> np.ndarray | None:
+    """ISO dates, or times of day, as datetime64[ns]; None if the texts are no such things."""
+    if not len(texts) or not re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", str(texts[0])):
+        return None
+    day = "1970-01-01T" if re.match(r"\d\d?:\d\d", str(texts[0])) else ""
+    plain = [day + re.sub(r"(?:Z|[+-]\d\d:?\d\d)$", "", str(x)) if x else "NaT" for x in texts]
+    try:
+        return np.array(plain, dtype="datetime64[ns]")
+    except ValueError:
+        return None

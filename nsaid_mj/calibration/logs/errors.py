@@ -1,0 +1,62 @@
+"""Errors about logs: unreadable files, missing extras, unknown clocks, unmatched channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...errors import NsaidError
+
+
+class UnreadableLog(NsaidError):
+    """A log file that cannot be read.
+
+    Attributes:
+        path: of the file.
+        reason: what is wrong with it.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, path: object, reason: str, remedy: str):
+        self.path, self.reason, self.remedy = path, reason, remedy
+        super().__init__(f"{path}: {reason}. {remedy}")
+
+
+class MissingExtra(NsaidError):
+    """A file format whose library is not installed.
+
+    Attributes:
+        path: of the file.
+        extra: the optional dependency to install.
+    """
+
+    def __init__(self, path: object, extra: str):
+        self.path, self.extra = path, extra
+        super().__init__(
+            f"{path}: reading this format needs an optional dependency. "
+            f"Install it with `pip install nsaid-mj[{extra}]`."
+        )
+
+
+class UnmatchedChannels(NsaidError):
+    """A log whose channels cannot be assigned to the robot's joints.
+
+    Attributes:
+        missing: what was not found, such as "position of shoulder_pan_joint".
+        reasons: why, one sentence for each quantity at fault.
+        channels: names of all channels.
+    """
+
+    def __init__(self, missing: Sequence[str], reasons: Sequence[str], channels: Sequence[str]):
+        self.missing, self.reasons = tuple(missing), tuple(reasons)
+        self.channels = tuple(channels)
+        super().__init__(
+            f"cannot tell which channels are {_listed(missing)}. {' '.join(reasons)} "
+            f"The channels are {_listed(channels)}. "
+            "`nsaid inspect LOG --model M` writes a first map.toml to be completed by hand; "
+            "pass it with --map."
+        )
+
+
+def _listed(names: Sequence[str], most: int = 60) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

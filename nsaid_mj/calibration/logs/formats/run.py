@@ -1,0 +1,35 @@
+"""Runs of this package: the measurements and commands of `record.arrow`, no estimate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ....errors import BadRun
+from ....experiment.record import FILE, Record
+from ..errors import UnreadableLog
+from . import Columns
+
+
+def recognises(path: Path, _head: bytes) -> bool:
+    """Whether it is the folder of a run or its record."""
+    return (path / FILE).is_file() or path.name == FILE
+
+
+def read(path: Path) -> list[Columns]:
+    """The columns `t`, `q_0` …, `v_0` …, `u_0` … of a run.
+
+    Raises:
+        UnreadableLog: the record is damaged or empty.
+    """
+    try:
+        record = Record.read(path)
+    except BadRun as error:
+        raise UnreadableLog(path, error.reason, f"{error.remedy}.") from error
+    if not len(record):
+        raise UnreadableLog(path, "the record has no rows", "Run the scenario again.")
+    values: dict[str, np.ndarray] = {"t": record["t"]}
+    for name in "qvu":
+        values |= {f"{name}_{k}": column for k, column in enumerate(record[name].T)}
+    return [Columns(values)]

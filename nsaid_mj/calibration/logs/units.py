@@ -1,0 +1,126 @@
+"""Units of log channels and their factors to SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from math import pi
+from typing import Literal
+
+Quantity = Literal["position", "velocity", "command"]
+
+TURN = 2 * pi
+
+FACTORS: Mapping[Quantity, Mapping[str, float]] = {
+    "position": {
+        "rad": 1.0,
+        "deg": pi / 180,
+        "turns": TURN,
+        "ticks": TURN,  # over the counts per turn
+        "m": 1.0,
+        "mm": 1e-3,
+    },
+    "velocity": {
+        "rad/s": 1.0,
+        "deg/s": pi / 180,
+        "turns/s": TURN,
+        "rpm": TURN / 60,
+        "ticks/s": TURN,
+        "m/s": 1.0,
+        "mm/s": 1e-3,
+    },
+    "command": {
+        "N·m": 1.0,
+        "mN·m": 1e-3,
+        "N": 1.0,
+        "A": 1.0,
+        "mA": 1e-3,
+        "V": 1.0,
+        "%": 1.0,
+        "raw": 1.0,
+    },
+}
+"""Factor from each unit to the unit of `Log`: rad or m, rad/s or m/s, and `si` of a command."""
+
+TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
+"""Nanoseconds in each unit of time."""
+
+_ALIASES = {
+    "radian": "rad",
+    "radians": "rad",
+    "degree": "deg",
+    "degrees": "deg",
+    "°": "deg",
+    "rev": "turns",
+    "revs": "turns",
+    "turn": "turns",
+    "counts": "ticks",
+    "rads": "rad/s",
+    "radps": "rad/s",
+    "rad_s": "rad/s",
+    "degps": "deg/s",
+    "deg_s": "deg/s",
+    "dps": "deg/s",
+    "°/s": "deg/s",
+    "mps": "m/s",
+    "m_s": "m/s",
+    "nm": "N·m",
+    "n·m": "N·m",
+    "n.m": "N·m",
+    "n*m": "N·m",
+    "mnm": "mN·m",
+    "amp": "A",
+    "amps": "A",
+    "ampere": "A",
+    "milliamps": "mA",
+    "volt": "V",
+    "volts": "V",
+    "percent": "%",
+    "µs": "us",
+    "μs": "us",
+    "usec": "us",
+    "msec": "ms",
+    "nsec": "ns",
+    "sec": "s",
+    "secs": "s",
+    "seconds": "s",
+}
+_KNOWN = {name.lower(): name for names in FACTORS.values() for name in names} | {
+    name: name for name in TIME
+}
+
+
+def canonical(text: str) -> str:
+    """The unit's own spelling: `Nm`, `n*m` and `N·m` are one; unknown texts are returned as is."""
+    plain = text.strip()
+    lower = plain.lower()
+    if lower in ("ma", "a", "n", "v", "m"):
+        return _KNOWN[lower]
+    return _ALIASES.get(lower) or _KNOWN.get(lower) or plain
+
+
+def si(unit: str) -> str:
+    """The unit of a command after its conversion; "" for raw numbers."""
+    return {"mN·m": "N·m", "mA": "A", "raw": ""}.get(unit, unit)
+
+
+def of_name(name: str, allowed: Mapping[str, float]) -> tuple[str, str]:
+    """Separates a column's name from a unit at its end.
+
+    `q1_deg`, `q1 [deg]`, `q1 (deg)` and `q1/deg` all state a unit.
+
+    Returns:
+        The name without the unit, and the unit out of `allowed`; "" if none is stated.
+    """
+    if found := re.fullmatch(r"(.*?)[ _/.]*[\[(]([^\])]+)[\])]", name.strip()):
+        unit = canonical(found[2])
+        return (found[1], unit) if unit in allowed else (name, "")
+    parts = re.split(r"[_ /.]+", name.strip())
+    for count in (2, 1):
+        if len(parts) > count:
+            unit = canonical("_".join(parts[-count:]))
+            joined = canonical("/".join(parts[-count:]))
+            for one in (unit, joined):
+                if one in allowed:
+                    return "_".join(parts[:-count]), one
+    return name, ""

@@ -1,0 +1,56 @@
+"""Times in s, ms, µs, ns, since 1970 or since start, and as dates, become the same seconds."""
+
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.logs import clocks
+
+T = np.cumsum(np.r_[0.0, 0.002 + 1e-4 * np.sin(np.arange(500))])
+EPOCH = 1_700_000_000
+
+
+@pytest.mark.parametrize("unit,scale", [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+@pytest.mark.parametrize("origin", [0, EPOCH])
+def test_units_of_time_are_detected(unit, scale, origin):
+    whole = np.round((T + origin) * 1e9).astype(np.int64)
+    column = whole if unit == "ns" else whole / (1e9 / scale)
+    clock = clocks.read(column, "t", None)
+    assert clock is not None and clock.unit == unit
+    np.testing.assert_allclose(clock.t, T, atol=1e-6)
+    assert abs(clock.origin - origin * 1_000_000_000) < 1000
+
+
+@pytest.mark.parametrize("name,unit", [("time_ms", "ms"), ("t [us]", "us"), ("stamp (ns)", "ns")])
+def test_a_unit_in_the_name_decides(name, unit):
+    clock = clocks.read(np.arange(10), name, None)
+    assert clock is not None and clock.unit == unit and not clock.guessed
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ["2026-01-02 03:04:05.000", "2026-01-02 03:04:05.010", "2026-01-02 03:04:05.020"],
+        ["2026-01-02T03:04:05.000Z", "2026-01-02T03:04:05.010Z", "2026-01-02T03:04:05.020Z"],
+        ["03:04:05.000", "03:04:05.010", "03:04:05.020"],
+    ],
+)
+def test_dates_are_read(texts):
+    clock = clocks.read(np.array(texts, dtype=object), "time", None)
+    assert clock is not None and clock.unit == "date"
+    np.testing.assert_allclose(clock.t, [0, 0.01, 0.02], atol=1e-9)
+
+
+def test_texts_that_are_no_dates_are_no_clock():
+    assert clocks.read(np.array(["a", "b"], dtype=object), "time", None) is None
+
+
+@pytest.mark.parametrize("name", ["t", "Time", "timestamp", "header.stamp", "t_s", "time [ms]"])
+def test_the_time_is_found_by_name(name):
+    steps = np.arange(10.0)
+    assert clocks.time_column({"q": -steps, "i": steps, name: steps}) == name
+
+
+def test_the_time_is_found_as_a_first_column_that_increases():
+    steps = np.arange(10.0)
+    assert clocks.time_column({"column_1": steps, "column_2": steps**2}) == "column_1"
+    assert clocks.time_column({"column_1": np.sin(steps), "column_2": steps}) is None
