@@ -1,0 +1,127 @@
+"""From a table's channels to ordered signals in SI, and what had to be done for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..findings import Finding, Level
+from . import signals
+from .layout import Layout, Source
+from .signals import Signal
+from .tables import Channel
+
+SHOWN = 5
+"""Row numbers stated in a message; the finding's data hold up to a hundred."""
+
+
+class Recording(NamedTuple):
+    """Channels recorded together, on one clock.
+
+    Attributes:
+        source: name of the file, or of the files.
+        channels: by name, times in seconds of the common clock.
+    """
+
+    source: str
+    channels: dict[str, Channel]
+
+
+def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tuple[Finding, ...]]:
+    """The signals of a layout's sources by the names of their columns, in SI.
+
+    Rows without a value or out of order are dropped, angles continued across whole turns, and
+    outliers of positions and velocities interpolated.
+
+    Returns:
+        The signals, and a finding for everything that was done.
+    """
+    findings: list[Finding] = []
+    orders: dict[int, signals.Order] = {}
+    found: dict[str, Signal] = {}
+    for source in layout.sources:
+        name = source.column.column
+        channel = recording.channels[name]
+        key = id(channel.t)
+        if key not in orders:
+            orders[key] = signals.order(channel.t)
+            findings += _disorder(recording.source, channel, orders[key])
+        found[name] = _clean_one(recording.source, source, channel, orders[key], findings)
+    return found, tuple(findings)
+
+
+def _clean_one(
+    file: str, source: Source, channel: Channel, order: signals.Order, findings: list[Finding]
+) -> Signal:
+    where = f"{file}, {source.column.column}"
+    values = channel.values[order.index] * source.factor
+    present = np.isfinite(values)
+    if not present.all():
+        rows = order.index[~present] + 1
+        findings.append(
+            about_rows("note", "missing_values", where, rows, "rows without a number were dropped")
+        )
+    t, x, row = order.t[present], values[present], order.index[present] + 1
+    if source.angle:
+        raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn of what is measured
+        x_turns, jumps = signals.unwrap(x * raw)
+        if len(jumps):
+            x = x_turns / raw
+            text = "jumps of a whole turn were removed"
+            findings.append(about_rows("note", "wrapped_angle", where, row[jumps], text))
+    bad = signals.outliers(x) if source.quantity != "command" else np.zeros(0, int)
+    if len(bad):
+        good = np.setdiff1d(np.arange(len(x)), bad)
+        away = float(np.max(np.abs(x[bad] - np.interp(t[bad], t[good], x[good]))))
+        x[bad] = np.interp(t[bad], t[good], x[good])
+        text = f"outliers (up to {away:.3g} from their neighbours) were interpolated"
+        findings.append(about_rows("note", "outliers", where, row[bad], text))
+    last = len(t) - 1
+    doubtful = np.column_stack([t[np.maximum(bad - 1, 0)], t[np.minimum(bad + 1, last)]])
+    made = Signal(t, x, row, doubtful)
+    if len(t) > 2:
+        made = made._replace(doubtful=np.concatenate([doubtful, signals.dropouts(made)]))
+    return made
+
+
+def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding]:
+    """What was done to a clock."""
+    found = []
+    undated = np.flatnonzero(~np.isfinite(channel.t))
+    for code, rows, text in (
+        ("missing_times", undated, "rows without a time were dropped"),
+        ("duplicates", order.repeated, "rows that repeat the time before were dropped"),
+        ("backward_times", order.late, "rows whose time lies before an earlier one were dropped"),
+        ("clock_reset", order.resets, "restarts of the clock; the log is cut there"),
+    ):
+        if len(rows):
+            level = "warning" if len(rows) > 0.2 * len(channel.t) else "note"
+            found.append(about_rows(level, code, file, rows + 1, text))
+    return found
+
+
+def about_rows(
+    level: Level,
+    code: str,
+    where: str,
+    rows: Sequence[int] | np.ndarray,
+    text: str,
+    remedy: str = "",
+) -> Finding:
+    """A finding that begins with a number of rows and ends with the first of them.
+
+    Args:
+        level: how serious it is.
+        code: a short constant name.
+        where: file and channel.
+        rows: their numbers in the file, from 1.
+        text: what was done with them, without their number.
+        remedy: what to do about it.
+    """
+    listed = [int(row) for row in rows[:100]]
+    first = ", ".join(str(row) for row in listed[:SHOWN]) + (" …" if len(rows) > SHOWN else "")
+    plural = "row" if len(rows) == 1 else "rows"
+    data: dict[str, object] = {"count": len(rows), "rows": listed}
+    return Finding(level, code, where, f"{len(rows)} {text} ({plural} {first})", remedy, data)

@@ -1,0 +1,267 @@
+"""Which channels a robot's q, v and u are made of, and how."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...errors import InvalidInput
+from ...parameters import Array
+from ..data import RobotModel
+from . import matching
+from .mapping import Column, Map, Vehicle, matrix
+from .units import Quantity, si
+
+_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
+_FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
+
+
+class Source(NamedTuple):
+    """A channel that is read, and its conversion to SI: `factor · value`.
+
+    Attributes:
+        quantity: what it measures.
+        column: its entry in the map.
+        factor: to SI; the offset is added by `Layout`.
+        angle: whether its values may jump by whole turns.
+    """
+
+    quantity: Quantity
+    column: Column
+    factor: float
+    angle: bool = False
+
+
+class Layout(NamedTuple):
+    """The channels of a robot's log, in the order of its coordinates.
+
+    Attributes:
+        positions: k sources of positions.
+        velocities: sources of velocities; empty to differentiate positions.
+        commands: n_u sources of commands.
+        coupling: (n, n) joint velocities per motor velocity, for a tree of joints.
+        torque: (n_u, n_u) joint commands per motor command.
+        vehicle: how a pose and twist are given; None for joints, and for a vehicle's own
+            coordinates.
+    """
+
+    positions: tuple[Source, ...]
+    velocities: tuple[Source | None, ...]
+    commands: tuple[Source, ...]
+    coupling: Array
+    torque: Array
+    vehicle: Vehicle | None = None
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """All sources: positions, velocities, commands."""
+        return (*self.positions, *filter(None, self.velocities), *self.commands)
+
+    @property
+    def command_units(self) -> tuple[str, ...]:
+        """SI unit of each command; "" where the map states none."""
+        return tuple(si(s.column.unit_as("command")) for s in self.commands)
+
+    def q(self, raw: Array) -> Array:
+        """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k)."""
+        offsets = np.array([s.column.offset for s in self.positions])
+        if self.vehicle is None:
+            return raw @ self.coupling.T + offsets
+        return _pose(self.vehicle, raw + offsets)
+
+    def v(self, raw: Array, q: Array) -> Array:
+        """Velocities (N, n) from scaled sources (N, n), at positions q of `self.q`."""
+        offsets = np.array([s.column.offset if s else 0.0 for s in self.velocities])
+        if self.vehicle is None:
+            return raw @ self.coupling.T + offsets
+        return _twist(self.vehicle, raw + offsets, q)
+
+    def u(self, raw: Array) -> Array:
+        """Commands (N, n_u) from scaled sources (N, n_u)."""
+        return raw @ self.torque.T + np.array([s.column.offset for s in self.commands])
+
+
+def layout(mapping: Map | None, robot: RobotModel, channels: list[str]) -> Layout:
+    """The layout of a map, or of channels whose names match the robot.
+
+    Args:
+        mapping: may be None or without joints, to match channels by name.
+        robot: whose coordinates are wanted.
+        channels: names of all channels with numbers.
+
+    Raises:
+        UnmatchedChannels: there is no map, and the names do not tell.
+        InvalidInput: the map names a joint or column that does not exist, or lacks one.
+    """
+    mapping = mapping or Map()
+    if robot.system is not None:
+        return _of_vehicle(mapping, robot, channels)
+    if not mapping.joints:
+        mapping = _with_joints(mapping, matching.match(channels, robot.joints))
+    remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
+    for joint in set(mapping.joints) ^ set(robot.joints):
+        stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
+        expected = "one entry for each actuated joint"
+        raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
+    joints = [mapping.joints[name] for name in robot.joints]
+    n = len(joints)
+    made = Layout(
+        tuple(_source("position", j.position, _turns(j.position)) for j in joints),
+        tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
+        tuple(_source("command", j.command) for j in joints),
+        np.linalg.inv(matrix("position", mapping.coupling.position, n)),
+        matrix("torque", mapping.coupling.torque, n),
+    )
+    return _existing(made, channels)
+
+
+def _with_joints(mapping: Map, matched: Map) -> Map:
+    return Map(
+        time=mapping.time,
+        files=mapping.files,
+        joints=matched.joints,
+        coupling=mapping.coupling,
+        hold=mapping.hold,
+        drop_rest=mapping.drop_rest,
+    )
+
+
+def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
+    return Source(quantity, column, column.factor(quantity), angle)
+
+
+def _turns(column: Column) -> bool:
+    """Whether a position is an angle."""
+    return column.unit_as("position") not in ("m", "mm")
+
+
+def _existing(made: Layout, channels: list[str]) -> Layout:
+    for source in made.sources:
+        if source.column.column not in channels:
+            raise InvalidInput(
+                f"map: column of a {source.quantity}",
+                "a column of the log",
+                source.column.column,
+                f"The log has {', '.join(channels)}.",
+            )
+    return made
+
+
+def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
+    """The layout of a vehicle's pose, twist and commands; without a map, that of our own runs."""
+    m, n, count = robot.system.m, robot.system.n, len(robot.joints)
+    if mapping.vehicle is None:
+        names = {
+            x: [f"{x}_{k}" for k in range(w)] for x, w in zip("qvu", (m, n, count), strict=True)
+        }
+        if not {name for each in names.values() for name in each} <= set(channels):
+            remedy = "Add [vehicle] and [actuators] to map.toml; docs/your_robot.md shows them."
+            raise InvalidInput("map", "the columns of pose and commands", "none", remedy)
+        parts = [[Column(column=name) for name in names[x]] for x in "qvu"]
+        vehicle = None
+    else:
+        vehicle = mapping.vehicle
+        _check_vehicle(vehicle, m, n)
+        pose = [*vehicle.position, *(vehicle.quaternion or ())]
+        twist = [*(vehicle.linear or ()), *(vehicle.angular or ())]
+        missing = [name for name in robot.joints if name not in mapping.actuators]
+        if missing:
+            remedy = f"The actuators are {', '.join(robot.joints)}."
+            raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
+        parts = [
+            [Column(column=name) for name in pose],
+            [Column(column=name) for name in twist],
+            [mapping.actuators[name] for name in robot.joints],
+        ]
+    velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
+    made = Layout(
+        tuple(_source("position", c) for c in parts[0]),
+        velocities,
+        tuple(_source("command", c) for c in parts[2]),
+        np.eye(n),
+        np.eye(count),
+        vehicle,
+    )
+    return _existing(made, channels)
+
+
+def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
+    """Whether a map has the parts that a system with such coordinates needs."""
+    remedy = "A body in space needs position, quaternion, linear and angular; in the plane, x, y "
+    remedy += "and heading as position, and surge, sway and yaw rate as linear."
+    if (m, n) not in ((7, 6), (3, 3)):
+        expected = "a single body in space or in the plane"
+        raise InvalidInput("map: vehicle", expected, f"{m} positions of the system", remedy)
+    if (vehicle.quaternion is not None) != (m == 7):
+        got = "no quaternion" if m == 7 else "a quaternion"
+        raise InvalidInput("map: vehicle", f"the pose of a system of {n} velocities", got, remedy)
+    if m == 7 and (vehicle.linear is None) != (vehicle.angular is None):
+        got = "only one of them"
+        raise InvalidInput("map: vehicle", "linear and angular velocity, or neither", got, remedy)
+    if m == 3 and vehicle.angular is not None:
+        raise InvalidInput("map: vehicle", "no angular velocity in the plane", "one", remedy)
+
+
+def _pose(vehicle: Vehicle, raw: Array) -> Array:
+    """Poses [p, (x, y, z, w)] (N, 7) or [x, y, ψ] (N, 3) in our axes."""
+    ned = vehicle.frame == "NED/FRD"
+    if vehicle.quaternion is None:
+        x, y, heading = raw.T
+        return np.column_stack([y, x, np.pi / 2 - heading]) if ned else raw
+    places = raw[:, :3] @ _NED.T if ned else raw[:, :3]
+    turns = _rotations(vehicle, raw)
+    if ned:
+        turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
+    quaternions = turns.as_quat()
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    signs = np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])
+    return np.column_stack([places, quaternions * signs[:, None]])
+
+
+def _rotations(vehicle: Vehicle, raw: Array) -> Rotation:
+    quaternions = raw[:, 3:7]
+    return Rotation.from_quat(quaternions, scalar_first=vehicle.order == "wxyz")
+
+
+def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
+    """Twists along the body's axes (N, n), in our axes, at our poses q."""
+    ned = vehicle.frame == "NED/FRD"
+    if vehicle.quaternion is None:
+        linear = raw * [1.0, -1.0, -1.0] if ned and vehicle.twist == "body" else raw.copy()
+        if vehicle.twist == "world":
+            east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T
+            c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+            linear = np.column_stack([c * east + s * north, c * north - s * east, rate])
+        return linear
+    linear, angular = raw[:, :3], raw[:, 3:]
+    if vehicle.twist == "world":
+        world = linear @ _NED.T if ned else linear
+        linear = Rotation.from_quat(q[:, 3:]).inv().apply(world)
+    elif ned:
+        linear = linear @ _FRD
+    return np.column_stack([linear, angular @ _FRD if ned else angular])
+
+
+def pose_velocity(q: Array, rate: float) -> Array:
+    """Twists (N, n) along the body's axes, from central differences of poses.
+
+    Args:
+        q: poses in space (N, 7) or [x, y, ψ] in the plane (N, 3), at a constant rate.
+        rate: rows per second [Hz].
+    """
+    slopes = np.gradient(q, 1 / rate, axis=0)
+    if q.shape[1] == 3:
+        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        dx, dy, turn = slopes.T
+        return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
+    linear = Rotation.from_quat(q[:, 3:]).inv().apply(slopes[:, :3])
+    x, y, z, w = q[:, 3:].T
+    dx, dy, dz, dw = slopes[:, 3:].T
+    angular = [  # ω = 2 vec(q⁻¹ q̇)
+        w * dx - x * dw - y * dz + z * dy,
+        w * dy - y * dw - z * dx + x * dz,
+        w * dz - z * dw - x * dy + y * dx,
+    ]
+    return np.column_stack([linear, 2 * np.column_stack(angular)])

@@ -1,0 +1,183 @@
+"""Matches channels to joints by name, where no map says which is which.
+
+A channel's name is divided into words: the joint's name or index, words for a quantity (`position`,
+`vel`, `tau` …), and the rest. Channels that differ only in the joint are a group, and a group with
+a channel for every joint supplies that quantity.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from .errors import UnmatchedChannels
+from .mapping import Column, Joint, Map
+from .units import FACTORS, Quantity, of_name
+
+
+def _set(text: str) -> frozenset[str]:
+    """The words of a text."""
+    return frozenset(text.split())
+
+
+WORDS: dict[Quantity, frozenset[str]] = {
+    "position": _set("position positions pos q qs angle angles ang theta enc encoder qpos"),
+    "velocity": _set("velocity velocities vel dq qd v qdot speed spd omega qvel dtheta"),
+    "command": _set(
+        "effort efforts torque torques tau current currents cur curr i u cmd command ctrl control "
+        "force moment voltage pwm amps"
+    ),
+}
+_OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
+_WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
+_MEASURED = _set("actual measured meas act fb feedback present real state")
+_NAMES = {"position": "position", "velocity": "velocity", "command": "torque or current"}
+
+
+class Match(NamedTuple):
+    """What a channel's name says.
+
+    Attributes:
+        quantity: what it measures.
+        group: the name without the joint.
+        joint: name of the joint, or its index as text.
+        rank: 0 for a measurement, 1 for a neutral name, 2 for a setpoint.
+    """
+
+    quantity: Quantity
+    group: str
+    joint: str
+    rank: int
+
+
+def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
+    """The map of channels whose names say which joint and quantity they are.
+
+    Args:
+        channels: names of all channels that hold numbers.
+        joints: names of the robot's actuated joints, in order.
+
+    Raises:
+        UnmatchedChannels: a joint has no position or command, or there are several candidates.
+    """
+    groups = candidates(channels, joints)
+    chosen: dict[Quantity, dict[str, str]] = {}
+    missing, reasons = [], []
+    for quantity, found in groups.items():
+        if len(found) == 1:
+            (chosen[quantity],) = found.values()
+        elif len(found) > 1:
+            missing.append(f"the {_NAMES[quantity]} of every joint")
+            reasons.append(f"{_NAMES[quantity].capitalize()} could be {' or '.join(found)}.")
+        elif quantity != "velocity":
+            missing.append(f"the {_NAMES[quantity]} of every joint")
+            reasons.append(
+                f"No channels name a {_NAMES[quantity]} for each of {', '.join(joints)}."
+            )
+    if missing:
+        raise UnmatchedChannels(missing, reasons, channels)
+    velocities = chosen.get("velocity", {})
+    return Map(
+        joints={
+            joint: Joint(
+                position=Column(column=chosen["position"][joint]),
+                command=Column(column=chosen["command"][joint]),
+                velocity=Column(column=velocities[joint]) if joint in velocities else None,
+            )
+            for joint in joints
+        }
+    )
+
+
+def candidates(
+    channels: Iterable[str], joints: Sequence[str]
+) -> dict[Quantity, dict[str, dict[str, str]]]:
+    """For each quantity, the groups of channels that cover all joints: joint to channel by group.
+
+    Measured quantities take precedence over setpoints of the same quantity.
+    """
+    groups: dict[tuple[Quantity, str, int], dict[str, str]] = defaultdict(dict)
+    for channel in channels:
+        found = read(channel, joints)
+        if found is not None:
+            groups[found.quantity, found.group, found.rank].setdefault(found.joint, channel)
+    complete: dict[Quantity, dict[int, dict[str, dict[str, str]]]] = {q: {} for q in WORDS}
+    for (quantity, group, rank), members in groups.items():
+        by_joint = _by_joint(members, joints)
+        if by_joint:
+            complete[quantity].setdefault(rank, {})[group] = by_joint
+    return {quantity: ranks[min(ranks)] if ranks else {} for quantity, ranks in complete.items()}
+
+
+def _by_joint(members: dict[str, str], joints: Sequence[str]) -> dict[str, str]:
+    """Channels by joint name; empty if the group does not cover all joints."""
+    if all(joint in members for joint in joints):
+        return {joint: members[joint] for joint in joints}
+    indices = sorted(int(key) for key in members if key.isdigit())
+    if len(indices) != len(joints) or indices[-1] - indices[0] != len(joints) - 1:
+        return {}
+    return {joint: members[str(k)] for joint, k in zip(joints, indices, strict=True)}
+
+
+def read(channel: str, joints: Sequence[str]) -> Match | None:
+    """What a channel's name says; None if it names no joint or no quantity."""
+    bare = channel
+    for factors in FACTORS.values():
+        bare, unit = of_name(channel, factors)
+        if unit and words(bare):
+            break
+    found = words(bare)
+    joint, rest = _joint_of(found, joints)
+    if not joint:
+        return None
+    said = {w for w in rest if w}
+    if said & _OTHER:
+        return None
+    quantity = quantity_of(said, rest)
+    if quantity is None:
+        return None
+    spare = said - ({"cmd", "command"} if quantity == "command" and not said - _WANTED else set())
+    rank = 2 if spare & _WANTED else 0 if spare & _MEASURED else 1
+    return Match(quantity, " ".join(rest), joint, rank)
+
+
+def quantity_of(said: set[str], rest: Sequence[str]) -> Quantity | None:
+    """The quantity of a channel by the words of its name; None if they name none, or several."""
+    text = " ".join(rest)
+    if "q dot" in text or "d q" in text:
+        return "velocity"
+    if "q d dot" in text or "dd q" in text:
+        return None
+    if "velocity" in said or said & WORDS["velocity"]:
+        return "velocity" if not said & (WORDS["position"] - {"q", "angle"}) else None
+    if said & WORDS["position"]:
+        return "position" if not said & {"torque", "tau", "effort"} else None
+    return "command" if said & WORDS["command"] else None
+
+
+def words(name: str) -> list[str]:
+    """A name's words in lower case; digits are words of their own."""
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return re.findall(r"[a-z]+|\d+", spaced.lower())
+
+
+def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
+    """The joint that a name's words contain, and the words with `*` for it.
+
+    The longest joint name that occurs wins; failing that, the last number is an index.
+    """
+    best, where = "", (0, 0)
+    for joint in joints:
+        own = words(joint)
+        for start in range(len(found) - len(own) + 1):
+            if found[start : start + len(own)] == own and len(own) > where[1] - where[0]:
+                best, where = joint, (start, start + len(own))
+    if best:
+        return best, [*found[: where[0]], "*", *found[where[1] :]]
+    numbers = [k for k, word in enumerate(found) if word.isdigit()]
+    if not numbers:
+        return "", found
+    last = numbers[-1]
+    return str(int(found[last])), [*found[:last], "*", *found[last + 1 :]]

@@ -1,0 +1,296 @@
+"""From tables to `Recordings`: one grid, joint coordinates, segments without gaps, usable rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...log import Log
+from ...parameters import Array
+from ..data import Recordings, RobotModel, Segment
+from ..findings import Finding, UnusableLog
+from . import signals
+from .cleaning import Recording, about_rows, clean
+from .joining import join
+from .layout import Layout, layout, pose_velocity
+from .mapping import Map
+from .rest import Rest, Stretch, cut_rest, limits_stated, moving_part, rows_of
+from .signals import Signal
+from .tables import Table
+
+HIGHEST_RATE = 1000.0
+"""Samples per second of the grid, at most [Hz]; faster logs are low-passed and decimated."""
+
+SHORTEST = 0.5
+"""Shorter stretches between gaps are left out [s]."""
+
+_MOST = 0.3  # share of rows at a flat extreme above which it is no saturation
+
+
+def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> Recordings:
+    """Puts the logs of a robot on one grid, in the robot's coordinates and SI units.
+
+    Files that hold all columns are logs of their own; files that hold some are parts of one log,
+    on one clock. Everything done to the data is a finding with row numbers.
+
+    Args:
+        tables: at least one.
+        mapping: which columns are what; None to match them by name.
+        robot: whose coordinates, joints and limits are used.
+
+    Raises:
+        UnmatchedChannels: no map is given, and the channels' names do not tell the joints.
+        InvalidInput: the map names what does not exist, or files share no time.
+        UnusableLog: no stretch of the logs has all signals for at least half a second.
+    """
+    mapping = mapping or Map()
+    made = layout(mapping, robot, _names(tables))
+    findings = [finding for table in tables for finding in table.findings]
+    recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
+    findings += said
+    cleaned: list[tuple[Recording, dict[str, Signal]]] = []
+    for recording in recordings:
+        found, said = clean(recording, made)
+        findings += said
+        if all(len(signal.t) > 9 for signal in found.values()):
+            cleaned.append((recording, found))
+        else:
+            few = min(found, key=lambda name: len(found[name].t))
+            text = f"only {len(found[few].t)} rows have a number"
+            where = f"{recording.source}, {few}"
+            findings.append(Finding("refusal", "dead_channel", where, text, "Map another column."))
+    if not cleaned:
+        raise UnusableLog(tuple(findings))
+    made, said = _without_dead_velocities(made, [found for _, found in cleaned])
+    findings += said
+    rate = _rate([found for _, found in cleaned], made, findings)
+    rest = Rest(made, mapping, robot, rate)
+    segments: list[Segment] = []
+    for recording, found in cleaned:
+        segments += _segments(recording, found, made, mapping, robot, rest, findings)
+    if not segments:
+        text = f"no stretch of {SHORTEST} s has all positions and commands"
+        findings.append(Finding("refusal", "short_log", "", text, "Record a longer log."))
+        raise UnusableLog(tuple(findings))
+    return Recordings(
+        tuple(segments),
+        rate,
+        made.command_units,
+        np.array([_quantum(s.column.column, s.factor, recordings) for s in made.commands]),
+        tuple(findings),
+    )
+
+
+def _names(tables: Sequence[Table]) -> list[str]:
+    return list(dict.fromkeys(name for table in tables for name in table.channels))
+
+
+def _quantum(column: str, factor: float, recordings: Sequence[Recording]) -> float:
+    """Smallest step of a column over all recordings."""
+    values = np.concatenate([r.channels[column].values for r in recordings])
+    return abs(factor) * signals.quantum(values[np.isfinite(values)])
+
+
+def _without_dead_velocities(
+    made: Layout, cleaned: Sequence[dict[str, Signal]]
+) -> tuple[Layout, list[Finding]]:
+    """The layout without velocities whose column is constant although the position moves."""
+    kept, findings = list(made.velocities), []
+    for j, (position, velocity) in enumerate(zip(made.positions, made.velocities, strict=False)):
+        if velocity is None or len(made.positions) != len(made.velocities):
+            continue
+        still = all(np.ptp(found[velocity.column.column].x) == 0 for found in cleaned)
+        moves = any(np.ptp(found[position.column.column].x) > 0 for found in cleaned)
+        if still and moves:
+            kept[j] = None
+            text = "the velocity is constant while the position moves; it is differentiated instead"
+            findings.append(Finding("warning", "dead_channel", velocity.column.column, text))
+    return made._replace(velocities=tuple(kept)), findings
+
+
+def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Finding]) -> float:
+    """Samples per second of the grid: the median rate of the positions, or a part of it."""
+    rates = [found[s.column.column].rate for found in cleaned for s in made.positions]
+    own = float(np.median(rates))
+    if abs(own - round(own)) < 2e-3 * own and own > 10:
+        own = float(round(own))
+    every = math.ceil(own / HIGHEST_RATE - 0.05)
+    if every > 1:
+        text = f"{own:g} Hz were low-passed without phase and reduced to {own / every:g} Hz"
+        data: dict[str, object] = {"from": own, "to": own / every}
+        findings.append(Finding("note", "decimated", "", text, data=data))
+    return own / every
+
+
+def _stretches(
+    recording: Recording, found: dict[str, Signal], made: Layout, findings: list[Finding]
+) -> list[Stretch]:
+    """The stretches between the gaps of all signals."""
+    start = max(signal.t[0] for signal in found.values())
+    end = min(signal.t[-1] for signal in found.values())
+    cuts: dict[tuple[float, float], list[str]] = {}
+    for name, signal in found.items():
+        for a, b in signals.gaps(signal):
+            cuts.setdefault((float(a), float(b)), []).append(name)
+    parts, last = [], start
+    for (a, b), names in sorted(cuts.items()):
+        one = found[names[0]]
+        row = int(one.row[np.searchsorted(one.t, a)])
+        text = f"{b - a:.3g} s without rows after row {row}; the log is cut there"
+        where = recording.source if len(names) == len(found) else f"{recording.source}, {names[0]}"
+        data: dict[str, object] = {"seconds": b - a, "row": row, "channels": names}
+        findings.append(Finding("note", "gap", where, text, data=data))
+        parts.append(Stretch(last, min(a, end)))
+        last = max(last, b)
+    parts.append(Stretch(last, end))
+    reference = found[made.positions[0].column.column]
+    kept = []
+    for part in parts:
+        if part.end - part.start >= SHORTEST:
+            kept.append(part)
+        elif part.end > part.start:
+            rows = rows_of(reference, part)
+            text = f"{part.end - part.start:.2g} s between gaps (rows {rows[0]}–{rows[1]}) are "
+            text += "too short and were left out"
+            data = {"rows": list(rows)}
+            findings.append(Finding("note", "short_stretch", recording.source, text, data=data))
+    return kept
+
+
+def _segments(
+    recording: Recording,
+    found: dict[str, Signal],
+    made: Layout,
+    mapping: Map,
+    robot: RobotModel,
+    rest: Rest,
+    findings: list[Finding],
+) -> list[Segment]:
+    """The segments of a recording on the grid."""
+    reference = found[made.positions[0].column.column]
+    limits = rest.limits(found)
+    saturated = _saturated(recording, found, made, robot, findings)
+    if any(velocity is None for velocity in made.velocities):
+        text = f"velocities are derivatives of positions up to {signals.bandwidth(rest.rate):g} Hz"
+        missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
+        data: dict[str, object] = {"joints": missing}
+        findings.append(Finding("note", "differentiated", recording.source, text, data=data))
+    segments = []
+    for part in _stretches(recording, found, made, findings):
+        first = reference.t[np.searchsorted(reference.t, part.start)]
+        count = int((part.end - first) * rest.rate + 1e-6) + 1
+        grid = first + np.arange(count) / rest.rate
+        log = _log(grid, found, made, mapping.hold, rest.rate)
+        usable = _trusted(grid, found, made, saturated, log.v.shape[1])
+        if robot.system is None and mapping.drop_rest:
+            moving = np.asarray(np.abs(log.v) >= np.maximum(limits, 1e-12))
+            usable &= moving
+            kept = moving_part(np.any(moving, axis=1), rest.rate)
+            if kept.stop - kept.start < SHORTEST * rest.rate:
+                kept = slice(0, 0)
+            findings += cut_rest(recording.source, reference, grid, kept)
+        else:
+            kept = slice(0, count)
+        if kept.stop > kept.start:
+            rows = rows_of(reference, Stretch(grid[kept.start], grid[kept.stop - 1]))
+            segments.append(
+                Segment(log.part(kept.start, kept.stop), usable[kept], recording.source, rows)
+            )
+    if segments and robot.system is None and mapping.drop_rest:
+        findings.append(limits_stated(recording.source, segments, limits, robot.joints))
+    return segments
+
+
+def _log(grid: Array, found: dict[str, Signal], made: Layout, hold: bool, rate: float) -> Log:
+    """q, v and u on a grid."""
+
+    def on_grid(names: list[str], held: bool = False) -> Array:
+        return np.column_stack([signals.resample(found[name], grid, held) for name in names])
+
+    q_raw = on_grid([s.column.column for s in made.positions])
+    q = made.q(q_raw)
+    u = made.u(on_grid([s.column.column for s in made.commands], hold))
+    if made.vehicle is not None and made.velocities[0] is None:
+        v = signals.low_pass(pose_velocity(q, rate), signals.bandwidth(rate) / (0.5 * rate))
+    else:
+        v_raw = np.empty((len(grid), len(made.velocities)))
+        for j, source in enumerate(made.velocities):
+            if source is None:
+                v_raw[:, j] = signals.derivative(q_raw[:, j], rate)
+            else:
+                v_raw[:, j] = signals.resample(found[source.column.column], grid)
+        v = made.v(v_raw, q)
+    return Log(grid, q, v, u)
+
+
+def _trusted(
+    grid: Array, found: dict[str, Signal], made: Layout, saturated: dict[str, Array], n: int
+) -> np.ndarray:
+    """(N, n) whether no signal of a joint is interpolated over a drop-out, or saturated."""
+    usable = np.ones((len(grid), n), bool)
+    step = (grid[-1] - grid[0]) / (len(grid) - 1)
+    by_motor = len(made.positions) == n and made.vehicle is None
+    for group, mixing in (
+        (made.positions, made.coupling),
+        (made.velocities, made.coupling),
+        (made.commands, made.torque),
+    ):
+        for k, source in enumerate(group):
+            if source is None:
+                continue
+            spans = found[source.column.column].doubtful
+            spans = spans[spans[:, 1] - spans[:, 0] > 1.2 * step]
+            touched = mixing[:, k] != 0 if by_motor and len(mixing) == n else np.ones(n, bool)
+            bad = _within(grid, spans)
+            if source.column.column in saturated:
+                bad |= _within(grid, saturated[source.column.column])
+            usable[np.ix_(bad, touched)] = False
+    return usable
+
+
+def _within(grid: Array, spans: Array) -> np.ndarray:
+    """(N,) whether a time lies in one of the open intervals (k, 2)."""
+    inside = np.zeros(len(grid), bool)
+    for a, b in spans:
+        inside[np.searchsorted(grid, a, side="right") : np.searchsorted(grid, b)] = True
+    return inside
+
+
+def _saturated(
+    recording: Recording,
+    found: dict[str, Signal],
+    made: Layout,
+    robot: RobotModel,
+    findings: list[Finding],
+) -> dict[str, Array]:
+    """Intervals of time (k, 2) in which a command is at its limit, by column."""
+    spans: dict[str, Array] = {}
+    diagonal = np.array_equal(made.torque, np.diag(np.diag(made.torque)))
+    for j, (source, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
+        name = source.column.column
+        signal = found[name]
+        flat = signals.flat_extremes(signal.x, signal.period)
+        where, how = f"{recording.source}, {name}", "its own flat extreme"
+        size = np.abs(signal.x * made.torque[j, j] + source.column.offset)
+        if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
+            at_limit = size >= 0.999 * limit
+            if at_limit.any():
+                flat, how = flat | at_limit, f"the model's limit of {limit:g}"
+        share = float(flat.mean())
+        if share == 0:
+            continue
+        if share > _MOST:
+            text = f"{share:.0%} of the rows are at an extreme; a command that switches between "
+            text += "levels looks so, a saturated one too, and the rows are used"
+            findings.append(Finding("warning", "saturated", where, text, data={"share": share}))
+            continue
+        edges = np.flatnonzero(np.diff(np.r_[False, flat, False].astype(int))).reshape(-1, 2)
+        last = len(signal.t) - 1
+        spans[name] = np.column_stack(
+            [signal.t[np.maximum(edges[:, 0] - 1, 0)], signal.t[np.minimum(edges[:, 1], last)]]
+        )
+        text = f"rows are saturated at {how} and not used"
+        findings.append(about_rows("warning", "saturated", where, signal.row[flat], text))
+    return spans

@@ -1,0 +1,130 @@
+"""Rest: below which speed a joint stands still, and from when to when a robot moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...parameters import Array
+from ..data import RobotModel, Segment
+from ..findings import Finding
+from . import signals
+from .layout import Layout
+from .mapping import Map
+from .signals import Signal
+
+_MARGIN = 4.0  # standard deviations of a velocity's noise that count as rest
+_WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
+
+
+class Stretch(NamedTuple):
+    """A stretch of a recording in which all signals are present.
+
+    Attributes:
+        start: its first time [s].
+        end: its last time [s].
+    """
+
+    start: float
+    end: float
+
+
+class Rest:
+    """Speeds below which a joint counts as being at rest.
+
+    Args:
+        made: the layout.
+        mapping: with the limits set by hand.
+        robot: whose joints these are.
+        rate: of the grid [Hz].
+
+    Attributes:
+        rate: of the grid [Hz].
+    """
+
+    def __init__(self, made: Layout, mapping: Map, robot: RobotModel, rate: float):
+        self.rate = rate
+        self._made = made
+        self._own = np.array(
+            [mapping.joints[j].rest if j in mapping.joints else 0.0 for j in robot.joints]
+        )
+
+    def limits(self, found: dict[str, Signal]) -> Array:
+        """(n,) speeds of one recording's joints [rad/s or m/s].
+
+        Four standard deviations of the velocity's noise, and not less than its quantisation or the
+        limits of the map.
+        """
+        made = self._made
+        deviations, steps = [], []
+        for position, velocity in zip(made.positions, made.velocities, strict=True):
+            if velocity is None:
+                signal = found[position.column.column]
+                sigma = signals.noise(signal.x)
+                deviations.append(signals.derivative_noise(sigma, signal.rate, self.rate))
+                steps.append(0.0)
+            else:
+                signal = found[velocity.column.column]
+                deviations.append(signals.noise(signal.x))
+                steps.append(signals.quantum(signal.x))
+        coupling = made.coupling
+        spread = np.sqrt(coupling**2 @ np.square(deviations))
+        return np.maximum.reduce([_MARGIN * spread, np.abs(coupling) @ np.array(steps), self._own])
+
+
+def rows_of(signal: Signal, part: Stretch) -> tuple[int, int]:
+    """First and last row of a stretch in the file."""
+    first = np.searchsorted(signal.t, part.start - 1e-9)
+    last = np.searchsorted(signal.t, part.end + 1e-9, side="right") - 1
+    return int(signal.row[min(first, len(signal.row) - 1)]), int(signal.row[max(last, 0)])
+
+
+def moving_part(moving: np.ndarray, rate: float) -> slice:
+    """From the first to the last window in which the robot moves in most rows."""
+    width = max(1, round(_WINDOW * rate))
+    share = np.convolve(moving, np.ones(width) / width, mode="same")
+    often = np.flatnonzero(share > 0.5)
+    if not len(often):
+        return slice(0, 0)
+    inside = np.flatnonzero(moving[often[0] : often[-1] + 1]) + often[0]
+    return slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
+
+
+def cut_rest(file: str, reference: Signal, grid: Array, kept: slice) -> list[Finding]:
+    """What was cut from both ends of a stretch.
+
+    Args:
+        file: its name.
+        reference: a signal of the file, for its row numbers.
+        grid: (N,) times of the stretch [s].
+        kept: the part of the grid in which the robot moves.
+    """
+    findings = []
+    whole = rows_of(reference, Stretch(float(grid[0]), float(grid[-1])))
+    if kept.stop == kept.start:
+        text = f"the robot stands still in rows {whole[0]}–{whole[1]}, which were left out"
+        data: dict[str, object] = {"rows": list(whole)}
+        findings.append(Finding("warning", "rest", file, text, data=data))
+        return findings
+    inner = rows_of(reference, Stretch(float(grid[kept.start]), float(grid[kept.stop - 1])))
+    for a, b, when in ((whole[0], inner[0] - 1, "before"), (inner[1] + 1, whole[1], "after")):
+        if b - a > 0.05 / reference.period:
+            text = f"the robot stands still {when} its motion, in rows {a}–{b}, which were left out"
+            findings.append(Finding("note", "rest", file, text, data={"rows": [a, b]}))
+    return findings
+
+
+def limits_stated(
+    file: str, segments: Sequence[Segment], limits: Array, joints: Sequence[str]
+) -> Finding:
+    """Speeds below which rows are not used, and the share of rows above."""
+    usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
+    each = ", ".join(
+        f"{joint} {limit:.2g} ({share:.0%})"
+        for joint, limit, share in zip(joints, limits, usable, strict=True)
+    )
+    text = f"speeds below which rows are not used, and the share of rows that are: {each}"
+    data: dict[str, object] = {"limits": limits.tolist(), "share": usable.tolist()}
+    return Finding("note", "rest_limits", file, text, data=data)

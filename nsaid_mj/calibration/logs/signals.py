@@ -1,0 +1,243 @@
+"""One signal over time: order of its rows, outliers, noise, quantisation, resampling."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage, signal
+
+from ...parameters import Array
+
+LONG_GAP = 0.05
+"""A signal is cut where it has no rows for longer than this [s] and than five of its periods."""
+
+_RESET = 20  # rows in a row that lie before the latest time: the clock has started again
+_PAUSE = 1.0  # between the parts of a file whose clock was reset [s]
+
+
+class Signal(NamedTuple):
+    """A quantity in order of time.
+
+    Attributes:
+        t: (N,) times [s], strictly increasing.
+        x: (N,) finite values.
+        row: (N,) their rows in the file.
+        doubtful: (k, 2) open intervals of time in which values are interpolated [s].
+    """
+
+    t: Array
+    x: Array
+    row: np.ndarray
+    doubtful: Array
+
+    @property
+    def period(self) -> float:
+        """The median interval between rows [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def rate(self) -> float:
+        """Mean rows per second, gaps aside."""
+        steps = np.diff(self.t)
+        return float(1 / np.mean(steps[steps <= 3 * np.median(steps)]))
+
+
+class Order(NamedTuple):
+    """Which rows of a clock are used.
+
+    Attributes:
+        index: (N,) rows used, from 0.
+        t: (N,) their times [s], strictly increasing.
+        repeated: rows dropped because their time is that of an earlier row.
+        late: rows dropped because their time lies before that of an earlier row.
+        resets: rows at which the clock starts again; later times are shifted to follow on.
+    """
+
+    index: np.ndarray
+    t: Array
+    repeated: np.ndarray
+    late: np.ndarray
+    resets: np.ndarray
+
+
+def order(t: Array) -> Order:
+    """Puts a clock in order: drops rows that repeat or step back, follows a clock that restarts."""
+    index = np.flatnonzero(np.isfinite(t))
+    t, resets = t[index].copy(), []
+    while True:
+        behind = np.zeros(len(t), bool)
+        behind[1:] = t[1:] < np.maximum.accumulate(t)[:-1]
+        edges = np.flatnonzero(np.diff(np.r_[False, behind, False].astype(int))).reshape(-1, 2)
+        long = edges[np.diff(edges, axis=1)[:, 0] > _RESET]
+        if not len(long):
+            break
+        start = long[0, 0]
+        resets.append(index[start])
+        t[start:] += t[:start].max() - t[start] + _PAUSE
+    latest = np.maximum.accumulate(t)
+    keep = np.r_[True, t[1:] > latest[:-1]] if len(t) else np.zeros(0, bool)
+    same = np.r_[False, t[1:] == latest[:-1]] if len(t) else keep
+    late = ~keep & ~same
+    return Order(index[keep], t[keep], index[same], index[late], np.array(resets, int))
+
+
+def unwrap(x: Array) -> tuple[Array, np.ndarray]:
+    """Continues an angle [rad] across jumps of a whole turn.
+
+    Returns:
+        The continuous angle (N,), and the rows before which it jumped; none if jumps are no turns.
+    """
+    steps = np.diff(x)
+    jumps = np.flatnonzero(np.abs(steps) > 0.9 * 2 * np.pi)
+    if not len(jumps) or np.any(np.abs(steps[jumps]) > 1.1 * 2 * np.pi):
+        return x, np.zeros(0, int)
+    turns = np.zeros(len(x))
+    turns[jumps + 1] = -np.round(steps[jumps] / (2 * np.pi))
+    return x + 2 * np.pi * np.cumsum(turns), jumps + 1
+
+
+def outliers(x: Array) -> np.ndarray:
+    """Rows far from the median of seven neighbours (Hampel), at most three in a row.
+
+    "Far" is measured by the noise, by the steps between rows nearby and by the quantisation, so
+    that a fast motion has no outliers.
+    """
+    if len(x) < 15:
+        return np.zeros(0, int)
+    away = np.abs(x - ndimage.median_filter(x, 7, mode="nearest"))
+    steps = np.abs(np.diff(x, prepend=x[0]))
+    nearby = ndimage.percentile_filter(steps, 75, 15, mode="nearest")
+    some = steps[steps > 0]
+    smallest = float(np.quantile(some, 0.25)) if len(some) else 0.0
+    far = away > np.maximum(10 * nearby, max(8 * robust_noise(x), 5 * smallest))
+    edges = np.flatnonzero(np.diff(np.r_[False, far, False].astype(int))).reshape(-1, 2)
+    short = [np.arange(start, end) for start, end in edges if end - start <= 3]
+    return np.concatenate(short) if short else np.zeros(0, int)
+
+
+def noise(x: Array) -> float:
+    """Standard deviation of the white part of a smooth signal, by its fourth differences.
+
+    The mean square of fourth differences of white noise is C(8, 4) = 70 times its variance; the
+    largest hundredth of them is left out.
+    """
+    if len(x) < 10:
+        return 0.0
+    squares = np.sort(np.diff(x, 4) ** 2)
+    return float(np.sqrt(np.mean(squares[: max(5, int(0.99 * len(squares)))]) / 70))
+
+
+def robust_noise(x: Array) -> float:
+    """The same as `noise`, from the median absolute fourth difference."""
+    return float(1.4826 * np.median(np.abs(np.diff(x, 4))) / np.sqrt(70)) if len(x) > 9 else 0.0
+
+
+def quantum(x: Array) -> float:
+    """The step of which all values are multiples, apart from an offset; 0 if there is none."""
+    levels = np.unique(x)
+    if not 3 <= len(levels) <= 0.5 * len(x):
+        return 0.0
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * (levels[-1] - levels[0])]
+    step = float(steps.min())
+    step = float(np.median(steps[steps < 1.5 * step]))
+    multiples = steps / step
+    off = np.abs(multiples - np.round(multiples)) > 0.1
+    return step if np.mean(off) < 0.02 else 0.0
+
+
+def flat_extremes(x: Array, period: float) -> np.ndarray:
+    """(N,) whether a row belongs to a plateau at the largest or smallest value.
+
+    A clipped signal stays at exactly one value, its extreme, for at least 5 rows and 10 ms, and is
+    there far more often than at the next level, which a quantised peak is not.
+    """
+    found = np.zeros(len(x), bool)
+    spread = float(np.ptp(x))
+    if spread == 0:
+        return found
+    shortest = max(5, round(0.01 / period))
+    for extreme in (x.max(), x.min()):
+        at = np.abs(x - extreme) <= 1e-9 * spread
+        edges = np.flatnonzero(np.diff(np.r_[False, at, False].astype(int))).reshape(-1, 2)
+        long = edges[edges[:, 1] - edges[:, 0] >= shortest]
+        others = np.unique(x[~at])
+        following = others[-1] if extreme == x.max() else others[0]
+        if len(long) and at.sum() > 6 * np.sum(np.abs(x - following) <= 1e-9 * spread):
+            for start, end in long:
+                found[start:end] = True
+    return found
+
+
+def gaps(s: Signal) -> Array:
+    """(k, 2) beginning and end of every gap of a signal [s]."""
+    late = np.flatnonzero(np.diff(s.t) > max(5 * s.period, LONG_GAP))
+    return np.column_stack([s.t[late], s.t[late + 1]])
+
+
+def dropouts(s: Signal) -> Array:
+    """(k, 2) beginning and end of every interval with missing rows, gaps included [s]."""
+    late = np.flatnonzero(np.diff(s.t) > 2.5 * s.period)
+    return np.column_stack([s.t[late], s.t[late + 1]])
+
+
+def resample(s: Signal, t: Array, hold: bool = False) -> Array:
+    """The signal at the times of a grid.
+
+    A signal with more than one and a half rows per step of the grid is low-passed first, with no
+    phase, so that nothing above half the grid's rate is folded down.
+
+    Args:
+        s: the signal; it has rows before and after the grid's ends.
+        t: (N,) times [s] at a constant step.
+        hold: whether a value holds until the next row; else they are interpolated linearly.
+
+    Returns:
+        (N,) values.
+    """
+    if hold:
+        return s.x[np.clip(np.searchsorted(s.t, t + 1e-9, side="right") - 1, 0, None)]
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    factor = round(step / s.period)
+    if factor < 2:
+        return np.interp(t, s.t, s.x)
+    fine = t[0] + step / factor * np.arange((len(t) - 1) * factor + 1)
+    return low_pass(np.interp(fine, s.t, s.x), 0.8 / factor)[::factor]
+
+
+def low_pass(x: Array, cut: float) -> Array:
+    """A zero-phase Butterworth low-pass along the first axis, of order 4 forward and backward.
+
+    Args:
+        x: (N,) or (N, k).
+        cut: frequency of −6 dB over half the sampling rate.
+    """
+    sections = signal.butter(4, cut, output="sos")
+    return signal.sosfiltfilt(sections, x, axis=0, padlen=min(len(x) - 1, int(12 / cut)))
+
+
+def derivative(x: Array, rate: float) -> Array:
+    """The zero-phase derivative of (N, k) values at a constant rate, low-passed at `bandwidth`."""
+    slopes = np.gradient(x, 1 / rate, axis=0)
+    return low_pass(slopes, bandwidth(rate) / (0.5 * rate))
+
+
+def bandwidth(rate: float) -> float:
+    """Cut-off of the derivative of positions at a given rate [Hz]."""
+    return min(100.0, rate / 5)
+
+
+def derivative_noise(sigma: float, position_rate: float, rate: float) -> float:
+    """Standard deviation of the derivative of noisy positions.
+
+    White noise σ at a rate f has the density 2σ²/f, and the derivative up to fc the variance
+    ∫ (2πf')² 2σ²/f df' = (2π)² 2σ² fc³ / (3f).
+
+    Args:
+        sigma: of the positions.
+        position_rate: of the positions in the file [Hz].
+        rate: of the grid [Hz].
+    """
+    cut = bandwidth(rate)
+    return 2 * np.pi * sigma * np.sqrt(2 * cut**3 / (3 * position_rate))
