@@ -23,7 +23,7 @@ from ..identifiers import Identifier
 from ..identifiers.cone.barrier import drawn_inside
 from ..log import EXACT, Log
 from ..parameters import Array, ParameterSpace
-from ..plants import ParametricPlantConfig, Plant, Sensors
+from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
 from .rehearsal import expected_gramian
@@ -143,33 +143,36 @@ class Setup:
         return self.scenario.excitation.build(self.system, self.prior, rng)
 
 
-def published(scenario: Scenario) -> tuple[ParametricPlantConfig, Array, ParameterSpace]:
-    """A scenario's plant, the published values of its θ (p,), and their names and scales.
+def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:
+    """A plant whose θ has its published values, and these values (p,).
+
+    Args:
+        config: the plant.
+        dt: time step [s].
 
     Raises:
         InvalidInput: the plant cannot be made with a given θ.
     """
-    config = scenario.plant
     if not isinstance(config, ParametricPlantConfig):
         raise InvalidInput(
             "prior",
             f"`drawn`, for {type(config).__name__}",
-            scenario.prior,
+            "nominal",
             "Leave it out: this plant cannot be made with a given θ; see ParametricPlantConfig.",
         )
-    plant = config.simulating(scenario.dt)
-    return config, plant.truth, plant.system.space
+    plant = config.simulating(dt)
+    return plant, plant.truth
 
 
 def plant_about_published(scenario: Scenario) -> Plant:
     """The plant with a physical θ drawn about its published values in all parameters."""
-    config, nominal, space = published(scenario)
-    seeds = Seeds.of(scenario.seed)
+    plant, nominal = published(scenario.plant, scenario.dt)
+    space, seeds = plant.system.space, Seeds.of(scenario.seed)
     rng = np.random.default_rng(seeds.truth)
     truth = drawn_inside(space, nominal, scenario.initial_error, rng)
     if scenario.gain_error is not None:
         truth[space.actuators] = nominal[space.actuators] / _gain_errors(space, scenario.gain_error)
-    return config.simulating(scenario.dt, truth)
+    return scenario.plant.simulating(scenario.dt, truth)
 
 
 def prior_for(scenario: Scenario, plant: Plant) -> Array:
@@ -181,8 +184,8 @@ def prior_for(scenario: Scenario, plant: Plant) -> Array:
     in_cone = any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values()))
     rng = np.random.default_rng(Seeds.of(scenario.seed).prior)
     if scenario.prior == "nominal":
-        _, nominal, space = published(scenario)
-        return drawn_inside(space, nominal, 0.0, rng) if in_cone else nominal
+        known, nominal = published(scenario.plant, scenario.dt)
+        return drawn_inside(known.system.space, nominal, 0.0, rng) if in_cone else nominal
     return draw_prior(
         plant.truth, plant.system.space, scenario.initial_error, scenario.gain_error, rng, in_cone
     )

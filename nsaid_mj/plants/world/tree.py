@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
@@ -11,7 +11,6 @@ import pinocchio as pin
 
 from ...parameters import Array
 from .plant import set_options
-from .robots import Robot
 from .shapes import VisualMesh, of_geom
 
 
@@ -68,6 +67,20 @@ def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
         model.inertias[first + i] = pin.Inertia.FromDynamicParameters(own)
 
 
+class Described(Protocol):
+    """A robot's kinematics and its shapes."""
+
+    @property
+    def model(self) -> pin.Model:
+        """Pinocchio's model."""
+        ...
+
+    @property
+    def visual(self) -> pin.GeometryModel:
+        """Pinocchio's visual geometry."""
+        ...
+
+
 class RobotVisuals:
     """The visual meshes of a robot's description; there may be none.
 
@@ -75,7 +88,7 @@ class RobotVisuals:
         robot: the description.
     """
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: Described):
         self._robot = robot
 
     def visuals(self) -> list[VisualMesh]:

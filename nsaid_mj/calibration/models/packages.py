@@ -1,0 +1,48 @@
+"""Robots of the package example-robot-data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...errors import BadRobot
+from ...plants.world.robots import known_robots
+from ..data import RobotModel
+from ..findings import Finding
+from .urdf import load_urdf
+
+
+def example_robots() -> list[str]:
+    """The names of all robots in example-robot-data, sorted."""
+    return known_robots()
+
+
+def example_robot(
+    name: str, lock: Sequence[str] = (), joints: Sequence[str] | None = None
+) -> RobotModel:
+    """Reads a robot of example-robot-data; one that floats is fixed to a stand.
+
+    Args:
+        name: of the robot.
+        lock: joints to fix.
+        joints: joints to keep; None keeps all that are not in `lock`.
+
+    Raises:
+        BadRobot: it is not described by a URDF file.
+    """
+    from example_robot_data.robots_loader import ROBOTS, getModelPath
+
+    loader = ROBOTS[name]
+    file = Path(loader.path, loader.urdf_subpath, loader.urdf_filename)
+    if file.suffix != ".urdf":
+        raise BadRobot(name, "", "it is not described by a URDF file", "Choose another robot.")
+    robot = load_urdf(Path(getModelPath(str(file))) / file, lock, joints)
+    findings = robot.findings
+    if loader.free_flyer:
+        text = "its base can move; it was taken as fixed to a stand, level"
+        findings += (Finding("warning", "base_held", name, text, HELD_REMEDY),)
+    return replace(robot, name=name, source=None, findings=findings)
+
+
+HELD_REMEDY = "Use logs of the robot on a stand."
