@@ -12,7 +12,8 @@ from .result import Combination, Explains, JointFit, Parameter, Status
 
 _Z = 1.96  # of a 95 % interval
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
-_NARROWED = 0.5  # deviation over the prior's below which a gain counts as identified
+_NARROWED = 0.7  # deviation of a relative gain over the prior's, below which it is identified
+_SHARP = 0.05  # relative deviation below which it is identified whatever the prior
 _TERMS = 6  # terms of a combination that are written out
 _GOOD, _FAIR = 0.2, 0.5  # held-out NRMSE
 
@@ -90,7 +91,7 @@ def _relative_gains(
         weights[at] = -1 / (k * fit.theta[at])
         weights[index] += 1 / fit.theta[index]
         before = spread[number] * np.sqrt(max(k - 1, 1) / k)
-        if k == 1 or exact.of(weights) < _NARROWED * before:
+        if k == 1 or exact.of(weights) < max(_NARROWED * before, _SHARP):
             found[index] = ("identified", "")
         else:
             words = f"friction and rotor inertia of {joint} over its gain"

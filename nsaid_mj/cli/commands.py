@@ -86,6 +86,10 @@ def command(arguments: Sequence[str]) -> int:
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
         return _list()
+    if isinstance(chosen, grammar.Identify):
+        from .identifying import identify_log
+
+        return identify_log(chosen)
     remedy = "Put the name before all flags, as in `nsaid run ur5 --duration 20`."
     raise InvalidInput(word, "the scenario's name first", " ".join(arguments[1:]), remedy)
 

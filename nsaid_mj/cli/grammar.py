@@ -118,6 +118,53 @@ class Drawing:
 
 
 @dataclass(frozen=True)
+class Identify:
+    """Identify a robot's parameters from its own log.
+
+    `nsaid identify --model arm.urdf --log log.csv` writes the parameters with intervals, what the
+    log cannot tell, a report, a recording, and the model file with identified values. `nsaid
+    identify tx40` does it with a packed log of a real arm. The exit code is 1 if the structure
+    does not explain the log, 2 if the log cannot be used.
+
+    Attributes:
+        packed: a packed robot with a log: tx40.
+        model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
+        log: log files; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP, ULog, DataFlash.
+        validate: log files on which the estimate is judged; they take no part in the fit.
+        map: TOML file that says which columns are what; `nsaid inspect` writes a first one.
+        known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
+        lock: comma-separated joints that do not move.
+        joints: comma-separated joints that move; all others are locked.
+        columns: auto, or comma-separated friction columns of all joints: rotor, viscous, coulomb,
+            load, quadratic, cubic, offset.
+        delay: auto, or comma-separated delays of the commands [s], one or one per command.
+        cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
+        online: also keep the estimate along the log.
+        out: folder of the results; by default runs/ROBOT-identify.
+        force: overwrite results in the folder.
+        json: print only the results, as JSON, to the standard output.
+        quiet: print only errors.
+    """
+
+    packed: Annotated[Positional[str | None], arg(metavar="ROBOT")] = None
+    model: Annotated[str | None, arg(metavar="FILE_OR_NAME")] = None
+    log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
+    validate: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
+    map: Path | None = None
+    known: UseAppendAction[tuple[Annotated[str, arg(metavar="NAME=VALUE")], ...]] = ()
+    lock: str = ""
+    joints: str = ""
+    columns: str = "auto"
+    delay: str = "auto"
+    cutoff: float | None = None
+    online: bool = False
+    out: Path | None = None
+    force: bool = False
+    json: bool = False
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
 class List:
     """List the scenarios, and the robots for `nsaid run arm --robot`."""
 
@@ -214,6 +261,7 @@ class View:
 
 Command = (
     Annotated[List, subcommand("list")]
+    | Annotated[Identify, subcommand("identify")]
     | Annotated[Run, subcommand("run")]
     | Annotated[Verify, subcommand("verify")]
     | Annotated[Compare, subcommand("compare")]

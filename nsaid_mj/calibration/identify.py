@@ -1,0 +1,155 @@
+"""`identify`: from a model file and log files to parameters with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InvalidInput, UnknownName
+from ..parameters import Array
+from ..resources import asset
+from .calibrate import calibrate
+from .data import Recordings, RobotModel
+from .joints import BASIC, COLUMNS
+from .logs import Map, prepare, read_map, read_tables
+from .models import load_robot_model
+from .result import Identification
+from .structure import Options
+from .vehicles import EXTRA
+
+PathLike = str | Path
+
+
+def identify(
+    model: str | RobotModel,
+    logs: PathLike | Sequence[PathLike] = (),
+    *,
+    validate: PathLike | Sequence[PathLike] = (),
+    mapping: PathLike | Map | None = None,
+    known: Mapping[str, float] | None = None,
+    lock: Sequence[str] = (),
+    joints: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    delay: float | Sequence[float] | None = None,
+    cutoff: float | None = None,
+    online: bool = False,
+    told: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Identifies plant and actuator parameters of a robot from logs of its motion.
+
+    Args:
+        model: path of a URDF, MJCF or vehicle's TOML file; the name of a packed robot or vehicle,
+            or of one of example-robot-data; or a model already loaded.
+        logs: files of position, velocity (if there is one) and command; none for the log that is
+            packed with the robot `tx40`.
+        validate: files that take no part in the fit; the estimate is judged on them.
+        mapping: which columns of the logs are what; the path of a map.toml, or None to match
+            columns with the model's joints by name.
+        known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
+        lock: joints that do not move.
+        joints: the joints that move; all others are locked.
+        columns: friction columns of all joints, names of `calibration.joints.COLUMNS`; None to
+            choose them for every joint inside the log.
+        delay: of the commands [s], one or one per command; None to search within ±0.2 s.
+        cutoff: of the low-pass filter of all rows [Hz]; None for the motion's bandwidth.
+        online: whether to keep the estimate along the log.
+        told: called with the name of every stage, for progress.
+
+    Returns:
+        The result, whose `explains` and `verdict` say whether the model explains the log at all.
+
+    Raises:
+        UnusableLog: a fault of the log, such as a reversed or dead channel; it lists all findings.
+        NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
+    """
+    logs, mapping = _files(model, _listed(logs), mapping)
+    told("reading the model")
+    robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
+    chosen = read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
+    told("reading the log")
+    recordings = _recordings(logs, chosen, robot)
+    checked = _listed(validate)
+    validation = _recordings(checked, chosen, robot) if checked else None
+    options = Options(
+        _columns(columns, robot),
+        _coupled(chosen),
+        _delays(delay, len(robot.joints)),
+        _cutoff(cutoff),
+    )
+    return calibrate(robot, recordings, validation, options, known=known, online=online, told=told)
+
+
+def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
+    return [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
+
+
+def _files(
+    model: str | RobotModel, logs: list[Path], mapping: PathLike | Map | None
+) -> tuple[list[Path], PathLike | Map | None]:
+    """The logs and the map, of a packed robot if none are given.
+
+    Raises:
+        InvalidInput: there is no log.
+    """
+    if logs:
+        return logs, mapping
+    if isinstance(model, str) and model == Path(model).name:
+        packed = asset(model, "log.csv.gz")
+        if packed.is_file():
+            return [packed], asset(model, "map.toml") if mapping is None else mapping
+    raise InvalidInput("log", "one or more files", "none", "Give `--log FILE`.")
+
+
+def _recordings(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
+    return prepare(read_tables(files, mapping), mapping, robot)
+
+
+def _coupled(mapping: Map | None) -> tuple[tuple[int, int], ...]:
+    """Pairs of joints that the map couples."""
+    if mapping is None:
+        return ()
+    pairs: set[tuple[int, int]] = set()
+    for matrix in (mapping.coupling.position, mapping.coupling.torque):
+        if matrix is not None:
+            A = np.asarray(matrix, dtype=np.float64)
+            pairs |= {(int(min(i, j)), int(max(i, j))) for i, j in np.argwhere(A) if i != j}
+    return tuple(sorted(pairs))
+
+
+def _columns(columns: Sequence[str] | None, robot: RobotModel) -> frozenset[str] | None:
+    """The friction columns that a user named.
+
+    Raises:
+        UnknownName: there is no such column.
+    """
+    if columns is None:
+        return None
+    choices = COLUMNS if robot.system is None else EXTRA
+    for name in columns:
+        if name not in choices:
+            raise UnknownName("column", name, choices)
+    return frozenset(columns) if robot.system is not None else frozenset(columns) | BASIC
+
+
+def _delays(delay: float | Sequence[float] | None, k: int) -> Array | None:
+    """(k,) the delays that a user gave.
+
+    Raises:
+        InvalidInput: there are neither 1 nor k, or one is not finite.
+    """
+    if delay is None:
+        return None
+    given = np.atleast_1d(np.asarray(delay, dtype=np.float64))
+    if given.shape not in ((1,), (k,)) or not (np.abs(given) <= 1.0).all():
+        raise InvalidInput(
+            "delay", f"1 or {k} numbers within ±1 s", given.tolist(), "0.01 is 10 ms."
+        )
+    return np.broadcast_to(given, (k,)).copy()
+
+
+def _cutoff(cutoff: float | None) -> float | None:
+    if cutoff is not None and not 0.1 <= cutoff <= 1000.0:
+        raise InvalidInput("cutoff", "0.1 to 1000 Hz", cutoff, "Leave it out to have it chosen.")
+    return cutoff

@@ -1,0 +1,127 @@
+"""`nsaid identify`: reads files and writes results; the work is in `calibration`."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import BadRun, InvalidInput
+from .folders import RUNS
+from .grammar import Identify
+
+if TYPE_CHECKING:
+    from ..calibration.findings import UnusableLog
+    from ..calibration.result import Identification
+
+RESULT = "identification.json"
+
+
+def identify_log(chosen: Identify) -> int:
+    """Executes the command and returns the exit code: 0, or 1 if the log is not explained."""
+    model = chosen.model or chosen.packed
+    if model is None:
+        raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
+    folder = _folder(Path(model).stem, chosen.out, chosen.force)
+    from ..calibration.findings import UnusableLog
+    from ..calibration.identify import identify
+    from ..reporting.progress import Progress
+
+    with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
+        try:
+            result = identify(
+                model,
+                chosen.log,
+                validate=chosen.validate,
+                mapping=chosen.map,
+                known=dict(_known(text) for text in chosen.known),
+                lock=_names(chosen.lock),
+                joints=_names(chosen.joints) or None,
+                columns=None if chosen.columns == "auto" else _names(chosen.columns),
+                delay=None if chosen.delay == "auto" else _numbers("--delay", chosen.delay),
+                cutoff=chosen.cutoff,
+                online=chosen.online,
+                told=progress.say,
+            )
+        except UnusableLog as error:
+            _print_notes(error, chosen.quiet or chosen.json)
+            raise
+        files = write(result, folder, progress.say)
+    if chosen.json:
+        print(result.text())
+    elif not chosen.quiet:
+        from rich.console import Console
+
+        from ..reporting.identification import print_identification
+
+        print_identification(result, Console(), files)
+    return 0 if result.explains != "no" else 1
+
+
+def write(result: Identification, folder: Path, told) -> list[Path]:
+    """Writes results, report, recording and calibrated models into a folder; returns the files."""
+    from ..experiment.record import atomic_write
+
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / RESULT]
+    atomic_write(files[0], result.text().encode())
+    told("writing the calibrated models")
+    from ..calibration.models.export import write_models
+
+    files += write_models(result, folder)
+    told("writing the report")
+    from ..reporting.identification import write_report
+
+    files.append(write_report(result, folder))
+    told("writing the recording")
+    from ..recording.identification import record
+
+    path = folder / "identification.rrd"
+    record(result, path)
+    return [*files, path]
+
+
+def _print_notes(error: UnusableLog, quiet: bool) -> None:
+    """Prints warnings and notes before the refusals, which the error itself tells."""
+    if not quiet:
+        for finding in error.findings:
+            if finding.level != "refusal":
+                print(f"{finding.level}: {finding}", file=sys.stderr)
+
+
+def _folder(name: str, out: Path | None, force: bool) -> Path:
+    """The folder of the results: `out`, or runs/NAME-identify, numbered if it holds results."""
+    if out is not None:
+        if not force and (out / RESULT).is_file():
+            raise BadRun(
+                out, "it holds results", "Give --force to overwrite them, or another --out"
+            )
+        return out
+    first = RUNS / f"{name}-identify"
+    if force:
+        return first
+    numbered = (RUNS / f"{name}-identify-{number}" for number in itertools.count(2))
+    return next(f for f in itertools.chain([first], numbered) if not (f / RESULT).is_file())
+
+
+def _known(text: str) -> tuple[str, float]:
+    name, equals, value = text.rpartition("=")
+    try:
+        if not equals:
+            raise ValueError
+        return name.strip(), float(value)
+    except ValueError as error:
+        raise InvalidInput("--known", "NAME=VALUE", text, "Such as gain_1=0.11.") from error
+
+
+def _names(text: str) -> Sequence[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _numbers(flag: str, text: str) -> Sequence[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise InvalidInput(flag, "comma-separated numbers", text, "Such as 0.01.") from error
