@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..parameters import Array
-from .checks import fit_checks
+from .checks import fit_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
-from .joints import BASIC, SPEEDS, JointRows
+from .findings import Finding
+from .fit import minimise
+from .joints import BASIC, SPEEDS, Choice, JointRows
 from .selection import choose
 from .smoothing import filter_for
 from .structure import Options, Structured, Velocity
@@ -18,6 +20,7 @@ from .structure import Options, Structured, Velocity
 _STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
 # losses of gears), of one in unknown units, of a gain from the model file
+_NARROWER = 0.6  # another plausible cut-off over the chosen one
 _WEAKER = 0.1  # least guess of a joint's gain over the largest
 
 
@@ -40,24 +43,28 @@ def structured_arm(
     told("filtering")
     chosen = filter_for(recordings, options.cutoff)
     rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)))
-    gain, spread = expected_gains(robot, rows, recordings.command_units)
+    gain, spread, doubts = expected_gains(robot, rows, recordings.command_units)
     rows.gain = gain
     told("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
-    faults = fit_checks(rows, choice)
+    problem, faults = rows.problem(choice, gain, spread), fit_checks(rows, choice)
+    faults = faults or reversed_commands(rows, choice, problem)
     checked = None
     if validation is not None:
         at = filter_for(validation, chosen.cutoff)
         checked = JointRows(robot, validation, at, gain).problem(choice, gain, spread)
-    basic = None
-    if any(columns != BASIC for columns in choice.columns):
-        simple = replace(choice, columns=(BASIC,) * len(robot.joints))
-        basic = rows.problem(simple, gain, spread)
+    if any("load" in columns for columns in choice.columns) and not faults:
+        told("weighing")
+        rows.reweigh(minimise(problem).theta[: 10 * (robot.model.njoints - 1)])
+        problem = rows.problem(choice, gain, spread)
+    others = [rows.problem(other, gain, spread) for other in _others(choice)]
+    narrow = filter_for(recordings, _NARROWER * chosen.cutoff)
+    others.append(JointRows(robot, recordings, narrow, gain).problem(choice, gain, spread))
     return Structured(
-        rows.problem(choice, gain, spread),
+        problem,
         gain,
         spread,
-        basic,
+        tuple(others),
         checked,
         tuple(
             Velocity(
@@ -68,15 +75,26 @@ def structured_arm(
             )
             for j, name in enumerate(robot.joints)
         ),
-        (*notes, *faults),
+        (*notes, *doubts, *faults),
         chosen.cutoff,
     )
 
 
+def _others(choice: Choice) -> list[Choice]:
+    """Other plausible structures: without further columns, and with other friction speeds."""
+    found, last = [], len(SPEEDS) - 1
+    if any(columns != BASIC for columns in choice.columns):
+        found.append(replace(choice, columns=(BASIC,) * len(choice.columns)))
+    for step in (-1, 1):
+        speeds = tuple(min(max(s + step, 0), last) for s in choice.speed)
+        found.append(replace(choice, speed=speeds))
+    return found
+
+
 def expected_gains(
     robot: RobotModel, rows: JointRows, units: tuple[str, ...]
-) -> tuple[Array, Array]:
-    """(k,) gains expected beforehand, and (k,) standard deviations of their logarithms.
+) -> tuple[Array, Array, list[Finding]]:
+    """(k,) gains expected beforehand, (k,) deviations of their logarithms, and doubts of the units.
 
     A command in N or N·m has the gain of the model file, usually 1. In any other unit the gain is
     guessed from the torque that the model's inertias need for the motion; as a wrist's friction may
@@ -90,10 +108,11 @@ def expected_gains(
     def rms(x: Array) -> Array:
         return np.sqrt(np.sum((x * rows.usable) ** 2, axis=0) / counts)
 
-    u = rms(rows.commands(np.zeros(len(robot.joints))))
-    guess = rms(rows.links @ inertial) / np.maximum(u, 1e-12)
+    torque, u = rms(rows.links @ inertial), rms(rows.commands(np.zeros(len(robot.joints))))
+    guess = torque / np.maximum(u, 1e-12)
     guess = np.maximum(guess, _WEAKER * guess.max())
     stated = np.array([unit in ("N·m", "N") for unit in units])
     nominal = ~stated & (robot.gain != 1)
     gain = np.where(stated | nominal, robot.gain, guess)
-    return gain, np.where(stated, _STATED, np.where(nominal, _NOMINAL, _GUESSED))
+    spread = np.where(stated, _STATED, np.where(nominal, _NOMINAL, _GUESSED))
+    return gain, spread, unit_checks(torque, gain * u, units)

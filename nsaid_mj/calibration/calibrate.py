@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array
 from .arms import structured_arm
-from .checks import gain_checks, structure_checks
+from .checks import structure_checks
 from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
@@ -69,14 +69,12 @@ def calibrate(
     problem = with_known(made.problem, known)
     fit, share = tempered_fit(problem)
     at = problem.space.actuators
-    if robot.system is None:
-        found += gain_checks(robot, fit.theta[at], made.gain, recordings.command_units)
-        _refuse(found)
     told("estimating intervals")
     exact = precision(problem, fit, share)
-    if made.basic is not None:
-        basic = with_known(made.basic, known)
-        exact = exact._replace(structure=_structural(problem, fit, basic, share))
+    others = [with_known(other, known) for other in made.alternatives]
+    if others:
+        changes = np.array([_change(problem, fit, other, share) for other in others])
+        exact = exact._replace(structure=changes)
     told("predicting held-out parts")
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
@@ -174,15 +172,29 @@ def _rms(values: Array) -> Array:
         return np.sqrt(np.nansum(values**2, axis=0) / counts)
 
 
-def _structural(problem: Problem, fit: Fit, basic: Problem, share: Array) -> Array:
-    """(p,) half the change of θ̂ with the basic columns only; 0 for parameters that go."""
-    theta = minimise(basic, tempered(basic, share)).theta
-    index = {name: i for i, name in enumerate(basic.space.names)}
+def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
+    """(p,) change of θ̂ under another structure that counts as one standard deviation.
+
+    It is half the change, times the ratio of the residuals' variances where the other structure
+    explains the log less well; 0 for parameters that the other has not.
+    """
+    found = minimise(other, tempered(other, share), _start(problem, fit, other))
+    plausible = np.exp(np.mean(np.log(fit.levels / found.levels)))
+    index = {name: i for i, name in enumerate(other.space.names)}
     change = np.zeros(len(problem.space))
     for i, name in enumerate(problem.space.names):
         if name in index:
-            change[i] = 0.5 * (theta[index[name]] - fit.theta[i])
+            change[i] = 0.5 * min(1.0, plausible) * (found.theta[index[name]] - fit.theta[i])
     return change
+
+
+def _start(problem: Problem, fit: Fit, other: Problem) -> Array:
+    """The other structure's prior, with the estimate in place of what both have."""
+    start, index = other.prior.copy(), {n: i for i, n in enumerate(problem.space.names)}
+    for i, name in enumerate(other.space.names):
+        if name in index:
+            start[i] = fit.theta[index[name]]
+    return start
 
 
 def _along(problem: Problem, share: Array) -> tuple[Array, Array]:

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.optimize
 
 from ..parameters import Array
-from .data import RobotModel
 from .findings import Finding
+from .fit import minimise
 from .joints import Choice, JointRows
+from .problem import Problem
 from .selection import held_out_errors, joint_columns
 
 _SWAPPED = 0.7  # ratio of held-out errors below which another command fits a joint better
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
-_UNIT = 100.0  # ratio of an identified to an expected gain that suggests another unit
+_LIKELIER = 10.0  # fall of the cost that convicts a reversed command
+_UNIT = 20.0  # ratio of stated to needed forces that suggests another unit
+_FRICTION = frozenset({"viscous", "coulomb", "load", "quadratic", "cubic"})
 _ROWS = 3.0  # usable rows per column that a joint needs
 
 
 def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
-    """Faults of single commands, by least squares of each joint's own row."""
+    """Too few rows, and swapped commands, by least squares of each joint's own row."""
     names, u = rows.robot.joints, rows.commands(choice.delay)
     findings = [f for j, name in enumerate(names) for f in _short(rows, choice, j, name)]
-    if findings:
-        return findings
-    return [*_swapped(rows, choice, u, names), *_reversed(rows, choice, u, names)]
+    return findings or _swapped(rows, choice, u, names)
 
 
 def _short(rows: JointRows, choice: Choice, joint: int, name: str) -> list[Finding]:
@@ -69,67 +72,89 @@ def _swapped(rows: JointRows, choice: Choice, u: Array, names: tuple[str, ...]) 
     ]
 
 
-def _reversed(rows: JointRows, choice: Choice, u: Array, names: tuple[str, ...]) -> list[Finding]:
-    """Commands against which friction would do positive work."""
-    findings = []
-    for j, name in enumerate(names):
-        usable = rows.usable[:, j]
-        X, y = joint_columns(rows, choice, j)[usable], u[usable, j]
-        friction = np.column_stack(
-            [rows.column(c, j, choice)[usable] for c in ("viscous", "coulomb")]
-        )
-        friction = friction / np.maximum(np.sqrt(np.mean(friction**2, axis=0)), 1e-300)
-        # the part of the command along friction, with everything else free to take its share
-        others = X - friction @ np.linalg.lstsq(friction, X, rcond=None)[0]
-        keep = np.linalg.norm(others, axis=0) > 1e-6 * np.sqrt(len(y))
-        A = np.hstack([friction, others[:, keep]])
-        ridge = 1e-3 * np.sqrt(len(y)) * np.eye(A.shape[1])
-        beta = np.linalg.lstsq(
-            np.vstack([A, ridge]), np.concatenate([y, np.zeros(len(ridge))]), rcond=None
-        )[0]
-        speed = rows.diagonal["viscous"][usable, j]
-        work = float(np.mean((friction @ beta[:2]) * np.sign(speed)))
-        residual = float(np.std(y - A @ beta))
-        if work < 0 and -work > 0.05 * float(np.std(y)) and -work > 0.5 * residual:
+def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list[Finding]:
+    """Commands against which friction would do positive work.
+
+    Joints are suspected by least squares of their own row, and convicted if the physical fit is
+    better with −u.
+
+    Args:
+        rows: of the log.
+        choice: of the structure.
+        problem: the fit of that structure.
+    """
+    u, names = rows.commands(choice.delay), rows.robot.joints
+    suspects = [j for j in range(len(names)) if _driven_by_friction(rows, choice, u[:, j], j)]
+    if not suspects:
+        return []
+    findings, own = [], minimise(problem).cost
+    for j in suspects:
+        at = problem.space.actuators[j]
+        Y = problem.Y.copy()
+        Y[:, :, at] *= -1
+        other = minimise(replace(problem, Y=Y)).cost
+        if other < own - _LIKELIER:
             findings.append(
                 Finding(
                     "refusal",
                     "reversed_sign",
-                    name,
+                    names[j],
                     "friction would drive the motion: the command seems to be reversed (it fits "
                     "with −u)",
-                    f"Set `sign = -1` for the command of {name} in the map.",
-                    {"work": work},
+                    f"Set `sign = -1` for the command of {names[j]} in the map.",
+                    {"cost": own, "cost_reversed": other},
                 )
             )
     return findings
 
 
-def gain_checks(robot: RobotModel, gain: Array, expected: Array, units: tuple[str, ...]):
-    """Gains that suggest another unit of the command.
+def _driven_by_friction(rows: JointRows, choice: Choice, u: Array, joint: int) -> bool:
+    """Whether least squares of a joint's row gives friction that accelerates."""
+    usable = rows.usable[:, joint]
+    kinds = sorted(choice.columns[joint] & _FRICTION)
+    friction = np.column_stack([rows.column(c, joint, choice)[usable] for c in kinds])
+    friction = friction / np.maximum(np.sqrt(np.mean(friction**2, axis=0)), 1e-300)
+    others = joint_columns(rows, replace_columns(choice, joint), joint)[usable]
+    A = np.hstack([friction, others])
+    ridge = 1e-2 * np.sqrt(len(A)) * np.eye(A.shape[1])
+    target = np.concatenate([u[usable], np.zeros(len(ridge))])
+    beta = np.linalg.lstsq(np.vstack([A, ridge]), target, rcond=None)[0]
+    speed = rows.diagonal["viscous"][usable, joint]
+    return float(np.mean((friction @ beta[: len(kinds)]) * np.sign(speed))) < 0
+
+
+def replace_columns(choice: Choice, joint: int) -> Choice:
+    """The choice without columns of friction at one joint."""
+    columns = list(choice.columns)
+    columns[joint] = columns[joint] - _FRICTION
+    return replace(choice, columns=tuple(columns))
+
+
+def unit_checks(torque: Array, force: Array, units: tuple[str, ...]) -> list[Finding]:
+    """Whether commands stated in N or N·m have the size of the forces that the model needs.
 
     Args:
-        robot: the model.
-        gain: (k,) identified gains.
-        expected: (k,) expected gains where the unit is stated.
-        units: of the commands; "" where unknown.
+        torque: (k,) rms of the forces of the model's inertias and weight along the motion.
+        force: (k,) rms of the stated forces.
+        units: of the commands.
     """
-    findings = []
-    for j, name in enumerate(robot.joints):
-        ratio = gain[j] / expected[j]
-        if units[j] and not 1 / _UNIT < ratio < _UNIT:
-            findings.append(
-                Finding(
-                    "refusal",
-                    "unit",
-                    name,
-                    f"the identified gain is {ratio:.2g} times what a command in {units[j]} "
-                    "suggests",
-                    "Check the command's unit in the map (mA instead of A, % or raw counts).",
-                    {"ratio": float(ratio)},
-                )
-            )
-    return findings
+    stated = [j for j, unit in enumerate(units) if unit in ("N·m", "N")]
+    if not stated or not (torque > 0).any():
+        return []
+    ratio = float(np.linalg.norm(force[stated]) / np.linalg.norm(torque[stated]))
+    if 1 / _UNIT < ratio < _UNIT:
+        return []
+    return [
+        Finding(
+            "refusal",
+            "unit",
+            "",
+            f"the commands, stated in {units[stated[0]]}, are {ratio:.2g} times the forces that "
+            "the model needs for this motion",
+            "Check the command's unit in the map (mA, %, or raw counts?), and the model's masses.",
+            {"ratio": ratio},
+        )
+    ]
 
 
 def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:

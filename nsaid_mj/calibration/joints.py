@@ -97,8 +97,6 @@ class JointRows:
         recordings: the segments.
         chosen: filters.
         gain: (k,) expected gains [N·m or N per unit of command].
-        theta_links: (10 k,) link parameters from which the weight's torque of load-dependent
-            friction is computed; None for the model's.
 
     Attributes:
         links: (N, n, 10 b) columns of the links.
@@ -114,7 +112,6 @@ class JointRows:
     recordings: Recordings
     chosen: Filter
     gain: Array
-    theta_links: Array | None = None
     links: Array = field(init=False)
     diagonal: dict[str, Array] = field(init=False)
     sums: Array = field(init=False)
@@ -145,19 +142,28 @@ class JointRows:
             "cubic": joined(lambda m: m.v**3),
             "offset": joined(lambda m: np.ones_like(m.v)),
         }
-        weight = _weight(self.robot.model, self.theta_links)
         self.diagonal["coulomb"] = np.stack(
             [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
-        )
-        self.diagonal["load"] = np.stack(
-            [joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
         )
         self.sums = np.stack(
             [joined(lambda m, s=s: np.tanh((m.v[:, :-1] + m.v[:, 1:]) / s)) for s in SPEEDS]
         )
+        self._joined = joined
+        self.reweigh(None)
         self.usable = np.concatenate([m.usable[c] for _, c, m in parts])
         self.t = np.concatenate([m.t[c] for _, c, m in parts])
         self.segment = np.concatenate([np.full(len(c), number) for number, c, _ in parts])
+
+    def reweigh(self, theta_links: Array | None) -> None:
+        """Computes load-dependent friction from the weight under link parameters.
+
+        Args:
+            theta_links: (10 k,) the links' parameters; None for those of the model file.
+        """
+        weight = _weight(self.robot.model, theta_links)
+        self.diagonal["load"] = np.stack(
+            [self._joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
+        )
 
     def commands(self, delay: Array) -> Array:
         """(N, k) filtered commands, delayed by (k,) seconds."""

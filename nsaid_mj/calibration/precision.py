@@ -60,7 +60,8 @@ class Precision(NamedTuple):
         data: (p, p) information of the data alone.
         parts: (K, p) changes of θ̂ without one part of the log, scaled as the jackknife's variance:
             the deviation of wᵀθ̂ between parts of the log is ‖parts w‖.
-        structure: (p,) half the change of θ̂ under the basic columns; 0 where none was tried.
+        structure: (A, p) changes of θ̂ under other plausible structures that count as one standard
+            deviation each.
         prior: (p,) standard deviations of the prior.
     """
 
@@ -73,13 +74,13 @@ class Precision(NamedTuple):
     def of(self, weights: Array) -> float:
         """Stated standard deviation of wᵀθ̂ for weights w (p,)."""
         own = float(np.sqrt(max(weights @ self.covariance @ weights, 0.0)))
-        own = float(np.hypot(own, self.structure @ weights))
+        own = float(np.hypot(own, np.linalg.norm(self.structure @ weights)))
         return max(own, float(np.linalg.norm(self.parts @ weights)))
 
     @property
     def deviation(self) -> Array:
         """(p,) stated standard deviations of θ̂."""
-        return np.array([self.of(e) for e in np.eye(len(self.structure))])
+        return np.array([self.of(e) for e in np.eye(len(self.prior))])
 
 
 def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
@@ -107,11 +108,12 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     if len(estimates) > 1:
         apart = np.array(estimates) - np.mean(estimates, axis=0)
         apart *= np.sqrt((len(estimates) - 1) / len(estimates))
-    prior_only = np.diag(prior) > 0
     before = np.zeros(len(scale))
-    inner = prior[np.ix_(prior_only, prior_only)]
-    before[prior_only] = np.sqrt(np.diag(scipy.linalg.inv(inner)))
-    return Precision(covariance, data, apart, np.zeros(len(scale)), before)
+    held = np.flatnonzero(np.diag(prior) > 0)
+    unit = 1 / np.sqrt(np.diag(prior)[held])
+    inner = prior[np.ix_(held, held)] * np.outer(unit, unit)
+    before[held] = unit * np.sqrt(np.diag(scipy.linalg.inv(inner)))
+    return Precision(covariance, data, apart, np.zeros((1, len(scale))), before)
 
 
 def information(problem: Problem, parts: Gramians, theta: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from .result import Combination, Explains, JointFit, Parameter, Status
 
 _Z = 1.96  # of a 95 % interval
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
-_NARROWED = 0.7  # deviation of a relative gain over the prior's, below which it is identified
+_NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
 _SHARP = 0.05  # relative deviation below which it is identified whatever the prior
 _TERMS = 6  # terms of a combination that are written out
 _GOOD, _FAIR = 0.2, 0.5  # held-out NRMSE

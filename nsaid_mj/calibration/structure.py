@@ -51,7 +51,8 @@ class Structured(NamedTuple):
         problem: rows of the training logs.
         gain: (k,) expected values of the actuator parameters.
         spread: (k,) standard deviations of their logarithms.
-        basic: the problem with the basic columns only; None where it is the same.
+        alternatives: problems of other plausible structures and filters, to see how θ̂ depends on
+            them.
         checked: rows of the validation log; None without one.
         velocities: the choice for every velocity.
         findings: what was tried and noticed.
@@ -61,7 +62,7 @@ class Structured(NamedTuple):
     problem: Problem
     gain: Array
     spread: Array
-    basic: Problem | None
+    alternatives: tuple[Problem, ...]
     checked: Problem | None
     velocities: tuple[Velocity, ...]
     findings: tuple[Finding, ...]

@@ -171,7 +171,7 @@ def structured_vehicle(
                             f"cost by {worth:.0f}", data={"columns": sorted(columns)})
                 )  # fmt: skip
     problem = rows.problem(delay, columns)
-    basic = rows.problem(delay, frozenset()) if columns else None
+    others = (rows.problem(delay, frozenset()),) if columns else ()
     checked = None
     if validation is not None:
         at = filter_for(validation, chosen.cutoff)
@@ -182,7 +182,7 @@ def structured_vehicle(
         problem,
         problem.prior[at],
         np.full(len(at), _SPREAD),
-        basic,
+        others,
         checked,
         tuple(Velocity(n, tuple(sorted(columns)), np.nan, common) for n in velocity_names(robot)),
         tuple(findings),

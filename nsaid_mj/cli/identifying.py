@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
+from ..resources import atomic_write
 from .folders import RUNS
 from .grammar import Identify
 
@@ -62,11 +63,10 @@ def identify_log(chosen: Identify) -> int:
 
 def write(result: Identification, folder: Path, told) -> list[Path]:
     """Writes results, report, recording and calibrated models into a folder; returns the files."""
-    from ..experiment.record import atomic_write
-
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / RESULT]
-    atomic_write(files[0], result.text().encode())
+    with atomic_write(files[0]) as path:
+        path.write_text(result.text(), encoding="utf-8")
     told("writing the calibrated models")
     from ..calibration.models.export import write_models
 
