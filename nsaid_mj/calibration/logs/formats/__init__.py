@@ -17,7 +17,7 @@ from ..errors import UnreadableLog
 HEAD = 64
 """Number of bytes by which a format is recognised."""
 
-_ORDER = ("run", "arrow", "npz", "text")
+_ORDER = ("run", "arrow", "npz", "rosbag", "ulog", "dataflash", "text")
 
 
 class Columns(NamedTuple):
@@ -69,4 +69,5 @@ def read(path: Path) -> list[Columns]:
         candidate = cast(Format, importlib.import_module(f"{__name__}.{name}"))
         if candidate.recognises(path, head):
             return candidate.read(path)
-    raise UnreadableLog(path, "no known format", "Known are CSV, Parquet, Arrow and npz.")
+    remedy = "Known are CSV, Parquet, Arrow, npz, ROS bags, MCAP, ULog and DataFlash."
+    raise UnreadableLog(path, "no known format", remedy)

@@ -1,0 +1,116 @@
+"""ROS 1 bags, ROS 2 bags (SQLite or MCAP) and single MCAP files, through `rosbags`.
+
+Read are `sensor_msgs/JointState`, `nav_msgs/Odometry` and `std_msgs/Float64MultiArray`. Times are
+the stamps of the headers; where a message has none, the time at which it was recorded.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import MissingExtra, UnreadableLog
+from . import Columns
+
+_HEADS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
+_VECTOR = ("x", "y", "z")
+_QUATERNION = ("x", "y", "z", "w")
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether it is a bag, or the folder of one."""
+    return (path / "metadata.yaml").is_file() or head.startswith(_HEADS)
+
+
+def read(path: Path) -> list[Columns]:
+    """One group of columns for each joint, body or array of a topic.
+
+    Columns are called `TOPIC/position/JOINT`, `TOPIC/velocity/JOINT`, `TOPIC/effort/JOINT`;
+    `TOPIC/position/x` …, `TOPIC/orientation/x` …, `TOPIC/linear/x` …, `TOPIC/angular/x` …; and
+    `TOPIC/data_0` …
+
+    Raises:
+        MissingExtra: `rosbags` is not installed.
+        UnreadableLog: the bag is damaged or has no message of these types.
+    """
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise MissingExtra(path, "ros") from error
+    times: dict[str, list[int]] = defaultdict(list)
+    rows: dict[str, list[dict[str, float]]] = defaultdict(list)
+    try:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([path], default_typestore=store) as reader:
+            known = [c for c in reader.connections if c.msgtype in _PARTS]
+            types = sorted({c.msgtype for c in reader.connections})
+            for connection, received, raw in reader.messages(known):
+                message: Any = reader.deserialize(raw, connection.msgtype)
+                topic = connection.topic.strip("/")
+                time = _stamp(message) or received
+                for part, values in _PARTS[connection.msgtype](message):
+                    times[f"{topic}/{part}"].append(time)
+                    rows[f"{topic}/{part}"].append(
+                        {f"{topic}/{name}": value for name, value in values.items()}
+                    )
+    except (AnyReaderError, OSError) as error:
+        raise UnreadableLog(path, f"unreadable bag ({error})", "Copy the bag again.") from error
+    if not rows:
+        remedy = f"Record sensor_msgs/JointState or nav_msgs/Odometry; it has {', '.join(types)}."
+        raise UnreadableLog(path, "the bag has no message of joints or odometry", remedy)
+    return [_columns(times[part], rows[part]) for part in rows]
+
+
+def _columns(times: list[int], rows: list[dict[str, float]]) -> Columns:
+    names = dict.fromkeys(name for row in rows for name in row)
+    values = {name: np.array([row.get(name, np.nan) for row in rows], float) for name in names}
+    return Columns(values, np.array(times, dtype=np.int64))
+
+
+def _stamp(message: Any) -> int:
+    """The header's time [ns]; 0 if there is none."""
+    header = getattr(message, "header", None)
+    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec if header else 0
+
+
+def _joints(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
+    """Each joint's numbers; a part that the publisher leaves empty is absent."""
+    for k, joint in enumerate(message.name):
+        yield (
+            joint,
+            {
+                f"{part}/{joint}": float(getattr(message, part)[k])
+                for part in ("position", "velocity", "effort")
+                if len(getattr(message, part)) > k
+            },
+        )
+
+
+def _odometry(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
+    pose, twist = message.pose.pose, message.twist.twist
+    parts = (
+        ("position", pose.position, _VECTOR),
+        ("orientation", pose.orientation, _QUATERNION),
+        ("linear", twist.linear, _VECTOR),
+        ("angular", twist.angular, _VECTOR),
+    )
+    yield (
+        "odometry",
+        {f"{name}/{axis}": getattr(part, axis) for name, part, axes in parts for axis in axes},
+    )
+
+
+def _array(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
+    yield "data", {f"data_{k}": float(value) for k, value in enumerate(message.data)}
+
+
+_PARTS = {
+    "sensor_msgs/msg/JointState": _joints,
+    "nav_msgs/msg/Odometry": _odometry,
+    "std_msgs/msg/Float64MultiArray": _array,
+}

@@ -1,0 +1,53 @@
+"""PX4's ULog, through `pyulog`."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import MissingExtra, UnreadableLog
+from . import Columns
+
+_HEAD = b"ULog\x01\x12\x35"
+
+
+def recognises(_path: Path, head: bytes) -> bool:
+    """Whether it begins as ULog does."""
+    return head.startswith(_HEAD)
+
+
+def read(path: Path) -> list[Columns]:
+    """One group of columns for each topic, called `TOPIC/FIELD`; `TOPIC_1/FIELD` of instance 1.
+
+    Times are the fields `timestamp`, or `timestamp_sample` where a topic has it.
+
+    Raises:
+        MissingExtra: `pyulog` is not installed.
+        UnreadableLog: the file is damaged or has no data.
+    """
+    try:
+        from pyulog import ULog
+        from pyulog.exceptions import ULogException
+    except ImportError as error:
+        raise MissingExtra(path, "ulog") from error
+    try:
+        log = ULog(str(path))
+    except (ULogException, ValueError, LookupError, struct.error) as error:
+        raise UnreadableLog(path, f"unreadable ULog ({error})", "Copy the log again.") from error
+    found = []
+    for topic in log.data_list:
+        name = f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name
+        data = dict(topic.data)
+        stamp = data.pop("timestamp")
+        sampled = data.pop("timestamp_sample", stamp)
+        times = sampled if np.all(sampled > 0) else stamp
+        values = {
+            f"{name}/{field}": np.asarray(column, np.float64) for field, column in data.items()
+        }
+        if values and len(times):
+            found.append(Columns(values, times.astype(np.int64) * 1000))
+    if not found:
+        raise UnreadableLog(path, "the log has no data", "Record the log again.")
+    return found
