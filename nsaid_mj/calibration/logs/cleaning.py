@@ -71,7 +71,7 @@ def _clean_one(
             x = x_turns / raw
             text = "jumps of a whole turn were removed"
             findings.append(about_rows("note", "wrapped_angle", where, row[jumps], text))
-    bad = signals.outliers(x) if source.quantity != "command" else np.zeros(0, int)
+    bad = signals.outliers(t, x) if source.quantity != "command" else np.zeros(0, int)
     if len(bad):
         good = np.setdiff1d(np.arange(len(x)), bad)
         away = float(np.max(np.abs(x[bad] - np.interp(t[bad], t[good], x[good]))))

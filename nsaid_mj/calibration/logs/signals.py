@@ -97,20 +97,29 @@ def unwrap(x: Array) -> tuple[Array, np.ndarray]:
     return x + 2 * np.pi * np.cumsum(turns), jumps + 1
 
 
-def outliers(x: Array) -> np.ndarray:
-    """Rows far from the median of seven neighbours (Hampel), at most three in a row.
+def outliers(t: Array, x: Array) -> np.ndarray:
+    """Rows that lie off the curve through their neighbours, at most three in a row.
 
-    "Far" is measured by the noise, by the steps between rows nearby and by the quantisation, so
-    that a fast motion has no outliers.
+    A single row is compared with the cubic through two rows on either side, several with the median
+    of seven rows (Hampel). "Off" is measured by the noise, the quantisation and the steps between
+    rows nearby, so that neither a fast motion nor a row that repeats the one before is an outlier.
     """
     if len(x) < 15:
         return np.zeros(0, int)
-    away = np.abs(x - ndimage.median_filter(x, 7, mode="nearest"))
     steps = np.abs(np.diff(x, prepend=x[0]))
-    nearby = ndimage.percentile_filter(steps, 75, 15, mode="nearest")
+    nearby = ndimage.median_filter(steps, 15, mode="nearest")
     some = steps[steps > 0]
     smallest = float(np.quantile(some, 0.25)) if len(some) else 0.0
-    far = away > np.maximum(10 * nearby, max(8 * robust_noise(x), 5 * smallest))
+    floor = max(8 * robust_noise(x), 5 * smallest)
+    from_cubic = np.abs(ndimage.convolve1d(x, np.array([1, -4, 6, -4, 1]) / 6, mode="nearest"))
+    intervals = np.diff(t, prepend=2 * t[0] - t[1])
+    uneven = ndimage.maximum_filter1d(intervals > 1.5 * np.median(intervals), 5)
+    uneven[[0, 1, -2, -1]] = True
+    from_cubic = np.where(uneven, 0.0, from_cubic)
+    peak = from_cubic >= ndimage.maximum_filter1d(from_cubic, 5)
+    single = peak & (from_cubic > np.maximum(3 * nearby, floor))
+    from_median = np.abs(x - ndimage.median_filter(x, 7, mode="nearest"))
+    far = single | (from_median > np.maximum(10 * nearby, floor))
     edges = np.flatnonzero(np.diff(np.r_[False, far, False].astype(int))).reshape(-1, 2)
     short = [np.arange(start, end) for start, end in edges if end - start <= 3]
     return np.concatenate(short) if short else np.zeros(0, int)
