@@ -31,18 +31,28 @@ def example_robot(
     Raises:
         BadRobot: it is not described by a URDF file.
     """
+    from example_robot_data.robots_loader import ROBOTS
+
+    robot = load_urdf(example_file(name), lock, joints)
+    findings = robot.findings
+    if ROBOTS[name].free_flyer:
+        text = "its base can move; it was taken as fixed to a stand, level"
+        findings += (
+            Finding("warning", "base_held", name, text, "Use logs of the robot on a stand."),
+        )
+    return replace(robot, name=name, source=None, findings=findings)
+
+
+def example_file(name: str) -> Path:
+    """The URDF file of a robot of example-robot-data.
+
+    Raises:
+        BadRobot: it is not described by a URDF file.
+    """
     from example_robot_data.robots_loader import ROBOTS, getModelPath
 
     loader = ROBOTS[name]
     file = Path(loader.path, loader.urdf_subpath, loader.urdf_filename)
     if file.suffix != ".urdf":
         raise BadRobot(name, "", "it is not described by a URDF file", "Choose another robot.")
-    robot = load_urdf(Path(getModelPath(str(file))) / file, lock, joints)
-    findings = robot.findings
-    if loader.free_flyer:
-        text = "its base can move; it was taken as fixed to a stand, level"
-        findings += (Finding("warning", "base_held", name, text, HELD_REMEDY),)
-    return replace(robot, name=name, source=None, findings=findings)
-
-
-HELD_REMEDY = "Use logs of the robot on a stand."
+    return Path(getModelPath(str(file))) / file
