@@ -48,7 +48,7 @@ class UnknownName(NsaidError, KeyError):
             if self.near
             else f"Known: {', '.join(self.choices)}."
         )
-        super().__init__(f"no {kind} is called {name!r}. {hint} {remedy}".rstrip())
+        super().__init__(f"unknown {kind}: {name!r}. {hint} {remedy}".rstrip())
 
     def __str__(self) -> str:
         return str(self.args[0])  # KeyError would print the repr

@@ -1,6 +1,6 @@
 """Generates the tables of docs/results.md: the worst of seeds 0 to 2 of every scenario.
 
-`python scripts/results.py [--law memory --duration 30] [--sensors noisy] [--gamma simulated]
+`python scripts/results.py [--law efficient --duration 30] [--sensors noisy] [--gamma simulated]
 [--seeds 10,11] [NAME …]`; takes some minutes.
 """
 
@@ -64,7 +64,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--gamma", choices=("scale", "simulated"), default="scale")
-    parser.add_argument("--law", choices=("paper", "cone", "memory"), default="paper")
+    parser.add_argument("--law", choices=("paper", "cone", "memory", "efficient"), default="paper")
     parser.add_argument("--sensors", choices=("ideal", "noisy"), default="ideal")
     parser.add_argument(
         "--duration", type=float, help="of every run [s] (default: the scenario's own)"

@@ -61,7 +61,7 @@ def verdict(summary: dict[str, Any]) -> str:
         nearer = True
         known = "" if worst is None else f"least known direction to ±{_share(worst)}"
         where = ", ".join(filter(None, (known, predicts.removeprefix(", "))))
-        where = where or "no figure to judge it by"
+        where = where or "no measure of convergence available"
     if arrived:
         return f"converged: {where}"
     if summary["law"] in {"memory", "efficient"}:

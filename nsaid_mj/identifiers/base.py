@@ -23,7 +23,7 @@ class Status(Enum):
     completed = "completed", ""
     plant_diverged = (
         "plant diverged",
-        "The simulation left the physical world: take a smaller dt, or a gentler excitation.",
+        "The simulation became unstable: take a smaller dt or a gentler excitation.",
     )
     estimate_not_positive_definite = (
         "estimated mass matrix not positive definite",

@@ -233,7 +233,10 @@ def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None 
     gain = np.ascontiguousarray(value, dtype=np.float64)
     if gain.shape not in ((size,), (size, size)):
         raise InvalidInput(
-            name, f"shape ({size},) or ({size}, {size})", gain.shape, "Give the diagonal or all."
+            name,
+            f"shape ({size},) or ({size}, {size})",
+            gain.shape,
+            "Pass the diagonal or the full matrix.",
         )
     if not np.isfinite(gain).all():
         raise InvalidInput(name, "finite values", "NaN or infinity", "Check how it was computed.")

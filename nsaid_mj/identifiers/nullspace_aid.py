@@ -51,7 +51,7 @@ def paper_identifier(
             "Gamma",
             f"shape ({system.p},) or ({system.p}, {system.p})",
             Gamma.shape,
-            "Give the diagonal or all.",
+            "Pass the diagonal or the full matrix.",
         )
     return NullspaceIdentifier(system, K, ConstantMetric(Gamma, held), prior, dt, hermite)
 

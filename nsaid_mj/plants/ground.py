@@ -24,7 +24,7 @@ class Guess(Table):
     """What an engineer expects before any measurement."""
 
     off_centre: Positive = one("distance of the centre of mass from the middle, of the wheelbase")
-    top_speed: Positive = one("speed at which the drive has nothing left > 0 [m/s]")
+    top_speed: Positive = one("speed at which the drive force drops to zero > 0 [m/s]")
     speed: Positive = one("a cruising speed > 0 [m/s]")
     grip: Positive = one("a lateral acceleration of operation > 0 [m/s²]")
 

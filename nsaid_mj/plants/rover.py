@@ -68,12 +68,12 @@ class Rover(Plant):
 
     system: GroundVehicle
     mismatches = (
-        "wheels in MuJoCo's contact, whose side force goes with the speed of the slip instead of "
-        "its angle, and ends at friction times load",
-        "load moves between the wheels, and the hull heaves, pitches and rolls",
-        "spinning wheels weigh along the motion only",
-        "two motors of unequal torque turn the rover as they push",
-        "the steering servo takes its time, and turns each front wheel by its own angle",
+        "MuJoCo's contact model at the wheels: lateral force depends on slip velocity, not slip "
+        "angle, and saturates at friction times load",
+        "load transfer between the wheels, and heave, pitch and roll of the hull",
+        "rotational inertia of the wheels, which adds to the mass in forward motion only",
+        "yaw moment from the unequal torques of the two motors",
+        "lag of the steering servo, and different steering angles of the two front wheels",
     )
 
     def __init__(self, spread: float, mismatch: Mismatch, dt: float, rng: np.random.Generator):

@@ -97,7 +97,7 @@ class TorpedoSheet(Sheet):
 
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three moments about the origin > 0 [kg·m²]")
-    gravity_centre: list[Number] = several(3, "three numbers [m], z positive where it rights")
+    gravity_centre: list[Number] = several(3, "three numbers [m], z > 0 if self-righting")
     gravity: Positive = one("a number > 0 [m/s²]")
     water_density: Positive = one("a number > 0 [kg/m³], 1026 in the sea")
     net_weight: Number = one("weight less buoyancy, not 0 [N]")

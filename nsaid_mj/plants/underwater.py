@@ -119,7 +119,7 @@ class UnderwaterSheet(Sheet):
     mass: Positive = one("a number > 0 [kg]")
     volume: Positive = one("a number > 0 [m³]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
-    buoyancy_centre: list[Number] = several(3, "three numbers [m], z negative where it rights")
+    buoyancy_centre: list[Number] = several(3, "three numbers [m], z < 0 if self-righting")
     water_density: Positive = one("a number > 0 [kg/m³], 1000 in fresh water")
     gravity: Positive = one("a number > 0 [m/s²]")
     ballast: Number = Field(default=0.0, description="a weight [N]")

@@ -47,7 +47,7 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
     console.print(
         f"  {summary['sim_s']:.4g} s simulated in {summary['wall_s']:.1f} s "
         f"({summary['real_time_factor']:.1f} × real time)"
-        + (f"; {compiled:.0f} s of compiling, once, not counted" if compiled > _COMPILED else ""),
+        + (f", plus {compiled:.0f} s of one-time compilation" if compiled > _COMPILED else ""),
         soft_wrap=True,
     )
     if summary["mismatch"]:

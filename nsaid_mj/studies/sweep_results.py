@@ -145,7 +145,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise BadRun(
             folder,
-            f"it is no sweep: {MANIFEST} is missing",
+            f"not a sweep folder: {MANIFEST} is missing",
             "Give a folder that `nsaid sweep` has written",
         ) from error
     except (ValueError, AttributeError):

@@ -73,13 +73,13 @@ WORDS = {  # what is typed: expected, got, remedy
     "ur5 --harmonics 0": ("greater than or equal to 1", "got 0", "default is 5"),
     "ur5 --friction 0": ("a number greater than 0", "got 0", "default is None"),
     "ur5 --dt 0.05": ("joint", "too fast for steps of 0.05 s", "Take dt ≤"),
-    "arm --robot ur55": ("no robot is called 'ur55'", "Did you mean", "ending in .urdf"),
+    "arm --robot ur55": ("unknown robot: 'ur55'", "Did you mean", "ending in .urdf"),
     "arm --robot no/such.urdf": ("no/such.urdf", "no such file", "Give the path"),
     "arm --robot weightless.urdf": ("link of joint", "its mass is 0 kg", "Give it an <inertial>"),
     "arm --robot impossible.urdf": ("link of joint j1", "no body has", "Correct <inertia>"),
     "arm --robot sentence.urdf": ("sentence.urdf", "cannot read it", "Correct the URDF"),
-    "scalar_rv": ("no scenario is called 'scalar_rv'", "Did you mean scalar_rov", "ending in .py"),
-    "sentence.urdf": ("no scenario is called 'sentence.urdf'", "Known:", "ending in .py"),
+    "scalar_rv": ("unknown scenario: 'scalar_rv'", "Did you mean scalar_rov", "ending in .py"),
+    "sentence.urdf": ("unknown scenario: 'sentence.urdf'", "Known:", "ending in .py"),
     "empty.py": ("defines `scenario = Scenario(…)`", "got NoneType", "See scenarios/"),
 }
 

@@ -381,7 +381,7 @@ def test_sweep_lists_every_combination_and_exits_with_0(tmp_path: Path) -> None:
     [
         (("sweep", "scalar_rov", "--vary", "gian=1"), "Did you mean gain"),
         (("sweep", "scalar_rov", "--seeds", "0"), "seeds: expected"),
-        (("sweep", "scalar_rov", "--engine", "slurm"), "no engine is called"),
+        (("sweep", "scalar_rov", "--engine", "slurm"), "unknown engine: 'slurm'"),
         (("report", "nowhere"), "no sweep"),
     ],
 )

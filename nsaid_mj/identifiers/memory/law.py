@@ -166,8 +166,7 @@ class ImplicitMemory(DataMemory):
 
         With A the data's information and B what noise and a measurement as good as 30 % would
         give, directions in which B has the share s of A + B are held by 32 (2s)⁶ of A + B: far more
-        than by the data where A ≤ B, less than a thousandth of that where A > 10 B. 0 with exact
-        sensors.
+        than by the data where A ≤ B, less than 0.2 % of that where A > 10 B. 0 with exact sensors.
         """
         noise = remembered.of_noise(theta, memory.means).information(theta)
         if not noise.any():

@@ -101,7 +101,7 @@ def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Except
     key = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in found["loc"])[1:]
     if found["type"] == "extra_forbidden":
         table, _ = _declared(sheet, parents)
-        return UnknownName(f"key of {path}", str(last), table.model_fields, _REMEDY)
+        return UnknownName(f"key in {path}", str(last), table.model_fields, _REMEDY)
     table, expected = _declared(sheet, found["loc"])
     got = "nothing" if found["type"] == "missing" else _short(found["input"])
     return InvalidInput(f"{path}: {key}", expected, got, _REMEDY)
