@@ -133,6 +133,17 @@ def test_a_log_in_pieces_gives_the_same_estimates() -> None:
     np.testing.assert_array_equal(np.concatenate(rows), found.estimates.theta_hat[1:400])
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_with_exact_sensors_rounding_contradicts_nothing(seed: int) -> None:
+    """Seed 0: P_θθ lost its definiteness to rounding, and the estimate wandered off to 1.6e-4."""
+    found = followed("straight_then_slalom", seed, 40.0, sensors="ideal")
+    inside = found.state.filter
+    assert inside.handed and inside.returns == 0 and inside.restarts == 0
+    assert found.figures["theta_perp_ratio"] < 2e-6
+    assert found.covered >= 0.8
+    assert np.linalg.eigvalsh(inside.filter.Ptt).min() > 0
+
+
 def test_a_lost_actuator_is_found_and_the_others_are_left_alone() -> None:
     fault = Fault(loss=0.4, actuator=2, time=20.0)
     found = followed("bluerov2", 11, 40.0, fault=fault)

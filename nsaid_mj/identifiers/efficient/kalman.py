@@ -34,6 +34,7 @@ _WARM_UP = 20  # fourth differences before the noise is known well enough to beg
 _MEMORY = 2000.0  # samples over which the noise is averaged
 _SMALLEST = 1e-6  # least standard deviation of the noise [rad or m, rad/s or m/s]
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
+_FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
 
 class Law(NamedTuple):
@@ -152,6 +153,21 @@ def restart_state(filter, q, v, R):
     filter.tally[0], filter.tally[1], filter.tally[2] = 1.0, 0.0, 0.0
     filter.safe[0], filter.safe[1] = filter.theta, filter.theta
     filter.safe_P[0], filter.safe_P[1] = filter.Ptt, filter.Ptt
+
+
+@njit(cache=True)
+def _keep_above_rounding(P, L):
+    """Adds a floor to P (p, p) where its own rounding errors could make it indefinite.
+
+    Along P_s nothing is learned, while exact data reduce the variance of other directions to where
+    it is lost in the rounding errors of the unlearned one; gains from such a P have random signs.
+    """
+    largest = 0.0
+    for i in range(P.shape[0]):
+        largest = max(largest, P[i, i])
+    if not cholesky(P, L) > _FLOOR * largest:
+        for i in range(P.shape[0]):
+            P[i, i] += _FLOOR * largest
 
 
 @njit(cache=True)
@@ -293,6 +309,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
     size = 2 * n
     step, predicting, updating = _workspaces(structure, n, m, p)
     q1, v1, y, R = np.empty(m), np.empty(n), np.empty(size), np.empty(size)
+    factor = np.zeros((p, p))
     for k in range(1, t.shape[0]):
         difference_into(structure, q[k - 1], q[k], y[:n])
         for i in range(n):
@@ -331,6 +348,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         if tally[2] > acceptable(law, filter):
             return k, CONTRADICTED
         if tally[1] >= law.window:
+            _keep_above_rounding(filter.Ptt, factor)
             filter.safe[0], filter.safe[1] = filter.safe[1], filter.theta
             filter.safe_P[0], filter.safe_P[1] = filter.safe_P[1], filter.Ptt
             tally[1], tally[2] = 0.0, 0.0
