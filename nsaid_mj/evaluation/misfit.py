@@ -15,6 +15,8 @@ import numpy as np
 from ..experiment.loop import Run
 from ..identifiers.cone.barrier import cone_of, inside
 from ..identifiers.efficient.law import Witness
+from ..log import Log
+from ..parameters import Array
 
 NONE, SOME, CONTRADICTS = "none", "some", "contradicts"
 _LONGEST = 30.0  # length of log that is judged, its end [s]
@@ -64,7 +66,11 @@ def misfit_of(run: Run) -> Misfit | None:
     theta = np.array(record["theta_hat"][-1])
     if len(log.t) < _FEWEST or not inside(cone_of(system.space), theta):
         return None
-    witness = Witness(system, scenario.dt, scenario.identifier.efficient)
+    return judged(Witness(system, scenario.dt, scenario.identifier.efficient), theta, log)
+
+
+def judged(witness: Witness, theta: Array, log: Log) -> Misfit:
+    """Judges a log of N measurements, with the filter starting at θ (p,)."""
     times, innovations = witness.contradictions(theta, log)
     seconds = float(log.t[-1] - log.t[0])
     late = [time for time in times if time > log.t[0] + _SETTLED * seconds]
