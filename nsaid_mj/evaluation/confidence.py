@@ -47,6 +47,20 @@ class Known:
         off -= self.directions @ (theta_hat_s / np.linalg.norm(theta_hat_s))
         return float(np.mean(np.abs(off) <= INTERVAL * self.deviation))
 
+    def forces_covered(self, theta_hat_s: Array, W_s: Array) -> float:
+        """Share of predicted forces whose 95 % interval contains the actual force.
+
+        W θ̂ along a motion of the plant is the error of the prediction: the force that θ̂ predicts
+        from the motion, less that of the actuators.
+
+        Args:
+            theta_hat_s: (p,) the estimate over scale.
+            W_s: (k, n, p) regressors along a motion of the plant, times scale.
+        """
+        spread = W_s @ (self.directions.T * self.deviation) * np.linalg.norm(theta_hat_s)
+        deviation = np.linalg.norm(spread, axis=-1)
+        return float(np.mean(np.abs(W_s @ theta_hat_s) <= INTERVAL * deviation))
+
 
 def known(
     confidence: Confidence, theta_hat: Array, nullspace: Nullspace, space: ParameterSpace

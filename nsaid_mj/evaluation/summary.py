@@ -208,9 +208,12 @@ def confidence(run: Run, truth: Truth | None, contradicted: bool = False) -> dic
         stated = stated._replace(covariance=stated.prior)
     theta, space = run.record["theta_hat"][-1], run.system.space
     found = known(stated, theta, nullspace_of(run, None), space)
-    covered = {}
+    covered: dict[str, float] = {}
     if truth is not None:
         covered["covered"] = found.covered(theta / space.scale, truth.theta / space.scale)
+        W = held_out_rows(run.system, truth.held_out, truth.exact)
+        if W is not None:
+            covered["forces_covered"] = found.forces_covered(theta / space.scale, W * space.scale)
     worst = slice(None, -6, -1)
     return {
         "directions": len(found.deviation),

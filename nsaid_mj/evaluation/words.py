@@ -62,6 +62,11 @@ def confidence_lines(summary: dict[str, Any]) -> list[str]:
     ]
     if (covered := stated.get("covered")) is not None:
         lines.append(f"the 95 % intervals contain the truth in {100 * covered:.0f} % of them")
+    if (covered := stated.get("forces_covered")) is not None:
+        lines.append(
+            f"on a held-out motion, {100 * covered:.0f} % of the forces are within the 95 % "
+            "intervals of their predictions"
+        )
     return lines
 
 

@@ -108,7 +108,8 @@ def test_without_a_truth_only_the_comparisons_are_missing(done):
         assert not rival.keys() & OF_THE_TRUTH
     assert all("true" not in row for row in bare["parameters"])
     if whole["confidence"]:
-        assert whole["confidence"].keys() - bare["confidence"].keys() == {"covered"}
+        compared = whole["confidence"].keys() - bare["confidence"].keys()
+        assert compared == {"covered", "forces_covered"}
 
 
 def test_no_summary_value_is_a_placeholder(done):

@@ -67,6 +67,7 @@ def test_an_unmodelled_delay_contradicts_the_structure():
     assert 0.01 < found["force_residual_floor"] <= found["force_residual_ratio"]
     assert found["misfit"] == "contradicts"  # from the measurements alone
     assert found["confidence"]["below_noise"] == found["confidence"]["directions"]
+    assert found["confidence"]["forces_covered"] >= 0.9  # where no θ is true
     blind = verdict({k: v for k, v in without_truth(found).items() if k != "force_residual_floor"})
     assert blind == found["verdict"]
 
@@ -75,6 +76,7 @@ def test_without_the_delay_the_same_run_converges():
     found = summary("ur5", "memory", 6.0)
     assert found["verdict"].startswith("converged: ") and found["misfit"] == "none"
     assert found["confidence"]["below_noise"] < found["confidence"]["directions"]
+    assert found["confidence"]["forces_covered"] >= 0.9
 
 
 def test_an_adaptation_that_is_too_fast_ends_early():
