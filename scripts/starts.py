@@ -1,6 +1,7 @@
-"""How the law `memory` converges from many priors, drawn within e^{±error} on every block of θ.
+"""How a law converges from many priors, drawn within e^{±error} on every block of θ.
 
-`python scripts/starts.py [NAME …] [--starts 25] [--seeds 100,101] [--seconds 20] [--json FILE]`
+`python scripts/starts.py [NAME …] [--law efficient] [--sensors noisy] [--starts 25]
+[--seeds 100,101] [--seconds 20] [--json FILE]`
 
 For every scenario and seed the motion is simulated once, with a driver based on the scenario's own
 prior; identification from every start then uses these measurements. The default is all vehicles.
@@ -34,12 +35,20 @@ VEHICLES = (
 ENOUGH = 0.01  # theta_perp_ratio
 
 
-def motion(name: str, seed: int, seconds: float) -> Course:
+def motion(
+    name: str, seed: int, seconds: float, law: str = "memory", sensors: str = "ideal"
+) -> Course:
     """Simulates a scenario's plant with a driver based on the scenario's own prior."""
     scenario = load(name)
     assert isinstance(scenario.identifier, NullspaceAID)
-    law = replace(scenario.identifier, law="memory")
-    scenario = replace(scenario, identifier=law, rivals={}, seed=seed, duration=seconds)
+    scenario = replace(
+        scenario,
+        identifier=replace(scenario.identifier, law=law, gamma="scale"),
+        rivals={},
+        seed=seed,
+        duration=seconds,
+        sensors=sensors,
+    )
     with ThreadPoolExecutor(1) as pool:
         (course,) = simulate([scenario], pool)
     return course
@@ -51,9 +60,17 @@ def start(scenario: Scenario, index: int, error: float) -> Scenario:
     return replace(scenario, seed=seed, initial_error=error, gain_error=None)
 
 
-def study(name: str, seed: int, starts: int, seconds: float, error: float) -> list[Row]:
+def study(
+    name: str,
+    seed: int,
+    starts: int,
+    seconds: float,
+    error: float,
+    law: str = "memory",
+    sensors: str = "ideal",
+) -> list[Row]:
     """All starts of one scenario and seed."""
-    course = motion(name, seed, seconds)
+    course = motion(name, seed, seconds, law, sensors)
     draws = [(index, start(course.setup.scenario, index, error)) for index in range(starts)]
     return [{"scenario": name, "motion": seed} | found for found in identify(course, draws)]
 
@@ -71,9 +88,10 @@ def line(name: str, results: list[Row]) -> str:
     )
     lost = [found["status"] != Status.completed.words for found in results]
     far = sum(not near(found) for found in results)
-    drift = max(found["conserved_drift"] for found in results)
     last[lost] = np.inf
-    figures = (f"{v:.2g}" for v in (np.median(first), np.median(last), max(last), drift))
+    figures = [f"{v:.2g}" for v in (np.median(first), np.median(last), max(last))]
+    drifts = [found["conserved_drift"] for found in results if found["conserved_drift"] is not None]
+    figures.append(f"{max(drifts):.2g}" if drifts else "–")
     return f"| {' | '.join(map(str, (f'`{name}`', len(results), sum(lost), far, *figures)))} |"
 
 
@@ -90,6 +108,8 @@ def main() -> None:
     """Prints the table and the failures, and writes all results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
+    parser.add_argument("--law", choices=("memory", "efficient"), default="memory")
+    parser.add_argument("--sensors", choices=("ideal", "noisy"), default="ideal")
     parser.add_argument("--starts", type=int, default=25, help="number for every seed")
     parser.add_argument("--seeds", default="100,101,102,103,104")
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -99,7 +119,16 @@ def main() -> None:
     names, results = chosen.names or VEHICLES, {}
     with ProcessPoolExecutor(2) as pool:  # the memory's steps hold the GIL
         waiting = {
-            pool.submit(study, name, int(seed), chosen.starts, chosen.seconds, chosen.error): name
+            pool.submit(
+                study,
+                name,
+                int(seed),
+                chosen.starts,
+                chosen.seconds,
+                chosen.error,
+                chosen.law,
+                chosen.sensors,
+            ): name
             for name in names
             for seed in chosen.seeds.split(",")
         }
