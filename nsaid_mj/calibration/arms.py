@@ -13,13 +13,16 @@ from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
 from .joints import BASIC, SPEEDS, Choice, JointRows
-from .selection import choose
+from .problem import Problem
+from .selection import choose, refined
 from .smoothing import filter_for
 from .structure import Options, Structured, Velocity
 
 _STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
 # losses of gears), of one in unknown units, of a gain from the model file
+_DOUBT = 4.0  # deviations by which delays are shifted to see what depends on them: residuals are
+# correlated, so that the stated deviation is half of the honest one
 _NARROWER = 0.6  # another plausible cut-off over the chosen one
 _WEAKER = 0.1  # least guess of a joint's gain over the largest
 
@@ -47,19 +50,29 @@ def structured_arm(
     rows.gain = gain
     told("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
-    problem, faults = rows.problem(choice, gain, spread), fit_checks(rows, choice)
-    faults = faults or reversed_commands(rows, choice, problem)
+
+    def problem_of(choice: Choice) -> Problem:
+        return rows.problem(choice, gain, spread)
+
+    problem, faults = problem_of(choice), fit_checks(rows, choice)
+    faults = [*doubts, *(faults or reversed_commands(rows, choice, problem))]
+    others: list[Problem] = []
+    if not faults:
+        told("fitting delays")
+        if any("load" in columns for columns in choice.columns):
+            rows.reweigh(minimise(problem).theta[: 10 * (robot.model.njoints - 1)])
+        if options.delay is None:
+            choice, doubt, note = refined(choice, problem_of, robot.joints)
+            notes.append(note)
+            others.append(problem_of(replace(choice, delay=choice.delay + _DOUBT * doubt)))
+        problem = problem_of(choice)
+        others += [problem_of(other) for other in _others(choice)]
+        narrow = filter_for(recordings, _NARROWER * chosen.cutoff)
+        others.append(JointRows(robot, recordings, narrow, gain).problem(choice, gain, spread))
     checked = None
     if validation is not None:
         at = filter_for(validation, chosen.cutoff)
         checked = JointRows(robot, validation, at, gain).problem(choice, gain, spread)
-    if any("load" in columns for columns in choice.columns) and not faults:
-        told("weighing")
-        rows.reweigh(minimise(problem).theta[: 10 * (robot.model.njoints - 1)])
-        problem = rows.problem(choice, gain, spread)
-    others = [rows.problem(other, gain, spread) for other in _others(choice)]
-    narrow = filter_for(recordings, _NARROWER * chosen.cutoff)
-    others.append(JointRows(robot, recordings, narrow, gain).problem(choice, gain, spread))
     return Structured(
         problem,
         gain,
@@ -75,7 +88,7 @@ def structured_arm(
             )
             for j, name in enumerate(robot.joints)
         ),
-        (*notes, *doubts, *faults),
+        (*notes, *faults),
         chosen.cutoff,
     )
 
