@@ -170,7 +170,8 @@ def _segments(
 ) -> list[Segment]:
     """The segments of a recording on the grid."""
     reference = found[made.positions[0].column.column]
-    limits = rest.limits(found)
+    drop_rest = robot.system is None and mapping.drop_rest
+    limits = rest.limits(found) if drop_rest else np.zeros(0)
     saturated = _saturated(recording, found, made, robot, findings)
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derivatives of positions up to {signals.bandwidth(rest.rate):g} Hz"
@@ -184,7 +185,7 @@ def _segments(
         grid = first + np.arange(count) / rest.rate
         log = _log(grid, found, made, mapping.hold, rest.rate)
         usable = _trusted(grid, found, made, saturated, log.v.shape[1])
-        if robot.system is None and mapping.drop_rest:
+        if drop_rest:
             moving = np.asarray(np.abs(log.v) >= np.maximum(limits, 1e-12))
             usable &= moving
             kept = moving_part(np.any(moving, axis=1), rest.rate)
@@ -198,7 +199,7 @@ def _segments(
             segments.append(
                 Segment(log.part(kept.start, kept.stop), usable[kept], recording.source, rows)
             )
-    if segments and robot.system is None and mapping.drop_rest:
+    if segments and drop_rest:
         findings.append(limits_stated(recording.source, segments, limits, robot.joints))
     return segments
 
