@@ -13,7 +13,7 @@ from ..resources import asset
 from .calibrate import calibrate
 from .data import Recordings, RobotModel
 from .joints import BASIC, COLUMNS
-from .logs import Map, prepare, read_map, read_tables
+from .logs import Map, checked, prepare, read_map, read_tables
 from .models import load_robot_model
 from .result import Identification
 from .structure import Options
@@ -103,7 +103,7 @@ def _files(
 
 
 def _recordings(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
-    return prepare(read_tables(files, mapping), mapping, robot)
+    return checked(prepare(read_tables(files, mapping), mapping, robot), robot)
 
 
 def _coupled(mapping: Map | None) -> tuple[tuple[int, int], ...]:

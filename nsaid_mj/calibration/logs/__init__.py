@@ -2,9 +2,11 @@
 
 mapping = read_map("map.toml")  # or None, to match columns by name
 tables = read_tables(["log.csv"], mapping)
-recordings = prepare(tables, mapping, robot)
+recordings = checked(prepare(tables, mapping, robot), robot)
 """
 
+from .checks import checked as checked
+from .checks import checks as checks
 from .mapping import Map as Map
 from .mapping import read_map as read_map
 from .preparation import prepare as prepare

@@ -1,0 +1,300 @@
+"""What recordings contradict by themselves, before any fit: dead channels, units, velocities.
+
+Reversed or swapped commands and delays need a fit and are not looked for here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ...parameters import Array
+from ..data import Recordings, RobotModel
+from ..findings import Finding, UnusableLog
+from . import signals
+
+DEGREES = 180 / np.pi
+SHORT, TOO_SHORT = 5.0, 1.0  # seconds of usable rows below which is warned or refused
+_AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
+_FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
+_ROWS = 2000  # at most, for the model's torques
+
+
+def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
+    """The recordings with the findings of `checks`.
+
+    Raises:
+        UnusableLog: there is a refusal among them.
+    """
+    findings = (*recordings.findings, *checks(recordings, robot))
+    if any(finding.level == "refusal" for finding in findings):
+        raise UnusableLog(findings)
+    return replace(recordings, findings=findings)
+
+
+class Motion(NamedTuple):
+    """All segments in one piece, low-passed alike.
+
+    Attributes:
+        q: (N, n) positions.
+        slopes: (N, n) their derivatives.
+        v: (N, n) velocities.
+        u: (N, n_u) commands.
+    """
+
+    q: Array
+    slopes: Array
+    v: Array
+    u: Array
+
+
+def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
+    """Findings about recordings of a robot; refusals where no fit could be trusted.
+
+    Codes: `dead_channel`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
+    `swapped_columns` and `milliamps`.
+    """
+    motion = _motion(recordings)
+    found = _dead_commands(motion, robot) + _short(recordings)
+    if robot.system is not None:
+        return tuple(found)
+    still = _dead_positions(motion, robot)
+    measured = _measured(recordings, robot)
+    found += still + _velocities(motion, robot, measured)
+    told = {finding.where for finding in found}
+    found += [f for f in _beyond_limits(motion, robot) if f.where not in told]
+    if not any(finding.level == "refusal" for finding in found):
+        found += _large_commands(motion, recordings, robot)
+    return tuple(found)
+
+
+def _motion(recordings: Recordings) -> Motion:
+    parts = []
+    cut = min(10.0, recordings.rate / 5) / (0.5 * recordings.rate)
+    for segment in recordings.segments:
+        _, q, v, u = segment.log
+        poses = q.shape[1] != v.shape[1]
+        slopes = v if poses else np.gradient(q, 1 / recordings.rate, axis=0)
+        parts.append((q, signals.low_pass(slopes, cut), signals.low_pass(v, cut), u))
+    return Motion(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def _measured(recordings: Recordings, robot: RobotModel) -> list[int]:
+    """Joints whose velocities are measured, not derived from positions."""
+    derived = {
+        joint
+        for finding in recordings.findings
+        if finding.code == "differentiated"
+        for joint in finding.data["joints"]  # pyright: ignore[reportGeneralTypeIssues]
+    }
+    return [j for j, name in enumerate(robot.joints) if name not in derived]
+
+
+def _dead_commands(motion: Motion, robot: RobotModel) -> list[Finding]:
+    return [
+        Finding(
+            "refusal",
+            "dead_channel",
+            joint,
+            f"the command is {motion.u[0, j]:g} in all rows",
+            "Map the column of its torque or current, or leave the joint out with --lock.",
+        )
+        for j, joint in enumerate(robot.joints)
+        if np.ptp(motion.u[:, j]) == 0
+    ]
+
+
+def _dead_positions(motion: Motion, robot: RobotModel) -> list[Finding]:
+    found = []
+    for j, joint in enumerate(robot.joints):
+        if np.ptp(motion.q[:, j]) < 1e-9:
+            text = f"the position is {motion.q[0, j]:g} in all rows"
+            remedy = "Map the column of its position, or leave the joint out with --lock."
+            found.append(Finding("refusal", "dead_channel", joint, text, remedy))
+    return found
+
+
+def _short(recordings: Recordings) -> list[Finding]:
+    usable = np.concatenate([segment.usable for segment in recordings.segments])
+    seconds = float(np.sum(usable.any(axis=1)) / recordings.rate)
+    if seconds >= SHORT:
+        return []
+    text = f"only {seconds:.2g} s of motion can be used"
+    remedy = "Record at least 10 s of all joints moving at once, fast and slow."
+    level = "refusal" if seconds < TOO_SHORT else "warning"
+    return [Finding(level, "short_log", "", text, remedy, {"seconds": seconds})]
+
+
+# -- velocities against positions ----------------------------------------------------------------
+
+
+def _velocities(motion: Motion, robot: RobotModel, measured: list[int]) -> list[Finding]:
+    """Contradictions between measured velocities and the derivatives of positions."""
+    found: list[Finding] = []
+    together = correlation(motion.slopes, motion.v)
+    swapped: set[int] = set()
+    for j in measured:
+        if np.ptp(motion.q[:, j]) < 1e-9 or np.std(motion.v[:, j]) == 0 or j in swapped:
+            continue
+        others = [i for i in measured if i != j]
+        best = max(others, key=lambda i: abs(together[i, j]), default=j)
+        if abs(together[j, j]) < 0.7 and abs(together[best, j]) > _AGREES:
+            swapped |= {j, best}
+            found.append(_swapped(robot.joints[j], robot.joints[best], together[best, j]))
+            continue
+        finding = _scale(robot.joints[j], motion.slopes[:, j], motion.v[:, j], together[j, j])
+        found += [finding] if finding else []
+    return found
+
+
+def correlation(a: Array, b: Array) -> Array:
+    """(k, l) correlation of columns of a (N, k) with columns of b (N, l); 0 of constant ones."""
+    centred = [x - x.mean(axis=0) for x in (a, b)]
+    sizes = [np.linalg.norm(x, axis=0) for x in centred]
+    product = centred[0].T @ centred[1]
+    scale = np.outer(*sizes)
+    return np.divide(product, scale, out=np.zeros_like(product), where=scale > 0)
+
+
+def _swapped(joint: str, other: str, together: float) -> Finding:
+    text = f"the velocity follows the position of {other} (correlation {together:.2f})"
+    remedy = "Two columns are swapped: correct the order of positions or velocities in map.toml."
+    data: dict[str, object] = {"joints": [joint, other], "correlation": float(together)}
+    return Finding("refusal", "swapped_columns", joint, text, remedy, data)
+
+
+def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | None:
+    """What is wrong with the scale or sign of a velocity."""
+    factor = float(slope @ v / (v @ v))
+    data: dict[str, object] = {"factor": factor, "correlation": float(together)}
+    if abs(together) < _AGREES:
+        level = "refusal" if abs(together) < 0.5 else "warning"
+        text = f"the velocity hardly follows dq/dt (correlation {together:.2f})"
+        remedy = "Check which column is its velocity; leave it out to differentiate the position."
+        return Finding(level, "velocity_mismatch", joint, text, remedy, data)
+    for ratio, units in (
+        (DEGREES, "the position is in degrees and the velocity in rad/s"),
+        (1 / DEGREES, "the velocity is in deg/s and the position in rad"),
+    ):
+        if abs(factor / ratio - 1) < _FACTOR:
+            text = f"{units}: dq/dt is {factor:.3g} times the velocity"
+            remedy = "State the unit in map.toml."
+            return Finding("refusal", "degrees", joint, text, remedy, data)
+    if abs(factor - 1) > _FACTOR:
+        sign = abs(factor + 1) < _FACTOR
+        text = "the velocity has the opposite sign of dq/dt"
+        if not sign:
+            text = f"dq/dt is {factor:.3g} times the velocity"
+        remedy = f"Set {'sign' if sign else 'unit or ratio'} of the velocity or position in "
+        remedy += "map.toml."
+        return Finding("refusal", "velocity_mismatch", joint, text, remedy, data)
+    return None
+
+
+# -- sizes against the model ----------------------------------------------------------------------
+
+
+def _beyond_limits(motion: Motion, robot: RobotModel) -> list[Finding]:
+    """Positions that leave the model's limits, or turn and hurry without limits."""
+    found = []
+    speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
+    for j, name in enumerate(robot.joints):
+        low, high, fastest = _limits(robot, name)
+        q = motion.q[:, j]
+        least, most = float(q.min()), float(q.max())
+        data: dict[str, object] = {"range": [least, most], "limits": [low, high]}
+        reach = f"the position goes from {least:.3g} to {most:.3g} rad"
+        if not np.isfinite([low, high]).all():
+            if most - least > 4 * np.pi and speeds[j] > 2 * fastest:
+                text = f"{reach}, at {speeds[j]:.3g} rad/s, which looks like degrees"
+                remedy = 'If it is, state `unit = "deg"` in map.toml.'
+                found.append(Finding("warning", "degrees", name, text, remedy, data))
+            continue
+        excess = max(most - high, low - least)
+        width = high - low
+        if excess <= 0.05 * width:
+            continue
+        reach += f", beyond the model's {low:.3g} to {high:.3g} rad"
+        fits = least / DEGREES >= low - 0.05 * width and most / DEGREES <= high + 0.05 * width
+        if most - least > 1.5 * width and fits:
+            remedy = 'State `unit = "deg"` in map.toml, or `ratio` if these are motor angles.'
+            text = f"{reach}; as degrees it lies within them"
+            found.append(Finding("refusal", "degrees", name, text, remedy, data))
+        elif most - least > 1.5 * width:
+            remedy = "State the unit or the gear ratio in map.toml."
+            found.append(Finding("refusal", "beyond_limits", name, reach, remedy, data))
+        else:
+            remedy = "Check offset, sign and the order of joints in map.toml."
+            found.append(Finding("warning", "beyond_limits", name, reach, remedy, data))
+    return found
+
+
+def _limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
+    """Lowest and highest position and largest speed of a joint; infinite where there is none."""
+    model = robot.model
+    joint = model.joints[model.getJointId(name)]
+    if joint.nq != 1:
+        return -np.inf, np.inf, 6.0
+    low = float(model.lowerPositionLimit[joint.idx_q])
+    high = float(model.upperPositionLimit[joint.idx_q])
+    fastest = float(model.velocityLimit[joint.idx_v])
+    bounded = high > low and high - low < 1e3
+    return (
+        low if bounded else -np.inf,
+        high if bounded else np.inf,
+        fastest if 0 < fastest < 1e3 else 6.0,
+    )
+
+
+def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
+    """Commands far larger than the model's torques make plausible."""
+    torques = model_torques(motion, recordings.rate, robot)
+    size, needed = _rms(motion.u), _rms(torques) / np.abs(robot.gain)
+    loaded = needed > 0.1 * needed.max()
+    ratio = float(np.median(size[loaded] / needed[loaded])) if loaded.any() else 0.0
+    most = float(np.max(np.abs(motion.u)))
+    if ratio < 10 or most < 100:
+        return []
+    units = sorted(set(recordings.command_units))
+    stated = ", ".join(unit for unit in units if unit)
+    data: dict[str, object] = {"ratio": ratio, "largest": most, "units": units}
+    text = f"commands reach {most:.4g} {stated or '(no unit stated)'}, {ratio:.3g} times what the "
+    text += "model's torques make plausible"
+    if "A" in units:
+        remedy = 'State `unit = "mA"` in map.toml if these are milliamperes.'
+        return [Finding("refusal", "milliamps", "", text, remedy, data)]
+    if "N·m" in units:
+        if ratio < 50:
+            return []
+        remedy = "State the unit in map.toml: mA, mN·m, % or raw."
+        return [Finding("refusal", "milliamps", "", text, remedy, data)]
+    remedy = "They may be milliamperes or counts: state the unit in map.toml, or gains are found "
+    remedy += "per unit of this column."
+    return [Finding("warning", "milliamps", "", text, remedy, data)]
+
+
+def model_torques(motion: Motion, rate: float, robot: RobotModel) -> Array:
+    """(k, n) torques of the model without friction [N·m or N], at some rows of the motion."""
+    model, data = robot.model, robot.model.createData()
+    accelerations = np.gradient(motion.v, 1 / rate, axis=0)
+    every = max(1, len(motion.q) // _ROWS)
+    ids = [model.getJointId(name) for name in robot.joints]
+    q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    found = []
+    for row in range(0, len(motion.q), every):
+        for j, joint in enumerate(model.joints[k] for k in ids):
+            angle = motion.q[row, j]
+            q[joint.idx_q : joint.idx_q + joint.nq] = (
+                angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+            )
+            v[joint.idx_v], a[joint.idx_v] = motion.v[row, j], accelerations[row, j]
+        torque = pin.rnea(model, data, q, v, a)
+        found.append([torque[model.joints[k].idx_v] for k in ids])
+    return np.array(found)
+
+
+def _rms(x: Array) -> Array:
+    return np.sqrt(np.mean(np.square(x), axis=0))
