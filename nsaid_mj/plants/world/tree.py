@@ -19,7 +19,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
 
     MuJoCo's URDF importer is not used, so that no effort limit clips a hidden gain, no joint limit
     becomes a soft constraint, and no inertia is silently altered. Bodies and joints have the names
-    of the model's joints.
+    of the model's joints; MuJoCo reserves "world" for its own body.
 
     Args:
         model: Pinocchio's model, of 1-DOF joints and possibly a free flyer.
@@ -33,7 +33,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for i in range(1, model.njoints):
         name, placement = model.names[i], model.jointPlacements[i]
-        body = bodies[model.parents[i]].add_body(name=name)
+        body = bodies[model.parents[i]].add_body(name="joint world" if name == "world" else name)
         bodies[i] = body
         body.pos, body.quat = placement.translation, _wxyz(placement.rotation)
         _give_inertia(body, model.inertias[i])

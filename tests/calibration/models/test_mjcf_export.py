@@ -1,0 +1,175 @@
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from nsaid_mj.calibration.models import load_robot_model
+from nsaid_mj.calibration.models.identified import Identified
+from nsaid_mj.calibration.models.mjcf_export import write_mjcf
+
+from .test_mjcf import SERVO, arm
+from .test_mjcf_tree import TURNED
+from .urdfs import chain, joint, link, robot
+from .values import identified, same_inertias
+
+
+def exported(tmp_path, robot, values):
+    out = tmp_path / "out" / "calibrated.xml"
+    out.parent.mkdir(exist_ok=True)
+    write_mjcf(robot, values, out)
+    return out, mujoco.MjModel.from_xml_path(str(out))
+
+
+def difference(mj, robot, values):
+    """The largest relative difference of M and bias between MuJoCo's model and Pinocchio's."""
+    model, data, theirs = values.model, values.model.createData(), mujoco.MjData(mj)
+    assert [mj.joint(j).name for j in range(mj.njnt)] == list(robot.joints)
+    rng, worst = np.random.default_rng(1), 0.0
+    for _ in range(4):
+        q, v = rng.uniform(-2, 2, (2, mj.nv))
+        theirs.qpos[:], theirs.qvel[:] = q, v
+        mujoco.mj_forward(mj, theirs)
+        M = np.zeros((mj.nv, mj.nv))
+        mujoco.mj_fullM(mj, theirs, M)
+        ours = pin.crba(model, data, q)
+        ours = np.triu(ours) + np.triu(ours, 1).T
+        bias = pin.nonLinearEffects(model, data, q, v)
+        force = max(np.abs(bias).max(), np.abs(M).max())
+        worst = max(worst, np.abs(ours - M).max() / np.abs(M).max())
+        worst = max(worst, np.abs(bias - theirs.qfrc_bias).max() / force)
+    return worst
+
+
+FRAMES = """
+<mujoco><worldbody><frame pos="0.1 0.2 0.3" euler="10 20 30"><body name="a">
+  <joint name="j" axis="0 1 1"/><geom size="0.1" pos="0.2 0 0"/>
+  <frame pos="0.4 0 0"><body name="b" pos="0.1 0 0"><joint name="k" pos="0 0.1 0"/>
+    <geom size="0.1"/></body></frame>
+</body></frame></worldbody></mujoco>
+"""
+CASES = {
+    "arm": (arm(), {}),
+    "locked": (arm(), {"lock": ["elbow"]}),
+    "locked last": (arm(), {"lock": ["wrist"]}),
+    "several joints": (TURNED, {}),
+    "several, locked": (TURNED, {"lock": ["b", "d", "branch_joint"]}),
+    "several, last locked": (TURNED, {"lock": ["a", "c", "e"]}),
+    "welded": (arm(inside='<body name="tool" pos="0 0 1"><geom size="0.1"/></body>'), {}),
+    "frames": (FRAMES, {}),
+    "settotalmass": (arm().replace("<default>", '<compiler settotalmass="9"/><default>', 1), {}),
+    "tendon": (
+        arm(
+            more='<tendon><fixed name="t" stiffness="1"><joint joint="elbow" coef="1"/></fixed>'
+            '</tendon><sensor><tendonpos tendon="t"/><jointpos joint="wrist"/></sensor>'
+            '<keyframe><key qpos="1 2 3"/></keyframe>'
+        ),
+        {"lock": ["elbow"]},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_an_edited_mjcf_has_the_identified_dynamics(tmp_path, case):
+    text, options = CASES[case]
+    path = tmp_path / "arm.xml"
+    path.write_text(text)
+    robot = load_robot_model(str(path), **options)
+    values = identified(robot)
+    out, mj = exported(tmp_path, robot, values)
+    assert difference(mj, robot, values) < 1e-10
+    again = load_robot_model(str(out))
+    assert same_inertias(values.model, again.model)
+    assert np.allclose(again.damping, values.damping, rtol=1e-12)
+    assert np.allclose(again.friction, values.friction, rtol=1e-12)
+    assert np.allclose(again.rotor, values.rotor, rtol=1e-12)
+    assert np.allclose(again.gain, values.gain, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])
+def test_the_mjcf_of_a_urdf_has_the_identified_dynamics(tmp_path, name):
+    robot = load_robot_model(name)
+    robot = load_robot_model(name, joints=[j for j in robot.joints if "finger" not in j])
+    values = identified(robot)
+    if values.model.nq == values.model.nv:
+        out, mj = exported(tmp_path, robot, values)
+        assert difference(mj, robot, values) < 1e-10
+        assert same_inertias(values.model, load_robot_model(str(out)).model)
+    else:  # continuous joints are angles in MuJoCo
+        out, mj = exported(tmp_path, robot, values)
+        assert same_inertias(values.model, load_robot_model(str(out)).model)
+
+
+def test_the_motors_take_the_logs_command(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(arm())
+    robot = load_robot_model(str(path))
+    values = identified(robot)
+    _, mj = exported(tmp_path, robot, values)
+    assert mj.nu == 3
+    data = mujoco.MjData(mj)
+    data.ctrl[:] = u = np.array([0.1, -0.2, 0.3])
+    mujoco.mj_forward(mj, data)
+    order = [mj.actuator_trnid[i, 0] for i in range(3)]
+    assert np.allclose(data.qfrc_actuator[order], (values.gain[order] * u))
+
+
+def test_nominal_values_give_back_the_file(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(arm())
+    robot = load_robot_model(str(path))
+    _, mj = exported(tmp_path, robot, Identified.nominal(robot))
+    theirs = mujoco.MjModel.from_xml_string(arm())
+    for field in ("body_mass", "dof_armature", "dof_frictionloss", "dof_damping"):
+        assert np.allclose(getattr(mj, field), getattr(theirs, field), rtol=1e-12)
+
+
+def test_meshes_are_found_from_the_new_folder(tmp_path):
+    (tmp_path / "shapes").mkdir()
+    (tmp_path / "shapes" / "part.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    )
+    path = tmp_path / "arm.xml"
+    text = arm(inside='<geom type="mesh" mesh="part" mass="0"/>')
+    assets = '<compiler meshdir="shapes"/><asset><mesh file="part.obj"/></asset><default>'
+    path.write_text(text.replace("<default>", assets, 1))
+    robot = load_robot_model(str(path))
+    assert len(robot.visuals.visuals()) == 4
+    out, mj = exported(tmp_path, robot, identified(robot))
+    assert mj.nmesh == 1
+    assert len(load_robot_model(str(out)).visuals.visuals()) == 4
+
+
+def test_names_of_the_engines_own_do_no_harm(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        robot(
+            link("base", mass=""),
+            link("universe"),
+            link("world"),
+            joint("world", "base", "universe"),
+            joint("base", "universe", "world"),
+        )
+    )
+    model = load_robot_model(str(path))
+    values = identified(model)
+    _, mj = exported(tmp_path, model, values)
+    assert difference(mj, model, values) < 1e-10
+
+
+def test_limits_of_a_urdf_are_kept(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(chain())
+    model = load_robot_model(str(path))
+    _, mj = exported(tmp_path, model, identified(model))
+    assert mj.jnt_range.tolist() == [[-2, 2]] * 3
+    assert mj.actuator_ctrlrange.tolist() == [[-30, 30]] * 3
+
+
+def test_a_replaced_servo_is_told(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(arm(actuator=SERVO))
+    robot = load_robot_model(str(path))
+    out, _ = exported(tmp_path, robot, identified(robot))
+    text = out.read_text()
+    assert "Servos replaced by motors: wrist." in text
+    assert "mass of link_2" in text
