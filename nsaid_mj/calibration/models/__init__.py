@@ -36,8 +36,10 @@ def load_robot_model(
     """
     path = Path(model).expanduser()
     if model in _packed_robots():
-        path = asset(model, f"{model}.urdf")
-    elif model in _packed_vehicles() or path.suffix.lower() == ".toml" or path.is_dir():
+        from .packages import packed_robot
+
+        return packed_robot(model, lock, joints)
+    if model in _packed_vehicles() or path.suffix.lower() == ".toml" or path.is_dir():
         from .vehicles import load_vehicle
 
         return load_vehicle(model, lock, joints)

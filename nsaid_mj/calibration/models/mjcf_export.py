@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ...errors import InvalidInput
+from ...parameters import Array
 from ...plants.world.tree import tree_spec
 from ...resources import write_text
 from ...systems.joints import body_names
@@ -23,7 +25,7 @@ from .mjcf_actuators import is_motor
 from .mjcf_file import compile_file
 from .mjcf_lock import one_joint_per_body, remove_actuators
 from .mjcf_tree import actuators_of, joint_names, rigid_tree
-from .mjcf_xml import exact_xml, joints_of, numbers, set_inertial
+from .mjcf_xml import bodies_of, exact_xml, joints_of, numbers, own_joints, set_inertial
 
 _STEP = 1e-3  # time step of a model that is not made from an MJCF [s]
 
@@ -69,6 +71,19 @@ def mjcf_text(robot: RobotModel, values: Identified, folder: Path) -> str:
     root.insert(0, ElementTree.Comment(f" {remarks(robot, values, also)} "))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def moving_bodies(robot: RobotModel, values: Identified) -> Iterator[tuple[str, str, Array]]:
+    """The bodies that move in the file of `write_mjcf`.
+
+    Yields:
+        Name of the body, name of its joint, and the joint's anchor (3,) in the body's frame [m].
+    """
+    root = ElementTree.fromstring(mjcf_text(robot, values, Path.cwd()))
+    for body in bodies_of(root):
+        for joint in own_joints(body):
+            anchor = np.array([float(x) for x in joint.get("pos", "0 0 0").split()])
+            yield body.get("name", ""), joint.get("name", ""), anchor
 
 
 def _built(robot: RobotModel, values: Identified) -> Element:

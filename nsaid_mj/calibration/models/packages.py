@@ -1,4 +1,4 @@
-"""Robots of the package example-robot-data."""
+"""Robots that are known by name: packed ones, and those of example-robot-data."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...errors import BadRobot
 from ...plants.world.robots import known_robots
+from ...resources import asset
 from ..data import RobotModel
 from ..findings import Finding
 from .urdf import load_urdf
@@ -41,6 +42,30 @@ def example_robot(
             Finding("warning", "base_held", name, text, "Use logs of the robot on a stand."),
         )
     return replace(robot, name=name, source=None, findings=findings)
+
+
+def packed_robot(
+    name: str, lock: Sequence[str] = (), joints: Sequence[str] | None = None
+) -> RobotModel:
+    """Reads a robot that is packed with this package, by the name of its folder in assets.
+
+    Args:
+        name: of the robot.
+        lock: joints to fix.
+        joints: joints to keep; None keeps all that are not in `lock`.
+    """
+    return replace(load_urdf(packed_file(name), lock, joints), name=name, source=None)
+
+
+def packed_file(name: str) -> Path:
+    """The URDF file of a packed robot, whether or not it exists."""
+    return asset(name, f"{name}.urdf")
+
+
+def model_file(robot: RobotModel) -> Path:
+    """The file that a robot was read from."""
+    packed = packed_file(robot.name)
+    return robot.source or (packed if packed.is_file() else example_file(robot.name))
 
 
 def example_file(name: str) -> Path:

@@ -13,7 +13,7 @@ from ...errors import InvalidInput
 from ...resources import write_text
 from ..data import RobotModel
 from .identified import Identified, remarks
-from .packages import example_file
+from .packages import model_file
 from .text import read_text
 
 
@@ -46,7 +46,7 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
     """
     if robot.kind != "urdf":
         raise InvalidInput("robot", "one read from a URDF", robot.kind, "Write an MJCF file.")
-    data = read_text(robot.source or example_file(robot.name))[0].encode()
+    data = read_text(model_file(robot))[0].encode()
     elements = list(_elements(data))
     moved = {e.child: e.name for e in elements if e.tag == "joint" and e.name in robot.joints}
     edits: list[tuple[int, int, str]] = []

@@ -3,9 +3,11 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration.models import load_robot_model
+from nsaid_mj.calibration.models.urdf_export import write_urdf
 from nsaid_mj.errors import BadRobot, InvalidInput, UnknownName
 
 from .urdfs import chain, joint, link, robot
+from .values import identified
 
 
 @pytest.fixture
@@ -221,6 +223,18 @@ def test_a_joint_of_several_degrees_of_freedom_is_refused_until_it_is_locked(loa
 def test_files_of_another_kind_are_refused(load, text, reason):
     with pytest.raises(BadRobot, match=reason):
         load(text)
+
+
+def test_a_packed_robot_is_known_by_its_folder(tmp_path, monkeypatch):
+    (tmp_path / "tx7").mkdir()
+    (tmp_path / "tx7" / "tx7.urdf").write_text(chain())
+    for module in ("nsaid_mj.resources", "nsaid_mj.calibration.models"):
+        monkeypatch.setattr(f"{module}.folder", lambda _: tmp_path)
+    model = load_robot_model("tx7")
+    assert (model.name, model.source, model.kind) == ("tx7", None, "urdf")
+    write_urdf(model, identified(model), tmp_path / "calibrated.urdf")
+    with pytest.raises(UnknownName, match="Did you mean tx7"):
+        load_robot_model("tx8")
 
 
 def test_example_robots_are_known_by_name():
