@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 import rerun as rr
 
 from ..experiment.loop import Looks
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree
+from ..systems.joints import JointTree, bones
 from ..systems.rigid_body import RigidBody
 from ..systems.scalar import ScalarVehicle
 
@@ -228,22 +227,8 @@ class Scene:
 
     def _bones(self, q: Array) -> Array:
         """(k, bones, 2, 3) segments between joints, and from joints to their frames [m]."""
-        model = self._skeleton
-        assert model is not None
-        data = model.createData()
-        frames = [f for f in model.frames if not np.allclose(f.placement.translation, 0)]
-        bones = []
-        for configuration in q:
-            pin.forwardKinematics(model, data, configuration)
-            origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
-            joints = range(2 if self.vehicle else 1, model.njoints)  # a free base has no parent
-            segments = [(origin[i], origin[model.parents[i]]) for i in joints]
-            segments += [
-                (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
-                for f in frames
-            ]
-            bones.append(segments)
-        return np.array(bones)
+        assert self._skeleton is not None
+        return bones(self._skeleton, q)
 
 
 def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, Array]:

@@ -134,3 +134,25 @@ def body_names(model: pin.Model) -> list[str]:
 def floats(model: pin.Model) -> bool:
     """Whether the root of a Pinocchio model is a free flyer."""
     return model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
+
+
+def bones(model: pin.Model, positions: Array) -> Array:
+    """(k, bones, 2, 3) line segments that sketch a robot at positions (k, m) [m].
+
+    They connect each joint with its parent's, and with frames that are fixed to it, such as a tool.
+    A floating base has no parent.
+    """
+    data = model.createData()
+    frames = [f for f in model.frames if not np.allclose(f.placement.translation, 0)]
+    joints = range(2 if floats(model) else 1, model.njoints)
+    found = []
+    for q in positions:
+        pin.forwardKinematics(model, data, q)
+        origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
+        segments = [(origin[i], origin[model.parents[i]]) for i in joints]
+        segments += [
+            (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
+            for f in frames
+        ]
+        found.append(segments)
+    return np.array(found)
