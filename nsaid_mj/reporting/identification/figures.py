@@ -1,0 +1,259 @@
+"""Figures of an identification: commands, residuals, intervals, correlations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from ...calibration.result import Curves, Identification, Parameter
+from ...calibration.timeline import own_shifts, training_shifts
+from ...parameters import Array, Indices
+from ..palette import BAD, COLOURS, GRID, INK
+from ..panels import Panel, template_figure, thin
+from ..plots import logarithmic, over_time, style, svg
+from . import words
+
+_WIDTH = 4.3  # of a panel [inch]
+_POINTS = 1400  # of a curve, at most
+_FAINT = 0.05  # correlations below are not drawn
+_MOST = 36  # parameters of the correlations, at most
+_BROAD = 30.0  # intervals are drawn up to this factor
+_MEASURED, _PREDICTED, _RESIDUAL = COLOURS[8], COLOURS[0], COLOURS[1]
+_LEGEND = [
+    ("measured", _MEASURED, "-"),
+    ("predicted", _PREDICTED, "-"),
+    ("residual", _RESIDUAL, "-"),
+]
+_TOLD = {"identified", "known"}
+
+
+def commands(result: Identification, validation: bool = False) -> list[dict[str, Any]]:
+    """One figure for each joint: command, measured and predicted, and their difference."""
+    curves = result.validation if validation else result.curves
+    if curves is None or not len(curves.t):
+        return []
+    shifts = own_shifts(curves) if validation else training_shifts(result)
+    t = curves.t + shifts[curves.segment.astype(int)]
+    found = []
+    for j, fit in enumerate(result.joints):
+        title = words.title_of(fit, validation)
+        drawing = _command(curves, t, j, words.quantity(result, j), title)
+        found.append(template_figure(title, drawing, _LEGEND))
+    return found
+
+
+def _command(curves: Curves, t: Array, j: int, label: str, title: str) -> str:
+    """SVG of one joint's command and residual; rows that were not used are shaded."""
+    with style():
+        figure = Figure(figsize=(_WIDTH, 3.0))
+        upper = figure.add_axes((0.16, 0.42, 0.81, 0.54))
+        lower = figure.add_axes((0.16, 0.14, 0.81, 0.22), sharex=upper)
+        residual = curves.measured[:, j] - curves.predicted[:, j]
+        for axis, values, colour, width in (
+            (upper, curves.measured[:, j], _MEASURED, 3.0),
+            (upper, curves.predicted[:, j], _PREDICTED, 0.9),
+            (lower, residual, _RESIDUAL, 0.9),
+        ):
+            alpha = 0.45 if colour == _MEASURED else 1.0  # shows where the curves differ
+            line = _line(t, values, curves.segment)
+            axis.plot(*line, color=colour, linewidth=width, alpha=alpha)
+        rows = thin(len(t), _POINTS)
+        for axis in (upper, lower):
+            axis.fill_between(
+                t[rows], 0, 1, where=~curves.usable[rows, j].astype(bool), step="mid",
+                transform=axis.get_xaxis_transform(), color=GRID, alpha=0.9, linewidth=0, zorder=0,
+            )  # fmt: skip
+            axis.grid(False, axis="x")
+        used = np.abs(residual[curves.usable[:, j].astype(bool)])
+        if used.size and np.isfinite(used).any() and np.nanmax(used) > 0:
+            lower.set_ylim(*(1.25 * np.nanmax(used) * np.array([-1, 1])))
+        lower.axhline(0, color=INK, linewidth=0.5)
+        upper.margins(x=0.0)
+        upper.tick_params(labelbottom=False)
+        upper.set_ylabel(label)
+        lower.set_ylabel(label.replace("u", "Δu", 1))
+        lower.set_xlabel("t [s]")
+        lower.locator_params(axis="y", nbins=3)
+        figure.align_ylabels([upper, lower])
+        return svg(figure, title)
+
+
+def _line(t: Array, values: Array, segment: Array) -> tuple[Array, Array]:
+    """Points of a line with a gap between segments: all, or extremes of short intervals."""
+    values = np.where(np.abs(values) < 1e200, values, np.nan)
+    times, drawn = [], []
+    for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(segment)) + 1):
+        rows = part[_extremes(values[part], max(2, _POINTS * len(part) // len(t)))]
+        times += [t[rows], t[rows[-1:]]]
+        drawn += [values[rows], [np.nan]]
+    return np.concatenate(times), np.concatenate(drawn)
+
+
+def _extremes(values: Array, points: int) -> Indices:
+    """Indices of at most about `points` values that keep every peak."""
+    n = len(values)
+    if n <= points:
+        return np.arange(n)
+    width = -(-2 * n // points)
+    padded = np.append(values, np.full(-n % width, values[-1])).reshape(-1, width)
+    low, high = (
+        f(np.where(np.isfinite(padded), padded, fill), axis=1)
+        for f, fill in ((np.argmin, np.inf), (np.argmax, -np.inf))
+    )
+    start = np.arange(len(padded)) * width
+    chosen = np.concatenate([[0, n - 1], start + low, start + high])
+    return np.unique(np.minimum(chosen, n - 1))
+
+
+def joints(result: Identification) -> dict[str, Any]:
+    """NRMSE of every joint on a logarithmic axis, beside least squares and the mean."""
+    kinds = [
+        ("held out", "held_out", "o", COLOURS[0]),
+        ("weighted least squares, held out", "least_squares", "|", COLOURS[1]),
+        ("validation log", "validation", "D", COLOURS[3]),
+    ]
+    rows = np.arange(len(result.joints))
+    legend = []
+    with style():
+        figure, axis = _list([j.name for j in result.joints], least=2.4)
+        for name, key, marker, colour in kinds:
+            values = np.array([getattr(j, key) for j in result.joints], dtype=float)
+            if np.isfinite(values).any():
+                axis.plot(
+                    values, rows, marker, color=colour, markersize=9 if marker == "|" else 5,
+                    markeredgewidth=1.8 if marker == "|" else 0.8,
+                )  # fmt: skip
+                legend.append((name, colour, "-"))
+        axis.axvline(1, color=INK, linewidth=0.8, linestyle="--")
+        axis.plot([1], [-0.75], alpha=0)
+        logarithmic(axis, "x")
+        axis.set_xlabel("NRMSE of the command (1: predicting the mean)")
+        return template_figure("Prediction error per joint", svg(figure, "NRMSE"), legend)
+
+
+def forests(result: Identification, gains: bool) -> list[dict[str, Any]]:
+    """Estimates with intervals and the values before the log: gains, or all others but links."""
+    inertial = words.links(result.parameters)
+    groups: dict[tuple[str, str], list[Parameter]] = {}
+    for p in result.parameters:
+        if p.block not in inertial and words.is_gain(p) == gains:
+            block = p.label.partition(" of ")[0] if p.block.startswith("coupling") else p.block
+            groups.setdefault((block, p.unit), []).append(p)
+    return [_forest(block, unit, members) for (block, unit), members in groups.items()]
+
+
+def _forest(block: str, unit: str, members: Sequence[Parameter]) -> dict[str, Any]:
+    value, low, high, prior = np.array([(p.value, p.low, p.high, p.prior) for p in members]).T
+    positive = bool(((value > 0) & (low > 0)).all())
+    if positive:
+        low, high = np.maximum(low, value / _BROAD), np.minimum(high, value * _BROAD)
+    else:
+        size = _BROAD * np.nanmax(np.abs([value, prior, np.full_like(value, 1e-300)]))
+        low, high = np.maximum(low, -size), np.minimum(high, size)
+    names = [words.of_joint(p) for p in members]
+    told = np.array([p.status in _TOLD for p in members])
+    with style():
+        figure, axis = _list(names)
+        rows = np.arange(len(members))
+        for chosen, colour, filled, dash in (
+            (told, COLOURS[0], COLOURS[0], "-"),
+            (~told, COLOURS[8], "none", "--"),
+        ):
+            for row in rows[chosen]:
+                axis.plot([low[row], high[row]], [row, row], dash, color=colour, linewidth=1.8)
+            axis.plot(value[chosen], rows[chosen], "o", color=colour, markerfacecolor=filled)
+        shown = (prior > 0) if positive else np.isfinite(prior)
+        axis.plot(
+            prior[shown], rows[shown], "D", color=INK, markersize=4.5, markerfacecolor="none",
+            markeredgewidth=0.8,
+        )  # fmt: skip
+        if positive:
+            logarithmic(axis, "x")
+        else:
+            axis.axvline(0, color=INK, linewidth=0.6)
+        axis.set_xlabel(f"{block} [{unit}]")
+        legend = [("identified", COLOURS[0], "-")] if told.any() else []
+        legend += [("not identified by itself", COLOURS[8], "--")] if (~told).any() else []
+        title = block[:1].upper() + block[1:]
+        return template_figure(title, svg(figure, f"{title} [{unit}]"), legend)
+
+
+def _list(names: Sequence[str], least: float = 1.3) -> tuple[Figure, Axes]:
+    """A figure with one line for each name, the first on top."""
+    height = max(least, 0.24 * len(names) + 0.75)
+    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+    axis = figure.add_subplot()
+    short = [name if len(name) <= 24 else name[:23] + "…" for name in names]
+    axis.set_yticks(range(len(names)), short)
+    axis.set_ylim(len(names) - 0.4, -0.6)
+    axis.grid(False, axis="y")
+    return figure, axis
+
+
+def correlations(result: Identification) -> dict[str, Any] | None:
+    """Correlation of gains, frictions and rotor inertias; None if there are less than two."""
+    inertial = words.links(result.parameters)
+    chosen = [
+        k
+        for k, p in enumerate(result.parameters)
+        if p.block not in inertial and result.covariance[k, k] > 0
+    ]
+    chosen.sort(key=lambda k: not words.is_gain(result.parameters[k]))
+    chosen = chosen[:_MOST]
+    if len(chosen) < 2:
+        return None
+    deviation = np.sqrt(np.diag(result.covariance)[chosen])
+    r = result.covariance[np.ix_(chosen, chosen)] / np.outer(deviation, deviation)
+    names = [result.parameters[k].label for k in chosen]
+    with style():
+        n = len(chosen)
+        figure = Figure(figsize=(2 * _WIDTH, 0.21 * n + 2.2), layout="constrained")
+        axis = figure.add_subplot()
+        for i in range(n):
+            for j in range(i):
+                if abs(r[i, j]) >= _FAINT:
+                    colour = BAD if r[i, j] > 0 else COLOURS[0]
+                    alpha = min(1.0, abs(float(r[i, j])))
+                    axis.add_patch(
+                        Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, alpha=alpha, lw=0)
+                    )
+                if abs(r[i, j]) >= 0.5:
+                    axis.text(
+                        j, i, f"{r[i, j]:.1f}".replace("-", "−").replace("0.", "."),
+                        ha="center", va="center", fontsize=6,
+                    )  # fmt: skip
+        axis.set_xticks(range(n - 1), names[:-1], rotation=90)
+        axis.set_yticks(range(1, n), names[1:])
+        axis.set_xlim(-0.5, n - 1.5)
+        axis.set_ylim(n - 0.5, 0.5)
+        axis.set_aspect("equal")
+        axis.grid(False)
+        legend = [("positive", BAD, "-"), ("negative", COLOURS[0], "-")]
+        return template_figure("", svg(figure, "Correlations"), legend, wide=True)
+
+
+def histories(result: Identification) -> list[dict[str, Any]]:
+    """Estimates along the log over the final ones: gains, frictions, rotor inertias."""
+    if result.history is None:
+        return []
+    t, theta = result.history
+    inertial = words.links(result.parameters)
+    panels: dict[str, Panel] = {}
+    for k, p in enumerate(result.parameters):
+        if p.block in inertial or not result.theta[k] > 0 or len(t) < 2:
+            continue
+        if not words.is_gain(p) and p.status not in _TOLD:
+            continue
+        panel = panels.setdefault(
+            p.block,
+            Panel(p.block[:1].upper() + p.block[1:], "estimate / final [–]", True, level=1.0),
+        )
+        panel.add(np.asarray(t), theta[:, k] / result.theta[k], words.of_joint(p))
+    gains_first = sorted(panels, key=lambda block: "gain" not in block)
+    drawn = [panels[block] for block in gains_first]
+    return [template_figure(p.title, over_time(p), p.legend) for p in drawn]

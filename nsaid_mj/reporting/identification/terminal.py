@@ -1,0 +1,163 @@
+"""The summary of an identification on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ...calibration.result import Identification, Parameter
+from . import words
+
+_JOINTS, _GAINS, _NOTES = 16, 16, 6  # printed at most; the report has all of them
+_KINDS = 5  # kinds of friction printed
+
+
+def print_identification(
+    result: Identification, console: Console, files: Sequence[Path] = ()
+) -> None:
+    """Prints the verdict, warnings, quality per joint, gains and frictions.
+
+    Args:
+        result: of an identification.
+        console: to print on.
+        files: paths of the files written, which are listed last.
+    """
+    mark = words.EXPLAINS[result.explains]
+    console.print(f"[bold {mark.colour}]{mark.glyph} {escape(result.verdict)}[/]", soft_wrap=True)
+    _print_findings(console, result)
+    console.print(
+        f"  {escape(result.robot.name)}: {escape(words.logs_in_words(result))}; "
+        f"identified in {result.seconds:.1f} s",
+        soft_wrap=True,
+    )
+    _print_joints(console, result)
+    _print_gains(console, result)
+    _print_frictions(console, result)
+    _print_counts(console, result)
+    if result.suggestion:
+        console.print(f"\n  {escape(result.suggestion.replace('`', ''))}", soft_wrap=True)
+    console.print(f"\n  Scale fixed by {escape(result.anchor)}.", soft_wrap=True)
+    for k, path in enumerate(files):
+        console.print(f"{'' if k else chr(10)}  {path}", soft_wrap=True, markup=False)
+
+
+def _print_findings(console: Console, result: Identification) -> None:
+    """Prints refusals and warnings, and how many notes there are."""
+    for finding in result.findings:
+        if finding.level != "note":
+            mark = words.LEVELS[finding.level]
+            console.print(
+                f"  [{mark.colour}]{mark.glyph}[/] {escape(str(finding))}", soft_wrap=True
+            )
+    notes = [f for f in result.findings if f.level == "note" and f.code != "columns"]
+    for finding in notes[:_NOTES]:
+        console.print(f"  [dim]· {escape(str(finding))}[/]", soft_wrap=True)
+    if len(notes) > _NOTES:
+        console.print(f"  [dim]· and {len(notes) - _NOTES} more notes in the report[/]")
+
+
+def _print_joints(console: Console, result: Identification) -> None:
+    """Prints the NRMSE of every joint; of many, the worst."""
+    checked = any(j.validation is not None for j in result.joints)
+    heads = ["fit", "held out", "least squares", *(["validation"] * checked), "delay"]
+    table = _table("NRMSE of the command", *heads)
+    kept = result.joints
+    if len(kept) > _JOINTS:
+        worst = sorted(kept, key=lambda j: j.held_out if j.held_out == j.held_out else 1e9)
+        chosen = {id(j) for j in worst[-_JOINTS:]}
+        kept = tuple(j for j in kept if id(j) in chosen)
+    for j in kept:
+        mark = words.quality(j.held_out)
+        cells = [
+            words.nrmse(j.fit),
+            f"[{mark.colour}]{words.nrmse(j.held_out)}[/]",
+            words.nrmse(j.least_squares),
+        ]
+        cells += [words.nrmse(j.validation)] * checked
+        table.add_row(f"  {escape(j.name)}", *cells, f"{words.number(1e3 * j.delay)} ms")
+    console.print(table)
+    if len(kept) < len(result.joints):
+        console.print(f"    the worst of {len(result.joints)}; all are in the report")
+
+
+def _print_gains(console: Console, result: Identification) -> None:
+    """Prints the gains with intervals and statuses."""
+    gains = [p for p in result.parameters if words.is_gain(p)]
+    if not gains:
+        return
+    table = _table("gains", "estimate", "95 % interval", "before")
+    table.add_column("\nunit")
+    table.add_column("\nstatus")
+    for p in gains[:_GAINS]:
+        value, interval = words.estimate(p.value, p.low, p.high)
+        mark = words.STATUSES[p.status]
+        table.add_row(
+            f"  {escape(words.of_joint(p))}",
+            value,
+            words.ABSENT if p.status == "known" else interval,
+            words.number(p.prior),
+            escape(p.unit),
+            f"[{mark.colour}]{mark.glyph} {p.status}[/]",
+        )
+    console.print(table)
+    if len(gains) > _GAINS:
+        console.print(f"    … and {len(gains) - _GAINS} more in the report")
+
+
+def _print_frictions(console: Console, result: Identification) -> None:
+    """Prints friction and rotor inertia, one line for each joint, one column for each kind.
+
+    Values that the log does not determine by themselves are dimmed.
+    """
+    inertial, names = words.links(result.parameters), [j.name for j in result.joints]
+    kinds: dict[str, dict[str, Parameter]] = {}
+    for p in result.parameters:
+        if p.block not in inertial and not words.is_gain(p) and words.of_joint(p) in names:
+            kinds.setdefault(f"{p.block}\n{p.unit}", {})[words.of_joint(p)] = p
+    kept = dict(list(kinds.items())[:_KINDS])
+    if not kept:
+        return
+    heads = [escape(head.replace(" friction", "")) for head in kept]
+    table = Table(box=None, pad_edge=False, padding=(0, 2), header_style="dim")
+    table.add_column("\n  friction and rotors")
+    for head in heads:
+        table.add_column(head, justify="right")
+    for name in names[:_GAINS]:
+        cells = []
+        for members in kept.values():
+            p = members.get(name)
+            value = "" if p is None else words.estimate(p.value, p.low, p.high)[0]
+            cells.append(f"[dim]({value})[/]" if p is not None and not _told(p) else value)
+        table.add_row(f"  {escape(name)}", *cells)
+    console.print()
+    console.print(table)
+    rest = len(kinds) > len(kept) or len(names) > _GAINS
+    console.print(
+        "    (in brackets: not identified by itself)" + ("; more in the report" if rest else "")
+    )
+
+
+def _told(parameter: Parameter) -> bool:
+    return parameter.status in {"identified", "known"}
+
+
+def _print_counts(console: Console, result: Identification) -> None:
+    """Prints how many parameters have which status."""
+    total = len(result.parameters)
+    parts = [
+        f"[{words.STATUSES[s].colour}]{words.STATUSES[s].glyph}[/] {n} {s}"
+        for s, n in words.counts(result.parameters)
+    ]
+    console.print(f"\n  of {total} parameters: {', '.join(parts)}", soft_wrap=True)
+
+
+def _table(title: str, *heads: str) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2), header_style="dim")
+    table.add_column("\n  " + title)
+    for head in heads:
+        table.add_column("\n" + head, justify="right")
+    return table

@@ -1,0 +1,162 @@
+"""Numbers, statuses and names of an identification in words, for page and terminal."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from ...calibration.result import Identification, JointFit, Parameter
+
+ABSENT = "–"
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
+_FINEST = 1e-4  # unless they are rounded to this or more
+
+
+class Mark(NamedTuple):
+    """How a status or a verdict is shown.
+
+    Attributes:
+        glyph: in front of the words, so that colour is not needed.
+        kind: class of the page's style sheet.
+        colour: on the terminal.
+    """
+
+    glyph: str
+    kind: str
+    colour: str
+
+
+STATUSES = {
+    "identified": Mark("●", "good", "green"),
+    "known": Mark("■", "good", "green"),
+    "only in combination": Mark("◐", "fair", "yellow"),
+    "below the noise": Mark("≈", "weak", "bright_black"),
+    "not excited": Mark("○", "weak", "bright_black"),
+}
+EXPLAINS = {
+    "yes": Mark("✔", "good", "green"),
+    "partly": Mark("◐", "fair", "yellow"),
+    "no": Mark("✘", "poor", "red"),
+}
+LEVELS = {
+    "refusal": Mark("✘", "poor", "red"),
+    "warning": Mark("▲", "fair", "yellow"),
+    "note": Mark("·", "weak", "bright_black"),
+}
+
+
+def number(value: float, quantum: float | None = None) -> str:
+    """A number with four digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵."""
+    if not math.isfinite(value):
+        return ABSENT if math.isnan(value) else ("∞" if value > 0 else "−∞")
+    size = abs(value)
+    if quantum is None or not 0 < quantum < math.inf:
+        quantum = 10.0 ** (math.floor(math.log10(size)) - 3) if size > 0 else 1.0
+        trim = True
+    else:
+        quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False
+    if size < quantum / 2:
+        text = "0"
+    elif (_LEAST <= size < _MOST or quantum >= _FINEST) and quantum < 1e3:
+        digits = max(0, -round(math.log10(quantum)))
+        text = f"{round(size / quantum) * quantum:.{digits}f}"
+        text = text.rstrip("0").rstrip(".") if trim and "." in text else text
+    else:
+        digits = max(0, math.floor(math.log10(size)) - round(math.log10(quantum)))
+        factor, _, power = f"{size:.{min(digits, 3)}e}".partition("e")
+        factor = factor.rstrip("0").rstrip(".") if trim and "." in factor else factor
+        text = f"{factor}·10{str(int(power)).translate(_SUPERSCRIPTS)}"
+    return f"−{text}" if value < 0 and text != "0" else text
+
+
+def estimate(value: float, low: float, high: float) -> tuple[str, str]:
+    """An estimate and its 95 % interval, rounded to two digits of the interval's half-width."""
+    half = (high - low) / 2
+    if not math.isfinite(half) or half <= 0:
+        return number(value), ABSENT if half == 0 else f"{number(low)} … {number(high)}"
+    quantum = 10.0 ** (math.floor(math.log10(half)) - 1)
+    least = 10.0 ** (math.floor(math.log10(abs(value))) - 1) if value else quantum
+    if low > 0:  # an interval of a factor: two digits of the estimate too
+        quantum = min(quantum, least)
+    return number(value, quantum), f"{number(low, quantum)} … {number(high, quantum)}"
+
+
+def nrmse(value: float | None) -> str:
+    """An NRMSE with three decimals; – if there is none."""
+    return ABSENT if value is None or not math.isfinite(value) else f"{value:.3f}"
+
+
+def quality(held_out: float) -> Mark:
+    """Mark of a joint by its held-out NRMSE."""
+    return EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]
+
+
+def is_gain(parameter: Parameter) -> bool:
+    """Whether a parameter is the gain of an actuator."""
+    return "gain" in parameter.block
+
+
+def links(parameters: Iterable[Parameter]) -> set[str]:
+    """Names of the blocks that hold inertial parameters of a body."""
+    return {p.block for p in parameters if p.unit == "kg" and p.label.startswith("mass")}
+
+
+def of_joint(parameter: Parameter) -> str:
+    """The part that a parameter belongs to: "elbow" of "gain of elbow"."""
+    return parameter.label.partition(" of ")[2] or parameter.label
+
+
+def counts(parameters: Iterable[Parameter]) -> list[tuple[str, int]]:
+    """Number of parameters of each status that occurs, best first."""
+    found = Counter(p.status for p in parameters)
+    return [(status, found[status]) for status in STATUSES if found[status]]
+
+
+def unit_of_command(result: Identification, joint: int) -> str:
+    """Unit of a joint's command; "" if it is unknown."""
+    units = result.recordings.command_units
+    return units[joint] if len(units) == len(result.joints) else ""
+
+
+def quantity(result: Identification, joint: int) -> str:
+    """Label of the axis of a joint's command, with its unit."""
+    unit = unit_of_command(result, joint)
+    return f"u [{unit}]" if unit else "u"
+
+
+def title_of(fit: JointFit, validation: bool = False) -> str:
+    """Title of a joint's figure: its name and the NRMSE that matters."""
+    if validation:
+        return f"{fit.name}: NRMSE {nrmse(fit.validation)} on the validation log"
+    words = f"{fit.name}: NRMSE {nrmse(fit.held_out)} held out"
+    return words + (f", {nrmse(fit.validation)} validation" if fit.validation is not None else "")
+
+
+def logs_in_words(result: Identification) -> str:
+    """Duration, segments, files and rate of the training logs."""
+    segments = result.recordings.segments
+    duration = sum(float(s.log.t[-1] - s.log.t[0]) for s in segments)
+    files = list(dict.fromkeys(s.source for s in segments))
+    named = files[0] if len(files) == 1 else f"{len(files)} files"
+    parts = "one segment" if len(segments) == 1 else f"{len(segments)} segments"
+    return f"{duration:.4g} s of log in {parts} of {named} at {result.recordings.rate:.4g} Hz"
+
+
+def unknown_in_words(result: Identification) -> list[tuple[str, str]]:
+    """(status, names by part) of what the log does not tell."""
+    found = []
+    for status in ("not excited", "below the noise"):
+        parts: dict[str, list[str]] = {}
+        for parameter in result.parameters:
+            if parameter.status == status:
+                what, _, part = parameter.label.partition(" of ")
+                parts.setdefault(part, []).append(what)
+        if parts:
+            names = (
+                f"{part}: {', '.join(w)}" if part else ", ".join(w) for part, w in parts.items()
+            )
+            found.append((status, "; ".join(names)))
+    return found
