@@ -55,9 +55,11 @@ def structured_arm(
         return rows.problem(choice, gain, spread)
 
     problem, faults = problem_of(choice), fit_checks(rows, choice)
-    faults = [*doubts, *(faults or reversed_commands(rows, choice, problem))]
+    faults = [*doubts, *faults]
+    if not _refused(faults):
+        faults += reversed_commands(rows, choice, problem)
     others: list[Problem] = []
-    if not faults:
+    if not _refused(faults):
         told("fitting delays")
         if any("load" in columns for columns in choice.columns):
             rows.reweigh(minimise(problem).theta[: 10 * (robot.model.njoints - 1)])
@@ -91,6 +93,10 @@ def structured_arm(
         (*notes, *faults),
         chosen.cutoff,
     )
+
+
+def _refused(findings: list[Finding]) -> bool:
+    return any(finding.level == "refusal" for finding in findings)
 
 
 def _others(choice: Choice) -> list[Choice]:

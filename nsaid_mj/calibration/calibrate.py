@@ -15,6 +15,7 @@ from .checks import structure_checks
 from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
+from .joints import nearest_friction
 from .least_squares import least_squares
 from .precision import inflation, precision, tempered
 from .problem import Problem, folds, without
@@ -111,6 +112,7 @@ def calibrate(
         fit.theta,
         exact.deviation,
         exact.covariance,
+        nearest_friction(problem, fit.theta),
         _curves(problem, fit.theta),
         None if checked is None else _curves(checked, fit.theta),
         _along(problem, share) if online else None,

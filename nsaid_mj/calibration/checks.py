@@ -25,34 +25,40 @@ _ROWS = 3.0  # usable rows per column that a joint needs
 def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
     """Too few rows, and swapped commands, by least squares of each joint's own row."""
     names, u = rows.robot.joints, rows.commands(choice.delay)
-    findings = [f for j, name in enumerate(names) for f in _short(rows, choice, j, name)]
-    return findings or _swapped(rows, choice, u, names)
+    short = [j for j in range(len(names)) if rows.usable[:, j].sum() < _needed(choice, j)]
+    return [*_short(rows, choice, short), *_swapped(rows, choice, u, names, short)]
 
 
-def _short(rows: JointRows, choice: Choice, joint: int, name: str) -> list[Finding]:
-    """Whether a joint has too few usable rows."""
-    count = int(rows.usable[:, joint].sum())
-    needed = int(_ROWS * (10 + len(choice.columns[joint])))
-    if count >= needed:
-        return []
+def _needed(choice: Choice, joint: int) -> int:
+    """Usable rows that a joint needs."""
+    return int(_ROWS * (10 + len(choice.columns[joint])))
+
+
+def _short(rows: JointRows, choice: Choice, short: list[int]) -> list[Finding]:
+    """Joints with too few usable rows: a warning each, a refusal if there are no others."""
     return [
         Finding(
-            "refusal",
+            "warning" if len(short) < len(rows.robot.joints) else "refusal",
             "short_log",
-            name,
-            f"only {count} independent rows in which it moves; at least {needed} are needed",
-            "Record a longer motion of this joint, or lock it (`--lock`).",
-            {"rows": count, "needed": needed},
+            rows.robot.joints[j],
+            f"only {rows.usable[:, j].sum()} independent rows in which it moves, where "
+            f"{_needed(choice, j)} are needed",
+            "Record a longer motion of this joint; until then its parameters are guesses.",
+            {"rows": int(rows.usable[:, j].sum()), "needed": _needed(choice, j)},
         )
+        for j in short
     ]
 
 
-def _swapped(rows: JointRows, choice: Choice, u: Array, names: tuple[str, ...]) -> list[Finding]:
+def _swapped(
+    rows: JointRows, choice: Choice, u: Array, names: tuple[str, ...], short: list[int]
+) -> list[Finding]:
     """Commands that explain another joint's motion much better than their own."""
     k = len(names)
     errors = np.array(
         [[_mean(held_out_errors(rows, choice, u[:, c], j)) for c in range(k)] for j in range(k)]
     )
+    errors[short] = np.where(np.eye(k, dtype=bool)[short], 1e-3, 2.0)
     own = np.diag(errors)
     _, best = scipy.optimize.linear_sum_assignment(np.log(np.minimum(errors, 2.0) + 1e-9))
     moved = [j for j in range(k) if best[j] != j]
@@ -164,14 +170,14 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
             "warning",
             "unexplained",
             name,
-            f"the structure does not explain this joint's motion: held-out NRMSE {value:.2f}, "
+            f"the structure does not explain this motion: held-out NRMSE {value:.2f}, "
             "where predicting the mean has 1",
             "Its parameters are not to be trusted. Check the model's axis, the joint's columns in "
             "the map, contacts, and couplings.",
             {"nrmse": float(value)},
         )
         for name, value in zip(names, held_out, strict=True)
-        if not value < _POOR
+        if value >= _POOR
     ]
 
 

@@ -19,7 +19,7 @@ import scipy.linalg
 
 from ..errors import NoEstimate
 from ..identifiers.cone.barrier import barrier, cone_of, gradient_and_hessian, local_norm
-from ..identifiers.memory.cost import Quotient
+from ..identifiers.memory.cost import Quotient, efforts
 from ..parameters import Array, ParameterSpace
 from .problem import Problem
 
@@ -131,17 +131,15 @@ def gramians(problem: Problem) -> Gramians:
 
 
 def cost_of(parts: Gramians, space: ParameterSpace) -> Quotient:
-    """R with weights N_i; velocities on which no actuator acts are measured against all others."""
-    counts = np.maximum(parts.counts, 1.0)
-    means = parts.sums / counts[:, None, None]
-    diagonal = np.einsum("ipp->ip", means)
-    effort = np.zeros_like(diagonal)
-    effort[:, space.actuators] = diagonal[:, space.actuators]
-    scaled = effort @ space.scale**2
-    driven = scaled > 1e-6 * (diagonal @ space.scale**2)
-    if not driven.any():
+    """R with weights N_i.
+
+    Raises:
+        NoEstimate: no command has an effect.
+    """
+    means = parts.sums / np.maximum(parts.counts, 1.0)[:, None, None]
+    effort = efforts(means, space)
+    if effort is None:
         raise NoEstimate("No command has an effect on the motion", "Check the columns of u.")
-    effort[~driven] = np.mean(effort[driven], axis=0)
     return Quotient(means, effort, parts.counts)
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+import scipy.optimize
 
 from ..parameters import Array, Block, Indices, ParameterSpace
 from ..systems.joints import body_names
@@ -256,6 +257,29 @@ class JointRows:
             labels=tuple(f"coupling's {kind} of {pair}" for kind in COUPLINGS),
         )
         return entries, block, np.sqrt(np.mean(entries**2, axis=(0, 1)))
+
+
+def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
+    """(k,) viscous and (k,) Coulomb friction nearest to all of a joint's friction along the log.
+
+    Args:
+        problem: rows of a tree of joints.
+        theta: (p,) the estimate.
+    """
+    space = problem.space
+    kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "offset")]
+    used = [space[block.name] for block in space.blocks if block.name in kinds]
+    pairs = [COLUMNS[name].block for name in ("viscous", "coulomb")]
+    if not {block.name for block in space.blocks}.issuperset(pairs):
+        return np.zeros(0), np.zeros(0)
+    found = []
+    for j in range(problem.Y.shape[1]):
+        rows = problem.Y[problem.usable[:, j], j]
+        whole = sum(rows[:, place] @ theta[place] for place in used)
+        basis = np.column_stack([rows[:, space[name].start + j] for name in pairs])
+        found.append(scipy.optimize.nnls(basis, whole)[0] if len(rows) else np.zeros(2))
+    viscous, coulomb = np.array(found).T
+    return viscous, coulomb
 
 
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..parameters import Array, Indices, ParameterSpace
 
+_IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is not actuated
 Mask = NDArray[np.bool_]
 
 
@@ -60,17 +61,27 @@ class Problem:
     def nrmse(self, theta: Array) -> Array:
         """(n,) rms of Y θ over the standard deviation of the actuators' forces, per velocity.
 
-        1 is what predicting the mean command would give; NaN where no row is usable.
+        1 is what predicting the mean command would give. Velocities on which no actuator acts are
+        measured against the forces of inertia and weight. NaN where no row is usable.
         """
-        residual = np.where(self.usable, self.residual(theta), np.nan)
-        force = np.where(self.usable, self.actuation(theta), np.nan)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            counts = self.usable.sum(axis=0)
-            few = counts < 2
-            size = np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(counts, 1))
-            mean = np.nansum(force, axis=0) / np.maximum(counts, 1)
-            spread = np.sqrt(np.nansum((force - mean) ** 2, axis=0) / np.maximum(counts, 1))
-            return np.where(few, np.nan, size / spread)
+        used, counts = self.usable, self.usable.sum(axis=0)
+
+        def deviation(force: Array) -> Array:
+            mean = np.sum(np.where(used, force, 0.0), axis=0) / np.maximum(counts, 1)
+            return _rms(np.where(used, force - mean, 0.0), counts)
+
+        matrices = np.concatenate(
+            [np.full(len(b), b.geometry not in ("positive", "free")) for b in self.space.blocks]
+        )
+        acting = deviation(self.actuation(theta))
+        inertial = deviation(self.Y[:, :, matrices] @ theta[matrices])
+        size = np.where(acting > _IDLE * inertial, acting, inertial)
+        residual = _rms(np.where(used, self.residual(theta), 0.0), counts)
+        return np.where((counts > 1) & (size > 0), residual / np.where(size > 0, size, 1), np.nan)
+
+
+def _rms(x: Array, counts: Indices) -> Array:
+    return np.sqrt(np.sum(x**2, axis=0) / np.maximum(counts, 1))
 
 
 def folds(problem: Problem, count: int) -> list[Indices]:

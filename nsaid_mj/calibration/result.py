@@ -136,6 +136,8 @@ class Identification:
         deviation: (p,) its stated standard deviations.
         covariance: (p, p) of θ̂.
         correlation_names: names of the parameters, in order of θ.
+        friction: (k,) viscous and (k,) Coulomb friction nearest to the identified friction of each
+            joint, for model files that hold no other; empty for a vehicle.
         curves: of the training logs.
         validation: of the validation log; None without one.
         history: rows (t, θ̂) of the estimate along the log, for `--online`; None otherwise.
@@ -156,6 +158,7 @@ class Identification:
     theta: Array
     deviation: Array
     covariance: Array
+    friction: tuple[Array, Array]
     curves: Curves
     validation: Curves | None
     history: tuple[Array, Array] | None

@@ -136,7 +136,10 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
 
 def verdict(joints: tuple[JointFit, ...]) -> tuple[Explains, str]:
     """Whether the structure explains the log, and the sentence that says so."""
-    worst = max(joints, key=lambda j: j.held_out if np.isfinite(j.held_out) else np.inf)
+    joints = tuple(j for j in joints if np.isfinite(j.held_out))
+    if not joints:
+        return "no", "No part of the log could be predicted from the others: it is too short."
+    worst = max(joints, key=lambda j: j.held_out)
     values = np.array([j.held_out for j in joints])
     good = int(np.sum(values < _GOOD))
     figures = (

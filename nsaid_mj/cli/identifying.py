@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
-from ..resources import atomic_write
+from ..resources import write_text
 from .folders import RUNS
 from .grammar import Identify
 
@@ -49,7 +50,7 @@ def identify_log(chosen: Identify) -> int:
         except UnusableLog as error:
             _print_notes(error, chosen.quiet or chosen.json)
             raise
-        files = write(result, folder, progress.say)
+        result, files = write(result, folder, progress.say)
     if chosen.json:
         print(result.text())
     elif not chosen.quiet:
@@ -61,16 +62,21 @@ def identify_log(chosen: Identify) -> int:
     return 0 if result.explains != "no" else 1
 
 
-def write(result: Identification, folder: Path, told) -> list[Path]:
-    """Writes results, report, recording and calibrated models into a folder; returns the files."""
-    folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / RESULT]
-    with atomic_write(files[0]) as path:
-        path.write_text(result.text(), encoding="utf-8")
-    told("writing the calibrated models")
-    from ..calibration.models.export import write_models
+def write(
+    result: Identification, folder: Path, told: Callable[[str], None]
+) -> tuple[Identification, list[Path]]:
+    """Writes results, report, recording and calibrated models into a folder.
 
-    files += write_models(result, folder)
+    Returns:
+        The result with findings about the exported model, and the files.
+    """
+    from ..calibration.export import write_models
+
+    folder.mkdir(parents=True, exist_ok=True)
+    told("writing and trying the calibrated models")
+    files, followed = write_models(result, folder)
+    result = replace(result, findings=(*result.findings, *followed))
+    write_text(folder / RESULT, result.text() + "\n")
     told("writing the report")
     from ..reporting.identification import write_report
 
@@ -80,7 +86,7 @@ def write(result: Identification, folder: Path, told) -> list[Path]:
 
     path = folder / "identification.rrd"
     record(result, path)
-    return [*files, path]
+    return result, [folder / RESULT, *files, path]
 
 
 def _print_notes(error: UnusableLog, quiet: bool) -> None:

@@ -118,7 +118,13 @@ def quotient(means: Means, space: ParameterSpace) -> Quotient | None:
     not by its engine) is the effort of its other positive parameters, such as tyres or drag; where
     that is negligible, the mean effort in the actuated rows, scaled to the row's size.
     """
-    diagonal = np.einsum("ipp->ip", means.gramian)
+    effort = efforts(means.gramian, space)
+    return None if effort is None else Quotient(means.gramian, effort, np.zeros(len(effort)))
+
+
+def efforts(gramian: Array, space: ParameterSpace) -> Array | None:
+    """(n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect."""
+    diagonal = np.einsum("ipp->ip", gramian)
     size = diagonal @ space.scale**2
     effort = np.zeros_like(diagonal)
     effort[:, space.actuators] = diagonal[:, space.actuators]
@@ -130,7 +136,7 @@ def quotient(means: Means, space: ParameterSpace) -> Quotient | None:
     others = np.where((own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared)
     effort = np.where(driven[:, None], effort, others)
     effort[size <= 0] = shared  # a row without motion: its G is 0, so any effort > 0 will do
-    return Quotient(means.gramian, effort, np.zeros(len(size)))
+    return effort
 
 
 def positive(space: ParameterSpace) -> Array:

@@ -1,0 +1,101 @@
+"""Calibrated model files of an identification."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import NsaidError
+from ..parameters import Array
+from .findings import Finding
+from .models.identified import Identified, Parameter, with_inertias
+from .models.mjcf_export import write_mjcf
+from .models.replay import replay
+from .models.tables import write_sysid, write_yaml
+from .models.urdf_export import write_urdf
+from .result import Identification
+
+
+def write_models(result: Identification, folder: Path) -> tuple[list[Path], list[Finding]]:
+    """Writes the calibrated model in all formats that can hold it.
+
+    Args:
+        result: of `identify`.
+        folder: an existing folder.
+
+    Returns:
+        The files, and how well the exported model follows the log.
+    """
+    robot, values = result.robot, identified(result)
+    files = [folder / "parameters.yaml"]
+    write_yaml(robot, values, files[0])
+    if robot.model is None:
+        return files, []
+    if robot.kind == "urdf" and robot.source is not None:
+        files.append(folder / f"{robot.name}.urdf")
+        write_urdf(robot, values, files[-1])
+    files.append(folder / f"{robot.name}.xml")
+    write_mjcf(robot, values, files[-1])
+    files.append(folder / "sysid.yaml")
+    write_sysid(robot, values, files[-1])
+    return files, [_followed(result, values)]
+
+
+def identified(result: Identification) -> Identified:
+    """The values of a result as the exporters want them.
+
+    Files hold viscous and Coulomb friction only. Their values are those that come nearest to the
+    identified friction along the log, where that has further columns.
+    """
+    robot = result.robot
+    parameters = tuple(
+        Parameter(p.label, p.value, p.unit, p.low, p.high, p.status) for p in result.parameters
+    )
+    k = len(robot.joints)
+    if robot.model is None:
+        none = np.zeros(0)
+        return Identified(None, none, none, none, none, result.anchor, parameters)
+    links = result.theta[: 10 * (robot.model.njoints - 1)].reshape(-1, 10)
+    model = with_inertias(robot.model, links, _of(result, "rotor inertia", k))
+    damping, friction = result.friction
+    speed = np.array([joint.friction_speed for joint in result.joints])
+    gain = _of(result, "motor gain", k)
+    notes = tuple(f.text for f in result.findings if f.level == "warning")
+    return Identified(
+        model, damping, friction, speed, gain, result.anchor, parameters, (result.verdict, *notes)
+    )
+
+
+def _of(result: Identification, block: str, k: int) -> Array:
+    """(k,) parameters of a block of one per joint."""
+    values = [p.value for p in result.of(block)]
+    return np.array(values) if len(values) == k else np.zeros(k)
+
+
+def _followed(result: Identification, values: Identified) -> Finding:
+    """How well the exported model follows the log, beside the model file's own values."""
+    try:
+        found = replay(result.robot, values, result.recordings)
+    except NsaidError as error:
+        return Finding("note", "replay", "", f"the exported model was not simulated: {error}")
+    names = result.robot.joints
+    figures = ", ".join(
+        f"{name} {_figure(own)} ({_figure(file)})"
+        for name, own, file in zip(names, found.exported, found.nominal, strict=True)
+    )
+    worse = [n for n, a, b in zip(names, found.exported, found.nominal, strict=True) if a > b]
+    return Finding(
+        "warning" if worse else "note",
+        "replay",
+        "",
+        "MuJoCo with the exported model, driven by the log's commands for 0.2 s at a time, departs "
+        f"from the log by [rad or m], and with the model file's own values by (…): {figures}",
+        f"It is worse at {', '.join(worse)}." if worse else "",
+        {"exported": found.exported.tolist(), "nominal": found.nominal.tolist()},
+    )
+
+
+def _figure(value: float) -> str:
+    return f"{value:.2g}" if math.isfinite(value) else "diverges"
