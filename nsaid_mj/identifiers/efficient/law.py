@@ -10,7 +10,8 @@ Innovations larger than chance allows contradict the filter. If it had explained
 before, an actuator may have changed: the filter returns to its estimate from before, and over one
 window tries which gain, set free, explains the motion best. If none does, or if the filter is
 young, it starts again at the memory's estimate, which alone is handed out until the filter has
-again explained `_PROBATION` seconds.
+again explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the filter's estimate is
+handed out, it goes on from that.
 """
 
 from __future__ import annotations
@@ -213,7 +214,10 @@ class EfficientIdentifier(Identifier):
         """Filter and memory along a log that ends at the latest where the memory is updated."""
         inside: Guarded = state.filter
         guard, estimates = self.guard.follow(inside.guard, log)
-        inside = self._filtered(inside, log.first(len(estimates.pivot)), estimates)
+        log = log.first(len(estimates.pivot))
+        inside = self._filtered(inside, log, estimates)
+        if inside.handed and guard.status is Status.estimate_not_positive_definite:
+            guard = self._rescued(guard, inside.filter, log)
         inside, memory = inside._replace(guard=guard), guard.memory
         assert memory is not None
         if guard.status is Status.completed and memory.step % self._every == 0:
@@ -223,6 +227,18 @@ class EfficientIdentifier(Identifier):
         last = estimates.v_hat[-1].copy(), estimates.theta_hat[-1].copy()
         pivot = float(estimates.pivot[-1])
         return State(guard.t, *last, pivot, guard.status, filter=inside), estimates
+
+    def _rescued(self, guard: State, kalman: Filter, log: Log) -> State:
+        """The memory's state at the end of a log after which it would lose M̂ ≻ 0.
+
+        It goes on from the filter's estimate; if it has already done so, the loss is final.
+        """
+        if np.array_equal(guard.theta_hat, kalman.theta):
+            return guard
+        assert self.guard.memory is not None
+        theta, v_hat = kalman.theta.copy(), log.v[-1].copy()
+        guard = guard._replace(theta_hat=theta, v_hat=v_hat, status=Status.completed)
+        return self.guard.memory.absorb(guard, log) if len(log.t) > 1 else guard
 
     def _filtered(self, inside: Guarded, log: Log, estimates: Estimates) -> Guarded:
         """The filter along a log, through contradictions; overwrites what it hands out."""
