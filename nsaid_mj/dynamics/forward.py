@@ -81,7 +81,11 @@ def forward_work(structure, n, p):
     """Allocates the workspace of `linearise`."""
 
 
-def linearise(structure, q, v, u, theta, scale, work, a, J) -> Any:
+def write_acceleration(structure, q, v, u, theta, work, a) -> Any:
+    """Writes v̇ alone; arguments and result are those of `linearise`."""
+
+
+def linearise(structure, q, v, u, theta, scale, work, a, A, B) -> Any:
     """Writes v̇ and its derivatives.
 
     Args:
@@ -93,7 +97,8 @@ def linearise(structure, q, v, u, theta, scale, work, a, J) -> Any:
         scale: (p,) their scale.
         work: workspace of `forward_work`.
         a: (n,) v̇ of (29) with C v; written.
-        J: (n, 2n+p) ∂v̇/∂q, ∂v̇/∂v and ∂v̇/∂(θ/scale) = −M⁻¹ W diag(scale); written.
+        A: (n, 2n) ∂v̇/∂q and ∂v̇/∂v; written.
+        B: (n, p) ∂v̇/∂(θ/scale) = −M⁻¹ W diag(scale); written.
 
     Returns:
         M's smallest pivot, > 0 if it succeeded.
@@ -151,11 +156,16 @@ def tree_difference(linkage, q0, q1, out):
 
 
 @njit(cache=True)
-def _tree_linearise(linkage, q, v, u, theta, scale, work, a, J):
+def _tree_acceleration(linkage, q, v, u, theta, work, a):
+    tree_place(linkage, q, v, work[0])
+    return accelerate(linkage, work[0], v, v, u, theta, work[1], a)
+
+
+@njit(cache=True)
+def _tree_linearise(linkage, q, v, u, theta, scale, work, a, A, B):
     state, stage, derivatives, by_q, by_v, W = work
     n, p = W.shape
-    tree_place(linkage, q, v, state)
-    pivot = accelerate(linkage, state, v, v, u, theta, stage, a)
+    pivot = _tree_acceleration(linkage, q, v, u, theta, work, a)
     if not pivot > 0.0:
         return pivot
     write_derivatives(linkage, state, v, a, theta, derivatives, by_q, by_v)
@@ -164,10 +174,11 @@ def _tree_linearise(linkage, q, v, u, theta, scale, work, a, J):
     write_joints(linkage, v, u, W)
     for i in range(n):
         for j in range(n):
-            J[i, j], J[i, n + j] = -by_q[i, j], -by_v[i, j]
+            A[i, j], A[i, n + j] = -by_q[i, j], -by_v[i, j]
         for k in range(p):
-            J[i, 2 * n + k] = -W[i, k] * scale[k]
-    solve_many(stage[2], J)
+            B[i, k] = -W[i, k] * scale[k]
+    solve_many(stage[2], A)
+    solve_many(stage[2], B)
     return pivot
 
 
@@ -211,19 +222,26 @@ def _force(forces, q, v, u, theta, F, force):
 
 
 @njit(cache=True)
-def _body_linearise(body, q, v, u, theta, scale, work, a, J):
+def _body_acceleration(body, q, v, u, theta, work, a):
     (entries, values), group, forces = body
-    M, L, push, F, moved, step, force, other = work
-    n, p = F.shape
+    M, L, _, F, _, _, force, _, h = work
     M[:] = 0.0
     for e in range(values.shape[0]):
         M[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2]]
     _force(forces, q, v, u, theta, F, force)
-    h = np.dot(M, v)
+    np.dot(M, v, h)
     own = coadjoint(group, v, h)
-    for i in range(n):
+    for i in range(v.shape[0]):
         a[i] = force[i] + own[i]
-    pivot = solve_positive(M, L, a)
+    return solve_positive(M, L, a)
+
+
+@njit(cache=True)
+def _body_linearise(body, q, v, u, theta, scale, work, a, A, B):
+    (entries, values), group, forces = body
+    M, L, push, F, moved, step, force, other, h = work
+    n, p = F.shape
+    pivot = _body_acceleration(body, q, v, u, theta, work, a)
     if not pivot > 0.0:
         return pivot
     step[:] = 0.0
@@ -231,32 +249,32 @@ def _body_linearise(body, q, v, u, theta, scale, work, a, J):
         step[j] = 1.0
         turned, push[j] = coadjoint(group, step, h), coadjoint(group, v, step)
         for i in range(n):
-            J[i, n + j] = turned[i]
+            A[i, n + j] = turned[i]
         step[j] = 0.0
     for j in range(n):
         for r in range(n):
             for i in range(n):
-                J[i, n + j] += M[r, j] * push[r, i]
+                A[i, n + j] += M[r, j] * push[r, i]
     for i in range(n):
         for k in range(p):
-            J[i, 2 * n + k] = F[i, k]
+            B[i, k] = F[i, k]
     for e in range(values.shape[0]):
-        i, j, k = entries[e]
-        J[i, 2 * n + k] -= values[e] * a[j]
+        i, j, k = entries[e, 0], entries[e, 1], entries[e, 2]
+        B[i, k] -= values[e] * a[j]
         for r in range(n):
-            J[r, 2 * n + k] += values[e] * v[j] * push[i, r]
+            B[r, k] += values[e] * v[j] * push[i, r]
     for i in range(n):
         for k in range(p):
-            J[i, 2 * n + k] *= scale[k]
+            B[i, k] *= scale[k]
     for j in range(n):
         if j < group // 2 or group == 0 or (group == 3 and j < 2):  # forces depend on attitude only
-            J[:, j] = 0.0
+            A[:, j] = 0.0
             continue
         step[j] = STEP
         body_integrate(group, q, step, moved)
         _force(forces, moved, v, u, theta, F, other)
         for i in range(n):
-            J[i, j] = (other[i] - force[i]) / STEP
+            A[i, j] = (other[i] - force[i]) / STEP
         step[j] = 0.0
     step[:] = v
     for j in range(n):
@@ -264,9 +282,10 @@ def _body_linearise(body, q, v, u, theta, scale, work, a, J):
         step[j] += width
         _force(forces, q, step, u, theta, F, other)
         for i in range(n):
-            J[i, n + j] += (other[i] - force[i]) / width
+            A[i, n + j] += (other[i] - force[i]) / width
         step[j] = v[j]
-    solve_many(L, J)
+    solve_many(L, A)
+    solve_many(L, B)
     return pivot
 
 
@@ -295,18 +314,30 @@ def _forward_work(structure, n, p):
             np.empty(n),
             np.empty(n),
             np.empty(n),
+            np.empty(n),
         )
 
     return _chosen(structure, tree, body)
 
 
-@overload(linearise)
-def _linearise(structure, q, v, u, theta, scale, work, a, J):
-    def tree(structure, q, v, u, theta, scale, work, a, J):
-        return _tree_linearise(structure, q, v, u, theta, scale, work, a, J)
+@overload(write_acceleration)
+def _write_acceleration(structure, q, v, u, theta, work, a):
+    def tree(structure, q, v, u, theta, work, a):
+        return _tree_acceleration(structure, q, v, u, theta, work, a)
 
-    def body(structure, q, v, u, theta, scale, work, a, J):
-        return _body_linearise(structure, q, v, u, theta, scale, work, a, J)
+    def body(structure, q, v, u, theta, work, a):
+        return _body_acceleration(structure, q, v, u, theta, work, a)
+
+    return _chosen(structure, tree, body)
+
+
+@overload(linearise)
+def _linearise(structure, q, v, u, theta, scale, work, a, A, B):
+    def tree(structure, q, v, u, theta, scale, work, a, A, B):
+        return _tree_linearise(structure, q, v, u, theta, scale, work, a, A, B)
+
+    def body(structure, q, v, u, theta, scale, work, a, A, B):
+        return _body_linearise(structure, q, v, u, theta, scale, work, a, A, B)
 
     return _chosen(structure, tree, body)
 

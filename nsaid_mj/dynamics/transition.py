@@ -1,12 +1,13 @@
-"""One RK4 step of v̇ = f(q, v, u, θ) and of its derivatives, for any structure of `forward`.
+"""One RK4 step of v̇ = f(q, v, u, θ) and its derivatives, for any structure of `forward`.
 
 Positions are integrated in the tangent step ξ from the step's start, with
 ξ̇ = v + ½[ξ, v] + 1/12 [ξ, [ξ, v]]. A deviation (δq, δv, δθ), with δq the tangent step from the
 undisturbed position, obeys
 
-    δ̇q = δv − [v, δq],    δ̇v = ∂v̇/∂q δq + ∂v̇/∂v δv + ∂v̇/∂θ δθ,
+    δ̇q = δv − [v, δq],    δ̇v = ∂v̇/∂q δq + ∂v̇/∂v δv + c,    c = ∂v̇/∂θ δθ.
 
-which RK4 integrates with the same stages.
+The derivatives are held in the step at their values in RK4's third stage, half-way: by symmetry the
+error is of third order in the step. θ acts through the n components of c alone.
 """
 
 from __future__ import annotations
@@ -15,23 +16,22 @@ import numpy as np
 from numba import njit
 
 from ..numerics.spatial import bracket
-from .forward import forward_work, group_of, integrate_into, linearise
+from .forward import forward_work, group_of, integrate_into, linearise, write_acceleration
 
 
 @njit(cache=True)
 def transition_work(structure, n, m, p):
     """Allocates the workspace of `transition`."""
-    size = 2 * n + p
     return (
         forward_work(structure, n, p),
-        np.empty((n, size)),
+        np.empty((n, 2 * n)),
+        np.empty((n, p)),
         np.empty((2, n)),
         np.empty((2, n)),
         np.empty((2, n)),
         np.empty(m),
-        np.empty((2 * n, size)),
-        np.empty((2 * n, size)),
-        np.empty((2 * n, size)),
+        np.empty((2 * n, 3 * n)),
+        np.empty((2 * n, 3 * n)),
     )
 
 
@@ -52,42 +52,36 @@ def transition(structure, q, v, u, dt, theta, scale, work, q1, v1):
         v1: (n,) velocity at the end; written.
 
     Returns:
-        M's smallest pivot, > 0 if it succeeded; and (2n, 2n+p) the derivatives of the end with
-        respect to (q, v, θ/scale) at the start.
+        M's smallest pivot, > 0 if it succeeded; (2n, 3n) the derivatives of the end with respect to
+        (q, v) at the start and c; and (n, p) those of c with respect to θ/scale.
     """
-    forward, J, rates, now, sums, at, X, K, total = work
+    forward, A, B, rates, now, sums, at, F, product = work
     a, rate = rates[0], rates[1]
     way, speed = now[0], now[1]
     n, group, pivot = v.shape[0], group_of(structure), np.inf
-    X[:], total[:] = 0.0, 0.0
-    for i in range(2 * n):
-        X[i, i] = total[i, i] = 1.0
-    way[:], speed[:], sums[:] = 0.0, v, 0.0
-    integrate_into(structure, q, way, at)
-    for weight, reach in ((dt / 6, 0.5 * dt), (dt / 3, 0.5 * dt), (dt / 3, dt), (dt / 6, 0.0)):
-        pivot = min(pivot, linearise(structure, at, speed, u, theta, scale, forward, a, J))
+    way[:], speed[:], sums[:], at[:] = 0.0, v, 0.0, q
+    for stage in range(4):
+        if stage == 2:
+            own = linearise(structure, at, speed, u, theta, scale, forward, a, A, B)
+            _write_flow(group, dt, speed, A, F, product)
+        else:
+            own = write_acceleration(structure, at, speed, u, theta, forward, a)
+        pivot = min(pivot, own)
         if not pivot > 0.0:
-            return pivot, total
+            return pivot, F, B
         _way_rate(group, way, speed, rate)
-        _deviation_rates(group, speed, J, X, K)
+        weight = dt / 3 if stage in (1, 2) else dt / 6
+        reach = dt if stage == 2 else 0.5 * dt
         for i in range(n):
             sums[0, i] += weight * rate[i]
             sums[1, i] += weight * a[i]
-        for i in range(2 * n):
-            for k in range(K.shape[1]):
-                total[i, k] += weight * K[i, k]
-        if reach > 0.0:
-            for i in range(n):
-                way[i], speed[i] = reach * rate[i], v[i] + reach * a[i]
+            way[i], speed[i] = reach * rate[i], v[i] + reach * a[i]
+        if stage < 3:
             integrate_into(structure, q, way, at)
-            for i in range(2 * n):
-                for k in range(K.shape[1]):
-                    X[i, k] = reach * K[i, k]
-                X[i, i] += 1.0
     for i in range(n):
         v1[i] = v[i] + sums[1, i]
     integrate_into(structure, q, sums[0], q1)
-    return pivot, total
+    return pivot, F, B
 
 
 @njit(cache=True)
@@ -102,31 +96,44 @@ def _way_rate(group, way, v, rate):
 
 
 @njit(cache=True)
-def _deviation_rates(group, v, J, X, K):
-    """Writes the rates K (2n, 2n+p) of deviations X, whose last p columns are those of θ."""
-    n, size = J.shape
-    for i in range(n):
-        for k in range(size):
-            K[i, k] = X[n + i, k]
-            K[n + i, k] = 0.0
-        for k in range(2 * n, size):
-            K[n + i, k] = J[i, k]
-        for j in range(2 * n):
-            factor = J[i, j]
-            if factor != 0.0:
+def _write_flow(group, dt, v, A, F, rates):
+    """Writes the flow of deviations under constant derivatives, to fourth order in the step.
+
+    Args:
+        group: number of leading velocities that form a body twist.
+        dt: the step [s].
+        v: (n,) velocity.
+        A: (n, 2n) ∂v̇/∂q and ∂v̇/∂v.
+        F: (2n, 3n) the deviation at the end per (δq, δv, c); written.
+        rates: (2n, 3n) workspace.
+    """
+    n, size = v.shape[0], F.shape[1]
+    F[:] = 0.0
+    for i in range(2 * n):
+        F[i, i] = 1.0
+    for order in range(4, 0, -1):  # Horner's scheme: F ← [1, 0] + dt/order (the rates of F)
+        for i in range(n):
+            for k in range(size):
+                rates[i, k], rates[n + i, k] = F[n + i, k], 0.0
+            rates[n + i, 2 * n + i] = 1.0
+            for j in range(2 * n):
                 for k in range(size):
-                    K[n + i, k] += factor * X[j, k]
-    if group == 6:
-        for k in range(size):
-            _add_bracket(v, X, K, k)
-    elif group == 3:
-        for k in range(size):
-            K[0, k] -= v[1] * X[2, k] - v[2] * X[1, k]
-            K[1, k] -= v[2] * X[0, k] - v[0] * X[2, k]
+                    rates[n + i, k] += A[i, j] * F[j, k]
+        if group == 6:
+            for k in range(size):
+                _subtract_bracket(v, F, rates, k)
+        elif group == 3:
+            for k in range(size):
+                rates[0, k] -= v[1] * F[2, k] - v[2] * F[1, k]
+                rates[1, k] -= v[2] * F[0, k] - v[0] * F[2, k]
+        for i in range(2 * n):
+            for k in range(size):
+                F[i, k] = dt / order * rates[i, k]
+            F[i, i] += 1.0
 
 
 @njit(cache=True, inline="always")
-def _add_bracket(a, X, K, k):
+def _subtract_bracket(a, X, K, k):
     """Subtracts the Lie bracket of the twist a (6,) with column k of X from that of K."""
     x, y, z, r, s, t = X[0, k], X[1, k], X[2, k], X[3, k], X[4, k], X[5, k]
     K[0, k] -= a[4] * z - a[5] * y + a[1] * t - a[2] * s

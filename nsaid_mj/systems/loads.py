@@ -18,6 +18,7 @@ from ..dynamics.forward import (
     linearise,
     tree_difference,
     tree_integrate,
+    write_acceleration,
 )
 from ..dynamics.loaded import MOTION, accelerate, add_accelerations, loaded_workspace, write_twists
 from ..dynamics.structures import LoadedTree
@@ -265,40 +266,43 @@ def _write_balance(loaded, leak, state, v, momentum, drive):
 
 
 @njit(cache=True)
-def _linearise_carrier(carrier, q, v, u, theta, scale, work, a, J):
+def _carrier_acceleration(carrier, q, v, u, theta, work, a):
     loaded, forces = carrier
-    linkage = loaded.linkage
-    states, stage, F, moved, step, other = work
-    n, p, thrusters = v.shape[0], theta.shape[0], u[linkage[1].shape[0] - 1 :].reshape(1, -1)
-    tree_place(linkage, q, v, states[0])
-    F[:] = forces_along_states(loaded, states, v.reshape(1, n), u.reshape(1, -1), p)
-    rest = carried_forces(forces, linkage, states, thrusters)[0]
-    pivot = accelerate(loaded, states[0], v, u, rest, v, theta, stage, a)
+    states, stage = work[:2]
+    tree_place(loaded.linkage, q, v, states[0])
+    thrusters = u[loaded.linkage[1].shape[0] - 1 :].reshape(1, -1)
+    work[2][:] = carried_forces(forces, loaded.linkage, states, thrusters)[0]
+    return accelerate(loaded, states[0], v, u, work[2], v, theta, stage, a)
+
+
+@njit(cache=True)
+def _linearise_carrier(carrier, q, v, u, theta, scale, work, a, A, B):
+    loaded, linkage = carrier.loaded, carrier.loaded.linkage
+    states, stage, rest, moved, step, other = work
+    n, p = v.shape[0], theta.shape[0]
+    pivot = _carrier_acceleration(carrier, q, v, u, theta, work, a)
     if not pivot > 0.0:
         return pivot
+    F = forces_along_states(loaded, states, v.reshape(1, n), u.reshape(1, -1), p)
     for k in range(rest.shape[1]):
         for i in range(n):
             F[0, i, p - rest.shape[1] + k] = rest[i, k]
     W = inertial(loaded, states[0], v, v, a, p)
     for i in range(n):
         for k in range(p):
-            J[i, 2 * n + k] = (F[0, i, k] - W[i, k]) * scale[k]
-    solve_many(stage[4], J[:, 2 * n :])
+            B[i, k] = (F[0, i, k] - W[i, k]) * scale[k]
+    solve_many(stage[4], B)
     step[:] = 0.0
     for j in range(2 * n):
         i = j % n
         step[i] = STEP if j < n else STEP * (1.0 + abs(v[i]))
         if j < n:
             tree_integrate(linkage, q, step, moved)
-            tree_place(linkage, moved, v, states[0])
-            speed = v
+            _carrier_acceleration(carrier, moved, v, u, theta, work, other)
         else:
-            speed = v + step
-            tree_place(linkage, q, speed, states[0])
-        rest = carried_forces(forces, linkage, states, thrusters)[0]
-        accelerate(loaded, states[0], speed, u, rest, speed, theta, stage, other)
+            _carrier_acceleration(carrier, q, v + step, u, theta, work, other)
         for r in range(n):
-            J[r, j] = (other[r] - a[r]) / step[i]
+            A[r, j] = (other[r] - a[r]) / step[i]
         step[i] = 0.0
     return pivot
 
@@ -310,7 +314,7 @@ def _work(structure, n, p):
         return (
             np.empty((1, bodies, STATE)),
             loaded_workspace(structure.loaded, n),
-            np.empty((1, n, p)),
+            np.empty((n, p - structure.loaded.linkage[3][3] - n + 6)),
             np.empty(n + 1),
             np.zeros(n),
             np.empty(n),
@@ -319,10 +323,18 @@ def _work(structure, n, p):
     return carrier if structure.instance_class is Carrier else None
 
 
+@overload(write_acceleration)
+def _write_acceleration(structure, q, v, u, theta, work, a):
+    def carrier(structure, q, v, u, theta, work, a):
+        return _carrier_acceleration(structure, q, v, u, theta, work, a)
+
+    return carrier if structure.instance_class is Carrier else None
+
+
 @overload(linearise)
-def _linearise(structure, q, v, u, theta, scale, work, a, J):
-    def carrier(structure, q, v, u, theta, scale, work, a, J):
-        return _linearise_carrier(structure, q, v, u, theta, scale, work, a, J)
+def _linearise(structure, q, v, u, theta, scale, work, a, A, B):
+    def carrier(structure, q, v, u, theta, scale, work, a, A, B):
+        return _linearise_carrier(structure, q, v, u, theta, scale, work, a, A, B)
 
     return carrier if structure.instance_class is Carrier else None
 

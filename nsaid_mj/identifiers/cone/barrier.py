@@ -319,7 +319,11 @@ def local_norm(cone, theta, step):
         for i in range(k):
             for j in range(i):
                 D[j, i] = D[i, j]
-        X = np.dot(S, D)
+        X = np.zeros((k, k))
+        for i in range(k):
+            for r in range(k):
+                for j in range(k):
+                    X[i, j] += S[i, r] * D[r, j]
         for i in range(k):
             for j in range(k):
                 total += X[i, j] * X[j, i]

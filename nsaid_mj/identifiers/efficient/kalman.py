@@ -5,6 +5,9 @@
     S = P̄_xx + R,    L Lᵀ = S,    e = L⁻¹ y,    y = (difference(q̄, q), v − v̄),
     θ̂ ← θ̂ + scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄.
 
+θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that of
+(x, c) carried along by [Φ F_c]. P_θθ is as before the step: only measurements change it.
+
 This is (44, 45) with K and Γ replaced by the gains that the data's own information implies. Both q
 and v are measured, so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for
 the error of linearisation about θ̂: a share of what the uncertainty of θ does in a step.
@@ -175,36 +178,35 @@ def _workspaces(structure, n, m, p):
     """Allocates the workspaces of `transition`, `_predict` and `_update`."""
     size = 2 * n
     predicting = (
-        np.empty((size, size)), np.empty((size, p)), np.empty((size, p)), np.empty((size, p)),
-        np.empty((size, size)), np.empty((size, size)),
+        np.empty((3 * n, p)), np.empty((3 * n, n)), np.empty((3 * n, 3 * n)),
+        np.empty((size, 3 * n)),
     )  # fmt: skip
     updating = (
         np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
-        np.empty(max(p, size)),
+        np.empty((size, p)), np.empty((p, p)), np.empty(size), np.empty(p),
     )  # fmt: skip
     return transition_work(structure, n, m, p), predicting, updating
 
 
 @njit(cache=True)
-def _predict(law, F, filter, work):
-    """Writes P̄, without R, from the derivatives F (2n, 2n+p) of a step."""
+def _predict(law, F, B, filter, work):
+    """Writes P̄, without R, from the derivatives F (2n, 3n) and B (n, p) of `transition`."""
     Pxx, Pxt, Ptt = filter.Pxx, filter.Pxt, filter.Ptt
-    Phi, Gamma, T, PX, A, B = work
-    size, p = Pxt.shape
+    with_theta, with_c, both, moved = work  # covariances of (x, c) with θ/scale, c and itself
+    size, n = Pxt.shape[0], B.shape[0]
+    with_theta[:size] = Pxt
+    np.dot(B, Ptt, with_theta[size:])
+    np.dot(with_theta, B.T, with_c)
+    both[:size, :size], both[:, size:] = Pxx, with_c
+    both[size:, :size] = with_c[:size].T
+    np.dot(F, with_theta, Pxt)
+    np.dot(F, both, moved)
+    np.dot(moved, F.T, Pxx)
     for i in range(size):
-        Phi[i], Gamma[i] = F[i, :size], F[i, size:]
-    np.dot(Gamma, Ptt, T)
-    np.dot(Phi, Pxt, PX)
-    np.dot(Phi, Pxx, A)
-    np.dot(A, Phi.T, Pxx)
-    np.dot(PX, Gamma.T, A)
-    np.dot(T, Gamma.T, B)
-    for i in range(size):
-        for j in range(size):
-            Pxx[i, j] += A[i, j] + A[j, i] + B[i, j]
-        Pxx[i, i] += law.gamma * law.gamma * B[i, i]
-        for k in range(p):
-            Pxt[i, k] = PX[i, k] + T[i, k]
+        for j in range(n):
+            for k in range(n):
+                own = F[i, size + j] * with_c[size + j, k] * F[i, size + k]
+                Pxx[i, i] += law.gamma * law.gamma * own
 
 
 @njit(cache=True)
@@ -215,75 +217,46 @@ def _update(law, filter, R, y, work):
         The squared normalised innovation; NaN if S is not positive definite.
     """
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, Z, step = work
+    S, L, inverse, whitened, gained, e, step = work
     size, p = Pxt.shape
     for i in range(size):
         for j in range(size):
-            S[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i])
-            Z[i, j] = 0.0
+            S[i, j], inverse[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i]), 0.0
         S[i, i] += R[i]
-        Z[i, i] = 1.0
+        inverse[i, i] = 1.0
     if not cholesky(S, L) > 0.0:
         return np.nan
-    square = 0.0
-    for i in range(size):  # forward: Pxt becomes L⁻¹ P̄_xθ, Z becomes L⁻¹, y becomes e
+    for i in range(size):  # L⁻¹
         for j in range(i):
-            factor = L[i, j]
-            y[i] -= factor * y[j]
-            for k in range(p):
-                Pxt[i, k] -= factor * Pxt[j, k]
             for k in range(j + 1):
-                Z[i, k] -= factor * Z[j, k]
-        factor = 1.0 / L[i, i]
-        y[i] *= factor
-        square += y[i] * y[i]
-        for k in range(p):
-            Pxt[i, k] *= factor
+                inverse[i, k] -= L[i, j] * inverse[j, k]
         for k in range(i + 1):
-            Z[i, k] *= factor
-    step[:] = 0.0
-    for i in range(size):
-        for k in range(p):
-            step[k] += y[i] * Pxt[i, k]
+            inverse[i, k] /= L[i, i]
+    np.dot(inverse, y, e)
+    np.dot(inverse, Pxt, whitened)
+    np.dot(e, whitened, step)
     for k in range(p):
         step[k] *= law.scale[k]
     length = local_norm(law.cone, theta, step)
     share = min(1.0, _REACH / length) if length > 0.0 else 1.0
     for k in range(p):
         theta[k] += share * step[k]
+    np.dot(whitened.T, whitened, gained)
     for i in range(p):
-        for r in range(size):
-            factor = Pxt[r, i]
-            for k in range(i + 1):
-                Ptt[i, k] -= factor * Pxt[r, k]
-        for k in range(i):
-            Ptt[k, i] = Ptt[i, k]
-    for i in range(size - 1, -1, -1):  # backward: S⁻¹ P̄_xθ and S⁻¹ y
-        factor = 1.0 / L[i, i]
-        y[i] *= factor
         for k in range(p):
-            Pxt[i, k] *= factor
-        for j in range(i):
-            factor = L[i, j]
-            y[j] -= factor * y[i]
-            for k in range(p):
-                Pxt[j, k] -= factor * Pxt[i, k]
-    for i in range(size):
-        for k in range(p):
-            Pxt[i, k] *= R[i]
-    for i in range(size):  # P̄_xx S⁻¹ y = y₀ − R S⁻¹ y would cancel
-        total = 0.0
-        for j in range(size):
-            total += Pxx[i, j] * y[j]
-        step[i] = total
-    for i in range(size):
-        y[i] = step[i]
-    np.dot(Z.T, Z, S)  # S⁻¹
-    np.dot(Pxx, S, Z)
+            Ptt[i, k] -= gained[i, k]
     for i in range(size):
         for j in range(size):
-            Pxx[i, j] = 0.5 * (Z[i, j] * R[j] + Z[j, i] * R[i])
-    return square
+            L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
+    np.dot(L, whitened, Pxt)
+    np.dot(inverse.T, e, y)
+    y[:] = np.dot(Pxx, y)  # y − R S⁻¹ y would cancel
+    np.dot(inverse, Pxx, S)
+    np.dot(L, S, inverse)
+    for i in range(size):
+        for j in range(size):
+            Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
+    return np.dot(e, e)
 
 
 @njit(cache=True, nogil=True)
@@ -322,14 +295,14 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
                 restart_state(filter, q[k], v[k], R)
             thetas[k], v_hats[k] = filter.theta, v[k]
             continue
-        pivot, F = transition(
+        pivot, F, B = transition(
             structure, filter.q, filter.v, u[k - 1], t[k] - t[k - 1], filter.theta, scale, step,
             q1, v1,
         )  # fmt: skip
         square = np.nan
         if pivot > 0.0:
             pivots[k] = pivot
-            _predict(law, F, filter, predicting)
+            _predict(law, F, B, filter, predicting)
             difference_into(structure, q1, q[k], y[:n])
             for i in range(n):
                 y[n + i] = v[k, i] - v1[i]
@@ -375,13 +348,13 @@ def covariance_along(law, filter, R, t, q, v, u):
     step, predicting, updating = _workspaces(law.structure, n, m, p)
     q1, v1, y = np.empty(m), np.empty(n), np.empty(2 * n)
     for k in range(1, t.shape[0]):
-        pivot, F = transition(
+        pivot, F, B = transition(
             law.structure, q[k - 1], v[k - 1], u[k - 1], t[k] - t[k - 1], filter.theta, law.scale,
             step, q1, v1,
         )  # fmt: skip
         if not pivot > 0.0:
             return k - 1
-        _predict(law, F, filter, predicting)
+        _predict(law, F, B, filter, predicting)
         y[:] = 0.0
         if not _update(law, filter, R, y, updating) < np.inf:
             return k - 1
