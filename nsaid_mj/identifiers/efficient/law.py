@@ -1,10 +1,12 @@
 """The efficient law: a Kalman filter of state and parameters, guarded by the law `memory`.
 
 The filter is as accurate as the data allow, but only locally: nothing is proven from far away, or
-where the structure does not explain the motion. Beside it runs the law `memory`, which converges
-from anywhere. At the end of every interval of the memory, θ̂ is handed out from the filter if its
-mean residual on all remembered data is at most `_WORSE` times that of the memory's estimate, else
-from the memory.
+where the structure does not explain the motion. Beside it run the implicit steps of the law
+`memory`, which converge from anywhere, without (44, 45) between them. At the end of every interval
+of the memory, θ̂ is handed out from the filter if its mean residual on all remembered data is at
+most `_WORSE` times that of the memory's estimate, else from the memory. Once the memory has enough
+data to notice a change by itself, it pauses between two intervals for a share of the time for which
+the filter has explained the motion.
 
 Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
 before, an actuator may have changed: the filter returns to its estimate from before, and over one
@@ -29,6 +31,7 @@ from ...system import SecondOrderSystem
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..cone.barrier import cone_of, gradient_and_hessian
 from ..memory.cost import quotient
+from ..memory.law import ImplicitMemory
 from ..nullspace_aid import NullspaceIdentifier
 from .kalman import (
     COMPLETED,
@@ -48,6 +51,7 @@ _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: q
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
 _MATURE = 2.0  # time without a contradiction after which one is taken for a changed actuator [s]
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
+_PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
 _FREE = 0.5  # relative standard deviation of a gain that is set free
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
@@ -140,8 +144,9 @@ class Guarded(NamedTuple):
 
     Attributes:
         filter: the filter.
-        guard: state of the law `memory`.
-        anchor: (p,) the memory's estimate after its last update.
+        guard: the memory and its estimate.
+        step: index of the sample.
+        pause: intervals for which the memory still pauses.
         calm: time since the filter began, or was last contradicted [s].
         handed: whether θ̂ is handed out from the filter.
         restarts: times the filter started again at the memory's estimate.
@@ -151,7 +156,8 @@ class Guarded(NamedTuple):
 
     filter: Filter
     guard: State
-    anchor: Array
+    step: int
+    pause: int
     calm: float
     handed: bool
     restarts: int
@@ -182,8 +188,9 @@ class EfficientIdentifier(Identifier):
     cancelling = 0.0
 
     def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
-        assert guard.memory is not None
-        self.guard, self.system, self._every = guard, guard.system, guard.memory.every
+        assert isinstance(guard.memory, ImplicitMemory)
+        self.guard, self.system, self._memory = guard, guard.system, guard.memory
+        self._every, self._interval = guard.memory.every, guard.memory.every * dt
         witness = Witness(guard.system, dt, config)
         self._law, self._covariance = witness.law, witness.covariance
         self._scale = self._law.scale
@@ -195,57 +202,66 @@ class EfficientIdentifier(Identifier):
         theta = guard.theta_hat
         q = np.asarray(first.q, dtype=np.float64)
         kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
-        inside = Guarded(kalman, guard, theta, 0.0, False, 0, 0)
+        inside = Guarded(kalman, guard, 0, 0, 0.0, False, 0, 0)
         return guard._replace(memory=None, filter=inside)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Filter and memory along a log, with a decision at the end of every interval."""
         self.check(log)
-        made, at = [Estimates.of(state)], 0
+        made, at, inside = [Estimates.of(state)], 0, state.filter
+        state = state._replace(filter=inside._replace(filter=deepcopy(inside.filter)))
         while at < len(log.t) - 1 and state.status is Status.completed:
-            memory = state.filter.guard.memory
-            steps = self._every - memory.step % self._every
-            state, estimates = self._interval(state, log.part(at, at + steps + 1))
+            steps = self._every - state.filter.step % self._every
+            state, estimates = self._along(state, log.part(at, at + steps + 1))
             made.append(estimates.after(1))
             at += len(estimates.pivot) - 1
         return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
 
-    def _interval(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """Filter and memory along a log that ends at the latest where the memory is updated."""
-        inside: Guarded = state.filter
-        guard, estimates = self.guard.follow(inside.guard, log)
-        log = log.first(len(estimates.pivot))
+    def _along(self, state: State, log: Log) -> tuple[State, Estimates]:
+        """Filter and memory along a log that ends at the latest at an interval's end.
+
+        `state.filter.filter` is overwritten.
+        """
+        count = _finite_rows(log)
+        status = Status.completed if count == len(log.t) else Status.measurement_not_finite
+        inside, log = state.filter, log.first(count)
+        estimates = Estimates(
+            log.v.copy(),
+            np.repeat(inside.guard.theta_hat[None], count, axis=0),
+            np.full(count, np.inf),
+            np.full(count, inside.guard.spent),
+        )
         inside = self._filtered(inside, log, estimates)
-        if inside.handed and guard.status is Status.estimate_not_positive_definite:
-            guard = self._rescued(guard, inside.filter, log)
-        inside, memory = inside._replace(guard=guard), guard.memory
-        assert memory is not None
-        if guard.status is Status.completed and memory.step % self._every == 0:
-            inside = inside._replace(handed=self._explains(inside), anchor=guard.theta_hat)
-            best = inside.filter.theta if inside.handed else guard.theta_hat
-            estimates.theta_hat[-1] = best
+        if not inside.pause and count > 1:
+            inside = inside._replace(guard=self._memory.absorb(inside.guard, log))
+        inside = inside._replace(step=inside.step + count - 1)
+        if inside.step % self._every == 0 and count > 1:
+            inside = self._judged(inside, log.at(-1))
+            best = inside.filter.theta if inside.handed else inside.guard.theta_hat
+            estimates.theta_hat[-1], estimates.spent[-1] = best, inside.guard.spent
         last = estimates.v_hat[-1].copy(), estimates.theta_hat[-1].copy()
         pivot = float(estimates.pivot[-1])
-        return State(guard.t, *last, pivot, guard.status, filter=inside), estimates
+        return State(float(log.t[-1]), *last, pivot, status, filter=inside), estimates
 
-    def _rescued(self, guard: State, kalman: Filter, log: Log) -> State:
-        """The memory's state at the end of a log after which it would lose M̂ ≻ 0.
-
-        It goes on from the filter's estimate; if it has already done so, the loss is final.
-        """
-        if np.array_equal(guard.theta_hat, kalman.theta):
-            return guard
-        assert self.guard.memory is not None
-        theta, v_hat = kalman.theta.copy(), log.v[-1].copy()
-        guard = guard._replace(theta_hat=theta, v_hat=v_hat, status=Status.completed)
-        return self.guard.memory.absorb(guard, log) if len(log.t) > 1 else guard
+    def _judged(self, inside: Guarded, here: Measurement) -> Guarded:
+        """At an interval's end: which estimate is handed out, and how long the memory pauses."""
+        memory = inside.guard.memory
+        assert memory is not None
+        if not inside.pause:
+            inside = inside._replace(handed=self._explains(inside))
+        awake = memory.alarmed or not memory.sure or not inside.handed
+        longest = 0 if awake else int(_PAUSE * inside.calm / self._interval)
+        pause = min(inside.pause - 1, longest) if inside.pause else longest
+        if inside.pause and not pause:
+            resumed = self._memory.recorder.resume(memory, here)
+            inside = inside._replace(guard=inside.guard._replace(memory=resumed))
+        return inside._replace(pause=pause)
 
     def _filtered(self, inside: Guarded, log: Log, estimates: Estimates) -> Guarded:
         """The filter along a log, through contradictions; overwrites what it hands out."""
         count, at = len(log.t), 0
         thetas, v_hats = np.empty(estimates.theta_hat.shape), np.empty(log.v.shape)
         pivots = np.full(count, np.inf)
-        inside = inside._replace(filter=deepcopy(inside.filter))
         while at < count - 1:
             handed = inside.handed
             if inside.trials:
@@ -267,9 +283,9 @@ class EfficientIdentifier(Identifier):
                     thetas[last], v_hats[last] = inside.filter.theta, inside.filter.v
             own = slice(at + 1, last + inside.handed)
             if handed:
-                estimates.theta_hat[own], estimates.pivot[own] = thetas[own], pivots[own]
+                estimates.theta_hat[own] = thetas[own]
             at = last
-        estimates.v_hat[1:] = v_hats[1:]
+        estimates.v_hat[1:], estimates.pivot[1:] = v_hats[1:], pivots[1:]
         return inside
 
     def _contradicted(self, inside: Guarded, here: Measurement) -> Guarded:
@@ -313,8 +329,8 @@ class EfficientIdentifier(Identifier):
 
     def _started_again(self, inside: Guarded, here: Measurement) -> Guarded:
         """The filter at the memory's estimate, with the uncertainty of a prior."""
-        kalman = inside.filter
-        kalman.theta[:], kalman.Ptt[:] = inside.anchor, self._covariance(inside.anchor)
+        kalman, theta = inside.filter, inside.guard.theta_hat
+        kalman.theta[:], kalman.Ptt[:] = theta, self._covariance(theta)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         return inside._replace(calm=0.0, handed=False, restarts=inside.restarts + 1)
 
@@ -363,3 +379,13 @@ class EfficientIdentifier(Identifier):
         units = np.outer(self._scale, self._scale)
         samples = np.full(self.system.n, number / (2 * self.system.n))
         return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
+
+
+def _finite_rows(log: Log) -> int:
+    """Number of rows before the first that is not finite; a row ends under the last one's command.
+
+    The first row is taken to be finite, since the identifier is already there.
+    """
+    bad = ~(np.isfinite(log.t) & np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1))
+    bad[1:] |= ~np.isfinite(log.u[:-1]).all(axis=1)
+    return 1 + int(np.argmax(bad[1:])) if bad[1:].any() else len(bad)

@@ -149,8 +149,8 @@ class ImplicitMemory(DataMemory):
         remembered = quotient(memory.means, self.system.space)
         if remembered is None:
             return theta, memory
-        hold = self._hold(remembered, theta, memory)
         cost, pace = remembered.weighted(theta, memory), self._pace
+        hold = self._hold(remembered, cost, theta, memory)
         for _ in range(_SHORTENINGS):
             ahead = _Step(self, cost, hold, theta, pace).solved()
             if ahead is not None:
@@ -161,18 +161,19 @@ class ImplicitMemory(DataMemory):
         scores = memory.scores._replace(view=view, evidence=Evidence.empty(len(theta)))
         return theta, memory._replace(scores=scores)
 
-    def _hold(self, remembered: Quotient, theta: Array, memory: Memory) -> Array:
+    def _hold(self, remembered: Quotient, cost: Quotient, theta: Array, memory: Memory) -> Array:
         """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
 
         With A the data's information and B what noise and a measurement as good as 30 % would
         give, directions in which B has the share s of A + B are held by 32 (2s)⁶ of A + B: far more
         than by the data where A ≤ B, less than 0.2 % of that where A > 10 B. 0 with exact sensors.
+        `cost` is `remembered`, weighted at θ.
         """
         noise = remembered.of_noise(theta, memory.means).information(theta)
         if not noise.any():
             return noise
         unsure = noise + _SURE * self._metric_prior
-        whole = remembered.weighted(theta, memory).information(theta) + unsure
+        whole = cost.information(theta) + unsure
         unit = 1 / np.sqrt(np.diag(whole))
         balance = np.outer(unit, unit)
         L = cholesky(whole * balance)
@@ -192,7 +193,7 @@ class ImplicitMemory(DataMemory):
         that noise of q and v causes.
         """
         cost, means = remembered.weighted(theta, memory), memory.means
-        hold, gains = self._hold(remembered, theta, memory), self.system.space.actuators
+        hold, gains = self._hold(remembered, cost, theta, memory), self.system.space.actuators
         data, (rho, share) = cost.curvature(theta), remembered.residuals(theta, means)
         pull = hold + max(self.anchor, 1.0) * self.metric.mirror(theta)[1]
         bias = remembered.of_noise(theta, means).gradient(theta)
@@ -232,7 +233,7 @@ class ImplicitMemory(DataMemory):
             return 0.0 if memory is None or memory.kept is None else np.inf
         cost, k = remembered.weighted(before.theta_hat, memory), self.system.space.actuators
         largest, off = float(np.max(theta[k] / after.theta_hat[k])), theta - self.prior
-        hold = self._hold(remembered, before.theta_hat, memory)
+        hold = self._hold(remembered, cost, before.theta_hat, memory)
         data = 0.5 * (max(0.0, cost.value(theta)) * largest + off @ hold @ off)
         divergence = self.metric.divergence
         missing = divergence(theta, self.prior) - divergence(theta, before.theta_hat)

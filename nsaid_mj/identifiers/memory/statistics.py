@@ -288,6 +288,12 @@ class Memory(NamedTuple):
     alarmed: bool = False
     kept: Array | None = None
 
+    @property
+    def sure(self) -> bool:
+        """Whether enough blocks were compared with an estimate for others to contradict it."""
+        n, p = self.means.last.shape
+        return self.scores.count >= max(_JUDGED, _DETERMINED * p / n)
+
 
 class Recorder:
     """Updates a `Memory` from measurements, by pure functions.
@@ -366,6 +372,11 @@ class Recorder:
             kept=None if memory.kept is None else self.fade ** len(fresh) * memory.kept,
         )
 
+    def resume(self, memory: Memory, here: Measurement) -> Memory:
+        """The memory at a later sample, whose data in between are left out."""
+        means = memory.means._replace(last=np.zeros_like(memory.means.last))
+        return memory._replace(balance=self.rows.begin(here.q, here.v), means=means)
+
     def check_consistency(self, memory: Memory, here: Measurement) -> tuple[Memory, bool]:
         """Tests an interval's innovations against the estimate that preceded them.
 
@@ -384,8 +395,7 @@ class Recorder:
         """
         scores, means = memory.scores, memory.means
         view, evidence, (n, p) = scores.view, scores.evidence, means.last.shape
-        sure = scores.count >= max(_JUDGED, _DETERMINED * p / n)
-        if view is None or not (sure and 0 < self.surprise < evidence.ratio(view.root)):
+        if view is None or not (memory.sure and 0 < self.surprise < evidence.ratio(view.root)):
             return memory._replace(alarmed=False), False
         memory = memory._replace(balance=self.rows.restart(memory.balance, here.q, here.v))
         if not memory.alarmed:
