@@ -34,6 +34,8 @@ from nsaid_mj.plants.arm import Backend
 BLOCKS = 15
 STEPS = 4000  # time steps of a closed loop in a block
 LAWS = ("paper", "cone", "memory")
+WITH_FILTER = (*LAWS, "efficient")
+LASTING = 20.0  # time that the law `efficient` runs in a block; its memory pauses ever longer [s]
 VEHICLES = (
     "scalar_rov",
     "bluerov2",
@@ -118,16 +120,23 @@ def seconds(action: Callable[[], object], repeats: int) -> Callable[[], float]:
 # -- the whole loop --------------------------------------------------------------------------------
 
 
+def under(scenario: Scenario, law: str, steps: int) -> Scenario:
+    """A scenario with another law and duration; `efficient` under noise, for which it is made."""
+    scenario = replace(scenario, identifier=replace(scenario.identifier, law=law))
+    if law == "efficient":
+        return replace(scenario, sensors="noisy", duration=LASTING)
+    return replace(scenario, duration=steps * scenario.dt)
+
+
 def closed_loop(scenario: Scenario, law: str) -> Callable[[], float]:
     """A block that runs the whole loop: plant, driver, identifier, excitation levels, record."""
-    identifier = replace(scenario.identifier, law=law)
-    scenario = replace(scenario, identifier=identifier, duration=STEPS * scenario.dt)
+    scenario = under(scenario, law, STEPS)
 
     def block() -> float:
         with tempfile.TemporaryDirectory() as folder:
             cost = run(scenario, Path(folder)).cost
-        assert cost.steps == STEPS
-        return cost.wall / STEPS
+        assert cost.steps == scenario.steps
+        return cost.wall / cost.steps
 
     return block
 
@@ -163,8 +172,8 @@ def loops() -> list[Row]:
     for name, scenario, laws, bar in (
         ("7 joints, 91 parameters, compiled", seven_joints("compiled"), LAWS, 2.0),
         ("7 joints, 91 parameters, Pinocchio", seven_joints("pinocchio"), LAWS[:1], 10.0),
-        ("bluerov2", load("bluerov2"), LAWS, 3.0),
-        ("ur5, compiled", arm_on("ur5", "compiled"), LAWS, None),
+        ("bluerov2", load("bluerov2"), WITH_FILTER, 3.0),
+        ("ur5, compiled", arm_on("ur5", "compiled"), WITH_FILTER, None),
     ):
         alone = plant_alone(scenario)
         for law in laws:
@@ -173,10 +182,10 @@ def loops() -> list[Row]:
                     f"closed loop / MuJoCo RK4 alone: {name}, {law}",
                     closed_loop(scenario, law),
                     alone,
-                    bar if law == "paper" else None,
+                    {"paper": bar, "efficient": 6.0}.get(law),
                 )
             )
-        for other in laws[:-1]:
+        for other in laws[:2] if "memory" in laws else ():
             rows.append(
                 alternating(
                     f"closed loop with memory / with the {other}'s law alone: {name}",
@@ -193,11 +202,11 @@ def loops() -> list[Row]:
 
 def following(scenario: Scenario, law: str, steps: int = 2000) -> Callable[[], float]:
     """A block in which an identifier follows a log in stretches of half a second, as in a run."""
-    scenario = replace(
-        scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
-    )
-    log = driven(scenario)[2]
-    identifier = Setup.of(scenario).identifiers()[""]
+    scenario = under(scenario, law, steps)
+    setup, steps = Setup.of(scenario), scenario.steps
+    with setup.plant.running():
+        log = setup.simulate()
+    identifier = setup.identifiers()[""]
     stretch = max(1, round(0.5 / scenario.dt))
 
     def block() -> float:
@@ -246,7 +255,7 @@ def identifiers() -> list[Row]:
             regressor,
         )
     )
-    for law in LAWS:
+    for law in WITH_FILTER:
         what = f"identifier RK4 step / one Pinocchio torque regressor of 91 parameters: ur5, {law}"
         rows.append(alternating(what, following(arm_on("ur5", "compiled"), law), regressor))
     rows += [
@@ -270,7 +279,8 @@ def identifiers() -> list[Row]:
             return seconds(lambda: mujoco.mj_step(arm.model, arm.data), 2000)()
 
     for name in VEHICLES:
-        for law in LAWS if name in ("bluerov2", "uvms", "borinot") else LAWS[:1]:
+        several = {"bluerov2": WITH_FILTER, "uvms": LAWS, "borinot": LAWS}
+        for law in several.get(name, LAWS[:1]):
             what = f"identifier RK4 step / MuJoCo Euler step of a UR5: {name}, {law}"
             ours = following(load(name), law, 400 if name in ("uvms", "borinot") else 2000)
             rows.append(alternating(what, ours, euler, 5.0 if law == "paper" else None))
