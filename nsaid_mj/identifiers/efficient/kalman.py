@@ -242,9 +242,10 @@ def _update(law, filter, R, y, work):
     for k in range(p):
         theta[k] += share * step[k]
     np.dot(whitened.T, whitened, gained)
-    for i in range(p):
-        for k in range(p):
+    for i in range(p):  # BLAS may round the two triangles differently
+        for k in range(i + 1):
             Ptt[i, k] -= gained[i, k]
+            Ptt[k, i] = Ptt[i, k]
     for i in range(size):
         for j in range(size):
             L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
