@@ -69,7 +69,7 @@ def blueprint(
         grid_columns=2,
         name="Theory and excitation",
     )
-    return _whole(overview, *estimates(space), certificates)
+    return whole(overview, *estimates(space), certificates)
 
 
 def measured_blueprint(
@@ -106,7 +106,7 @@ def measured_blueprint(
         certificates.insert(0, _conserved())
     overview = _overview(camera, survey, "estimated (orange)", magnified, story)
     theory = rrb.Grid(*certificates, grid_columns=2, name="Theory and excitation")
-    return _whole(overview, *estimates(space, judged=False), theory)
+    return whole(overview, *estimates(space, judged=False), theory)
 
 
 def live_blueprint(
@@ -122,7 +122,7 @@ def live_blueprint(
     if camera is not None:
         views.insert(0, robot(camera, _forces("estimated (orange)", magnified)))
     overview = rrb.Horizontal(*views, name="Overview")
-    return _whole(overview, *estimates(space, judged=False), play_state="following")
+    return whole(overview, *estimates(space, judged=False), play_state="following")
 
 
 def estimates(space: ParameterSpace, judged: bool = True) -> list[rrb.Grid]:
@@ -231,9 +231,9 @@ def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.Visib
     return rrb.VisibleTimeRanges(timeline="sim_time", start=start, end=end)
 
 
-def result() -> rrb.TextDocumentView:
+def result(name: str = "Result") -> rrb.TextDocumentView:
     """The panel with the result as text."""
-    return rrb.TextDocumentView(origin="/result", name="Result")
+    return rrb.TextDocumentView(origin="/result", name=name)
 
 
 def _overview(
@@ -276,9 +276,10 @@ def _estimate(block: str, judged: bool = True) -> rrb.TimeSeriesView:
     return plot(path("estimate", block), f"Estimate of {block}{true}, / scale")
 
 
-def _whole(
+def whole(
     *pages: rrb.Container, play_state: Literal["playing", "following"] = "playing"
 ) -> rrb.Blueprint:
+    """Pages as tabs, the first one open, without the viewer's panels."""
     return rrb.Blueprint(
         rrb.Tabs(*pages, active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),

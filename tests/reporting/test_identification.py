@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from nsaid_mj.calibration import words
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import Identification
-from nsaid_mj.reporting.identification import page, print_identification, words, write_report
+from nsaid_mj.reporting.identification import page, print_identification, write_report
 from nsaid_mj.reporting.identification.figures import _extremes
 from tests.reporting.markup import Page
 from tests.support.identification import identification

@@ -10,13 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from ...calibration import words
 from ...calibration.result import Curves, Identification, Parameter
 from ...calibration.timeline import own_shifts, training_shifts
 from ...parameters import Array, Indices
 from ..palette import BAD, COLOURS, GRID, INK
 from ..panels import Panel, template_figure, thin
 from ..plots import logarithmic, over_time, style, svg
-from . import words
 
 _WIDTH = 4.3  # of a panel [inch]
 _POINTS = 1400  # of a curve, at most

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...calibration import words
 from ...calibration.joints import positions
 from ...calibration.result import Identification
 from ...parameters import Array
@@ -15,7 +16,6 @@ from ...systems.joints import bones
 from ..palette import BAD, COLOURS, GRID, INK
 from ..panels import template_figure
 from ..plots import style, svg
-from . import words
 
 _WIDTH = 4.3  # [inch]
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
+from ...calibration import words
 from ...calibration.findings import Finding
 from ...calibration.result import Identification, Parameter
 from ...resources import write_text
 from ..pages import render
-from . import words
 
 FILE = "report.html"
 _SHOWN = 8  # figures of joints that are not collapsed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,8 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ...calibration import words
 from ...calibration.result import Identification, Parameter
-from . import words
 
 _JOINTS, _GAINS, _NOTES = 16, 16, 6  # printed at most; the report has all of them
 _KINDS = 5  # kinds of friction printed
@@ -67,7 +68,7 @@ def _print_joints(console: Console, result: Identification) -> None:
     table = _table("NRMSE of the command", *heads)
     kept = result.joints
     if len(kept) > _JOINTS:
-        worst = sorted(kept, key=lambda j: j.held_out if j.held_out == j.held_out else 1e9)
+        worst = sorted(kept, key=lambda j: j.held_out if math.isfinite(j.held_out) else math.inf)
         chosen = {id(j) for j in worst[-_JOINTS:]}
         kept = tuple(j for j in kept if id(j) in chosen)
     for j in kept:

@@ -1,4 +1,4 @@
-"""Numbers, statuses and names of an identification in words, for page and terminal."""
+"""Numbers, statuses and names of an identification in words, for page, terminal and recording."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from ...calibration.result import Identification, JointFit, Parameter
+from .result import Identification, JointFit, Parameter
 
 ABSENT = "–"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -1,0 +1,157 @@
+"""The recording of an identification: the log with the robot moving, commands and estimates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from ..calibration import words
+from ..calibration.joints import positions
+from ..calibration.result import Curves as Commands
+from ..calibration.result import Identification
+from ..calibration.timeline import own_shifts, training_shifts
+from ..parameters import Array
+from ..resources import atomic_write
+from ..system import SecondOrderSystem
+from ..systems.multibody import JointScales, Multibody
+from .identification_layout import blueprint
+from .identification_text import parameters_text, verdict_text
+from .scene import Scene
+from .series import Curves, path
+from .text import drawable
+
+_FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
+_POINTS = 6000  # of a curve, at most
+
+
+def record(result: Identification, file: Path) -> Path:
+    """Writes a recording of the training logs, atomically, and returns its path.
+
+    Logs follow one another on the timeline `sim_time`; see `calibration.timeline`.
+
+    Args:
+        result: of an identification.
+        file: path of the recording, ending in .rrd.
+    """
+    scene = _scene(result)
+    t, q, v = _motion(result)
+    camera = None
+    if scene is not None and not scene.empty and len(t):
+        some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
+        camera = scene.camera(q[some], v[some])
+    history = _history(result)
+    with atomic_write(file) as partial:
+        rec = rr.RecordingStream(drawable(f"nsaid_mj {result.robot.name}"))
+        rec.save(
+            partial, default_blueprint=blueprint(result, camera, sorted({p for p, _ in history}))
+        )
+        for entity, text in (
+            ("result", verdict_text(result)),
+            ("parameters", parameters_text(result)),
+        ):
+            document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
+            rec.log(entity, document, static=True)
+        if scene is not None and camera is not None:
+            scene.log_shapes(rec, camera)
+            scene.log_poses(rec, t, q)
+        _log_commands(rec, result, result.curves, training_shifts(result), "")
+        if result.validation is not None:
+            checked = result.validation
+            _log_commands(rec, result, checked, own_shifts(checked), "validation/")
+        for _, curves in history:
+            curves.log_style(rec)
+            curves.log_values(rec, np.asarray(result.history[0] if result.history else []))
+        rec.flush()
+        rec.disconnect()  # writes the end of the file
+    return file
+
+
+def _scene(result: Identification) -> Scene | None:
+    """The robot's meshes or joints; None if nothing is known of its shape."""
+    robot, n = result.robot, len(result.robot.joints)
+    system: SecondOrderSystem | None = robot.system
+    if system is None and robot.model is not None and robot.model.njoints > 1:
+        unit = np.ones(max(n, robot.model.nv))  # scales do not matter: nothing is estimated here
+        system = Multibody(robot.model, JointScales(*[unit] * 7), unit)
+    return None if system is None else Scene(system, robot.visuals)
+
+
+def _motion(result: Identification) -> tuple[Array, Array, Array]:
+    """Times, positions and velocities of all segments, at the frames that are drawn."""
+    shifts = training_shifts(result)
+    segments = result.recordings.segments
+    total = sum(float(s.log.t[-1] - s.log.t[0]) for s in segments)
+    rate = min(_RATE, _FRAMES / max(total, 1e-9))
+    t, q, v = [], [], []
+    for shift, segment in zip(shifts, segments, strict=True):
+        log = segment.log
+        stride = max(1, round(result.recordings.rate / rate))
+        rows = np.unique(np.append(np.arange(0, len(log.t), stride), len(log.t) - 1))
+        t.append(log.t[rows] + shift)
+        q.append(log.q[rows])
+        v.append(log.v[rows])
+    joined = np.concatenate(q)
+    if result.robot.model is not None:
+        joined = positions(result.robot.model, joined)
+    return np.concatenate(t), joined, np.concatenate(v)
+
+
+def _log_commands(
+    rec: rr.RecordingStream, result: Identification, commands: Commands, shifts: Array, prefix: str
+) -> None:
+    """Logs measured and predicted command and residual of every joint, with gaps between logs."""
+    segment = commands.segment.astype(int)
+    if not len(segment):
+        return
+    stride = max(1, -(-len(segment) // _POINTS))
+    last = np.append(np.flatnonzero(np.diff(segment)), len(segment) - 1)
+    rows = np.unique(np.concatenate([np.arange(0, len(segment), stride), last]))
+    t = commands.t[rows] + shifts[segment[rows]]
+    gaps = np.flatnonzero(np.diff(segment[rows])) + 1  # a NaN after each segment ends its line
+    t = np.insert(t, gaps, t[gaps - 1] + 1e-6)
+    units = result.recordings.command_units
+    for j, fit in enumerate(result.joints):
+        unit = units[j] if len(units) == len(result.joints) and units[j] else "units"
+        measured, predicted = (
+            np.insert(side[rows, j], gaps, np.nan)[:, None]
+            for side in (commands.measured, commands.predicted)
+        )
+        for name, label, values, color, pale in (
+            ("measured", "measured", measured, 11, True),
+            ("predicted", "predicted", predicted, 0, False),
+            ("residual", "measured - predicted", measured - predicted, 1, False),
+        ):
+            kind = "residual" if name == "residual" else "command"
+            entity = f"{prefix}{kind}/{path(fit.name)}" + ("" if name == "residual" else f"/{name}")
+            curves = Curves(entity, [f"{label} [{unit}]"], values, pale=pale, color=color)
+            curves.log_style(rec)
+            curves.log_values(rec, t)
+
+
+def _history(result: Identification) -> list[tuple[str, Curves]]:
+    """(block, curves) of gains and frictions along the log, with the final 95 % interval."""
+    if result.history is None or len(result.history[0]) == 0:
+        return []
+    t, theta = result.history
+    found: list[tuple[str, Curves]] = []
+    groups: dict[str, list[int]] = {}
+    inertial = words.links(result.parameters)
+    for k, parameter in enumerate(result.parameters):
+        if parameter.block not in inertial:
+            groups.setdefault(parameter.block, []).append(k)
+    for block, members in groups.items():
+        for color, k in enumerate(members):
+            p = result.parameters[k]
+            entity = path("estimate", block, p.label)
+            name = f"{p.label} [{p.unit}]"
+            ends = np.tile([p.low, p.high], (len(t), 1))
+            found.append(
+                (block, Curves(f"{entity}/value", [name], theta[:, k : k + 1], color=color))
+            )
+            if words.is_gain(p):
+                limits = ["lower end of the interval", "upper end"]
+                interval = Curves(f"{entity}/interval", limits, ends, pale=True, color=10)
+                found.append((block, interval))
+    return found

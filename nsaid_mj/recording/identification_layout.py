@@ -1,0 +1,91 @@
+"""Layout of an identification's recording: verdict and robot, commands, estimates, parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import rerun.blueprint as rrb
+
+from ..calibration import words
+from ..calibration.result import Identification
+from .layout import plot, result, robot, whole
+from .scene import Camera
+from .series import path
+
+_FIRST, _PAGE = 6, 12  # joints on the first page, and on any other
+
+
+def blueprint(found: Identification, camera: Camera | None, blocks: Sequence[str]) -> rrb.Blueprint:
+    """Layout of a recording.
+
+    Args:
+        found: the identification.
+        camera: of the robot; None leaves the 3D view out.
+        blocks: blocks of parameters whose estimates along the log are in the recording.
+    """
+    left: list[rrb.View | rrb.Container] = [result("Verdict")]
+    if camera is not None:
+        left.append(robot(camera, "Robot, as logged"))
+    worst = sorted(range(len(found.joints)), key=lambda j: -_error(found.joints[j].held_out))[
+        :_FIRST
+    ]
+    first = [_command(found, j) for j in sorted(worst)]
+    overview = rrb.Horizontal(
+        rrb.Vertical(*left, row_shares=[1, 1][: len(left)]),
+        rrb.Grid(*first, grid_columns=1 if len(first) < 4 else 2),
+        column_shares=[2, 3],
+        name="Overview",
+    )
+    pages: list[rrb.Container] = [overview]
+    if len(found.joints) > _FIRST:
+        pages += _pages("Commands", [_command(found, j) for j in range(len(found.joints))])
+    pages += _pages("Residuals", [_residual(found, j) for j in range(len(found.joints))])
+    if found.validation is not None:
+        checked = [_command(found, j, "validation/") for j in range(len(found.joints))]
+        pages += _pages("Validation", checked)
+    gains = [p for p in found.parameters if words.is_gain(p) and p.block in blocks]
+    pages += _pages(
+        "Gains along the log",
+        [plot(path("estimate", p.block, p.label), _title(f"{p.label}", p.unit)) for p in gains],
+    )
+    rest = [b for b in blocks if b not in {p.block for p in gains}]
+    pages += _pages("Friction along the log", [plot(path("estimate", b), b) for b in rest])
+    pages.append(
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="/parameters", name="All parameters"), name="Parameters"
+        )
+    )
+    return whole(*pages)
+
+
+def _command(found: Identification, j: int, prefix: str = "") -> rrb.TimeSeriesView:
+    fit = found.joints[j]
+    error = fit.validation if prefix else fit.held_out
+    kind = "validation" if prefix else "held out"
+    title = f"{fit.name}: measured (pale), predicted; NRMSE {words.nrmse(error)} {kind}"
+    return plot(f"{prefix}command/{path(fit.name)}", title)
+
+
+def _residual(found: Identification, j: int) -> rrb.TimeSeriesView:
+    name = found.joints[j].name
+    return plot(f"residual/{path(name)}", f"{name}: measured - predicted", legend=False)
+
+
+def _pages(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
+    """Views on pages of at most a dozen each."""
+    pages: list[rrb.Container] = []
+    for start in range(0, len(views), _PAGE):
+        some = views[start : start + _PAGE]
+        title = name if len(views) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
+        columns = 1 if len(some) < 3 else 2 if len(some) <= 6 else 3
+        pages.append(rrb.Grid(*some, grid_columns=columns, name=title))
+    return pages
+
+
+def _title(label: str, unit: str) -> str:
+    return f"{label} [{unit}] and its 95 % interval at the end"
+
+
+def _error(value: float) -> float:
+    return value if math.isfinite(value) else math.inf

@@ -1,0 +1,105 @@
+"""The recording of an identification holds log, prediction and estimates."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.findings import Finding
+from nsaid_mj.calibration.result import Identification
+from nsaid_mj.calibration.timeline import Span, shifts
+from nsaid_mj.recording import viewer
+from nsaid_mj.recording.identification import record
+from nsaid_mj.recording.identification_text import parameters_text, verdict_text
+from nsaid_mj.recording.text import drawable
+from tests.support.identification import identification
+from tests.support.recordings import entities_of
+
+
+@pytest.fixture(scope="module")
+def result() -> Identification:
+    return identification(validated=True, online=True)
+
+
+@pytest.fixture(scope="module")
+def file(result: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(result, tmp_path_factory.mktemp("recording") / "identification.rrd")
+
+
+def test_the_recording_has_every_entity(file: Path) -> None:
+    entities = entities_of(file)
+    wanted = {"/result", "/parameters", "/robot/links", "/robot/joints"}
+    for name in ("base", "shoulder", "elbow"):
+        for prefix in ("", "/validation"):
+            wanted |= {f"{prefix}/command/{name}/{side}" for side in ("measured", "predicted")}
+            wanted |= {f"{prefix}/residual/{name}"}
+        wanted |= {f"/estimate/motor_gain/gain_of_{name}/{side}" for side in ("value", "interval")}
+        wanted |= {f"/estimate/viscous_friction/viscous_friction_of_{name}/value"}
+    assert wanted <= set(entities)
+
+
+def test_rerun_accepts_the_file_and_nothing_else_is_left(file: Path) -> None:
+    assert (
+        subprocess.run([*viewer.program(), "rrd", "verify", str(file)], check=False).returncode == 0
+    )
+    assert [path.name for path in file.parent.iterdir()] == [file.name]
+
+
+def test_recorded_commands_are_those_of_the_result(file: Path, result: Identification) -> None:
+    columns = entities_of(file)["/command/elbow/predicted"]
+    values = np.array([row for row in columns["Scalars:scalars"] if row is not None]).ravel()
+    shown = values[np.isfinite(values)]
+    assert np.array_equal(shown, result.curves.predicted[:, 2])
+    assert np.isnan(values).sum() == 1  # the line is interrupted between the two logs
+
+
+def test_time_never_runs_backwards(file: Path) -> None:
+    for columns in entities_of(file).values():
+        if "sim_time" in columns:
+            t = [value.total_seconds() for value in columns["sim_time"]]
+            assert (np.diff(t) > -1e-9).all()
+
+
+def test_the_verdict_is_the_first_thing_in_the_text(result: Identification) -> None:
+    lines = [line for line in verdict_text(result).splitlines() if line]
+    assert lines[0] == "## test arm: The model explains the log"
+    assert lines[1].startswith("**The structure explains the log")
+    for parameter in result.parameters:
+        assert drawable(parameter.label).replace("_", "\\_") in parameters_text(result)
+
+
+def evil() -> Identification:
+    name = "<script>|`x`"
+    return identification((name, "two"), findings=(Finding("warning", "x", name, name),))
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        identification(("only",), segments=1),
+        identification(tuple(f"joint_{k}" for k in range(30)), online=True, explains="no"),
+        identification(vehicle=True, explains="partly"),
+        identification(held_out=np.nan),
+        evil(),
+        replace(identification(), parameters=(), combinations=(), suggestion=""),
+    ],
+    ids=["one joint", "30 joints", "vehicle", "nan", "evil names", "no parameters"],
+)
+def test_unusual_identifications_are_recorded(result: Identification, tmp_path: Path) -> None:
+    entities = entities_of(record(result, tmp_path / "a.rrd"))
+    assert "/result" in entities
+    assert ("/robot/links" in entities) == (result.robot.model is not None)
+
+
+def test_logs_follow_one_another() -> None:
+    spans = [Span("a", 5.0, 9.0), Span("a", 12.0, 20.0), Span("b", 0.0, 4.0), Span("b", 6.0, 7.0)]
+    assert shifts(spans).tolist() == [0.0, 0.0, 21.0, 21.0]
+
+
+def test_a_log_that_continues_another_keeps_its_times() -> None:
+    assert shifts([Span("a", 5.0, 9.0), Span("b", 9.5, 12.0)]).tolist() == [0.0, 0.0]
+    assert shifts([Span("a", 5.0, 9.0), Span("b", 900.0, 912.0)]).tolist() == [0.0, -890.0]
