@@ -90,6 +90,10 @@ def command(arguments: Sequence[str]) -> int:
         from .identifying import identify_log
 
         return identify_log(chosen)
+    if isinstance(chosen, grammar.Inspect):
+        from .inspecting import inspect_log
+
+        return inspect_log(chosen)
     remedy = "Put the name before all flags, as in `nsaid run ur5 --duration 20`."
     raise InvalidInput(word, "the scenario's name first", " ".join(arguments[1:]), remedy)
 

@@ -165,6 +165,31 @@ class Identify:
 
 
 @dataclass(frozen=True)
+class Inspect:
+    """Show what a log holds, before `nsaid identify`.
+
+    Prints rate, gaps, range, noise and steps of every channel, and what was noticed; draws the
+    channels, and writes a first map.toml to be completed by hand. The exit code is 1 if `nsaid
+    identify` would refuse the log.
+
+    Attributes:
+        logs: log files; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP, ULog, DataFlash.
+        model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
+        map: TOML file that says which columns are what; by default they are matched by name.
+        lock: comma-separated joints that do not move.
+        out: folder of the map and the picture.
+        json: print figures and findings as JSON.
+    """
+
+    logs: Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG…")] = ()
+    model: Annotated[str | None, arg(metavar="FILE_OR_NAME")] = None
+    map: Path | None = None
+    lock: str = ""
+    out: Path = Path()
+    json: bool = False
+
+
+@dataclass(frozen=True)
 class List:
     """List the scenarios, and the robots for `nsaid run arm --robot`."""
 
@@ -262,6 +287,7 @@ class View:
 Command = (
     Annotated[List, subcommand("list")]
     | Annotated[Identify, subcommand("identify")]
+    | Annotated[Inspect, subcommand("inspect")]
     | Annotated[Run, subcommand("run")]
     | Annotated[Verify, subcommand("verify")]
     | Annotated[Compare, subcommand("compare")]

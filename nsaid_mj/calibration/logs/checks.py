@@ -220,7 +220,7 @@ def _beyond_limits(motion: Motion, robot: RobotModel) -> list[Finding]:
         reach += f", beyond the model's {low:.3g} to {high:.3g} rad"
         fits = least / DEGREES >= low - 0.05 * width and most / DEGREES <= high + 0.05 * width
         if most - least > 1.5 * width and fits:
-            remedy = 'State `unit = "deg"` in map.toml, or `ratio` if these are motor angles.'
+            remedy = 'If so, state `unit = "deg"` in map.toml; `ratio` if they are motor angles.'
             text = f"{reach}; as degrees it lies within them"
             found.append(Finding("refusal", "degrees", name, text, remedy, data))
         elif most - least > 1.5 * width:

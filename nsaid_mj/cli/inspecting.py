@@ -1,0 +1,78 @@
+"""`nsaid inspect`: what a log holds, a first map of it, and a picture."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InvalidInput
+from .grammar import Inspect
+
+if TYPE_CHECKING:
+    from ..calibration.logs.inspection import Inspection
+
+MAP, PICTURE = "map.toml", "inspection.png"
+
+
+def inspect_log(chosen: Inspect) -> int:
+    """Executes the command and returns the exit code: 0, or 1 if identify would refuse the log."""
+    if not chosen.logs:
+        raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
+    from ..calibration.logs import read_map, read_tables
+    from ..calibration.logs.inspection import inspect
+
+    mapping = read_map(chosen.map) if chosen.map else None
+    robot = None
+    if chosen.model is not None:
+        from ..calibration.models import load_robot_model
+
+        lock = [name.strip() for name in chosen.lock.split(",") if name.strip()]
+        robot = load_robot_model(chosen.model, lock)
+    found = inspect(read_tables(chosen.logs, mapping), mapping, robot)
+    files = _write(found, chosen)
+    if chosen.json:
+        print(json.dumps(document(found), indent=2, ensure_ascii=False))
+    else:
+        from rich.console import Console
+
+        from ..reporting.inspection import print_inspection
+
+        print_inspection(found, Console(highlight=False))
+        for path in files:
+            print(path)
+    return int(any(finding.level == "refusal" for finding in found.findings))
+
+
+def document(found: Inspection) -> dict[str, object]:
+    """Figures and findings as plain data for JSON; NaN becomes null."""
+    channels = [
+        {
+            name: None if isinstance(figure, float) and math.isnan(figure) else figure
+            for name, figure in asdict(channel).items()
+        }
+        for channel in found.channels
+    ]
+    return {"channels": channels, "findings": [asdict(finding) for finding in found.findings]}
+
+
+def _write(found: Inspection, chosen: Inspect) -> list[Path]:
+    """Writes the picture and, if a model is given and no map, a first map; returns the files.
+
+    An existing map may have been edited by hand and is kept: the new one gets another name.
+    """
+    from ..calibration.logs.first_map import first_map
+    from ..reporting.inspection import draw
+    from ..resources import write_text
+
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    files = [draw(found, chosen.out / PICTURE)]
+    if found.robot is not None and chosen.map is None:
+        path = chosen.out / MAP
+        if path.exists():
+            path = path.with_stem("map-new")
+        write_text(path, first_map(found.tables, found.robot))
+        files.append(path)
+    return files

@@ -1,0 +1,163 @@
+"""An inspected log on the terminal and as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..calibration.data import Recordings
+from ..calibration.logs.inspection import ChannelFigures, Inspection
+from ..parameters import Array
+from .palette import BAD, COLOURS
+from .plots import png_of
+
+_COLOURS = {"refusal": "bold red", "warning": "yellow", "note": "dim"}
+_POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
+_MOST = 40  # channels drawn of a log without a map
+
+
+def print_inspection(found: Inspection, console: Console) -> None:
+    """Prints a line for each channel, then the findings, the gravest first.
+
+    "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before.
+    """
+    for clock in dict.fromkeys(map(_clock, found.channels)):
+        table = Table(title=escape(clock), title_justify="left", box=None, pad_edge=False)
+        table.add_column("channel", overflow="fold")
+        for head in ("from", "to", "noise", "step", "flat", "same"):
+            table.add_column(head, justify="right", no_wrap=True)
+        table.add_column("used as", overflow="fold")
+        for channel in found.channels:
+            if _clock(channel) == clock:
+                table.add_row(*_cells(channel))
+        console.print(table)
+        console.print()
+    order = {level: k for k, level in enumerate(_COLOURS)}
+    for finding in sorted(found.findings, key=lambda finding: order[finding.level]):
+        colour = _COLOURS[finding.level]
+        console.print(
+            f"[{colour}]{finding.level}[/{colour}] {finding.code}: {escape(str(finding))}",
+            soft_wrap=True,
+        )
+
+
+def _clock(channel: ChannelFigures) -> str:
+    """What channels of one clock have in common: file, rows, rate, jitter, gaps."""
+    said = f"{channel.source}: {channel.rows} rows"
+    if np.isfinite(channel.rate):
+        said += f" at {channel.rate:.4g} Hz, jitter {channel.jitter:.0%}"
+        said += f", {channel.gaps} gaps up to {channel.longest:.3g} s" if channel.gaps else ""
+    return said + (f", {channel.missing} without a number" if channel.missing else "")
+
+
+def _cells(channel: ChannelFigures) -> list[str]:
+    return [
+        escape(channel.name),
+        f"{channel.low:.4g}",
+        f"{channel.high:.4g}",
+        "[red]constant[/red]" if channel.dead else f"{channel.noise:.1g}",
+        f"{channel.quantum:.3g}" if channel.quantum else "–",
+        f"{channel.saturated:.1%}" if channel.saturated else "–",
+        f"{channel.unchanged:.0%}",
+        escape(channel.role),
+    ]
+
+
+def draw(found: Inspection, path: Path) -> Path:
+    """Draws q, v and u of every joint over time, or all channels if they are not matched, as PNG.
+
+    Rows that are not used for a joint are marked on its velocity.
+
+    Args:
+        found: the inspection.
+        path: of the file, which is returned.
+    """
+    if found.recordings is not None:
+        lines = _joints(found.recordings, found.robot.joints if found.robot else ())
+    else:
+        lines = _channels(found)
+    return png_of(lines, (11.0, 1.8 * len(lines) + 0.4), path)
+
+
+Line = Mapping[str, Callable[[Axes], None]]
+
+
+def _joints(recordings: Recordings, names: Sequence[str]) -> list[Line]:
+    logs = [segment.log for segment in recordings.segments]
+    starts = np.cumsum([0.0, *(log.t[-1] - log.t[0] for log in logs)])
+    times = [log.t - log.t[0] + start for log, start in zip(logs, starts, strict=False)]
+    units = [f" [{unit}]" if unit else "" for unit in recordings.command_units]
+    lines: list[Line] = []
+    for j in range(max(len(names), logs[0].q.shape[1])):
+        used = [segment.usable[:, j] for segment in recordings.segments if j < logs[0].v.shape[1]]
+        name = names[j] if j < len(names) else ""
+        unit = units[j] if j < len(units) else ""
+        lines.append(
+            {
+                "position [rad or m]": partial(_curves, times, _part(logs, 1, j), f"q {name}", []),
+                "velocity [rad/s or m/s]": partial(
+                    _curves, times, _part(logs, 2, j), f"v {name}", used
+                ),
+                "command": partial(_curves, times, _part(logs, 3, j), f"u {name}{unit}", []),
+            }
+        )
+    return lines
+
+
+def _part(logs: Sequence[tuple[Array, ...]], part: int, column: int) -> list[Array]:
+    """One column of q (1), v (2) or u (3) of every segment; none if there is no such column."""
+    return [log[part][:, column] for log in logs if column < log[part].shape[1]]
+
+
+def _channels(found: Inspection) -> list[Line]:
+    channels = [c for table in found.tables for c in table.channels.items()][:_MOST]
+    lines: list[Line] = []
+    for start in range(0, len(channels), 3):
+        row = channels[start : start + 3]
+        panels = {
+            f"{k}": partial(_curves, [channel.t], [channel.values], name, [])
+            for k, (name, channel) in enumerate(row)
+        }
+        lines.append(panels | {f"{k}": _nothing for k in range(len(row), 3)})
+    return lines
+
+
+def _nothing(axis: Axes) -> None:
+    axis.set_axis_off()
+
+
+def _curves(
+    times: Sequence[Array],
+    values: Sequence[Array],
+    label: str,
+    used: Sequence[np.ndarray],
+    axis: Axes,
+) -> None:
+    """Draws one curve for each segment; rows that are not used are dots."""
+    for k, (t, x) in enumerate(zip(times, values, strict=False)):
+        axis.plot(*_thinned(t, x), color=COLOURS[k % len(COLOURS)], linewidth=0.8)
+        if k < len(used):
+            off = ~used[k]
+            axis.plot(*_thinned(t[off], x[off]), ".", color=BAD, markersize=1.5)
+    axis.margins(x=0.0)
+    axis.set_ylabel(label)
+    axis.set_xlabel("t [s]")
+
+
+def _thinned(t: Array, x: Array) -> tuple[Array, Array]:
+    """At most `_POINTS` points with the extremes of equal parts of a curve."""
+    if len(t) <= _POINTS:
+        return t, x
+    width = -(-len(t) // (_POINTS // 2))
+    whole = len(t) // width * width
+    parts = np.where(np.isfinite(x[:whole]), x[:whole], 0.0).reshape(-1, width)
+    rows = np.arange(len(parts)) * width
+    index = np.sort(np.r_[rows + parts.argmin(axis=1), rows + parts.argmax(axis=1)])
+    return t[index], x[index]

@@ -1,0 +1,136 @@
+"""`nsaid inspect` measures channels, writes a map that works, and never overwrites one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.logs import checked, map_of, prepare, read_map, read_tables
+from nsaid_mj.calibration.logs.first_map import first_map
+from nsaid_mj.calibration.logs.inspection import Inspection, figures_of, inspect
+from nsaid_mj.calibration.logs.tables import Channel
+from nsaid_mj.cli.commands import command
+from nsaid_mj.reporting.inspection import draw
+from nsaid_mj.resources import asset
+from tests.support.robot_logs import columns, two_joints, write_csv
+
+
+def figures(x: np.ndarray, t: np.ndarray | None = None):
+    return figures_of("log.csv", "x", Channel(np.arange(len(x)) / 500 if t is None else t, x))
+
+
+def test_figures_of_a_noisy_channel():
+    rng = np.random.default_rng(0)
+    found = figures(np.sin(np.arange(5000) / 300) + 0.01 * rng.standard_normal(5000))
+    assert found.rate == pytest.approx(500) and found.jitter < 1e-6 and found.gaps == 0
+    assert found.noise == pytest.approx(0.01, rel=0.1)
+    assert not found.dead and found.quantum == 0 and found.saturated == 0
+
+
+def test_figures_of_faulty_channels():
+    x = np.sin(np.arange(5000) / 300)
+    assert figures(np.clip(x, -0.7, 0.7)).saturated > 0.2
+    assert figures(np.round(x, 2)).quantum == pytest.approx(0.01)
+    assert figures(np.ones(100)).dead
+    t = np.delete(np.arange(5000) / 500, slice(1000, 2000))
+    found = figures(np.delete(x, slice(1000, 2000)), t)
+    assert found.gaps == 1 and found.longest == pytest.approx(2.002)
+    rng = np.random.default_rng(0)
+    assert figures(x, np.arange(5000) / 500 + rng.uniform(-5e-4, 5e-4, 5000)).jitter > 0.2
+
+
+def test_a_channel_of_few_rows_has_no_figures():
+    assert np.isnan(figures(np.array([1.0, np.nan])).rate)
+
+
+def inspected(folder: Path, **changed: np.ndarray) -> Inspection:
+    path = write_csv(folder / "log.csv", columns() | changed)
+    return inspect(read_tables([path]), None, two_joints())
+
+
+def test_a_clean_log_is_matched_without_alarm(tmp_path):
+    found = inspected(tmp_path)
+    assert found.recordings is not None
+    assert [f.level for f in found.findings] == ["note"]  # the limits of rest
+    assert {c.name: c.role for c in found.channels}["dq2"] == "v of elbow"
+
+
+def test_what_identify_refuses_is_found(tmp_path):
+    found = inspected(tmp_path, tau1=np.zeros(2000))
+    assert ("refusal", "dead_channel") in [(f.level, f.code) for f in found.findings]
+
+
+def test_channels_that_do_not_match_are_a_finding(tmp_path):
+    found = inspected(tmp_path, current1=np.ones(2000), current2=np.ones(2000))
+    assert found.recordings is None
+    assert {f.code for f in found.findings} == {"unmatched", "dead_channel"}
+
+
+def test_a_first_map_reads_the_log_as_matching_does(tmp_path):
+    tables = read_tables([write_csv(tmp_path / "log.csv", columns())])
+    (tmp_path / "map.toml").write_text(first_map(tables, two_joints()), encoding="utf-8")
+    mapping = read_map(tmp_path / "map.toml")
+    one = prepare(tables, mapping, two_joints())
+    other = prepare(tables, None, two_joints())
+    np.testing.assert_array_equal(one.segments[0].log.u, other.segments[0].log.u)
+
+
+def test_a_first_map_offers_every_candidate(tmp_path):
+    values = columns() | {"current1": columns()["tau1"], "current2": columns()["tau2"]}
+    text = first_map(read_tables([write_csv(tmp_path / "log.csv", values)]), two_joints())
+    assert '# command = { column = "current1" }  # choose one' in text
+    chosen = text.replace('# command = { column = "tau', 'command = { column = "tau')
+    (tmp_path / "map.toml").write_text(chosen, encoding="utf-8")
+    assert read_map(tmp_path / "map.toml").joints["elbow"].command.column == "tau2"
+
+
+def test_a_first_map_quotes_names_of_joints(tmp_path):
+    names = ("arm/joint 1", "jöint.2")
+    tables = read_tables([write_csv(tmp_path / "log.csv", columns())])
+    (tmp_path / "map.toml").write_text(first_map(tables, two_joints(names)), encoding="utf-8")
+    assert tuple(read_map(tmp_path / "map.toml").joints) == names
+
+
+@pytest.mark.parametrize("extra", [{}, {"current1": np.ones(2000), "current2": np.ones(2000)}])
+def test_a_picture_is_drawn_with_and_without_a_match(tmp_path, extra):
+    path = draw(inspected(tmp_path, **extra), tmp_path / "inspection.png")
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
+    log = write_csv(tmp_path / "log.csv", {"t": columns()["t"], "x": columns()["q1"]})
+    arguments = ["inspect", str(log), "--model", "tx40", "--out", str(tmp_path)]
+    assert command(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "unmatched" in printed and "map.toml" in printed
+    (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
+    assert command(arguments) == 0
+    assert (tmp_path / "map.toml").read_text(encoding="utf-8") == "edited"
+    assert (tmp_path / "map-new.toml").is_file() and (tmp_path / "inspection.png").is_file()
+
+
+def test_the_command_says_as_json_what_identify_would_refuse(tmp_path, capsys):
+    log = str(asset("tx40", "log.csv.gz"))
+    arguments = ["inspect", log, "--model", "tx40", "--json", "--out", str(tmp_path)]
+    assert command(arguments) == 1
+    assert "degrees" in {f["code"] for f in json.loads(capsys.readouterr().out)["findings"]}
+    mapped = [*arguments, "--map", str(asset("tx40", "map.toml"))]
+    assert command(mapped) == 0
+    assert not (tmp_path / "map-new.toml").exists()
+
+
+def test_degrees_are_cured_as_the_remedy_says(tmp_path):
+    values = columns()
+    values |= {name: np.degrees(values[name]) for name in ("q1", "q2")}
+    tables = read_tables([write_csv(tmp_path / "log.csv", values)])
+    joints = {
+        name: {
+            "position": {"column": f"q{k}", "unit": "deg"},
+            "velocity": {"column": f"dq{k}"},
+            "command": {"column": f"tau{k}"},
+        }
+        for k, name in enumerate(("shoulder", "elbow"), 1)
+    }
+    recordings = prepare(tables, map_of({"joints": joints}), two_joints())
+    assert checked(recordings, two_joints()).findings == recordings.findings
