@@ -35,28 +35,31 @@ class Follower(NamedTuple):
 def mimicking(path: Path, root: ElementTree.Element) -> dict[str, Follower]:
     """The mimic joints of a URDF by name, leaders resolved along chains.
 
+    A joint that is said to follow one that does not exist moves freely.
+
     Raises:
-        BadRobot: a mimic joint follows a joint that does not exist, or in a circle.
+        BadRobot: a mimic joint follows itself, or its multiplier or offset is not a number.
     """
     found, joints = {}, {joint.get("name", ""): joint for joint in root.findall("joint")}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
-        if mimic is None or joint.get("type") == "fixed":
+        if mimic is None or joint.get("type") == "fixed" or mimic.get("joint") not in joints:
             continue
-        leader = mimic.get("joint", "")
-        if leader not in joints:
-            remedy = "Correct <mimic joint=…>."
-            raise BadRobot(str(path), f"joint {name}", f"it mimics no joint: {leader!r}", remedy)
-        numbers = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
-        found[name] = Follower(leader, *numbers)
+        try:
+            ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+        except ValueError as error:
+            part, remedy = f"joint {name}", "Correct its <mimic>."
+            raise BadRobot(str(path), part, f"of <mimic>, {error}", remedy) from error
+        found[name] = Follower(mimic.get("joint", ""), ratio, offset)
     return {name: _resolved(path, found, name) for name in found}
 
 
-def weld(followers: dict[str, Follower], locked: set[str]) -> list[Finding]:
-    """A warning about each moving joint that others follow."""
-    leaders = dict.fromkeys(f.leader for f in followers.values() if f.leader not in locked)
+def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
+    """A warning about each of the joints that move which others follow."""
     findings = []
-    for leader in leaders:
+    for leader in dict.fromkeys(follower.leader for follower in followers.values()):
+        if leader not in moving:
+            continue
         names = [name for name, follower in followers.items() if follower.leader == leader]
         text = (
             f"it moves {', '.join(names)} with it (<mimic>); their links were welded where it is "

@@ -21,6 +21,8 @@ from .mjcf_tree import joint_names, rigid_tree
 from .mjcf_visuals import MjcfVisuals
 from .reduction import check_tree, home, locked_joints, reduced
 
+_NAMELESS = "MuJoCo Model"  # what MuJoCo calls a model without a name
+
 
 def load_mjcf(
     path: Path, lock: Sequence[str] = (), joints: Sequence[str] | None = None
@@ -42,7 +44,8 @@ def load_mjcf(
         UnknownName: there is no such joint.
     """
     _, mj, findings = compile_file(path)
-    name = mj.names.partition(b"\0")[0].decode() or path.stem
+    name = mj.names.partition(b"\0")[0].decode()
+    name = path.stem if name in {"", _NAMELESS} else name
     whole, names = rigid_tree(mj, name), joint_names(mj)
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
     fixed = locked_joints([n for n in names if n not in free], _without(lock, free), joints)
@@ -53,6 +56,7 @@ def load_mjcf(
     found = motors(mj, names, tuple(model.names)[1:])
     findings += [*found.findings, *_held(free), *_ignored_forces(mj, names, locked)]
     findings += make_physical(model, body_names(model))
+    drawing = MjcfVisuals(mj, model)
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in found.joints]
     return RobotModel(
         name=name,
@@ -66,7 +70,7 @@ def load_mjcf(
         gain=found.gain,
         limits=found.limits,
         findings=tuple(findings),
-        visuals=MjcfVisuals(mj, model),
+        visuals=drawing if drawing.visuals() else None,
     )
 
 

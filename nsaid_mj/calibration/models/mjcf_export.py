@@ -23,7 +23,7 @@ from .identified import Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_actuators import is_motor
 from .mjcf_file import compile_file
-from .mjcf_lock import one_joint_per_body, remove_actuators
+from .mjcf_lock import one_joint_per_body, remove_actuators, remove_keyframes
 from .mjcf_tree import actuators_of, joint_names, rigid_tree
 from .mjcf_xml import bodies_of, exact_xml, joints_of, numbers, own_joints, set_inertial
 
@@ -127,8 +127,11 @@ def _edited(
     at = {n: whole.joints[whole.getJointId(n)] for n in names}
     held = {n: float(q[at[n].idx_q]) for n in locked if at[n].nq == 1}
     also = tuple(f"{finding.text}." for finding in findings)
+    before = _actuators(root)
     also += _set_motors(root, robot, values, mj, names)
     links = one_joint_per_body(root, mj, locked, held)
+    if locked or before != _actuators(root):
+        remove_keyframes(root)
     welded = _set_inertials(root, values.model, links)
     for directory in ("meshdir", "texturedir"):
         _redirect(root, directory, source.resolve().parent, folder)
@@ -173,7 +176,7 @@ def _set_motors(
     root: Element, robot: RobotModel, values: Identified, mj: Any, names: list[str]
 ) -> tuple[str, ...]:
     """Gives every joint one motor with the identified gain; returns remarks."""
-    elements = [part for section in root.findall("actuator") for part in section]
+    elements = _actuators(root)
     section = root.find("actuator")
     section = SubElement(root, "actuator") if section is None else section
     replaced, dropped = [], []
@@ -197,6 +200,10 @@ def _set_motors(
             _add_motor(section, robot, joint, float(values.gain[k]))
     remove_actuators(root, dropped)
     return ("Servos replaced by motors: " + ", ".join(replaced) + ".",) if replaced else ()
+
+
+def _actuators(root: Element) -> list[Element]:
+    return [part for section in root.findall("actuator") for part in section]
 
 
 def _add_motor(section: Element, robot: RobotModel, joint: str, gain: float) -> None:

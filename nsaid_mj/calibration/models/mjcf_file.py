@@ -9,6 +9,7 @@ import mujoco
 
 from ...errors import BadRobot
 from ..findings import Finding
+from .mjcf_inertials import check_inertials
 
 _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
 
@@ -16,10 +17,11 @@ _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
 def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
     """Compiles an MJCF or .mjb file.
 
-    Mesh and texture files that are not there are left out.
+    Mesh and texture files that are not there are left out, and inertias that MuJoCo would reject
+    are moved inside the cone of physical ones.
 
     Returns:
-        MuJoCo's specification (None for .mjb), the compiled model, and a note on missing files.
+        MuJoCo's specification (None for .mjb), the compiled model, and what was changed.
 
     Raises:
         BadRobot: MuJoCo rejects the file.
@@ -29,7 +31,8 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
             return None, mujoco.MjModel.from_binary_path(str(path)), []
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
-        return spec, spec.compile(), _note(path, missing)
+        findings = [*_note(path, missing), *check_inertials(spec)]
+        return spec, spec.compile(), findings
     except (ValueError, RuntimeError) as error:
         raise BadRobot(str(path), "", f"MuJoCo rejects it: {error}", _REMEDY) from error
 

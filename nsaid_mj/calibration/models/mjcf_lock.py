@@ -57,6 +57,14 @@ def remove_actuators(root: Element, names: Collection[str]) -> None:
     _remove_references(root, set(names), ("actuator",), also_named=("actuator",))
 
 
+def remove_keyframes(root: Element) -> None:
+    """Removes keyframes, which list all joints and actuators."""
+    for section in root.findall("keyframe"):
+        root.remove(section)
+    for size in root.findall("size"):
+        size.attrib.pop("nkey", None)
+
+
 def _displacement(mj: Any, j: int, position: float) -> pin.SE3:
     """How a joint at a position displaces its body."""
     axis, anchor = mj.jnt_axis[j], mj.jnt_pos[j]
@@ -117,12 +125,11 @@ def _remove_references(
     """Removes actuators, tendons, constraints and sensors that refer to what is gone.
 
     Args:
-        root: the MJCF; keyframes are removed if anything else is.
+        root: the MJCF.
         gone: names of joints or actuators.
         keys: attributes that refer to them.
         also_named: sections whose elements of these names are removed themselves.
     """
-    changed = bool(gone)
     for tag in ("tendon", "equality", "actuator", "sensor"):
         for section in root.findall(tag):
             for part in list(section):
@@ -131,5 +138,3 @@ def _remove_references(
                     section.remove(part)
                     if tag in {"tendon", "actuator"} and part.get("name"):
                         gone.add(part.get("name", ""))
-    for key in root.findall("keyframe") if changed else ():
-        root.remove(key)

@@ -44,17 +44,20 @@ def load_urdf(
     """
     text, encoding = read_text(path)
     root = parse(path, text)
+    if any("xacro}" in element.tag for element in root.iter()):
+        remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
+        raise BadRobot(str(path), "", "it has xacro macros", remedy)
     findings = [*encoding, *check_inertials(path, root), *resolve_meshes(root, path)]
     followers = mimicking(path, root)
     xml = ElementTree.tostring(root, encoding="unicode")
     whole = _pinocchio(path, xml)
     names = [name for name in list(whole.names)[1:] if name not in followers]
     locked = locked_joints(names, lock, joints)
-    findings += weld(followers, locked)
+    findings += weld(followers, set(names) - locked)
     q = home(whole)
     for name, follower in followers.items():
-        leader = whole.joints[whole.getJointId(follower.leader)]
-        q[whole.joints[whole.getJointId(name)].idx_q] = follower.position(float(q[leader.idx_q]))
+        at = whole.joints[whole.getJointId(name)].idx_q
+        q[at] = follower.position(_position(whole, follower.leader, q))
     locked |= set(followers)
     floating = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6 and n not in locked]
     for name in floating:
@@ -76,8 +79,20 @@ def load_urdf(
         gain=np.ones(model.nv),
         limits=np.where(model.effortLimit > 0, model.effortLimit, np.inf),
         findings=tuple(findings),
-        visuals=RobotVisuals(drawing),
+        visuals=RobotVisuals(drawing) if _has_meshes(root) else None,
     )
+
+
+def _has_meshes(root: ElementTree.Element) -> bool:
+    return root.find("link/visual/geometry/mesh") is not None
+
+
+def _position(model: pin.Model, joint: str, q: np.ndarray) -> float:
+    """The position of a 1-DOF joint at a configuration q (nq,); 0 if it is fixed in the URDF."""
+    if not model.existJointName(joint):
+        return 0.0
+    own = model.joints[model.getJointId(joint)]
+    return float(q[own.idx_q] if own.nq == 1 else np.arctan2(q[own.idx_q + 1], q[own.idx_q]))
 
 
 def _pinocchio(path: Path, xml: str) -> pin.Model:

@@ -22,6 +22,7 @@ class _Element(NamedTuple):
 
     tag: str
     name: str
+    kind: str  # a joint's type
     child: str  # a joint's child link
     start: int
     body: int  # end of the opening tag
@@ -66,11 +67,12 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
         ):
             edits.append((*element.parts["inertial"], ""))
             welded.append(element.name)
-    also = ()
+    held = [e.name for e in elements if e.tag == "joint" and e.kind not in {"", "fixed"}]
+    held = [name for name in held if name not in robot.joints]
+    also = ("Joints taken as fixed: " + ", ".join(held) + ".",) if held else ()
     if welded:
-        also = (
-            "Their inertia is part of the link that they are fixed to: " + ", ".join(welded) + ".",
-        )
+        whose = "Their inertia is part of the link that they are fixed to: "
+        also += (whose + ", ".join(welded) + ".",)
     top = next(e for e in elements if e.tag == "robot").body
     edits.append((top, top, f"\n<!-- {remarks(robot, values, also)} -->"))
     for start, end, text in sorted(edits, reverse=True):
@@ -117,7 +119,8 @@ def _elements(data: bytes) -> Iterator[_Element]:
         at, element = parser.CurrentByteIndex, None
         expected = ("robot",) if not open_elements else ("link", "joint")
         if tag in expected and len(open_elements) < 2:
-            element = _Element(tag, attributes.get("name", ""), "", at, _tag_end(data, at), -1, {})
+            name, kind = attributes.get("name", ""), attributes.get("type", "")
+            element = _Element(tag, name, kind, "", at, _tag_end(data, at), -1, {})
         open_elements.append((tag, attributes, at, element))
         if tag == "child" and len(open_elements) == 3 and (joint := open_elements[1][3]):
             open_elements[1] = (*open_elements[1][:3], joint._replace(child=attributes["link"]))

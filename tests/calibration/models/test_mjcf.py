@@ -173,6 +173,16 @@ def test_a_body_of_several_joints_gets_links_with_a_little_mass(load):
     assert found(model)["inertia_moved"].level == "warning"
 
 
+@pytest.mark.parametrize(
+    "inertia", ['diaginertia="1 3 1" euler="10 20 30"', 'fullinertia="1 3 1 0.1 0 0.2"',
+                'diaginertia="0 0 0"']
+)  # fmt: skip
+def test_an_inertia_that_mujoco_would_reject_is_moved_inside_the_cone(load, inertia):
+    text = arm(inside=f'<inertial pos="0 0 0.1" mass="2" {inertia}/>')
+    finding = found(load(text))["inertia_moved"]
+    assert (finding.level, finding.where) == ("warning", "link hand")
+
+
 def test_what_mujoco_rejects_is_refused(load):
     with pytest.raises(BadRobot, match="MuJoCo rejects it"):
         load(arm().replace('size="0.1"', ""))

@@ -6,6 +6,7 @@ import pytest
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.models.identified import Identified
 from nsaid_mj.calibration.models.mjcf_export import write_mjcf
+from nsaid_mj.errors import BadRobot
 
 from .test_mjcf import SERVO, arm
 from .test_mjcf_tree import TURNED
@@ -26,8 +27,9 @@ def difference(mj, robot, values):
     assert [mj.joint(j).name for j in range(mj.njnt)] == list(robot.joints)
     rng, worst = np.random.default_rng(1), 0.0
     for _ in range(4):
-        q, v = rng.uniform(-2, 2, (2, mj.nv))
-        theirs.qpos[:], theirs.qvel[:] = q, v
+        angles, v = rng.uniform(-2, 2, (2, mj.nv))
+        theirs.qpos[:], theirs.qvel[:] = angles, v
+        q = pin.integrate(model, pin.neutral(model), angles)
         mujoco.mj_forward(mj, theirs)
         M = np.zeros((mj.nv, mj.nv))
         mujoco.mj_fullM(mj, theirs, M)
@@ -56,6 +58,11 @@ CASES = {
     "several, last locked": (TURNED, {"lock": ["a", "c", "e"]}),
     "welded": (arm(inside='<body name="tool" pos="0 0 1"><geom size="0.1"/></body>'), {}),
     "frames": (FRAMES, {}),
+    "keyframe": (arm(more='<keyframe><key qpos="1 2 3" ctrl="1 2 3"/></keyframe>'), {}),
+    "keyframe, one motor less": (
+        arm(actuator="", more='<keyframe><key qpos="1 2 3" ctrl="1 2"/></keyframe>'),
+        {},
+    ),
     "settotalmass": (arm().replace("<default>", '<compiler settotalmass="9"/><default>', 1), {}),
     "tendon": (
         arm(
@@ -90,13 +97,9 @@ def test_the_mjcf_of_a_urdf_has_the_identified_dynamics(tmp_path, name):
     robot = load_robot_model(name)
     robot = load_robot_model(name, joints=[j for j in robot.joints if "finger" not in j])
     values = identified(robot)
-    if values.model.nq == values.model.nv:
-        out, mj = exported(tmp_path, robot, values)
-        assert difference(mj, robot, values) < 1e-10
-        assert same_inertias(values.model, load_robot_model(str(out)).model)
-    else:  # continuous joints are angles in MuJoCo
-        out, mj = exported(tmp_path, robot, values)
-        assert same_inertias(values.model, load_robot_model(str(out)).model)
+    out, mj = exported(tmp_path, robot, values)
+    assert difference(mj, robot, values) < 1e-10
+    assert same_inertias(values.model, load_robot_model(str(out)).model)
 
 
 def test_the_motors_take_the_logs_command(tmp_path):
@@ -137,6 +140,61 @@ def test_meshes_are_found_from_the_new_folder(tmp_path):
     out, mj = exported(tmp_path, robot, identified(robot))
     assert mj.nmesh == 1
     assert len(load_robot_model(str(out)).visuals.visuals()) == 4
+
+
+MENAGERIE = """
+<mujoco model="arm"><compiler angle="radian" meshdir="assets" autolimits="true"/>
+  <option integrator="implicitfast"/>
+  <default><default class="arm">
+    <joint armature="0.1" damping="1" axis="0 0 1" range="-2.9 2.9"/>
+    <general dyntype="none" biastype="affine" ctrlrange="-2.9 2.9" forcerange="-87 87"/>
+    <default class="finger"><joint axis="0 1 0" type="slide" range="0 0.04"/></default>
+    <default class="visual"><geom type="mesh" contype="0" conaffinity="0" group="2"/></default>
+  </default></default>
+  <asset><material class="arm" name="white" rgba="1 1 1 1"/><mesh file="link1.obj"/></asset>
+  <worldbody><light pos="0 0 2" mode="trackcom"/>
+    <body name="link0" childclass="arm">
+      <inertial mass="0.6" pos="0 0 0.05" fullinertia="0.003 0.004 0.004 1e-7 1e-4 8e-6"/>
+      <geom mesh="link1" material="white" class="visual"/>
+      <body name="link1" pos="0 0 0.3" quat="1 -1 0 0">
+        <inertial mass="5" pos="0 0 -0.05" fullinertia="0.70 0.71 0.02 -1e-4 7e-3 2e-2"/>
+        <joint name="joint1"/><geom mesh="link1" class="visual"/>
+        <body name="hand" quat="0.92 0 0 -0.38">
+          <inertial mass="0.7" pos="0 0 0.03" diaginertia="0.001 0.0025 0.0017"/>
+          <body name="left"><inertial mass="0.015" pos="0 0 0" diaginertia="2e-6 2e-6 7e-7"/>
+            <joint name="finger1" class="finger"/></body>
+          <body name="right" quat="0 0 0 1">
+            <inertial mass="0.015" pos="0 0 0" diaginertia="2e-6 2e-6 7e-7"/>
+            <joint name="finger2" class="finger"/></body>
+        </body></body></body>
+  </worldbody>
+  <contact><exclude body1="link1" body2="hand"/></contact>
+  <tendon><fixed name="split"><joint joint="finger1" coef="0.5"/>
+    <joint joint="finger2" coef="0.5"/></fixed></tendon>
+  <equality><joint joint1="finger1" joint2="finger2"/></equality>
+  <actuator>
+    <general class="arm" name="actuator1" joint="joint1" gainprm="4500" biasprm="0 -4500 -450"/>
+    <general class="arm" name="actuator8" tendon="split" ctrlrange="0 255" gainprm="0.0157 0 0"
+      biasprm="0 -100 -10"/>
+  </actuator>
+  <keyframe><key name="home" qpos="0 0.04 0.04" ctrl="0 255"/></keyframe>
+</mujoco>
+"""
+
+
+def test_a_file_in_the_style_of_the_menagerie(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MENAGERIE)
+    with pytest.raises(BadRobot, match="--lock finger1,finger2"):
+        load_robot_model(str(path))
+    robot = load_robot_model(str(path), joints=["joint1"])
+    assert {f.code for f in robot.findings} == {"mesh_missing", "servo"}
+    assert robot.limits.tolist() == [87]
+    values = identified(robot)
+    out, mj = exported(tmp_path, robot, values)
+    assert (mj.nu, mj.ntendon, mj.neq, mj.nkey) == (1, 0, 0, 0)
+    assert difference(mj, robot, values) < 1e-10
+    assert "Joints fixed: finger1, finger2." in out.read_text()
 
 
 def test_names_of_the_engines_own_do_no_harm(tmp_path):

@@ -46,6 +46,13 @@ def test_the_dynamics_are_pinocchios(load, tmp_path):
     )
 
 
+def test_friction_of_the_joints_that_are_left_is_kept(load):
+    dynamics = '<dynamics damping="0.7" friction="0.4"/>'
+    text = chain(joint_3=joint("joint_3", "link_2", "link_3", extra=dynamics))
+    model = load(text, lock=["joint_2"])
+    assert (model.damping.tolist(), model.friction.tolist()) == ([0, 0.7], [0, 0.4])
+
+
 @pytest.mark.parametrize("options", [{"lock": ["joint_2"]}, {"joints": ["joint_3", "joint_1"]}])
 def test_locked_joints_are_fixed_at_zero(load, options):
     whole, less = load(chain()).model, load(chain(), **options)
@@ -97,6 +104,32 @@ def test_mimic_joints_in_a_circle_are_refused(load):
     two = joint("joint_3", "link_2", "link_3", extra=follows("joint_2"))
     with pytest.raises(BadRobot, match="circle"):
         load(chain(joint_2=one, joint_3=two))
+
+
+def test_a_mimic_joint_on_the_circle_is_welded_at_its_offset(load):
+    mimic = '<mimic joint="joint_2" offset="0.3"/>'
+    turning = joint("joint_2", "link_1", "link_2", kind="continuous")
+    follows = joint("joint_3", "link_2", "link_3", kind="continuous", extra=mimic)
+    model = load(chain(joint_2=turning, joint_3=follows))
+    assert model.joints == ("joint_1", "joint_2")
+
+
+def test_a_mimic_joint_without_a_leader_moves_freely(load):
+    def following(name, **mimic):
+        attributes = "".join(f' {k}="{v}"' for k, v in mimic.items())
+        extra = f'<mimic joint="{name}"{attributes}/>'
+        return chain(joint_3=joint("joint_3", "link_2", "link_3", extra=extra))
+
+    assert load(following("none")).joints == ("joint_1", "joint_2", "joint_3")
+    with pytest.raises(BadRobot, match="joint_3"):
+        load(following("joint_1", multiplier="fast"))
+
+
+def test_xacro_macros_are_refused(load):
+    text = chain().replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    assert len(load(text).joints) == 3
+    with pytest.raises(BadRobot, match=r"xacro arm\.urdf"):
+        load(text.replace("</robot>", '<xacro:include filename="a"/></robot>'))
 
 
 def test_missing_meshes_are_noted_and_found_ones_drawn(load, tmp_path):

@@ -74,6 +74,11 @@ def test_the_comment_tells_gains_anchor_and_welded_links(there_and_back):
     ElementTree.fromstring(written)
 
 
+def test_the_comment_tells_joints_that_were_held(there_and_back):
+    _, _, written = there_and_back(chain(more=TOOL), lock=["joint_2"])
+    assert "Joints taken as fixed: joint_2." in written
+
+
 def test_a_latin_1_file_is_written_as_utf_8(there_and_back):
     text = chain(more=("<!-- Stäubli -->",)).replace('"1.0"?', '"1.0" encoding="ISO-8859-1"?')
     _, again, written = there_and_back(text, encoding="latin-1")
