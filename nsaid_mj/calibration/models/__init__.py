@@ -39,12 +39,15 @@ def load_robot_model(
         from .packages import packed_robot
 
         return packed_robot(model, lock, joints)
-    if model in _packed_vehicles() or path.suffix.lower() == ".toml" or path.is_dir():
+    folder_of_vehicle = path.is_dir() and (path / "vehicle.toml").is_file()
+    if model in _packed_vehicles() or path.suffix.lower() == ".toml" or folder_of_vehicle:
         from .vehicles import load_vehicle
 
         return load_vehicle(model, lock, joints)
     if path.is_file():
         return _load_file(path, lock, joints)
+    if path.is_dir():
+        raise BadRobot(model or ".", "", "it is a folder without a vehicle.toml", _REMEDY)
     if path.suffix or path.name != model:
         raise BadRobot(model, "", "no such file", _REMEDY)
     from .packages import example_robot, example_robots

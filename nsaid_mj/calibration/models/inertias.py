@@ -81,13 +81,16 @@ def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) ->
     """The finding about a link whose mass [kg] and inertia (3, 3) [kg·m²] were changed."""
     (old, about), (new, changed) = before, after
     was, now = np.linalg.eigvalsh(about), np.linalg.eigvalsh(changed)
-    weighs = f"mass {old:g} kg" if old == new else f"mass {old:g} kg, changed to {new:.3g} kg"
+    wrong = f"no body of mass {old:g} kg has principal moments of inertia {_listed(was)} kg·m²"
+    given = f"they were changed to {_listed(now)} kg·m²"
+    if old != new:
+        wrong = "it moves, but has no mass"
+        given = f"it was given {new:.3g} kg and moments of inertia {_listed(now)} kg·m²"
     return Finding(
         "warning",
         "inertia_moved",
         f"link {link}",
-        f"no body has {weighs} and principal moments of inertia {_listed(was)} kg·m² about its "
-        f"centre of mass; the moments were changed to {_listed(now)} kg·m²",
+        f"{wrong}; {given}",
         "Correct <inertial> in the model file if you know better.",
         {
             "mass_before": float(old),

@@ -110,7 +110,7 @@ def _ignored_forces(mj: Any, names: Sequence[str], locked: set[str]) -> list[Fin
         ("fluid", "forces of air or water", mj.opt.density > 0 or mj.opt.viscosity > 0),
     ]
     return [
-        Finding("warning", code, "", f"the file has {what}, which was left out of the model")
+        Finding("warning", code, "", f"the file has {what}; the model has none")
         for code, what, there in found
         if there
     ]

@@ -32,7 +32,11 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
         findings = [*_note(path, missing), *check_inertials(spec)]
-        return spec, spec.compile(), findings
+        mj = spec.compile()
+        mj.names.decode()
+        return spec, mj, findings
+    except UnicodeDecodeError as error:
+        raise BadRobot(str(path), "", f"it is not UTF-8: {error}", "Save it as UTF-8.") from error
     except (ValueError, RuntimeError) as error:
         raise BadRobot(str(path), "", f"MuJoCo rejects it: {error}", _REMEDY) from error
 

@@ -56,8 +56,7 @@ def load_urdf(
     findings += weld(followers, set(names) - locked)
     q = home(whole)
     for name, follower in followers.items():
-        at = whole.joints[whole.getJointId(name)].idx_q
-        q[at] = follower.position(_position(whole, follower.leader, q))
+        _place(whole, name, q, follower.position(_position(whole, follower.leader, q)))
     locked |= set(followers)
     floating = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6 and n not in locked]
     for name in floating:
@@ -93,6 +92,13 @@ def _position(model: pin.Model, joint: str, q: np.ndarray) -> float:
         return 0.0
     own = model.joints[model.getJointId(joint)]
     return float(q[own.idx_q] if own.nq == 1 else np.arctan2(q[own.idx_q + 1], q[own.idx_q]))
+
+
+def _place(model: pin.Model, joint: str, q: np.ndarray, position: float) -> None:
+    """Sets the position of a 1-DOF joint in a configuration q (nq,)."""
+    own = model.joints[model.getJointId(joint)]
+    at = slice(own.idx_q, own.idx_q + own.nq)
+    q[at] = position if own.nq == 1 else [np.cos(position), np.sin(position)]
 
 
 def _pinocchio(path: Path, xml: str) -> pin.Model:

@@ -188,3 +188,10 @@ def test_what_mujoco_rejects_is_refused(load):
         load(arm().replace('size="0.1"', ""))
     with pytest.raises(BadRobot, match="no joint moves"):
         load("<mujoco/>")
+
+
+def test_a_latin_1_file_is_refused(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_bytes(arm().replace("hand", "Händ").encode("latin-1"))
+    with pytest.raises(BadRobot, match="Save it as UTF-8"):
+        load_robot_model(str(path))

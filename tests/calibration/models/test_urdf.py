@@ -110,8 +110,15 @@ def test_a_mimic_joint_on_the_circle_is_welded_at_its_offset(load):
     mimic = '<mimic joint="joint_2" offset="0.3"/>'
     turning = joint("joint_2", "link_1", "link_2", kind="continuous")
     follows = joint("joint_3", "link_2", "link_3", kind="continuous", extra=mimic)
-    model = load(chain(joint_2=turning, joint_3=follows))
-    assert model.joints == ("joint_1", "joint_2")
+    model = load(chain(joint_2=turning, joint_3=follows)).model
+    assert list(model.names)[1:] == ["joint_1", "joint_2"]
+    whole = load(chain(joint_2=turning)).model
+    angles = np.array([0.4, -0.2])
+    q = pin.integrate(whole, pin.neutral(whole), np.append(angles, 0.3))
+    gravity = pin.computeGeneralizedGravity(whole, whole.createData(), q)
+    q = pin.integrate(model, pin.neutral(model), angles)
+    found = pin.computeGeneralizedGravity(model, model.createData(), q)
+    assert np.allclose(found, gravity[:2], atol=1e-12)
 
 
 def test_a_mimic_joint_without_a_leader_moves_freely(load):
@@ -276,5 +283,7 @@ def test_example_robots_are_known_by_name():
     assert load_robot_model("solo12").findings[-1].code == "base_held"
     with pytest.raises(UnknownName, match="ur5"):
         load_robot_model("ur55")
+    with pytest.raises(BadRobot, match="folder"):
+        load_robot_model("")
     with pytest.raises(BadRobot, match="no such file"):
         load_robot_model("ur55.urdf")
