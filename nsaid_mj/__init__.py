@@ -16,6 +16,11 @@ from typing import Any
 __version__ = "0.1.0"
 
 _NAMED = {
+    "calibration.data": ("RobotModel",),
+    "calibration.findings": ("UnusableLog",),
+    "calibration.identify": ("identify",),
+    "calibration.models": ("load_robot_model",),
+    "calibration.result": ("Identification",),
     "cli": ("main",),
     "control": ("DriverConfig", "Phase"),
     "errors": ("NsaidError",),

@@ -118,6 +118,7 @@ def nominal_model(simulated: Simulated, seed: int) -> RobotModel:
 
 
 def main() -> None:
+    """Runs the trials."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", default="ur5,panda,kinova")
     parser.add_argument("--seeds", default="0:5")
@@ -144,8 +145,8 @@ def main() -> None:
             print("   gain/true", np.round(ratio, 3), "inside", np.array(inside, int))
             print("   half-width", np.round([p.high / p.value - 1 for p in gains], 3),
                   "".join("i" if s else "-" for s in sure))  # fmt: skip
-            print("   NRMSE", np.round([j.held_out for j in found.joints], 3),
-                  "least squares", np.round([j.least_squares for j in found.joints], 3))  # fmt: skip
+            held_out = np.round([j.held_out for j in found.joints], 3)
+            print("   NRMSE", held_out, np.round([j.least_squares for j in found.joints], 3))
     print(f"intervals of identified gains hold: {held} of {total}")
 
 

@@ -33,7 +33,7 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
     write_yaml(robot, values, files[0])
     if robot.model is None:
         return files, []
-    if robot.kind == "urdf" and robot.source is not None:
+    if robot.kind == "urdf":
         files.append(folder / f"{robot.name}.urdf")
         write_urdf(robot, values, files[-1])
     files.append(folder / f"{robot.name}.xml")
