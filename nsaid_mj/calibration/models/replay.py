@@ -87,21 +87,27 @@ def _simulate(
     """
     log = segment.log
     starts = np.arange(0, len(log.t) - samples, samples)
-    state = np.zeros((len(starts), mujoco.mj_stateSize(mj, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
-    state[:, 1 + joints.qpos] = log.q[starts]  # time, positions, velocities, …
-    state[:, 1 + mj.nq + joints.dof] = log.v[starts]
+    if not len(starts):
+        return np.zeros((0, samples, len(command)))
+    data, kind = mujoco.MjData(mj), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
+    for row, k in zip(state, starts, strict=True):
+        joints.write(data, log.q[k], log.v[k])
+        mujoco.mj_getState(mj, data, row, kind)
     control = np.zeros((len(starts), samples * substeps, mj.nu))
     within = starts[:, None] + np.arange(samples)
     control[:, :, command] = np.repeat(log.u[within], substeps, axis=1)
-    if not len(starts):
-        return np.zeros((0, samples, len(command)))
     handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)  # a simulation that diverges has a large error
     try:
-        found: Any = rollout.rollout(mj, mujoco.MjData(mj), state, control)[0]
+        found: Any = rollout.rollout(mj, data, state, control)[0]
     finally:
         mujoco.set_mju_user_warning(handler)
-    position = found[:, substeps - 1 :: substeps, 1 + joints.qpos]
+    position = np.zeros((len(starts), samples, len(command)))
+    for window, rows in zip(position, found[:, substeps - 1 :: substeps], strict=True):
+        for sample, row in zip(window, rows, strict=True):
+            mujoco.mj_setState(mj, data, row, kind)
+            sample[:] = joints.read(data)[0]
     with np.errstate(invalid="ignore", over="ignore"):
         return position - log.q[within + 1]
 
