@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,16 @@ import numpy as np
 from ..errors import NsaidError
 from ..parameters import Array
 from .findings import Finding
-from .models.identified import Identified, Parameter, with_inertias
-from .models.mjcf_export import write_mjcf
-from .models.replay import replay
-from .models.tables import write_sysid, write_yaml
-from .models.urdf_export import write_urdf
+from .models.export import (
+    Identified,
+    Parameter,
+    replay,
+    with_inertias,
+    write_mjcf,
+    write_sysid,
+    write_urdf,
+    write_yaml,
+)
 from .result import Identification
 
 
@@ -34,9 +40,9 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
     if robot.model is None:
         return files, []
     if robot.kind == "urdf":
-        files.append(folder / f"{robot.name}.urdf")
+        files.append(folder / f"{_file_name(robot.name)}.urdf")
         write_urdf(robot, values, files[-1])
-    files.append(folder / f"{robot.name}.xml")
+    files.append(folder / f"{_file_name(robot.name)}.xml")
     write_mjcf(robot, values, files[-1])
     files.append(folder / "sysid.yaml")
     write_sysid(robot, values, files[-1])
@@ -61,11 +67,16 @@ def identified(result: Identification) -> Identified:
     model = with_inertias(robot.model, links, _of(result, "rotor inertia", k))
     damping, friction = result.friction
     speed = np.array([joint.friction_speed for joint in result.joints])
-    gain = _of(result, "motor gain", k)
+    gain = _of(result, "motor gain", k) * np.sign(robot.gain)
     notes = tuple(f.text for f in result.findings if f.level == "warning")
     return Identified(
         model, damping, friction, speed, gain, result.anchor, parameters, (result.verdict, *notes)
     )
+
+
+def _file_name(name: str) -> str:
+    """A robot's name as the name of a file."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._") or "robot"
 
 
 def _of(result: Identification, block: str, k: int) -> Array:

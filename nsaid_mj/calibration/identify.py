@@ -70,8 +70,8 @@ def identify(
     chosen = read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
     told("reading the log")
     recordings = _recordings(logs, chosen, robot)
-    checked = _listed(validate)
-    validation = _recordings(checked, chosen, robot) if checked else None
+    others = _listed(validate)
+    validation = _recordings(others, chosen, robot) if others else None
     options = Options(
         _columns(columns, robot),
         _coupled(chosen),

@@ -167,10 +167,12 @@ class JointRows:
         )
 
     def commands(self, delay: Array) -> Array:
-        """(N, k) filtered commands, delayed by (k,) seconds."""
-        return np.concatenate(
-            [self.chosen.rows(delayed(s, self.chosen, u, delay)) for s, u in self._commands]
-        )
+        """(N, k) filtered commands, delayed by (k,) seconds.
+
+        Where the model file has a negative gear, −u: gains are positive.
+        """
+        filtered = [self.chosen.rows(delayed(s, self.chosen, u, delay)) for s, u in self._commands]
+        return np.concatenate(filtered) * np.sign(self.robot.gain)
 
     def column(self, name: str, joint: int, choice: Choice) -> Array:
         """(N,) a column of a joint."""

@@ -172,34 +172,6 @@ def witness_of(found: Followed, system: SecondOrderSystem | None = None) -> Witn
     return Witness(system or found.setup.system, scenario.dt, scenario.identifier.efficient)
 
 
-def test_a_memory_that_fails_goes_on_from_the_filters_estimate() -> None:
-    """f1tenth under noise, from e^{±1}: the memory lost M̂ ≻ 0, and took the good filter with it."""
-    found = followed("bluerov2", 10, 30.0)
-    identifier, log = found.setup.identifiers()[""], found.log
-    state, _ = identifier.follow(identifier.init(log.at(0)), log.first(1021))
-    inside = state.filter
-    assert inside.handed
-    wild = inside.guard._replace(v_hat=np.full(6, 1e5))
-    rest = log.part(1020, 1201)
-    state = state._replace(filter=inside._replace(guard=wild))
-    assert identifier.guard.follow(wild, rest)[0].status is Status.estimate_not_positive_definite
-    after, estimates = identifier.follow(state, rest)
-    assert after.status is Status.completed and len(estimates.pivot) == len(rest.t)
-    assert found.truth.distance(rest.t[[-1]], after.filter.guard.theta_hat[None]) < 0.1
-    alone = state._replace(filter=state.filter._replace(handed=False))
-    assert identifier.follow(alone, rest)[0].status is Status.estimate_not_positive_definite
-
-
-REVERSED = "reversed actuator"
-MISFITS = {
-    "lag": Mismatch(lag=0.05),
-    "delay": Mismatch(delay=0.05),
-    "current": Mismatch(flow=(0.2, 0.1, 0.0)),
-    "drag": Mismatch(fluid="ellipsoid"),
-    REVERSED: Mismatch(),
-}
-
-
 @pytest.mark.parametrize("case", MISFITS)
 def test_a_wrong_structure_is_contradicted_by_the_motion(case: str) -> None:
     found = followed("bluerov2", 10, 20.0, mismatch=MISFITS[case])

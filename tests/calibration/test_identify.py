@@ -1,0 +1,192 @@
+"""`identify` on a real arm's log, and on simulated logs with the faults that real ones have."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nsaid_mj as ns
+from nsaid_mj.calibration.calibrate import tempered_fit
+from nsaid_mj.calibration.fit import minimise
+from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.least_squares import least_squares
+from nsaid_mj.calibration.precision import tempered
+from nsaid_mj.calibration.problem import without
+from nsaid_mj.calibration.result import Identification
+from nsaid_mj.errors import InvalidInput, UnknownName
+from nsaid_mj.resources import asset
+from scripts.calibration import Simulated, nominal_model
+
+
+@pytest.fixture(scope="module")
+def tx40() -> Identification:
+    return identify("tx40")
+
+
+def test_the_structure_explains_the_real_log(tx40):
+    assert tx40.explains == "yes" and tx40.verdict.startswith("The structure explains the log")
+    for joint in tx40.joints:
+        assert joint.held_out < 0.2
+        assert joint.held_out <= 1.05 * joint.least_squares
+
+
+def test_three_folds_of_the_real_log_are_predicted_as_well_as_by_least_squares(tx40, monkeypatch):
+    """At most 1.05 of weighted least squares in 15 of 18 joint-folds, 1.1 in all."""
+    problems = []
+    from nsaid_mj.calibration import calibrate
+
+    monkeypatch.setattr(
+        calibrate, "tempered_fit", lambda p: (problems.append(p), tempered_fit(p))[1]
+    )
+    identify("tx40")
+    problem = problems[0]
+    _, share = tempered_fit(problem)
+    N, ratios = len(problem.t), []
+    for part in (np.arange(4 * N // 5, N), np.arange(N // 5), np.arange(2 * N // 5, 3 * N // 5)):
+        rest, own = without(problem, part), problem.select(part)
+        theta = minimise(rest, tempered(rest, share)).theta
+        plain = least_squares(rest, theta[problem.space.actuators])
+        ratios += (own.nrmse(theta) / own.nrmse(plain)).tolist()
+    assert len(ratios) == 18
+    assert np.sum(np.array(ratios) <= 1.05) >= 15 and max(ratios) <= 1.1
+
+
+def test_published_essential_parameters_of_the_real_arm_are_found():
+    """Gears given: within three published deviations or 10 %, over fv1, at least 20 of 24."""
+    found = identify(
+        "tx40", known={f"gain_{i}": 1.0 for i in range(1, 7)}, columns=["viscous"], delay=0.0
+    )
+    values = {p.name: p.value for p in found.parameters}
+    ours = {"m": "m", "mx": "hx", "my": "hy", "mz": "hz", "Ia": "rotor", "fv": "viscous",
+            "fs": "coulomb"}  # fmt: skip
+
+    def value(name: str) -> float:
+        if name in ("fvm6", "fsm6"):
+            return values[{"fvm6": "coupling_viscous_5_6", "fsm6": "coupling_coulomb_5_6"}[name]]
+        kind, number = name[:-1], name[-1]
+        return values[f"{ours.get(kind, kind)}_{number}"]
+
+    def combination(words: str) -> float:
+        terms = re.findall(r"([+-]?)\s*(?:([\d.]+)\*)?([A-Za-z]+\d)", words.replace("- ", "-"))
+        return sum((-1 if s == "-" else 1) * float(c or 1) * value(n) for s, c, n in terms)
+
+    with asset("tx40", "published_essential_parameters.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.reader(file) if row]
+    viscous = next(float(row[3]) for row in rows if row[0] == "fv1")
+    hits = 0
+    for words, _, _, weighted, percent in rows:
+        published = float(weighted) / viscous
+        apart = abs(combination(words) / values["viscous_1"] - published)
+        hits += apart <= max(0.03 * float(percent), 0.1) * abs(published)
+    assert len(rows) >= 24 and hits >= 20
+
+
+def test_free_gains_of_the_real_arm_hold_in_their_intervals_or_are_flagged(tx40):
+    """The maker's torque constants are true: every gain is 1."""
+    gains = tx40.of("motor gain")
+    for gain in gains:
+        assert gain.low <= 1.0 <= gain.high
+    assert {g.status for g in gains[4:]} == {"only in combination"}
+    for gain in gains[:3]:
+        assert gain.value == pytest.approx(np.mean([g.value for g in gains[:3]]), rel=0.1)
+
+
+def test_the_estimate_along_the_real_log_ends_where_the_batch_does(tx40):
+    along = identify("tx40", online=True)
+    times, estimates = along.history
+    assert (np.diff(times) > 0).all()
+    gains = [i for i, p in enumerate(along.parameters) if p.block == "motor gain"]
+    np.testing.assert_allclose(estimates[-1, gains], along.theta[gains], rtol=0.02)
+
+
+def test_the_same_log_gives_the_same_bits(tx40):
+    np.testing.assert_array_equal(identify("tx40").theta, tx40.theta)
+
+
+# -- simulated logs ----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def simulated() -> Simulated:
+    return Simulated("ur5", 0, 20.0)
+
+
+def outcome(simulated: Simulated, path: Path, **options):
+    return identify(nominal_model(simulated, 0), path, **options)
+
+
+def test_gains_of_a_simulated_arm_are_found_and_covered(simulated, tmp_path):
+    """Quantised currents, jitter, a gap, load friction, an offset, a delay, unknown σ."""
+    path = simulated.write(tmp_path / "log.csv")
+    found = outcome(simulated, path, known={"gain_1": float(simulated.gain[0])})
+    assert found.explains == "yes"
+    gains = found.of("motor gain")
+    ratio = np.array([g.value for g in gains]) / simulated.gain
+    sure = np.array([g.status != "only in combination" for g in gains])
+    assert sure.sum() >= 5 and (np.abs(ratio - 1)[sure] < 0.05).all()
+    inside = [g.low <= k <= g.high for g, k in zip(gains, simulated.gain, strict=True)]
+    assert np.sum(inside) >= 5
+    delays = [joint.delay for joint in found.joints]
+    np.testing.assert_allclose(delays, 0.016, atol=0.002)  # 15 ms, and half a held sample
+    assert {"gap"} <= {f.code for f in found.findings}
+
+
+def test_each_fault_of_a_log_is_named(simulated, tmp_path):
+    """None of them ends with a result."""
+    u, q = simulated.u, simulated.q
+    swapped = u.copy()
+    swapped[:, [1, 2]] = u[:, [2, 1]]
+    flat = u.copy()
+    flat[:, 2] = 0.0
+    faults = {
+        "reversed_sign": {"u": u * np.array([1, 1, -1, 1, 1, 1.0])},
+        "swapped": {"u": swapped},
+        "degrees": {"q": np.rad2deg(q)},
+        "dead_channel": {"u": flat},
+    }
+    for code, changes in faults.items():
+        path = simulated.write(tmp_path / f"{code}.csv", **changes)
+        with pytest.raises(ns.UnusableLog) as told:
+            outcome(simulated, path)
+        codes = {f.code for f in told.value.findings if f.level == "refusal"}
+        assert code in codes, (code, codes)
+
+
+def test_a_short_file_is_named(simulated, tmp_path):
+    path = simulated.write(tmp_path / "log.csv")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:600]) + "\n")
+    with pytest.raises(ns.UnusableLog) as told:
+        outcome(simulated, path)
+    assert "short_log" in {f.code for f in told.value.findings}
+
+
+def test_milliamperes_are_named(simulated, tmp_path):
+    """Refused where the column states another unit; else gains are per unit of the column."""
+    path = simulated.write(tmp_path / "log.csv", u=simulated.u * 1000)
+    assert "milliamps" in {f.code for f in outcome(simulated, path).findings}
+    path.write_text(path.read_text().replace("_current", "_torque_Nm"))
+    with pytest.raises(ns.UnusableLog) as told:
+        outcome(simulated, path)
+    assert {"unit", "milliamps"} & {f.code for f in told.value.findings if f.level == "refusal"}
+
+
+# -- input -------------------------------------------------------------------------------------
+
+
+def test_a_model_without_a_log_is_refused():
+    with pytest.raises(InvalidInput, match="--log"):
+        identify("ur5")
+
+
+def test_an_unknown_column_is_refused_with_the_known_ones():
+    with pytest.raises(UnknownName, match="viscous"):
+        identify("tx40", columns=["viscose"])
+
+
+@pytest.mark.parametrize("delay", [[0.1, 0.2], float("nan"), 3.0])
+def test_delays_that_cannot_be_are_refused(delay):
+    with pytest.raises(InvalidInput, match="delay"):
+        identify("tx40", delay=delay)
