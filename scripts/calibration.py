@@ -73,7 +73,10 @@ class Simulated:
         if not plain:
             keep[int(0.4 * len(t)) : int(0.4 * len(t) + 1.5 * RATE)] = False
         self.t, self.q, self.u = (t + jitter)[keep], q[keep], u[keep]
-        self.gain, self.joints = constant, [str(j) for j in list(model.names)[1:]]
+        names = [str(j) for j in list(model.names)[1:]]
+        arm = [j for j, name in enumerate(names) if "finger" not in name]  # they are locked
+        self.q, self.u = self.q[:, arm], self.u[:, arm]
+        self.gain, self.joints = constant[arm], [names[j] for j in arm]
         self.setup = setup
 
     def write(self, path: Path, **changes: object) -> Path:
@@ -108,7 +111,7 @@ def _coordinates(model: pin.Model, q: np.ndarray) -> np.ndarray:
 
 def nominal_model(simulated: Simulated, seed: int) -> RobotModel:
     """The model file's robot, its inertias off by up to 20 % from the plant's."""
-    robot = load_robot_model(simulated.setup.scenario.plant.robot)
+    robot = load_robot_model(simulated.setup.scenario.plant.robot, joints=simulated.joints)
     rng = np.random.default_rng([seed, 14])
     for i in range(1, robot.model.njoints):
         factor = 1 + 0.2 * rng.uniform(-1, 1)

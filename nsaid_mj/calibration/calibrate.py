@@ -177,7 +177,7 @@ def _rms(values: Array) -> Array:
 def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     """(p,) change of θ̂ under another structure that counts as one standard deviation.
 
-    It is half the change, times the ratio of the residuals' variances where the other structure
+    It is the whole change, times the ratio of the residuals' variances where the other structure
     explains the log less well; 0 for parameters that the other has not.
     """
     found = minimise(other, tempered(other, share), _start(problem, fit, other))
@@ -186,7 +186,7 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     change = np.zeros(len(problem.space))
     for i, name in enumerate(problem.space.names):
         if name in index:
-            change[i] = 0.5 * min(1.0, plausible) * (found.theta[index[name]] - fit.theta[i])
+            change[i] = min(1.0, plausible) * (found.theta[index[name]] - fit.theta[i])
     return change
 
 

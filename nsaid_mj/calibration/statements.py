@@ -13,7 +13,7 @@ from .result import Combination, Explains, JointFit, Parameter, Status
 _Z = 1.96  # of a 95 % interval
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
-_SHARP = 0.05  # relative deviation below which it is identified whatever the prior
+_SHARP, _BLUNT = 0.05, 0.1  # relative deviations below and above which the prior does not matter
 _TERMS = 6  # terms of a combination that are written out
 _GOOD, _FAIR = 0.2, 0.5  # held-out NRMSE
 
@@ -91,7 +91,7 @@ def _relative_gains(
         weights[at] = -1 / (k * fit.theta[at])
         weights[index] += 1 / fit.theta[index]
         before = spread[number] * np.sqrt(max(k - 1, 1) / k)
-        if k == 1 or exact.of(weights) < max(_NARROWED * before, _SHARP):
+        if k == 1 or exact.of(weights) < np.clip(_NARROWED * before, _SHARP, _BLUNT):
             found[index] = ("identified", "")
         else:
             words = f"friction and rotor inertia of {joint} over its gain"

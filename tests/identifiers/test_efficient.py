@@ -172,6 +172,16 @@ def witness_of(found: Followed, system: SecondOrderSystem | None = None) -> Witn
     return Witness(system or found.setup.system, scenario.dt, scenario.identifier.efficient)
 
 
+REVERSED = "reversed actuator"
+MISFITS = {
+    "lag": Mismatch(lag=0.05),
+    "delay": Mismatch(delay=0.05),
+    "current": Mismatch(flow=(0.2, 0.1, 0.0)),
+    "drag": Mismatch(fluid="ellipsoid"),
+    REVERSED: Mismatch(),
+}
+
+
 @pytest.mark.parametrize("case", MISFITS)
 def test_a_wrong_structure_is_contradicted_by_the_motion(case: str) -> None:
     found = followed("bluerov2", 10, 20.0, mismatch=MISFITS[case])
