@@ -23,7 +23,7 @@ from .series import Curves, path
 from .text import drawable
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
-_POINTS = 6000  # of a curve, at most
+_POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom
 
 
 def record(result: Identification, file: Path) -> Path:

@@ -63,13 +63,14 @@ def _command(found: Identification, j: int, prefix: str = "") -> rrb.TimeSeriesV
     fit = found.joints[j]
     error = fit.validation if prefix else fit.held_out
     kind = "validation" if prefix else "held out"
-    title = f"{fit.name}: measured (pale), predicted; NRMSE {words.nrmse(error)} {kind}"
+    title = f"{fit.name}: NRMSE {words.nrmse(error)} {kind}"
     return plot(f"{prefix}command/{path(fit.name)}", title)
 
 
 def _residual(found: Identification, j: int) -> rrb.TimeSeriesView:
-    name = found.joints[j].name
-    return plot(f"residual/{path(name)}", f"{name}: measured - predicted", legend=False)
+    name, label = found.joints[j].name, words.quantity(found, j).removeprefix("u").strip()
+    title = f"{name}: measured - predicted {label}"
+    return plot(f"residual/{path(name)}", title, legend=False)
 
 
 def _pages(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nsaid_mj import BlueROV2Plant
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.timeline import Span, shifts
+from nsaid_mj.log import Log
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
 from nsaid_mj.recording.identification_text import parameters_text, verdict_text
@@ -93,6 +95,25 @@ def test_unusual_identifications_are_recorded(result: Identification, tmp_path: 
     entities = entities_of(record(result, tmp_path / "a.rrd"))
     assert "/result" in entities
     assert ("/robot/links" in entities) == (result.robot.model is not None)
+
+
+def test_a_vehicle_is_drawn_by_its_meshes(tmp_path: Path) -> None:
+    plant = BlueROV2Plant().build(dt=0.01, seed=0)
+    result = identification(tuple(f"thruster {k}" for k in range(8)), vehicle=True, segments=1)
+    segment = result.recordings.segments[0]
+    t, n = segment.log.t, len(segment.log.t)
+    q = np.zeros((n, plant.system.m))
+    q[:, 0], q[:, 6] = np.sin(t), 1.0
+    log = Log(t, q, np.full((n, plant.system.n), 0.3), segment.log.u)
+    moving = replace(result.recordings, segments=(segment._replace(log=log),))
+    robot = replace(result.robot, system=plant.system, visuals=plant)
+    file = record(replace(result, robot=robot, recordings=moving), tmp_path / "a.rrd")
+    entities = entities_of(file)
+    places = np.array([p for p in entities["/robot/body"]["Transform3D:translation"] if p]).reshape(
+        -1, 3
+    )
+    assert np.isclose(np.ptp(places[:, 0]), np.ptp(np.sin(t)), atol=1e-3)
+    assert any(entity.startswith("/robot/body/00_") for entity in entities)
 
 
 def test_logs_follow_one_another() -> None:

@@ -88,7 +88,7 @@ def _joints(result: Identification) -> dict[str, Any]:
     checked = any(j.validation is not None for j in result.joints)
     heads = ["joint", "fit", "held out", "least squares"]
     heads += ["validation", "least squares"] * checked
-    heads += ["friction columns", "s of tanh(v/s)", "delay"]
+    heads += ["friction columns", "s", "delay"]
     lines = []
     for j in result.joints:
         line = [j.name, *(words.nrmse(x) for x in (j.fit, j.held_out, j.least_squares))]
