@@ -62,3 +62,19 @@ def own_shifts(curves: Curves) -> Array:
         start, last = (float(t[0]), float(t[-1])) if len(t) else (last, last)
         spans.append(Span("", start, last))
     return shifts(spans)
+
+
+def history_times(result: Identification) -> Array:
+    """(K,) times of the estimates along the log on the common axis; empty if there are none.
+
+    Each time is found among the rows of the fit, of which it is one, in their order.
+    """
+    if result.history is None:
+        return np.zeros(0)
+    curves, shift, found, row = result.curves, training_shifts(result), [], 0
+    for t in result.history[0]:
+        later = np.flatnonzero(curves.t[row:] == t)
+        row += int(later[0]) if len(later) else 0
+        inside = row < len(curves.segment)
+        found.append(t + (shift[int(curves.segment[row])] if inside else 0.0))
+    return np.array(found)

@@ -11,7 +11,7 @@ from ..calibration import words
 from ..calibration.joints import positions
 from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification
-from ..calibration.timeline import own_shifts, training_shifts
+from ..calibration.timeline import history_times, own_shifts, training_shifts
 from ..parameters import Array
 from ..resources import atomic_write
 from ..system import SecondOrderSystem
@@ -62,7 +62,7 @@ def record(result: Identification, file: Path) -> Path:
             _log_commands(rec, result, checked, own_shifts(checked), "validation/")
         for _, curves in history:
             curves.log_style(rec)
-            curves.log_values(rec, np.asarray(result.history[0] if result.history else []))
+            curves.log_values(rec, history_times(result))
         rec.flush()
         rec.disconnect()  # writes the end of the file
     return file

@@ -12,7 +12,7 @@ import pytest
 from nsaid_mj import BlueROV2Plant
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import Identification
-from nsaid_mj.calibration.timeline import Span, shifts
+from nsaid_mj.calibration.timeline import Span, history_times, shifts
 from nsaid_mj.log import Log
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
@@ -119,6 +119,14 @@ def test_a_vehicle_is_drawn_by_its_meshes(tmp_path: Path) -> None:
 def test_logs_follow_one_another() -> None:
     spans = [Span("a", 5.0, 9.0), Span("a", 12.0, 20.0), Span("b", 0.0, 4.0), Span("b", 6.0, 7.0)]
     assert shifts(spans).tolist() == [0.0, 0.0, 21.0, 21.0]
+
+
+def test_estimates_along_several_logs_are_in_order(result: Identification) -> None:
+    t = history_times(result)
+    assert result.history is not None
+    assert (np.diff(result.history[0]) < 0).any()  # the second log has its own clock
+    assert (np.diff(t) > 0).all()
+    assert np.isclose(t[-1], 2 * 3.98 + 1.0)
 
 
 def test_a_log_that_continues_another_keeps_its_times() -> None:

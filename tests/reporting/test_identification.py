@@ -165,6 +165,11 @@ def test_an_estimate_is_rounded_to_its_interval(
     assert words.estimate(value, low, high) == wanted
 
 
+def test_the_anchor_of_the_scale_is_on_page_and_terminal(result: Identification, text: str) -> None:
+    assert "fixed by the known mass_1 = 2" in text
+    assert "Scale fixed by the known mass_1 = 2" in printed(result)
+
+
 def test_thinning_keeps_every_peak() -> None:
     values = np.zeros(10_001)
     values[[17, 4003, 9999]] = 1.0, -2.0, 3.0

@@ -85,7 +85,8 @@ def identification(
         np.tile(u, (segments, 1)) + 0.02,
         np.where(np.abs(np.tile(u, (segments, 1))) > 0.1, 1.0, 0.0),
     )
-    history = (np.linspace(0.5, 4, 8), np.linspace(0.5, 1, 8)[:, None] * theta)
+    rows = np.linspace(0, len(curves.t) - 1, 8).astype(int)
+    history = (curves.t[rows], np.linspace(0.5, 1, 8)[:, None] * theta)
     joints = tuple(
         JointFit(name, 0.04, held_out, 0.06, 0.07 if validated else None,
                  0.08 if validated else None, ("coulomb", "rotor", "viscous"), 0.05, 0.012)

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from ...calibration import words
 from ...calibration.result import Curves, Identification, Parameter
-from ...calibration.timeline import own_shifts, training_shifts
+from ...calibration.timeline import history_times, own_shifts, training_shifts
 from ...parameters import Array, Indices
 from ..palette import BAD, COLOURS, GRID, INK
 from ..panels import Panel, template_figure, thin
@@ -241,7 +241,7 @@ def histories(result: Identification) -> list[dict[str, Any]]:
     """Estimates along the log over the final ones: gains, frictions, rotor inertias."""
     if result.history is None:
         return []
-    t, theta = result.history
+    t, theta = history_times(result), result.history[1]
     inertial = words.links(result.parameters)
     panels: dict[str, Panel] = {}
     for k, p in enumerate(result.parameters):
@@ -253,7 +253,8 @@ def histories(result: Identification) -> list[dict[str, Any]]:
             p.block,
             Panel(p.block[:1].upper() + p.block[1:], "estimate / final [–]", True, level=1.0),
         )
-        panel.add(np.asarray(t), theta[:, k] / result.theta[k], words.of_joint(p))
+        name = p.label if p.block.startswith("coupling") else words.of_joint(p)
+        panel.add(t, theta[:, k] / result.theta[k], name)
     gains_first = sorted(panels, key=lambda block: "gain" not in block)
     drawn = [panels[block] for block in gains_first]
     return [template_figure(p.title, over_time(p), p.legend) for p in drawn]

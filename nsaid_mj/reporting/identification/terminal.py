@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ...calibration import words
+from ...calibration.findings import Finding
 from ...calibration.result import Identification, Parameter
 
 _JOINTS, _GAINS, _NOTES = 16, 16, 6  # printed at most; the report has all of them
@@ -29,7 +30,7 @@ def print_identification(
     """
     mark = words.EXPLAINS[result.explains]
     console.print(f"[bold {mark.colour}]{mark.glyph} {escape(result.verdict)}[/]", soft_wrap=True)
-    _print_findings(console, result)
+    print_findings(result.findings, console)
     console.print(
         f"  {escape(result.robot.name)}: {escape(words.logs_in_words(result))}; "
         f"identified in {result.seconds:.1f} s",
@@ -46,19 +47,24 @@ def print_identification(
         console.print(f"{'' if k else chr(10)}  {path}", soft_wrap=True, markup=False)
 
 
-def _print_findings(console: Console, result: Identification) -> None:
-    """Prints refusals and warnings, and how many notes there are."""
-    for finding in result.findings:
+def print_findings(findings: Sequence[Finding], console: Console) -> None:
+    """Prints refusals, warnings and the first notes, except those on the choice of columns.
+
+    Args:
+        findings: of an identification, or of an `UnusableLog`.
+        console: to print on.
+    """
+    for finding in findings:
         if finding.level != "note":
             mark = words.LEVELS[finding.level]
             console.print(
                 f"  [{mark.colour}]{mark.glyph}[/] {escape(str(finding))}", soft_wrap=True
             )
-    notes = [f for f in result.findings if f.level == "note" and f.code != "columns"]
+    notes = [f for f in findings if f.level == "note" and f.code != "columns"]
     for finding in notes[:_NOTES]:
         console.print(f"  [dim]· {escape(str(finding))}[/]", soft_wrap=True)
     if len(notes) > _NOTES:
-        console.print(f"  [dim]· and {len(notes) - _NOTES} more notes in the report[/]")
+        console.print(f"  [dim]· and {len(notes) - _NOTES} more notes[/]")
 
 
 def _print_joints(console: Console, result: Identification) -> None:
