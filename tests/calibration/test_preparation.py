@@ -82,6 +82,7 @@ def test_jitter_is_resampled_to_a_constant_rate():
     recordings = prepared(values, without_rest_dropped())
     log = recordings.segments[0].log
     assert recordings.rate == 200 and log.step == pytest.approx(0.005)
+    assert len(findings(recordings, "jitter")) == 1
     np.testing.assert_allclose(log.q, motion(log.t)[0], atol=3e-4)
 
 
@@ -329,9 +330,10 @@ def test_a_map_of_other_joints_is_refused():
         prepared(columns(), Map(joints={"shoulder": joint}))
 
 
-def test_a_velocity_that_reads_zero_is_replaced():
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_a_velocity_that_reads_zero_or_nothing_is_replaced(value):
     values = columns()
-    values["dq2"] = np.zeros(2000)
+    values["dq2"] = np.full(2000, value)
     recordings = prepared(values, without_rest_dropped())
     (finding,) = findings(recordings, "dead_channel")
     assert finding.level == "warning"
@@ -361,3 +363,8 @@ def test_noise_is_measured_by_fourth_differences(sigma, seed):
     t = np.arange(4000) / 500
     x = np.sin(3 * t) + sigma * np.random.default_rng(seed).standard_normal(4000)
     assert signals.noise(x) == pytest.approx(sigma, rel=0.15)
+
+
+def test_few_rows_of_a_fast_motion_are_not_taken_for_rest():
+    recordings = prepared(columns(rate=25))
+    assert np.all(np.mean(recordings.segments[0].usable, axis=0) > 0.85)

@@ -18,6 +18,9 @@ SHOWN = 5
 """Row numbers stated in a message; the finding's data hold up to a hundred."""
 
 
+_JITTER = 0.2  # half the spread of intervals, over their median, that is told
+
+
 class Recording(NamedTuple):
     """Channels recorded together, on one clock.
 
@@ -49,7 +52,8 @@ def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tupl
         key = id(channel.t)
         if key not in orders:
             orders[key] = signals.order(channel.t)
-            findings += _disorder(recording.source, channel, orders[key])
+            said = _disorder(recording.source, channel, orders[key])
+            findings += [finding for finding in said if finding not in findings]
         if name in signs:
             channel = channel._replace(values=channel.values * signs[name])
         found[name] = _clean_one(recording.source, source, channel, orders[key], findings)
@@ -117,7 +121,22 @@ def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding
         if len(rows):
             level = "warning" if len(rows) > 0.2 * len(channel.t) else "note"
             found.append(about_rows(level, code, file, rows + 1, text))
-    return found
+    return found + _jitter(file, order.t)
+
+
+def _jitter(file: str, t: Array) -> list[Finding]:
+    """Whether the intervals between rows scatter."""
+    if len(t) < 10:
+        return []
+    intervals = np.diff(t)
+    period = float(np.median(intervals))
+    low, high = np.quantile(intervals, [0.05, 0.95])
+    if high - low < 2 * _JITTER * period:
+        return []
+    text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % to "
+    text += "95 %); values are interpolated to a constant rate"
+    data: dict[str, object] = {"period": period, "low": float(low), "high": float(high)}
+    return [Finding("note", "jitter", file, text, data=data)]
 
 
 def about_rows(

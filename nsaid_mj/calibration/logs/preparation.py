@@ -50,6 +50,9 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     findings = [finding for table in tables for finding in table.findings]
     recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
     findings += said
+    if robot.system is None:
+        made, said = _without_dead_velocities(made, recordings)
+        findings += said
     cleaned: list[tuple[Recording, dict[str, Signal]]] = []
     for recording in recordings:
         found, said = clean(recording, made)
@@ -60,11 +63,10 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
             few = min(found, key=lambda name: len(found[name].t))
             text = f"only {len(found[few].t)} rows have a number"
             where = f"{recording.source}, {few}"
-            findings.append(Finding("refusal", "dead_channel", where, text, "Map another column."))
+            remedy = "Map another column, or leave the joint out with --lock."
+            findings.append(Finding("refusal", "dead_channel", where, text, remedy))
     if not cleaned:
         raise UnusableLog(tuple(findings))
-    made, said = _without_dead_velocities(made, [found for _, found in cleaned])
-    findings += said
     rate = _rate([found for _, found in cleaned], made, findings)
     rest = Rest(made, mapping, robot, rate)
     segments: list[Segment] = []
@@ -94,19 +96,20 @@ def _quantum(column: str, factor: float, recordings: Sequence[Recording]) -> flo
 
 
 def _without_dead_velocities(
-    made: Layout, cleaned: Sequence[dict[str, Signal]]
+    made: Layout, recordings: Sequence[Recording]
 ) -> tuple[Layout, list[Finding]]:
-    """The layout without velocities whose column is constant although the position moves."""
+    """The layout without velocities whose column is constant or has no numbers."""
     kept, findings = list(made.velocities), []
-    for j, (position, velocity) in enumerate(zip(made.positions, made.velocities, strict=False)):
-        if velocity is None or len(made.positions) != len(made.velocities):
+    for j, velocity in enumerate(made.velocities):
+        if velocity is None or made.vehicle is not None:
             continue
-        still = all(np.ptp(found[velocity.column.column].x) == 0 for found in cleaned)
-        moves = any(np.ptp(found[position.column.column].x) > 0 for found in cleaned)
-        if still and moves:
+        name = velocity.column.column
+        values = np.concatenate([recording.channels[name].values for recording in recordings])
+        values = values[np.isfinite(values)]
+        if len(values) < 10 or np.ptp(values) == 0:
             kept[j] = None
-            text = "the velocity is constant while the position moves; it is differentiated instead"
-            findings.append(Finding("warning", "dead_channel", velocity.column.column, text))
+            text = "the velocity has one value or none; the position is differentiated instead"
+            findings.append(Finding("warning", "dead_channel", name, text))
     return made._replace(velocities=tuple(kept)), findings
 
 
@@ -116,7 +119,7 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
     own = float(np.median(rates))
     if abs(own - round(own)) < 2e-3 * own and own > 10:
         own = float(round(own))
-    every = math.ceil(own / HIGHEST_RATE - 0.05)
+    every = max(1, math.ceil(own / HIGHEST_RATE - 0.05))
     if every > 1:
         text = f"{own:g} Hz were low-passed without phase and reduced to {own / every:g} Hz"
         data: dict[str, object] = {"from": own, "to": own / every}
@@ -171,19 +174,23 @@ def _segments(
     """The segments of a recording on the grid."""
     reference = found[made.positions[0].column.column]
     drop_rest = robot.system is None and mapping.drop_rest
-    limits = rest.limits(found) if drop_rest else np.zeros(0)
     saturated = _saturated(recording, found, made, robot, findings)
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derivatives of positions up to {signals.bandwidth(rest.rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
         data: dict[str, object] = {"joints": missing}
         findings.append(Finding("note", "differentiated", recording.source, text, data=data))
-    segments = []
+    logs: list[Log] = []
     for part in _stretches(recording, found, made, findings):
         first = reference.t[np.searchsorted(reference.t, part.start)]
         count = int((part.end - first) * rest.rate + 1e-6) + 1
-        grid = first + np.arange(count) / rest.rate
-        log = _log(grid, found, made, mapping.hold, rest.rate)
+        logs.append(
+            _log(first + np.arange(count) / rest.rate, found, made, mapping.hold, rest.rate)
+        )
+    limits = rest.limits(found, logs) if drop_rest and logs else np.zeros(0)
+    segments = []
+    for log in logs:
+        grid = log.t
         usable = _trusted(grid, found, made, saturated, log.v.shape[1])
         if drop_rest:
             moving = np.asarray(np.abs(log.v) >= np.maximum(limits, 1e-12))
@@ -193,7 +200,7 @@ def _segments(
                 kept = slice(0, 0)
             findings += cut_rest(recording.source, reference, grid, kept)
         else:
-            kept = slice(0, count)
+            kept = slice(0, len(grid))
         if kept.stop > kept.start:
             rows = rows_of(reference, Stretch(grid[kept.start], grid[kept.stop - 1]))
             segments.append(

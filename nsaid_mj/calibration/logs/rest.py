@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...log import Log
 from ...parameters import Array
 from ..data import RobotModel, Segment
 from ..findings import Finding
@@ -51,11 +52,12 @@ class Rest:
             [mapping.joints[j].rest if j in mapping.joints else 0.0 for j in robot.joints]
         )
 
-    def limits(self, found: dict[str, Signal]) -> Array:
+    def limits(self, found: dict[str, Signal], logs: Sequence[Log]) -> Array:
         """(n,) speeds of one recording's joints [rad/s or m/s].
 
-        Four standard deviations of the velocity's noise, and not less than its quantisation or the
-        limits of the map.
+        Four standard deviations of the velocity's noise, and not less than its quantisation; of a
+        joint that is ten times faster than its noise, at most a tenth of its speed, since fourth
+        differences of few rows count a fast motion as noise. The limits of the map always hold.
         """
         made = self._made
         deviations, steps = [], []
@@ -71,7 +73,10 @@ class Rest:
                 steps.append(signals.quantum(signal.x))
         coupling = made.coupling
         spread = np.sqrt(coupling**2 @ np.square(deviations))
-        return np.maximum.reduce([_MARGIN * spread, np.abs(coupling) @ np.array(steps), self._own])
+        limits = np.maximum(_MARGIN * spread, np.abs(coupling) @ np.array(steps))
+        fast = np.quantile(np.abs(np.concatenate([log.v for log in logs])), 0.95, axis=0)
+        limits = np.where(fast > 10 * spread, np.minimum(limits, 0.1 * fast), limits)
+        return np.maximum(limits, self._own)
 
 
 def rows_of(signal: Signal, part: Stretch) -> tuple[int, int]:
