@@ -42,6 +42,7 @@ def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tupl
     Returns:
         The signals, and a finding for everything that was done.
     """
+    recording = _same_signs(recording, layout)
     findings: list[Finding] = []
     orders: dict[int, signals.Order] = {}
     found: dict[str, Signal] = {}
@@ -72,6 +73,21 @@ def _quaternion_signs(recording: Recording, layout: Layout) -> dict[str, Array]:
     )
     signs = np.where(np.r_[0, np.cumsum(turned)] % 2, -1.0, 1.0)
     return dict.fromkeys(names, signs)
+
+
+def _same_signs(recording: Recording, layout: Layout) -> Recording:
+    """A recording whose quaternions q and −q do not alternate, so that they can be interpolated."""
+    names = (layout.vehicle and layout.vehicle.quaternion) or ()
+    parts = [recording.channels[name] for name in names]
+    if not parts or len({len(part.values) for part in parts}) > 1:
+        return recording
+    values = np.column_stack([part.values for part in parts])
+    flips = np.sum(values[1:] * values[:-1], axis=1) < 0
+    signs = np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])
+    turned = {
+        name: Channel(part.t, part.values * signs) for name, part in zip(names, parts, strict=True)
+    }
+    return recording._replace(channels=recording.channels | turned)
 
 
 def _clean_one(

@@ -41,8 +41,8 @@ class Layout(NamedTuple):
         positions: k sources of positions.
         velocities: sources of velocities; empty to differentiate positions.
         commands: n_u sources of commands.
-        coupling: (n, n) joint velocities per motor velocity, for a tree of joints.
-        torque: (n_u, n_u) joint commands per motor command.
+        coupling: (n, n) joint velocities per motor velocity; None for a vehicle.
+        torque: (n_u, n_u) joint commands per motor command; None for a vehicle.
         vehicle: how a pose and twist are given; None for joints, and for a vehicle's own
             coordinates.
     """
@@ -50,8 +50,8 @@ class Layout(NamedTuple):
     positions: tuple[Source, ...]
     velocities: tuple[Source | None, ...]
     commands: tuple[Source, ...]
-    coupling: Array
-    torque: Array
+    coupling: Array | None = None
+    torque: Array | None = None
     vehicle: Vehicle | None = None
 
     @property
@@ -68,19 +68,24 @@ class Layout(NamedTuple):
         """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k)."""
         offsets = np.array([s.column.offset for s in self.positions])
         if self.vehicle is None:
-            return raw @ self.coupling.T + offsets
+            return _mixed(raw, self.coupling) + offsets
         return _pose(self.vehicle, raw + offsets)
 
     def v(self, raw: Array, q: Array) -> Array:
         """Velocities (N, n) from scaled sources (N, n), at positions q of `self.q`."""
         offsets = np.array([s.column.offset if s else 0.0 for s in self.velocities])
         if self.vehicle is None:
-            return raw @ self.coupling.T + offsets
+            return _mixed(raw, self.coupling) + offsets
         return _twist(self.vehicle, raw + offsets, q)
 
     def u(self, raw: Array) -> Array:
         """Commands (N, n_u) from scaled sources (N, n_u)."""
-        return raw @ self.torque.T + np.array([s.column.offset for s in self.commands])
+        offsets = np.array([s.column.offset for s in self.commands])
+        return _mixed(raw, self.torque) + offsets
+
+
+def _mixed(raw: Array, matrix: Array | None) -> Array:
+    return raw if matrix is None else raw @ matrix.T
 
 
 def layout(mapping: Map | None, robot: RobotModel, channels: list[str]) -> Layout:
@@ -180,9 +185,7 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
         tuple(_source("position", c) for c in parts[0]),
         velocities,
         tuple(_source("command", c) for c in parts[2]),
-        np.eye(n),
-        np.eye(count),
-        vehicle,
+        vehicle=vehicle,
     )
     return _existing(made, channels)
 

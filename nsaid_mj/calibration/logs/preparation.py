@@ -239,7 +239,6 @@ def _trusted(
     """(N, n) whether no signal of a joint is interpolated over a drop-out, or saturated."""
     usable = np.ones((len(grid), n), bool)
     step = (grid[-1] - grid[0]) / (len(grid) - 1)
-    by_motor = len(made.positions) == n and made.vehicle is None
     for group, mixing in (
         (made.positions, made.coupling),
         (made.velocities, made.coupling),
@@ -250,7 +249,7 @@ def _trusted(
                 continue
             spans = found[source.column.column].doubtful
             spans = spans[spans[:, 1] - spans[:, 0] > 1.2 * step]
-            touched = mixing[:, k] != 0 if by_motor and len(mixing) == n else np.ones(n, bool)
+            touched = np.ones(n, bool) if mixing is None else mixing[:, k] != 0
             bad = _within(grid, spans)
             if source.column.column in saturated:
                 bad |= _within(grid, saturated[source.column.column])
@@ -275,13 +274,14 @@ def _saturated(
 ) -> dict[str, Array]:
     """Intervals of time (k, 2) in which a command is at its limit, by column."""
     spans: dict[str, Array] = {}
-    diagonal = np.array_equal(made.torque, np.diag(np.diag(made.torque)))
+    torque = np.eye(len(made.commands)) if made.torque is None else made.torque
+    diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
     for j, (source, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
         name = source.column.column
         signal = found[name]
         flat = signals.flat_extremes(signal.x, signal.period)
         where, how = f"{recording.source}, {name}", "its own flat extreme"
-        size = np.abs(signal.x * made.torque[j, j] + source.column.offset)
+        size = np.abs(signal.x * torque[j, j] + source.column.offset)
         if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
             at_limit = size >= 0.999 * limit
             if at_limit.any():

@@ -71,7 +71,7 @@ class Rest:
                 signal = found[velocity.column.column]
                 deviations.append(signals.noise(signal.x))
                 steps.append(signals.quantum(signal.x))
-        coupling = made.coupling
+        coupling = np.eye(len(steps)) if made.coupling is None else made.coupling
         spread = np.sqrt(coupling**2 @ np.square(deviations))
         limits = np.maximum(_MARGIN * spread, np.abs(coupling) @ np.array(steps))
         fast = np.quantile(np.abs(np.concatenate([log.v for log in logs])), 0.95, axis=0)
