@@ -1,6 +1,9 @@
 """What a log suffers from is repaired and told with row numbers; a clean log passes unchanged."""
 
+from dataclasses import replace
+
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -368,3 +371,20 @@ def test_noise_is_measured_by_fourth_differences(sigma, seed):
 def test_few_rows_of_a_fast_motion_are_not_taken_for_rest():
     recordings = prepared(columns(rate=25))
     assert np.all(np.mean(recordings.segments[0].usable, axis=0) > 0.85)
+
+
+def test_a_run_with_continuous_joints_becomes_angles():
+    robot = two_joints()
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), "shoulder")
+    model.addJoint(first, pin.JointModelRZ(), pin.SE3.Identity(), "elbow")
+    t = np.arange(2000) / 200
+    q, v, u = motion(t)
+    q[:, 0] *= 4
+    parts = (np.cos(q[:, 0]), np.sin(q[:, 0]), q[:, 1])
+    values = {"t": t} | {f"q_{k}": x for k, x in enumerate(parts)}
+    values |= {f"{name}_{k}": x[:, k] for name, x in (("v", v), ("u", u)) for k in range(2)}
+    recordings = prepare([table_of(values)], without_rest_dropped(), replace(robot, model=model))
+    found = recordings.segments[0].log.q
+    turns = (found - q) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.tile(np.round(turns[0]), (2000, 1)), atol=1e-9)

@@ -11,6 +11,7 @@ from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
 from . import signals
 from .checks import checks
+from .continuous import with_angles
 from .errors import UnmatchedChannels
 from .layout import Layout, layout
 from .mapping import Map
@@ -95,6 +96,7 @@ def inspect(
     roles: dict[str, str] = {}
     recordings, findings = None, tuple(f for table in tables for f in table.findings)
     if robot is not None:
+        tables = [with_angles(table, robot) for table in tables]
         names = list(dict.fromkeys(name for table in tables for name in table.channels))
         try:
             roles = _roles(layout(mapping, robot, names), robot)

@@ -13,6 +13,7 @@ from ..data import Recordings, RobotModel, Segment
 from ..findings import Finding, UnusableLog
 from . import signals
 from .cleaning import Recording, about_rows, clean
+from .continuous import with_angles
 from .joining import join
 from .layout import Layout, layout, pose_velocity
 from .mapping import Map
@@ -46,6 +47,7 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
         UnusableLog: no stretch of the logs has all signals for at least half a second.
     """
     mapping = mapping or Map()
+    tables = [with_angles(table, robot) for table in tables]
     made = layout(mapping, robot, _names(tables))
     findings = [finding for table in tables for finding in table.findings]
     recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
