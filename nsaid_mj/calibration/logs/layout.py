@@ -162,7 +162,7 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
             x: [f"{x}_{k}" for k in range(w)] for x, w in zip("qvu", (m, n, count), strict=True)
         }
         if not {name for each in names.values() for name in each} <= set(channels):
-            remedy = "Add [vehicle] and [actuators] to map.toml; docs/your_robot.md shows them."
+            remedy = "Add [vehicle] and [actuators] to map.toml; docs/map.md shows them."
             raise InvalidInput("map", "the columns of pose and commands", "none", remedy)
         parts = [[Column(column=name) for name in names[x]] for x in "qvu"]
         vehicle = None

@@ -268,7 +268,7 @@ def map_of(content: dict[str, Any], source: str = "map") -> Map:
         text = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
         if first["type"] == "unexpected_keyword_argument":
             text = "no such field"
-        remedy = "docs/your_robot.md lists all fields of map.toml."
+        remedy = "docs/map.md lists all fields of map.toml."
         raise InvalidInput(f"{source}: {where}", text, shown(first["input"]), remedy) from error
 
 
