@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...parameters import Array
 from ..findings import Finding, Level
 from . import signals
 from .layout import Layout, Source
@@ -46,7 +45,6 @@ def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tupl
     findings: list[Finding] = []
     orders: dict[int, signals.Order] = {}
     found: dict[str, Signal] = {}
-    signs = _quaternion_signs(recording, layout)
     for source in layout.sources:
         name = source.column.column
         channel = recording.channels[name]
@@ -55,24 +53,8 @@ def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tupl
             orders[key] = signals.order(channel.t)
             said = _disorder(recording.source, channel, orders[key])
             findings += [finding for finding in said if finding not in findings]
-        if name in signs:
-            channel = channel._replace(values=channel.values * signs[name])
         found[name] = _clean_one(recording.source, source, channel, orders[key], findings)
     return found, tuple(findings)
-
-
-def _quaternion_signs(recording: Recording, layout: Layout) -> dict[str, Array]:
-    """Signs (N,) by column that make a quaternion continuous: q and −q are one attitude."""
-    vehicle = layout.vehicle
-    names = vehicle.quaternion if vehicle is not None and vehicle.quaternion is not None else ()
-    parts = [recording.channels[name].values for name in names]
-    if not parts or len({len(part) for part in parts}) > 1:
-        return {}
-    turned = np.sum(np.diff(parts, axis=1) ** 2, axis=0) > np.sum(
-        (np.array(parts)[:, 1:] + np.array(parts)[:, :-1]) ** 2, axis=0
-    )
-    signs = np.where(np.r_[0, np.cumsum(turned)] % 2, -1.0, 1.0)
-    return dict.fromkeys(names, signs)
 
 
 def _same_signs(recording: Recording, layout: Layout) -> Recording:
