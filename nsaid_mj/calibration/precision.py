@@ -20,6 +20,7 @@ from .problem import Problem, folds
 _BLOCKS = 20  # of the rows, for the long-run variance of the scores
 _DIRECTIONS = 12  # leading directions of a row's columns over which it is averaged
 _PARTS = 8  # of the log, left out in turn
+_LEAST = 0.005  # least relative deviation: no log's clocks, filters and structure are more exact
 _DEPENDENT = 1e-7  # residual share below which a column is a combination of earlier ones
 
 
@@ -56,6 +57,7 @@ class Precision(NamedTuple):
     """Precision of an estimate.
 
     Attributes:
+        theta: (p,) θ̂.
         covariance: (p, p) of θ̂: data and prior, under correlated residuals.
         data: (p, p) information of the data alone.
         parts: (K, p) changes of θ̂ without one part of the log, scaled as the jackknife's variance:
@@ -65,6 +67,7 @@ class Precision(NamedTuple):
         prior: (p,) standard deviations of the prior.
     """
 
+    theta: Array
     covariance: Array
     data: Array
     parts: Array
@@ -75,7 +78,8 @@ class Precision(NamedTuple):
         """Stated standard deviation of wᵀθ̂ for weights w (p,)."""
         own = float(np.sqrt(max(weights @ self.covariance @ weights, 0.0)))
         own = float(np.hypot(own, np.linalg.norm(self.structure @ weights)))
-        return max(own, float(np.linalg.norm(self.parts @ weights)))
+        least = _LEAST * float(np.linalg.norm(self.theta * weights))
+        return max(own, float(np.linalg.norm(self.parts @ weights)), least)
 
     @property
     def deviation(self) -> Array:
@@ -113,7 +117,9 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     unit = 1 / np.sqrt(np.diag(prior)[held])
     inner = prior[np.ix_(held, held)] * np.outer(unit, unit)
     before[held] = unit * np.sqrt(np.diag(scipy.linalg.inv(inner)))
-    return Precision(covariance, data, apart, np.zeros((1, len(scale))), before)
+    return Precision(
+        fit.theta * ~problem.known, covariance, data, apart, np.zeros((1, len(scale))), before
+    )
 
 
 def information(problem: Problem, parts: Gramians, theta: Array) -> tuple[Array, Array]:
@@ -170,7 +176,7 @@ def combinations(problem: Problem) -> Combinations:
     masked = (problem.Y * problem.usable[:, :, None])[:, :, rest]
     size = np.maximum(np.sqrt(np.mean(masked**2, axis=(0, 2))), 1e-300)
     stack = (masked / size[None, :, None]).reshape(-1, len(rest)) * problem.space.scale[rest]
-    R = np.linalg.qr(stack, mode="r")
+    R = np.asarray(np.linalg.qr(stack, mode="r"))
     norms = np.linalg.norm(R, axis=0)
     kept: list[int] = []
     basis = np.zeros((R.shape[0], 0))

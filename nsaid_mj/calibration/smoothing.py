@@ -7,7 +7,7 @@ W(q, v, v̇, u) θ = 0 still holds for what is left of it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import signal
@@ -65,14 +65,16 @@ class Filter(NamedTuple):
             return x
         sections = signal.butter(_ORDER, self.smoothing, fs=self.rate, output="sos")
         reach = min(len(x) - 1, int(3 * self.rate / self.smoothing))
-        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
+        filtered: Any = signal.sosfiltfilt(sections, x, axis=0, padlen=reach)
+        return np.asarray(filtered, dtype=np.float64)
 
     @property
     def kernel(self) -> Array:
         """(2h + 1,) symmetric filter of the rows at the regressors' rate."""
         rate = self.rate / self.every
         half = int(np.ceil(1.5 * rate / self.cutoff))
-        return signal.firwin(2 * half + 1, min(self.cutoff, 0.45 * rate), fs=rate)
+        kernel = signal.firwin(2 * half + 1, min(self.cutoff, 0.45 * rate), fs=rate)
+        return np.asarray(kernel, dtype=np.float64)
 
     @property
     def decimation(self) -> int:

@@ -78,20 +78,25 @@ def _status(
 def _relative_gains(
     problem: Problem, fit: Fit, exact: Precision, spread: Array
 ) -> dict[int, tuple[Status, str]]:
-    """Status of every gain: identified where the log narrows its ratio to the mean of all gains."""
-    at = problem.space.actuators
-    k, found = len(at), {}
+    """Status of every gain: identified where the log narrows its ratio to the best known gains.
+
+    Those are all gains, weighted by the inverse variances of their logarithms.
+    """
+    at, found = problem.space.actuators, {}
+    deviation = np.array([exact.of(e) for e in np.eye(len(problem.space))[at]]) / fit.theta[at]
+    weight = 1 / np.maximum(deviation, 1e-6) ** 2
     for number, index in enumerate(at.tolist()):
-        label = problem.space.labels[index]
-        joint = label.partition(" of ")[2]
+        joint = problem.space.labels[index].partition(" of ")[2]
         if problem.known[index]:
             found[index] = ("known", "")
             continue
+        others = np.where(np.arange(len(at)) == number, 0.0, weight)
         weights = np.zeros(len(problem.space))
-        weights[at] = -1 / (k * fit.theta[at])
-        weights[index] += 1 / fit.theta[index]
-        before = spread[number] * np.sqrt(max(k - 1, 1) / k)
-        if k == 1 or exact.of(weights) < np.clip(_NARROWED * before, _SHARP, _BLUNT):
+        if others.any():
+            weights[at] = -others / others.sum() / fit.theta[at]
+        weights[index] = 1 / fit.theta[index]
+        enough = np.clip(_NARROWED * spread[number], _SHARP, _BLUNT)
+        if len(at) == 1 or exact.of(weights) < enough:
             found[index] = ("identified", "")
         else:
             words = f"friction and rotor inertia of {joint} over its gain"

@@ -50,7 +50,8 @@ class VehicleRows:
         self.t = np.concatenate([m[0][c] for _, _, m, c in self._parts])
         self.segment = np.concatenate([np.full(len(c), number) for number, _, _, c in self._parts])
         self.usable = np.concatenate([s.usable[:: chosen.every][c] for _, s, _, c in self._parts])
-        self._inertial: list[Array] | None = None
+        assert robot.prior is not None  # every vehicle has one
+        self._prior: Array = robot.prior
 
     def problem(self, delay: Array, columns: frozenset[str]) -> Problem:
         """The fit with commands delayed by (k,) seconds and further columns."""
@@ -75,7 +76,7 @@ class VehicleRows:
             blocks.append(self._extra(name, rows))
         whole = ParameterSpace(tuple(blocks))
         extra = len(whole) - len(space)
-        prior = np.concatenate([self.robot.prior, np.zeros(extra)])
+        prior = np.concatenate([self._prior, np.zeros(extra)])
         spread = np.concatenate([_spreads(space), whole.scale[len(space) :]])
         known = np.zeros(len(whole), dtype=bool)
         return Problem(whole, rows, self.usable, self.t, self.segment, prior, spread, known)
@@ -86,7 +87,7 @@ class VehicleRows:
         force = ["N" if unit == "m/s" else "N·m" for unit in units]
         names = velocity_names(self.robot)
         at = self.system.space.actuators
-        size = np.sqrt(np.mean((rows[:, :, at] @ self.robot.prior[at]) ** 2, axis=0))
+        size = np.sqrt(np.mean((rows[:, :, at] @ self._prior[at]) ** 2, axis=0))
         size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-9))
         return Block(
             f"further {name}",

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...parameters import Array
 from ..findings import Finding, Level
 from . import signals
 from .layout import Layout, Source

@@ -83,7 +83,7 @@ def _command(curves: Curves, t: Array, j: int, label: str, title: str) -> str:
         return svg(figure, title)
 
 
-def _line(t: Array, values: Array, segment: Array) -> tuple[Array, Array]:
+def _line(t: Array, values: Array, segment: Indices) -> tuple[Array, Array]:
     """Points of a line with a gap between segments: all, or extremes of short intervals."""
     values = np.where(np.abs(values) < 1e200, values, np.nan)
     times, drawn = [], []
