@@ -72,6 +72,13 @@ def test_a_dead_position_is_refused():
     assert ("refusal", "dead_channel", "elbow") in found(values)
 
 
+def test_a_joint_that_only_trembles_is_a_warning():
+    rng = np.random.default_rng(0)
+    values = columns()
+    values |= {"q2": 1e-4 * rng.standard_normal(2000), "dq2": 1e-2 * rng.standard_normal(2000)}
+    assert found(values) == [("warning", "at_rest", "elbow")]
+
+
 def test_degrees_against_rad_per_second():
     values = columns()
     values["q1"] = np.degrees(values["q1"])

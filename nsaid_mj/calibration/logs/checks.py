@@ -20,6 +20,7 @@ DEGREES = 180 / np.pi
 SHORT, TOO_SHORT = 5.0, 1.0  # seconds of usable rows below which is warned or refused
 _AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
 _FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
+_MOVES = 0.05  # share of usable rows below which a joint hardly moves
 _ROWS = 2000  # at most, for the model's torques
 
 
@@ -54,7 +55,7 @@ class Motion(NamedTuple):
 def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     """Findings about recordings of a robot; refusals where no fit could be trusted.
 
-    Codes: `dead_channel`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
+    Codes: `dead_channel`, `at_rest`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
     `swapped_columns` and `milliamps`.
     """
     motion = _motion(recordings)
@@ -62,8 +63,10 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     if robot.system is not None:
         return tuple(found)
     still = _dead_positions(motion, robot)
-    measured = _measured(recordings, robot)
-    found += still + _velocities(motion, robot, measured)
+    resting, said = _resting(recordings, robot)
+    found += still + [finding for finding in said if finding.where not in {f.where for f in still}]
+    measured = [j for j in _measured(recordings, robot) if j not in resting]
+    found += _velocities(motion, robot, measured)
     told = {finding.where for finding in found}
     found += [f for f in _beyond_limits(motion, robot) if f.where not in told]
     if not any(finding.level == "refusal" for finding in found):
@@ -115,6 +118,24 @@ def _dead_positions(motion: Motion, robot: RobotModel) -> list[Finding]:
             remedy = "Map the column of its position, or leave the joint out with --lock."
             found.append(Finding("refusal", "dead_channel", joint, text, remedy))
     return found
+
+
+def _resting(recordings: Recordings, robot: RobotModel) -> tuple[set[int], list[Finding]]:
+    """Joints that hardly move, and a warning for each."""
+    usable = np.concatenate([segment.usable for segment in recordings.segments]).mean(axis=0)
+    resting = {j for j, share in enumerate(usable) if share < _MOVES}
+    remedy = "Move it in the log, or leave it out with --lock."
+    return resting, [
+        Finding(
+            "warning",
+            "at_rest",
+            robot.joints[j],
+            f"the joint moves faster than its noise in {usable[j]:.1%} of the rows only",
+            remedy,
+            {"share": float(usable[j])},
+        )
+        for j in sorted(resting)
+    ]
 
 
 def _short(recordings: Recordings) -> list[Finding]:
