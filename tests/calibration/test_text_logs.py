@@ -113,5 +113,11 @@ def test_a_table_without_time_says_how_to_state_a_rate(tmp_path):
     np.testing.assert_allclose(read(path, rate=100.0).channels["q1"].t, [0, 0.01, 0.02, 0.03])
 
 
+def test_names_may_be_numbers_and_rows_may_hold_texts(tmp_path):
+    assert list(read_text(tmp_path, "t,1,2\n" + rows(",")).channels) == ["1", "2"]
+    named = "".join(f"{line},arm\n" for line in rows(",").splitlines())
+    assert list(read_text(tmp_path, named).channels) == ["column_2", "column_3"]
+
+
 def test_dialect_prefers_the_delimiter_of_all_lines():
     assert text.dialect_of(["a;b", "1,5;2", "2,5;3"], []).delimiter == ";"

@@ -85,7 +85,12 @@ def dialect_of(lines: list[str], comments: list[str]) -> Dialect:
     width = Counter(len(row) for row in rows[1:] or rows).most_common(1)[0][0]
     fields = [field for row in rows[1:] or rows for field in row]
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", f) for f in fields)
-    header = not all(_value(field.replace(",", ".") if comma else field) for field in rows[0])
+    values = [[_value(f.replace(",", ".") if comma else f) for f in row] for row in rows]
+    below = [row for row in values[1:] if len(row) == len(values[0])] or [[True] * len(values[0])]
+    header = any(  # a text above values; rows may hold texts too, such as names of joints
+        not first and sum(column) > 0.5 * len(column)
+        for first, column in zip(values[0], zip(*below, strict=True), strict=True)
+    )
     names = rows[0] if header else []
     if not header and comments:
         words = split(comments[-1].lstrip(" \t#%/"), delimiter)
