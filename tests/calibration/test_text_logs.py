@@ -119,5 +119,12 @@ def test_names_may_be_numbers_and_rows_may_hold_texts(tmp_path):
     assert list(read_text(tmp_path, named).channels) == ["column_2", "column_3"]
 
 
+def test_a_time_column_that_does_not_exist_is_told(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1,u1\n" + rows(","), encoding="utf-8")
+    assert read(path, time="t").findings == ()
+    assert [f.code for f in read(path, time="stamp").findings] == ["time_column"]
+
+
 def test_dialect_prefers_the_delimiter_of_all_lines():
     assert text.dialect_of(["a;b", "1,5;2", "2,5;3"], []).delimiter == ";"

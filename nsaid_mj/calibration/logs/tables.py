@@ -118,6 +118,9 @@ def _timed(
             )
         count = len(next(iter(columns.values.values())))
         return clocks.Clock(np.arange(count) / rate, 0, "s", False), _numbers(columns.values)
+    if time is not None and name != time:
+        text = f"there is no column {time!r}, which the map calls the time; {name!r} is used"
+        findings.append(Finding("warning", "time_column", file.name, text, "Correct map.toml."))
     if clock.unit != "s":
         findings.append(_converted(file, name, clock))
     rest = {other: column for other, column in columns.values.items() if other != name}
