@@ -105,25 +105,54 @@ def example_with(text: str) -> str:
     return found
 
 
-def test_the_readmes_log_example_finds_the_motor_gains_of_another_arm(workplace: Path) -> None:
-    """The log is noisy, of an arm whose gains and friction are up to 30 % off the nominal ones."""
+@pytest.fixture
+def true_gains(workplace: Path) -> np.ndarray:
+    """Writes my_log.csv, a noisy log of another arm; returns its gains.
+
+    Gains and friction are up to 30 % off the nominal ones. The recorded current is in other units.
+    """
     real = ArmPlant(
         robot="my_arm.urdf", damping=1.0, friction=0.5, armature=0.05, spread=0.3
     ).build(DT, seed=1)
     driver = FourierTracking(fundamental=0.2, harmonics=10).build(
         real.system, real.truth, np.random.default_rng(0)
     )
-    log = trajectory(real, driver, round(10 / DT))
+    with real.running():
+        log = trajectory(real, driver, round(20 / DT))
     rng = np.random.default_rng(2)
     q = log.q + 1e-4 * rng.standard_normal(log.q.shape)
     v = log.v + 5e-3 * rng.standard_normal(log.v.shape)
-    np.savez("my_log.npz", t=log.t, q=q, v=v, u=log.u)
+    names = [f"{kind}{i}" for kind in ("q", "dq", "current") for i in (1, 2, 3)]
+    table = np.column_stack([log.t, q, v, log.u])
+    np.savetxt("my_log.csv", table, delimiter=",", header=",".join(["t", *names]), comments="")
     true = real.truth[real.system.space.actuators]
-    assert np.abs(true / true[0] - 1).max() > 0.1  # else the prior, all equal, would pass
+    assert np.abs(true / true[0] - 1).max() > 0.1  # else equal gains would pass
+    return true
 
-    found = np.asarray(execute(example_with("my_log.npz"))["gains"])
 
-    assert found / found[0] == pytest.approx(true / true[0], rel=0.03)
+def test_the_readmes_log_example_finds_the_motor_gains(true_gains: np.ndarray) -> None:
+    found = np.asarray(execute(example_with("my_log.csv"))["gains"])
+    assert found / found[0] == pytest.approx(true_gains / true_gains[0], rel=0.03)
+
+
+def test_the_newcomers_path_leads_to_a_calibrated_robot(
+    true_gains: np.ndarray, workplace: Path
+) -> None:
+    """Every command of docs/your_robot.md, in its order, and its Python."""
+    page = ROOT / "docs" / "your_robot.md"
+    for block in blocks(page, "sh"):
+        for line in block.splitlines():
+            words = [str(NSAID), *shlex.split(line)[1:]]
+            done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
+            assert done.returncode == 0, done.stderr
+    assert (workplace / "map.toml").is_file() and (workplace / "inspection.png").is_file()
+    for name in ("report.html", "identification.rrd", "my_arm.urdf", "my_arm.xml",
+                 "parameters.yaml", "identification.json", "sysid.yaml"):  # fmt: skip
+        assert (workplace / "calibrated" / name).is_file()
+    for code in blocks(page, "python"):
+        found = execute(code)["found"]
+        gains = np.array([gain.value for gain in found.of("motor gain")])
+        assert gains == pytest.approx(true_gains * 0.72 / true_gains[0], rel=0.03)
 
 
 def test_the_readmes_scenario_example_records_a_run(workplace: Path) -> None:
