@@ -115,16 +115,15 @@ def counts(parameters: Iterable[Parameter]) -> list[tuple[str, int]]:
     return [(status, found[status]) for status in STATUSES if found[status]]
 
 
-def unit_of_command(result: Identification, joint: int) -> str:
-    """Unit of a joint's command; "" if it is unknown."""
+def quantity(result: Identification, joint: int) -> tuple[str, str]:
+    """Symbol and unit of a joint's curves: its command, or the force on a vehicle's velocity."""
+    names, system = [j.name for j in result.joints], result.robot.system
+    if system is not None and not set(names) <= set(result.robot.joints):
+        units = system.velocity_units
+        angular = len(units) == len(names) and units[joint].startswith("rad")
+        return ("torque", "N·m") if angular else ("force", "N")
     units = result.recordings.command_units
-    return units[joint] if len(units) == len(result.joints) else ""
-
-
-def quantity(result: Identification, joint: int) -> str:
-    """Label of the axis of a joint's command, with its unit."""
-    unit = unit_of_command(result, joint)
-    return f"u [{unit}]" if unit else "u"
+    return "u", units[joint] if len(units) == len(names) else ""
 
 
 def title_of(fit: JointFit, validation: bool = False) -> str:

@@ -102,7 +102,7 @@ def _log_commands(
     rec: rr.RecordingStream, result: Identification, commands: Commands, shifts: Array, prefix: str
 ) -> None:
     """Logs measured and predicted command and residual of every joint, with gaps between logs."""
-    segment = commands.segment.astype(int)
+    segment = commands.segment
     if not len(segment):
         return
     stride = max(1, -(-len(segment) // _POINTS))
@@ -111,9 +111,8 @@ def _log_commands(
     t = commands.t[rows] + shifts[segment[rows]]
     gaps = np.flatnonzero(np.diff(segment[rows])) + 1  # a NaN after each segment ends its line
     t = np.insert(t, gaps, t[gaps - 1] + 1e-6)
-    units = result.recordings.command_units
     for j, fit in enumerate(result.joints):
-        unit = units[j] if len(units) == len(result.joints) and units[j] else "units"
+        unit = words.quantity(result, j)[1]
         measured, predicted = (
             np.insert(side[rows, j], gaps, np.nan)[:, None]
             for side in (commands.measured, commands.predicted)
@@ -125,7 +124,9 @@ def _log_commands(
         ):
             kind = "residual" if name == "residual" else "command"
             entity = f"{prefix}{kind}/{path(fit.name)}" + ("" if name == "residual" else f"/{name}")
-            curves = Curves(entity, [f"{label} [{unit}]"], values, pale=pale, color=color)
+            curves = Curves(
+                entity, [f"{label} [{unit}]" if unit else label], values, pale=pale, color=color
+            )
             curves.log_style(rec)
             curves.log_values(rec, t)
 

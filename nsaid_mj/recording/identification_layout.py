@@ -68,8 +68,8 @@ def _command(found: Identification, j: int, prefix: str = "") -> rrb.TimeSeriesV
 
 
 def _residual(found: Identification, j: int) -> rrb.TimeSeriesView:
-    name, label = found.joints[j].name, words.quantity(found, j).removeprefix("u").strip()
-    title = f"{name}: measured - predicted {label}"
+    name, (_, unit) = found.joints[j].name, words.quantity(found, j)
+    title = f"{name}: measured - predicted" + (f" [{unit}]" if unit else "")
     return plot(f"residual/{path(name)}", title, legend=False)
 
 

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -168,6 +169,15 @@ def test_an_estimate_is_rounded_to_its_interval(
 def test_the_anchor_of_the_scale_is_on_page_and_terminal(result: Identification, text: str) -> None:
     assert "fixed by the known mass_1 = 2" in text
     assert "Scale fixed by the known mass_1 = 2" in printed(result)
+
+
+def test_curves_of_a_vehicle_are_forces_on_its_velocities() -> None:
+    result = identification(("surge", "yaw"), vehicle=True)
+    system = SimpleNamespace(velocity_units=("m/s", "rad/s"))
+    robot = replace(result.robot, system=system, joints=("rotor 1", "rotor 2"))
+    vehicle = replace(result, robot=robot)
+    assert [words.quantity(vehicle, j) for j in (0, 1)] == [("force", "N"), ("torque", "N·m")]
+    assert words.quantity(result, 0) == ("u", "A")
 
 
 def test_thinning_keeps_every_peak() -> None:

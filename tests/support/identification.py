@@ -80,10 +80,10 @@ def identification(
     theta = np.array([one.value for one in parameters])
     curves = Curves(
         np.tile(t, segments),
-        np.repeat(np.arange(float(segments)), len(t)),
+        np.repeat(np.arange(segments), len(t)),
         np.tile(u, (segments, 1)),
         np.tile(u, (segments, 1)) + 0.02,
-        np.where(np.abs(np.tile(u, (segments, 1))) > 0.1, 1.0, 0.0),
+        np.abs(np.tile(u, (segments, 1))) > 0.1,
     )
     rows = np.linspace(0, len(curves.t) - 1, 8).astype(int)
     history = (curves.t[rows], np.linspace(0.5, 1, 8)[:, None] * theta)
@@ -98,6 +98,7 @@ def identification(
         (Combination("Izz of a link + rotor inertia of a joint", "kg·m²", 1.0, 0.8, 1.2),),
         "the known mass_1 = 2", "One number would help: `--known gain_1=…`.", findings,
         theta, 0.1 * np.abs(theta), np.diag(0.01 * theta**2) + 1e-4 * np.outer(theta, theta),
+        (np.ones(n), np.ones(n)),
         curves, curves if validated else None, history if online else None, 8.0, 1.5,
     )  # fmt: skip
 

@@ -38,11 +38,13 @@ def commands(result: Identification, validation: bool = False) -> list[dict[str,
     if curves is None or not len(curves.t):
         return []
     shifts = own_shifts(curves) if validation else training_shifts(result)
-    t = curves.t + shifts[curves.segment.astype(int)]
+    t = curves.t + shifts[curves.segment]
     found = []
     for j, fit in enumerate(result.joints):
         title = words.title_of(fit, validation)
-        drawing = _command(curves, t, j, words.quantity(result, j), title)
+        symbol, unit = words.quantity(result, j)
+        label = f"{symbol} [{unit}]" if unit else symbol
+        drawing = _command(curves, t, j, label, title)
         found.append(template_figure(title, drawing, _LEGEND))
     return found
 
@@ -65,18 +67,18 @@ def _command(curves: Curves, t: Array, j: int, label: str, title: str) -> str:
         rows = thin(len(t), _POINTS)
         for axis in (upper, lower):
             axis.fill_between(
-                t[rows], 0, 1, where=~curves.usable[rows, j].astype(bool), step="mid",
+                t[rows], 0, 1, where=~curves.usable[rows, j], step="mid",
                 transform=axis.get_xaxis_transform(), color=GRID, alpha=0.9, linewidth=0, zorder=0,
             )  # fmt: skip
             axis.grid(False, axis="x")
-        used = np.abs(residual[curves.usable[:, j].astype(bool)])
+        used = np.abs(residual[curves.usable[:, j]])
         if used.size and np.isfinite(used).any() and np.nanmax(used) > 0:
             lower.set_ylim(*(1.25 * np.nanmax(used) * np.array([-1, 1])))
         lower.axhline(0, color=INK, linewidth=0.5)
         upper.margins(x=0.0)
         upper.tick_params(labelbottom=False)
         upper.set_ylabel(label)
-        lower.set_ylabel(label.replace("u", "Δu", 1))
+        lower.set_ylabel(f"Δ{label}")
         lower.set_xlabel("t [s]")
         lower.locator_params(axis="y", nbins=3)
         figure.align_ylabels([upper, lower])
