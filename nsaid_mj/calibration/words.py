@@ -89,6 +89,11 @@ def nrmse(value: float | None) -> str:
     return ABSENT if value is None or not math.isfinite(value) else f"{value:.3f}"
 
 
+def delay(seconds: float) -> str:
+    """A delay in milliseconds, with one decimal."""
+    return f"{number(1e3 * seconds, 0.1)} ms"
+
+
 def quality(held_out: float) -> Mark:
     """Mark of a joint by its held-out NRMSE."""
     return EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]

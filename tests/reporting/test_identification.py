@@ -142,7 +142,7 @@ def test_the_terminal_has_the_verdict_first_then_warnings(result: Identification
     assert "elbow: the sign is reversed. Negate it." in lines[1]
     assert lines[-1].strip() == "out/report.html"
     whole = "\n".join(lines)
-    gains = whole[whole.index("  gains") : whole.index("friction and rotors")]
+    gains = whole[whole.index("  gains") : whole.index("  friction ")]
     for name in ("base", "shoulder", "elbow"):
         assert re.search(rf"{name} .* N·m/A .* identified", gains)
     assert "of 42 parameters" in whole
@@ -164,6 +164,14 @@ def test_an_estimate_is_rounded_to_its_interval(
     value: float, low: float, high: float, wanted: tuple[str, str]
 ) -> None:
     assert words.estimate(value, low, high) == wanted
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_the_terminals_lines_are_not_broken_inside_a_status(width: int) -> None:
+    stream = io.StringIO()
+    print_identification(identification(), Console(file=stream, width=width, highlight=False))
+    assert len(re.findall("● identified", stream.getvalue())) == 3
+    assert max(map(len, stream.getvalue().splitlines()[2:-6])) <= max(width, 90)
 
 
 def test_the_anchor_of_the_scale_is_on_page_and_terminal(result: Identification, text: str) -> None:

@@ -94,8 +94,8 @@ def _joints(result: Identification) -> dict[str, Any]:
         line = [j.name, *(words.nrmse(x) for x in (j.fit, j.held_out, j.least_squares))]
         if checked:
             line += [words.nrmse(j.validation), words.nrmse(j.validation_least_squares)]
-        delay = f"{words.number(1e3 * j.delay)} ms"
-        lines.append([*line, ", ".join(j.columns), words.number(j.friction_speed), delay])
+        speed = words.number(j.friction_speed)
+        lines.append([*line, ", ".join(j.columns), speed, words.delay(j.delay)])
     return {"heads": heads, "lines": lines, "text": [0, 6 if checked else 4]}
 
 

@@ -15,7 +15,7 @@ from ...calibration.findings import Finding
 from ...calibration.result import Identification, Parameter
 
 _JOINTS, _GAINS, _NOTES = 16, 16, 6  # printed at most; the report has all of them
-_KINDS = 5  # kinds of friction printed
+_WIDE, _COLUMN = 90, 14  # characters: of a wide terminal, and of a column of frictions
 
 
 def print_identification(
@@ -64,7 +64,8 @@ def print_findings(findings: Sequence[Finding], console: Console) -> None:
     for finding in notes[:_NOTES]:
         console.print(f"  [dim]· {escape(str(finding))}[/]", soft_wrap=True)
     if len(notes) > _NOTES:
-        console.print(f"  [dim]· and {len(notes) - _NOTES} more notes[/]")
+        more = len(notes) - _NOTES
+        console.print(f"  [dim]· and {more} more {'note' if more == 1 else 'notes'}[/]")
 
 
 def _print_joints(console: Console, result: Identification) -> None:
@@ -85,7 +86,7 @@ def _print_joints(console: Console, result: Identification) -> None:
             words.nrmse(j.least_squares),
         ]
         cells += [words.nrmse(j.validation)] * checked
-        table.add_row(f"  {escape(j.name)}", *cells, f"{words.number(1e3 * j.delay)} ms")
+        table.add_row(f"  {escape(j.name)}", *cells, words.delay(j.delay))
     console.print(table)
     if len(kept) < len(result.joints):
         console.print(f"    the worst of {len(result.joints)}; all are in the report")
@@ -96,9 +97,10 @@ def _print_gains(console: Console, result: Identification) -> None:
     gains = [p for p in result.parameters if words.is_gain(p)]
     if not gains:
         return
-    table = _table("gains", "estimate", "95 % interval", "before")
-    table.add_column("\nunit")
-    table.add_column("\nstatus")
+    wide = console.width >= _WIDE
+    table = _table("gains", "estimate", "95 % interval", *(["before"] * wide))
+    table.add_column("\nunit", no_wrap=True)
+    table.add_column("\nstatus", no_wrap=True)
     for p in gains[:_GAINS]:
         value, interval = words.estimate(p.value, p.low, p.high)
         mark = words.STATUSES[p.status]
@@ -106,7 +108,7 @@ def _print_gains(console: Console, result: Identification) -> None:
             f"  {escape(words.of_joint(p))}",
             value,
             words.ABSENT if p.status == "known" else interval,
-            words.number(p.prior),
+            *([words.number(p.prior)] * wide),
             escape(p.unit),
             f"[{mark.colour}]{mark.glyph} {p.status}[/]",
         )
@@ -125,14 +127,15 @@ def _print_frictions(console: Console, result: Identification) -> None:
     for p in result.parameters:
         if p.block not in inertial and not words.is_gain(p) and words.of_joint(p) in names:
             kinds.setdefault(f"{p.block}\n{p.unit}", {})[words.of_joint(p)] = p
-    kept = dict(list(kinds.items())[:_KINDS])
+    room = console.width - 10 - max(map(len, names), default=0)
+    kept = dict(list(kinds.items())[: max(2, room // _COLUMN)])
     if not kept:
         return
-    heads = [escape(head.replace(" friction", "")) for head in kept]
+    heads = [escape(head.replace(" friction", "").replace("-dependent", "")) for head in kept]
     table = Table(box=None, pad_edge=False, padding=(0, 2), header_style="dim")
-    table.add_column("\n  friction and rotors")
+    table.add_column("\n  friction")
     for head in heads:
-        table.add_column(head, justify="right")
+        table.add_column(head, justify="right", no_wrap=True)
     for name in names[:_GAINS]:
         cells = []
         for members in kept.values():
