@@ -131,6 +131,11 @@ def quantity(result: Identification, joint: int) -> tuple[str, str]:
     return "u", units[joint] if len(units) == len(names) else ""
 
 
+def rows_of(result: Identification) -> tuple[str, str]:
+    """What rows of the fit belong to, singular and plural: joints, or a vehicle's velocities."""
+    return ("joint", "joints") if result.robot.system is None else ("velocity", "velocities")
+
+
 def title_of(fit: JointFit, validation: bool = False) -> str:
     """Title of a joint's figure: its name and the NRMSE that matters."""
     if validation:

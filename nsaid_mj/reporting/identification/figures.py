@@ -135,7 +135,9 @@ def joints(result: Identification) -> dict[str, Any]:
         axis.plot([1], [-0.75], alpha=0)
         logarithmic(axis, "x")
         axis.set_xlabel("NRMSE of the command (1: predicting the mean)")
-        return template_figure("Prediction error per joint", svg(figure, "NRMSE"), legend)
+        return template_figure(
+            f"Prediction error per {words.rows_of(result)[0]}", svg(figure, "NRMSE"), legend
+        )
 
 
 def forests(result: Identification, gains: bool) -> list[dict[str, Any]]:

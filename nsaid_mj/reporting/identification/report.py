@@ -43,6 +43,7 @@ def page(result: Identification, command: str = "") -> str:
         "identification.html",
         robot=result.robot.name,
         lead=_lead(result),
+        rows=words.rows_of(result),
         mark=words.EXPLAINS[result.explains],
         verdict=result.verdict,
         alarms=_findings(result, ("refusal", "warning")),
@@ -74,7 +75,7 @@ def page(result: Identification, command: str = "") -> str:
 def _lead(result: Identification) -> str:
     n, p = len(result.joints), len(result.parameters)
     return (
-        f"{n} {'joint' if n == 1 else 'joints'}, {p} parameters; {words.logs_in_words(result)}; "
+        f"{n} {words.rows_of(result)[n != 1]}, {p} parameters; {words.logs_in_words(result)}; "
         f"identified in {result.seconds:.1f} s."
     )
 
@@ -86,9 +87,9 @@ def _findings(result: Identification, levels: Sequence[str]) -> list[tuple[words
 def _joints(result: Identification) -> dict[str, Any]:
     """Table of the prediction's quality and the chosen structure, per joint."""
     checked = any(j.validation is not None for j in result.joints)
-    heads = ["joint", "fit", "held out", "least squares"]
+    heads = [words.rows_of(result)[0], "fit", "held out", "least squares"]
     heads += ["validation", "least squares"] * checked
-    heads += ["friction columns", "s", "delay"]
+    heads += ["columns", "s", "delay"]
     lines = []
     for j in result.joints:
         line = [j.name, *(words.nrmse(x) for x in (j.fit, j.held_out, j.least_squares))]

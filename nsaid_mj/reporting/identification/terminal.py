@@ -98,14 +98,16 @@ def _print_gains(console: Console, result: Identification) -> None:
     if not gains:
         return
     wide = console.width >= _WIDE
+    names = [words.of_joint(p) for p in gains]
+    names = names if len(set(names)) == len(names) else [p.label for p in gains]
     table = _table("gains", "estimate", "95 % interval", *(["before"] * wide))
     table.add_column("\nunit", no_wrap=True)
     table.add_column("\nstatus", no_wrap=True)
-    for p in gains[:_GAINS]:
+    for name, p in zip(names[:_GAINS], gains, strict=False):
         value, interval = words.estimate(p.value, p.low, p.high)
         mark = words.STATUSES[p.status]
         table.add_row(
-            f"  {escape(words.of_joint(p))}",
+            f"  {escape(name)}",
             value,
             words.ABSENT if p.status == "known" else interval,
             *([words.number(p.prior)] * wide),
