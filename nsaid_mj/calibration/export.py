@@ -35,7 +35,7 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
         The files, and how well the exported model follows the log.
     """
     robot, values = result.robot, identified(result)
-    files = [folder / "parameters.yaml"]
+    files = [folder / "calibrated.yaml"]
     write_yaml(robot, values, files[0])
     if robot.model is None:
         return files, []

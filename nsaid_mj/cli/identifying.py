@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -48,7 +47,8 @@ def identify_log(chosen: Identify) -> int:
                 told=progress.say,
             )
         except UnusableLog as error:
-            _print_notes(error, chosen.quiet or chosen.json)
+            if not (chosen.quiet or chosen.json):
+                _print_notes(error)
             raise
         result, files = write(result, folder, progress.say)
     if chosen.json:
@@ -89,12 +89,14 @@ def write(
     return result, [folder / RESULT, *files, path]
 
 
-def _print_notes(error: UnusableLog, quiet: bool) -> None:
-    """Prints warnings and notes before the refusals, which the error itself tells."""
-    if not quiet:
-        for finding in error.findings:
-            if finding.level != "refusal":
-                print(f"{finding.level}: {finding}", file=sys.stderr)
+def _print_notes(error: UnusableLog) -> None:
+    """Prints warnings and notes; the error itself tells the refusals."""
+    from rich.console import Console
+
+    from ..reporting.identification import print_findings
+
+    notes = tuple(finding for finding in error.findings if finding.level != "refusal")
+    print_findings(notes, Console(stderr=True))
 
 
 def _folder(name: str, out: Path | None, force: bool) -> Path:
