@@ -35,6 +35,8 @@ class Parameter:
             `not excited`: the motion does not depend on it; `below the noise`: its effect is not
             distinguishable from 0; `known`: given by the user.
         combination: the combination that the log determines; "" unless the status says so.
+        relative: of a gain, the half-width of the 95 % interval of its ratio to the other gains,
+            which does not depend on the common scale; None for other parameters.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Parameter:
     prior: float
     status: Status
     combination: str = ""
+    relative: float | None = None
 
 
 @dataclass(frozen=True)

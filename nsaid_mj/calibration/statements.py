@@ -39,14 +39,15 @@ def parameters_in_words(
             if block.geometry == "positive" and value > 0:
                 factor = float(np.exp(min(_Z * sd / value, 50.0)))
                 low, high = value / factor, value * factor
+            relative = None
             if index in gains:
-                status, words = gains[index]
+                status, words, relative = gains[index]
             else:
                 status, words = _status(problem, exact, combined, index, value, sd)
             found.append(
                 Parameter(
                     name, label, block.name, unit, value, low, high,
-                    float(problem.prior[index]), status, words,
+                    float(problem.prior[index]), status, words, relative,
                 )
             )  # fmt: skip
             index += 1
@@ -77,8 +78,10 @@ def _status(
 
 def _relative_gains(
     problem: Problem, fit: Fit, exact: Precision, spread: Array
-) -> dict[int, tuple[Status, str]]:
-    """Status of every gain: identified where the log narrows its ratio to the best known gains.
+) -> dict[int, tuple[Status, str, float | None]]:
+    """Status, combination and relative half-width of every gain.
+
+    It is identified where the log narrows its ratio to the best known gains.
 
     Those are all gains, weighted by the inverse variances of their logarithms.
     """
@@ -88,19 +91,20 @@ def _relative_gains(
     for number, index in enumerate(at.tolist()):
         joint = problem.space.labels[index].partition(" of ")[2]
         if problem.known[index]:
-            found[index] = ("known", "")
+            found[index] = ("known", "", None)
             continue
         others = np.where(np.arange(len(at)) == number, 0.0, weight)
         weights = np.zeros(len(problem.space))
         if others.any():
             weights[at] = -others / others.sum() / fit.theta[at]
         weights[index] = 1 / fit.theta[index]
-        enough = np.clip(_NARROWED * spread[number], _SHARP, _BLUNT)
-        if len(at) == 1 or exact.of(weights) < enough:
-            found[index] = ("identified", "")
+        apart = exact.of(weights)
+        relative = _Z * apart if others.any() else None
+        if len(at) == 1 or apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
+            found[index] = ("identified", "", relative)
         else:
             words = f"friction and rotor inertia of {joint} over its gain"
-            found[index] = ("only in combination", words)
+            found[index] = ("only in combination", words, relative)
     return found
 
 

@@ -99,6 +99,13 @@ def quality(held_out: float) -> Mark:
     return EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]
 
 
+def relative(parameter: Parameter) -> str:
+    """The half-width of a gain's interval relative to the other gains, such as "±1.2 %"."""
+    if parameter.relative is None:
+        return ABSENT
+    return f"±{number(float(f'{100 * parameter.relative:.2g}'))} %"
+
+
 def is_gain(parameter: Parameter) -> bool:
     """Whether a parameter is the gain of an actuator."""
     return "gain" in parameter.block

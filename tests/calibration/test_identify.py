@@ -95,6 +95,7 @@ def test_free_gains_of_the_real_arm_hold_in_their_intervals_or_are_flagged(tx40)
 
 def test_the_estimate_along_the_real_log_ends_where_the_batch_does(tx40):
     along = identify("tx40", online=True)
+    assert along.history is not None
     times, estimates = along.history
     assert (np.diff(times) > 0).all()
     gains = [i for i, p in enumerate(along.parameters) if p.block == "motor gain"]

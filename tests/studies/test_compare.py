@@ -294,7 +294,7 @@ def test_as_json_it_prints_nothing_else(tmp_path, capsys):
         (["--durations", "ten"], "comma-separated numbers"),
         (["--noise-scales", "1,x"], "comma-separated numbers"),
         (["--sensors", "loud"], "kind of sensors"),
-        (["--methods", "magic"], "no method"),
+        (["--methods", "magic"], "unknown method"),
         (["--seed", "3"], "--seeds"),
         (["--duration=3"], "--durations"),
     ],

@@ -382,7 +382,7 @@ def test_sweep_lists_every_combination_and_exits_with_0(tmp_path: Path) -> None:
         (("sweep", "scalar_rov", "--vary", "gian=1"), "Did you mean gain"),
         (("sweep", "scalar_rov", "--seeds", "0"), "seeds: expected"),
         (("sweep", "scalar_rov", "--engine", "slurm"), "unknown engine: 'slurm'"),
-        (("report", "nowhere"), "no sweep"),
+        (("report", "nowhere"), "not a sweep folder"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(

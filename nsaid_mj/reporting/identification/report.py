@@ -114,8 +114,14 @@ def _row(parameter: Parameter, result: Identification) -> dict[str, Any]:
         "status": parameter.status,
         "mark": words.STATUSES[parameter.status],
         "number": number,
-        "words": "" if number else parameter.combination,
+        "words": _words(parameter) if not number else "",
     }
+
+
+def _words(parameter: Parameter) -> str:
+    """The combination a parameter is known in, and a gain's interval apart from the scale."""
+    apart = f"{words.relative(parameter)} of the other gains" if parameter.relative else ""
+    return "; ".join(filter(None, (parameter.combination, apart)))
 
 
 def _combinations(result: Identification) -> list[dict[str, Any]]:

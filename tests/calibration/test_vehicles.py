@@ -1,0 +1,55 @@
+"""Calibration of a vehicle whose log was recorded with a delay."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.identify import identify
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.setup import Setup
+
+DELAY = 0.05
+AXES = ("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """A noisy flight of the hummingbird as CSV, commands logged 50 ms early; its true θ."""
+    folder = tmp_path_factory.mktemp("flight")
+    setup = Setup.of(replace(load("hummingbird"), duration=20.0, sensors="noisy", seed=3))
+    with setup.plant.running():
+        log = setup.simulate()
+    early = np.searchsorted(log.t, log.t + DELAY - 1e-9).clip(max=len(log.t) - 1)
+    rotors = [f"rotor_{i}" for i in range(1, 5)]
+    table = np.column_stack([log.t, log.q, log.v, log.u[early]])
+    header = ",".join(["time", *AXES, *rotors])
+    np.savetxt(folder / "flight.csv", table, delimiter=",", header=header, comments="")
+    actuators = "".join(f'"rotor {i}" = {{ column = "rotor_{i}" }}\n' for i in range(1, 5))
+    (folder / "map.toml").write_text(
+        f"""[vehicle]
+position = {list(AXES[:3])}
+quaternion = {list(AXES[3:7])}
+linear = {list(AXES[7:10])}
+angular = {list(AXES[10:])}
+[actuators]
+{actuators}""",
+        encoding="utf-8",
+    )
+    return folder, setup.plant.truth
+
+
+def test_a_quadrotors_delay_and_parameters_are_found(flight):
+    folder, truth = flight
+    found = identify("hummingbird", folder / "flight.csv", mapping=folder / "map.toml")
+    assert found.explains == "yes"
+    assert found.joints[0].delay == pytest.approx(DELAY, abs=0.005)
+    values = np.array([p.value for p in found.parameters[: len(truth)]])
+    thrusts = [i for i, p in enumerate(found.parameters) if p.name.startswith("thrust")]
+    scale = np.mean(values[thrusts] / truth[thrusts])
+    named = {p.name: p.value / scale / truth[i] for i, p in enumerate(found.parameters[:24])
+             if truth[i] != 0}  # fmt: skip
+    for name in ("m", "Ixx", "Iyy", "Izz", *(f"thrust_{i}" for i in range(1, 5)),
+                 *(f"torque_{i}" for i in range(1, 5))):  # fmt: skip
+        assert named[name] == pytest.approx(1.0, rel=0.02), name
