@@ -50,8 +50,9 @@ def identify(
         known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
-        columns: friction columns of all joints, names of `calibration.joints.COLUMNS`; None to
-            choose them for every joint inside the log.
+        columns: columns that all joints have besides rotor inertia, viscous and Coulomb friction,
+            names of `calibration.joints.COLUMNS`; None to choose them for every joint inside the
+            log.
         delay: of the commands [s], one or one per command; None to search within ±0.2 s.
         cutoff: of the low-pass filter of all rows [Hz]; None for the motion's bandwidth.
         online: whether to keep the estimate along the log.

@@ -135,8 +135,8 @@ class Identify:
         known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
         lock: comma-separated joints that do not move.
         joints: comma-separated joints that move; all others are locked.
-        columns: auto, or comma-separated friction columns of all joints: rotor, viscous, coulomb,
-            load, quadratic, cubic, offset.
+        columns: auto, or comma-separated columns that all joints have besides rotor inertia,
+            viscous and Coulomb friction: load, quadratic, cubic, offset; "" for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
         online: also keep the estimate along the log.
@@ -177,6 +177,7 @@ class Inspect:
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
         map: TOML file that says which columns are what; by default they are matched by name.
         lock: comma-separated joints that do not move.
+        joints: comma-separated joints that move; all others are locked.
         out: folder of the map and the picture.
         json: print figures and findings as JSON.
     """
@@ -185,6 +186,7 @@ class Inspect:
     model: Annotated[str | None, arg(metavar="FILE_OR_NAME")] = None
     map: Path | None = None
     lock: str = ""
+    joints: str = ""
     out: Path = Path()
     json: bool = False
 

@@ -30,7 +30,8 @@ def inspect_log(chosen: Inspect) -> int:
         from ..calibration.models import load_robot_model
 
         lock = [name.strip() for name in chosen.lock.split(",") if name.strip()]
-        robot = load_robot_model(chosen.model, lock)
+        kept = [name.strip() for name in chosen.joints.split(",") if name.strip()]
+        robot = load_robot_model(chosen.model, lock, kept or None)
     found = inspect(read_tables(chosen.logs, mapping), mapping, robot)
     files = _write(found, chosen)
     if chosen.json:

@@ -83,6 +83,30 @@ def test_a_missing_quantity_is_refused(missing):
         matching.match(channels, JOINTS)
 
 
+def test_names_of_joints_take_precedence_over_numbers():
+    arms = [f"{side}_j{k}" for side in ("left", "right") for k in range(3)]
+    channels = [f"{joint}_{what}" for what in ("position", "current") for joint in arms]
+    rows = [[f"left_j{k}_position", None, f"left_j{k}_current"] for k in range(3)]
+    assert chosen(channels, ("left_j0", "left_j1", "left_j2")) == rows
+
+
+def test_joints_that_the_log_lacks_are_named_and_those_it_has_offered():
+    channels = [f"{joint}_{what}" for what in ("position", "effort") for joint in JOINTS[:2]]
+    with pytest.raises(UnmatchedChannels, match="names a position of wrist_1_joint") as caught:
+        matching.match(channels, JOINTS)
+    assert "`--joints shoulder_pan_joint,elbow_joint`" in str(caught.value)
+    channels.append("wrist_1_joint_position")  # it moves, so that locking it is no remedy
+    with pytest.raises(UnmatchedChannels, match="names a torque or current of wrist_1") as caught:
+        matching.match(channels, JOINTS)
+    assert "--joints" not in str(caught.value)
+
+
+def test_numbers_of_another_count_than_the_joints_are_told():
+    channels = [f"{what}{k}" for what in ("q", "tau") for k in range(1, 4)]
+    with pytest.raises(UnmatchedChannels, match=r"3 channels \(q1 … q3\).*joints are 2"):
+        matching.match(channels, JOINTS[:2])
+
+
 def test_more_indices_than_joints_are_not_guessed():
     channels = [f"{what}{k}" for what in ("q", "tau") for k in range(8)]
     with pytest.raises(UnmatchedChannels):

@@ -73,11 +73,9 @@ def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
             reasons.append(f"{_NAMES[quantity].capitalize()} could be {' or '.join(found)}.")
         elif quantity != "velocity":
             missing.append(f"the {_NAMES[quantity]} of every joint")
-            reasons.append(
-                f"No channels name a {_NAMES[quantity]} for each of {', '.join(joints)}."
-            )
+            reasons.append(_lacking(quantity, channels, joints))
     if missing:
-        raise UnmatchedChannels(missing, reasons, channels)
+        raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
     velocities = chosen.get("velocity", {})
     return Map(
         joints={
@@ -91,24 +89,62 @@ def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
     )
 
 
+def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str]) -> str:
+    """Which joints have no channel of a quantity, or how many channels are numbered instead."""
+    found = _members(channels, joints)
+    named = {joint for match, members in found.items() if match[0] == quantity for joint in members}
+    unnamed = [joint for joint in joints if joint not in named]
+    if len(unnamed) < len(joints):
+        return f"No channel names a {_NAMES[quantity]} of {', '.join(unnamed)}."
+    numbered = [members for match, members in found.items() if match[0] == quantity]
+    if numbered:
+        most = list(max(numbered, key=len).values())
+        return (
+            f"A {_NAMES[quantity]} is numbered in {len(most)} channels ({most[0]} … {most[-1]}), "
+            f"and the robot's moving joints are {len(joints)}: {', '.join(joints)}."
+        )
+    return f"No channels name a {_NAMES[quantity]} for each of {', '.join(joints)}."
+
+
+def _fewer(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
+    """The joints that the log is about, if their names tell and they are not all."""
+    named: dict[Quantity, set[str]] = {quantity: set() for quantity in WORDS}
+    for (quantity, _, _), members in _members(channels, joints).items():
+        named[quantity] |= set(members)
+    own = [j for j in joints if j in named["position"] and j in named["command"]]
+    if not own or any(j in set().union(*named.values()) for j in set(joints) - set(own)):
+        return []
+    return [f"If all other joints stood still, `--joints {','.join(own)}` locks them."]
+
+
 def candidates(
     channels: Iterable[str], joints: Sequence[str]
 ) -> dict[Quantity, dict[str, dict[str, str]]]:
     """For each quantity, the groups of channels that cover all joints: joint to channel by group.
 
-    Measured quantities take precedence over setpoints of the same quantity.
+    Measured quantities take precedence over setpoints of the same quantity, and names of joints
+    over numbers, which may be those of another arm in the log.
     """
+    complete: dict[Quantity, dict[tuple[int, bool], dict[str, dict[str, str]]]]
+    complete = {quantity: {} for quantity in WORDS}
+    for (quantity, group, rank), members in _members(channels, joints).items():
+        by_joint = _by_joint(members, joints)
+        if by_joint:
+            numbered = not set(joints) <= set(members)
+            complete[quantity].setdefault((rank, numbered), {})[group] = by_joint
+    return {quantity: ranks[min(ranks)] if ranks else {} for quantity, ranks in complete.items()}
+
+
+def _members(
+    channels: Iterable[str], joints: Sequence[str]
+) -> dict[tuple[Quantity, str, int], dict[str, str]]:
+    """Channels by joint (its name, or a number as text), for each quantity, group and rank."""
     groups: dict[tuple[Quantity, str, int], dict[str, str]] = defaultdict(dict)
     for channel in channels:
         found = read(channel, joints)
         if found is not None:
             groups[found.quantity, found.group, found.rank].setdefault(found.joint, channel)
-    complete: dict[Quantity, dict[int, dict[str, dict[str, str]]]] = {q: {} for q in WORDS}
-    for (quantity, group, rank), members in groups.items():
-        by_joint = _by_joint(members, joints)
-        if by_joint:
-            complete[quantity].setdefault(rank, {})[group] = by_joint
-    return {quantity: ranks[min(ranks)] if ranks else {} for quantity, ranks in complete.items()}
+    return groups
 
 
 def _by_joint(members: dict[str, str], joints: Sequence[str]) -> dict[str, str]:
