@@ -103,8 +103,10 @@ def test_a_twist_is_derived_where_missing(quadrotor):
     assert "differentiated" in {finding.code for finding in recordings.findings}
 
 
-def test_a_run_of_ours_needs_no_map(quadrotor):
-    columns = {f"q_{k}": x for k, x in enumerate(np.column_stack([POSITION, TURN.as_quat()]).T)}
+@pytest.mark.parametrize("canonical", [False, True])
+def test_a_run_of_ours_needs_no_map(quadrotor, canonical):
+    turns = TURN.as_quat(canonical=canonical)  # of positive w: the sign of the rest jumps
+    columns = {f"q_{k}": x for k, x in enumerate(np.column_stack([POSITION, turns]).T)}
     spin = np.tile(SPIN, (len(T), 1))
     columns |= {f"v_{k}": x for k, x in enumerate(np.column_stack([BODY, spin]).T)}
     columns |= {f"u_{k}": np.sin((k + 1) * T) for k in range(len(quadrotor.joints))}

@@ -60,7 +60,7 @@ def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tupl
 
 def _same_signs(recording: Recording, layout: Layout) -> Recording:
     """A recording whose quaternions q and −q do not alternate, so that they can be interpolated."""
-    names = (layout.vehicle and layout.vehicle.quaternion) or ()
+    names = layout.quaternion
     parts = [recording.channels[name] for name in names]
     if not parts or len({len(part.values) for part in parts}) > 1:
         return recording

@@ -78,6 +78,15 @@ class Layout(NamedTuple):
             return _mixed(raw, self.coupling) + offsets
         return _twist(self.vehicle, raw + offsets, q)
 
+    @property
+    def quaternion(self) -> tuple[str, ...]:
+        """Columns of the orientation: those of the map, or of a run of ours; () without one."""
+        if self.vehicle is not None:
+            return tuple(self.vehicle.quaternion or ())
+        if len(self.positions) != len(self.velocities) + 1:
+            return ()
+        return tuple(source.column.column for source in self.positions[3:7])
+
     def u(self, raw: Array) -> Array:
         """Commands (N, n_u) from scaled sources (N, n_u)."""
         offsets = np.array([s.column.offset for s in self.commands])
