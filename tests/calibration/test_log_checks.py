@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration.data import Recordings
@@ -119,6 +120,19 @@ def test_a_velocity_that_is_something_else():
     values = columns()
     values["dq2"] = 3 * np.sin(40 * values["t"] + np.sin(7 * values["t"]))
     assert found(values) == [("refusal", "velocity_mismatch", "elbow")]
+
+
+def test_a_travel_beyond_the_limits_is_in_metres():
+    model = pin.Model()
+    parent = model.addJoint(
+        0, pin.JointModelPZ(), pin.SE3.Identity(), JOINTS[0],
+        np.array([100.0]), np.array([3.0]), np.array([0.0]), np.array([0.05]),
+    )  # fmt: skip
+    model.addJoint(parent, pin.JointModelRZ(), pin.SE3.Identity(), JOINTS[1])
+    robot = replace(two_joints(), model=model)
+    refusals = [f for f in checks(recorded(columns()), robot) if f.level == "refusal"]
+    assert [f.code for f in refusals] == ["beyond_limits"]
+    assert "the model's 0 to 0.05 m" in refusals[0].text
 
 
 def test_a_position_slightly_beyond_the_limits_is_a_warning():

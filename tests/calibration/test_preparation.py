@@ -352,12 +352,21 @@ def test_a_log_that_is_too_short_is_refused(rows):
     assert caught.value.findings[-1].code == "short_log"
 
 
+def test_a_log_in_which_nothing_moves_is_told():
+    values = columns()
+    rng = np.random.default_rng(0)
+    values |= {n: 1e-4 * rng.standard_normal(2000) for n in ("q1", "q2", "dq1", "dq2")}
+    with pytest.raises(UnusableLog, match="no joint moves faster than its noise"):
+        prepared(values)
+
+
 def test_a_channel_without_numbers_is_refused():
     values = columns()
     values["tau1"] = np.full(2000, np.nan)
     with pytest.raises(UnusableLog) as caught:
         prepared(values)
     assert caught.value.findings[-1].code == "dead_channel"
+    assert "no row has a number" in str(caught.value)
 
 
 @given(st.floats(1e-6, 1e-2), st.integers(0, 20))

@@ -227,9 +227,12 @@ def _beyond_limits(motion: Motion, robot: RobotModel) -> list[Finding]:
         q = motion.q[:, j]
         least, most = float(q.min()), float(q.max())
         data: dict[str, object] = {"range": [least, most], "limits": [low, high]}
-        reach = f"the position goes from {least:.3g} to {most:.3g} rad"
+        joint = robot.model.joints[robot.model.getJointId(name)]
+        slides = joint.shortname().startswith("JointModelP")
+        unit = "m" if slides else "rad"
+        reach = f"the position goes from {least:.3g} to {most:.3g} {unit}"
         if not np.isfinite([low, high]).all():
-            if most - least > 4 * np.pi and speeds[j] > 2 * fastest:
+            if not slides and most - least > 4 * np.pi and speeds[j] > 2 * fastest:
                 text = f"{reach}, at {speeds[j]:.3g} rad/s, which looks like degrees"
                 remedy = 'If it is, state `unit = "deg"` in map.toml.'
                 found.append(Finding("warning", "degrees", name, text, remedy, data))
@@ -238,9 +241,9 @@ def _beyond_limits(motion: Motion, robot: RobotModel) -> list[Finding]:
         width = high - low
         if excess <= 0.05 * width:
             continue
-        reach += f", beyond the model's {low:.3g} to {high:.3g} rad"
+        reach += f", beyond the model's {low:.3g} to {high:.3g} {unit}"
         fits = least / DEGREES >= low - 0.05 * width and most / DEGREES <= high + 0.05 * width
-        if most - least > 1.5 * width and fits:
+        if most - least > 1.5 * width and fits and not slides:
             remedy = 'If so, state `unit = "deg"` in map.toml; `ratio` if they are motor angles.'
             text = f"{reach}; as degrees it lies within them"
             found.append(Finding("refusal", "degrees", name, text, remedy, data))

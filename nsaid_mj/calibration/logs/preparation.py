@@ -63,7 +63,8 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
             cleaned.append((recording, found))
         else:
             few = min(found, key=lambda name: len(found[name].t))
-            text = f"only {len(found[few].t)} rows have a number"
+            count = len(found[few].t)
+            text = f"only {count} rows have a number" if count else "no row has a number"
             where = f"{recording.source}, {few}"
             remedy = "Map another column, or leave the joint out with --lock."
             findings.append(Finding("refusal", "dead_channel", where, text, remedy))
@@ -75,8 +76,11 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     for recording, found in cleaned:
         segments += _segments(recording, found, made, mapping, robot, rest, findings)
     if not segments:
-        text = f"no stretch of {SHORTEST} s has all positions and commands"
-        findings.append(Finding("refusal", "short_log", "", text, "Record a longer log."))
+        text, remedy = f"no stretch of {SHORTEST} s has all signals", "Record a longer log."
+        if any(finding.code == "rest" for finding in findings):
+            text = f"no joint moves faster than its noise for {SHORTEST} s"
+            remedy = "Record a motion; check that the columns of the positions are the right ones."
+        findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
     return Recordings(
         tuple(segments),
