@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 from pathlib import Path
 
 from ..errors import BadRun
@@ -62,3 +63,16 @@ def holds_completed_run(folder: Path) -> bool:
     except (OSError, ValueError):  # a run killed before its evaluation, or no run at all
         return False
     return isinstance(summary, dict) and summary.get("status") == "completed"
+
+
+def check_writable(folder: Path) -> None:
+    """Whether results can be written, before they are computed.
+
+    Raises:
+        BadRun: the folder is a file, lies below one, or may not be written to.
+    """
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise BadRun(existing, "it is a file, not a folder", "Give another folder with --out")
+    if not os.access(existing, os.W_OK):
+        raise BadRun(existing, "no permission to write there", "Give another folder with --out")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
 from ..resources import write_text
-from .folders import RUNS
+from .folders import RUNS, check_writable
 from .grammar import Identify
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ def identify_log(chosen: Identify) -> int:
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     folder = _folder(Path(model).stem, chosen.out, chosen.force)
+    check_writable(folder)
     from ..calibration.findings import UnusableLog
     from ..calibration.identify import identify
     from ..reporting.progress import Progress

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
+from .folders import check_writable
 from .grammar import Inspect
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ def inspect_log(chosen: Inspect) -> int:
     """Executes the command and returns the exit code: 0, or 1 if identify would refuse the log."""
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
+    check_writable(chosen.out)
     from ..calibration.logs import read_map, read_tables
     from ..calibration.logs.inspection import inspect
 

@@ -15,7 +15,8 @@ from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.precision import tempered
 from nsaid_mj.calibration.problem import without
 from nsaid_mj.calibration.result import Identification
-from nsaid_mj.errors import InvalidInput, UnknownName
+from nsaid_mj.cli.commands import command
+from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.resources import asset
 from scripts.calibration import Simulated, nominal_model
 
@@ -180,6 +181,14 @@ def test_milliamperes_are_named(simulated, tmp_path):
 def test_a_model_without_a_log_is_refused():
     with pytest.raises(InvalidInput, match="--log"):
         identify("ur5")
+
+
+@pytest.mark.parametrize("words", [("identify", "tx40"), ("inspect", "log.csv")])
+@pytest.mark.parametrize("out", ["file", "file/below"])
+def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path, words, out):
+    (tmp_path / "file").touch()
+    with pytest.raises(BadRun, match="a file, not a folder"):
+        command([*words, "--out", str(tmp_path / out)])
 
 
 def test_an_unknown_column_is_refused_with_the_known_ones():
