@@ -181,7 +181,8 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     explains the log less well; 0 for parameters that the other has not.
     """
     found = minimise(other, tempered(other, share), _start(problem, fit, other))
-    plausible = np.exp(np.mean(np.log(fit.levels / found.levels)))
+    both = (fit.levels > 0) & (found.levels > 0)  # 0 of joints that are at rest throughout
+    plausible = np.exp(np.mean(np.log(fit.levels[both] / found.levels[both])))
     index = {name: i for i, name in enumerate(other.space.names)}
     change = np.zeros(len(problem.space))
     for i, name in enumerate(problem.space.names):
@@ -206,12 +207,13 @@ def _along(problem: Problem, share: Array) -> tuple[Array, Array]:
     """
     ends = np.flatnonzero(np.diff(np.floor(problem.t / _ONLINE), append=np.inf)) + 1
     theta, start, total = problem.prior, 0, None
+    moving = problem.usable.any(axis=0)
     times, estimates = [], []
     for end in ends:
         part = tempered(problem.select(np.arange(start, end)), share)
         total = part if total is None else total + part
         start = end
-        if (total.counts > 0).all():
+        if (total.counts > 0)[moving].all():
             theta = minimise(problem, total, theta).theta
         times.append(problem.t[end - 1])
         estimates.append(theta)

@@ -117,6 +117,8 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
 def _driven_by_friction(rows: JointRows, choice: Choice, u: Array, joint: int) -> bool:
     """Whether least squares of a joint's row gives friction that accelerates."""
     usable = rows.usable[:, joint]
+    if not usable.any():
+        return False
     kinds = sorted(choice.columns[joint] & _FRICTION)
     friction = np.column_stack([rows.column(c, joint, choice)[usable] for c in kinds])
     friction = friction / np.maximum(np.sqrt(np.mean(friction**2, axis=0)), 1e-300)

@@ -106,7 +106,7 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     estimates = []
     for part in folds(problem, _PARTS):
         rest = total - tempered(problem.select(part), share)
-        if (rest.counts > 0).all():
+        if (rest.counts > 0)[total.counts > 0].all():  # some joints may be at rest throughout
             estimates.append(minimise(problem, rest, fit.theta).theta)
     apart = np.zeros((1, len(scale)))
     if len(estimates) > 1:

@@ -151,6 +151,16 @@ def test_the_estimate_along_the_log_ends_at_the_batch_estimate():
     np.testing.assert_allclose(along[-1], batch, rtol=2e-3)
 
 
+def test_a_joint_at_rest_throughout_takes_nothing_from_the_others():
+    problem = problem_of(noise=0.2)
+    usable = problem.usable.copy()
+    usable[:, 1] = False
+    problem, share = replace(problem, usable=usable), np.ones(2)
+    fit = minimise(problem, tempered(problem, share))
+    assert (np.abs(precision(problem, fit, share).parts[:, 0]) > 0).all()  # the jackknife's
+    np.testing.assert_allclose(_along(problem, share)[1][-1], fit.theta, rtol=2e-3)
+
+
 def test_white_residuals_are_not_inflated_and_correlated_ones_are():
     problem = problem_of(noise=0.2, rows=4000)
     assert (inflation(problem, TRUE) < 1.5).all()

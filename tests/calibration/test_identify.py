@@ -19,6 +19,7 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.resources import asset
 from scripts.calibration import Simulated, nominal_model
+from tests.support.robot_logs import columns, two_joints, write_csv
 
 
 @pytest.fixture(scope="module")
@@ -154,6 +155,16 @@ def test_each_fault_of_a_log_is_named(simulated, tmp_path):
             outcome(simulated, path)
         codes = {f.code for f in told.value.findings if f.level == "refusal"}
         assert code in codes, (code, codes)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_joint_at_rest_throughout_is_told_and_the_others_are_identified(tmp_path):
+    values = columns(duration=20)
+    values["q2"] = 1e-5 * np.random.default_rng(0).standard_normal(len(values["t"]))
+    del values["dq1"], values["dq2"]
+    found = identify(two_joints(), write_csv(tmp_path / "log.csv", values))
+    assert ("at_rest", "elbow") in [(f.code, f.where) for f in found.findings]
+    assert np.isfinite(found.deviation).all()
 
 
 def test_a_short_file_is_named(simulated, tmp_path):
