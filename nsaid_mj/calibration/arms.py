@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 from ..parameters import Array
 from .checks import fit_checks, reversed_commands, unit_checks
@@ -46,6 +47,8 @@ def structured_arm(
     told("filtering")
     chosen = filter_for(recordings, options.cutoff)
     rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)))
+    if robot.weightless:
+        rows.robot = robot = _weighed(robot, rows, recordings.command_units)
     gain, spread, doubts = expected_gains(robot, rows, recordings.command_units)
     rows.gain = gain
     told("choosing columns and delays")
@@ -110,6 +113,34 @@ def _others(choice: Choice) -> list[Choice]:
     return found
 
 
+def _weighed(robot: RobotModel, rows: JointRows, units: tuple[str, ...]) -> RobotModel:
+    """A robot without masses, its guessed inertias scaled to the forces that the log states."""
+    torque, u = _sizes(robot, rows)
+    stated = np.array([unit in ("N·m", "N") for unit in units])
+    if not (stated & (torque > 0)).any():
+        return robot
+    needed = np.abs(robot.gain[stated]) * u[stated]
+    ratio = float(np.linalg.norm(needed) / np.linalg.norm(torque[stated]))
+    model = pin.Model(robot.model)
+    for i in range(1, model.njoints):
+        own = model.inertias[i]
+        model.inertias[i] = pin.Inertia(ratio * own.mass, own.lever, ratio * own.inertia)
+    return replace(robot, model=model)
+
+
+def _sizes(robot: RobotModel, rows: JointRows) -> tuple[Array, Array]:
+    """(k,) rms of the forces of the model's inertias and weight, and (k,) of the commands."""
+    inertial = np.concatenate(
+        [robot.model.inertias[i].toDynamicParameters() for i in range(1, robot.model.njoints)]
+    )
+    counts = np.maximum(rows.usable.sum(axis=0), 1)
+
+    def rms(x: Array) -> Array:
+        return np.sqrt(np.sum((x * rows.usable) ** 2, axis=0) / counts)
+
+    return rms(rows.links @ inertial), rms(rows.commands(np.zeros(len(robot.joints))))
+
+
 def expected_gains(
     robot: RobotModel, rows: JointRows, units: tuple[str, ...]
 ) -> tuple[Array, Array, list[Finding]]:
@@ -119,15 +150,7 @@ def expected_gains(
     guessed from the torque that the model's inertias need for the motion; as a wrist's friction may
     be far larger than that, no joint's guess is below a tenth of the largest.
     """
-    inertial = np.concatenate(
-        [robot.model.inertias[i].toDynamicParameters() for i in range(1, robot.model.njoints)]
-    )
-    counts = np.maximum(rows.usable.sum(axis=0), 1)
-
-    def rms(x: Array) -> Array:
-        return np.sqrt(np.sum((x * rows.usable) ** 2, axis=0) / counts)
-
-    torque, u = rms(rows.links @ inertial), rms(rows.commands(np.zeros(len(robot.joints))))
+    torque, u = _sizes(robot, rows)
     guess = torque / np.maximum(u, 1e-12)
     guess = np.maximum(guess, _WEAKER * guess.max())
     stated = np.array([unit in ("N·m", "N") for unit in units])

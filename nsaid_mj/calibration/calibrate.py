@@ -21,11 +21,12 @@ from .precision import inflation, precision, tempered
 from .problem import Problem, folds, without
 from .result import Curves, Identification, JointFit
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
-from .structure import Options, Structured
+from .structure import Options
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
 _TRUSTED = 0.3  # standard deviation of log k up to which commands anchor the scale of θ
+_UNSCALED = 3.0  # standard deviation of the logarithm of a scale that is a mere guess
 _ONLINE = 0.5  # seconds between the steps of an estimate along the log
 _DEFAULT = Options()
 _LEVELS = ("refusal", "warning", "note")
@@ -67,15 +68,20 @@ def calibrate(
     found += made.findings
     _refuse(found)
     told("fitting")
-    problem = with_known(made.problem, known)
+    problems = [made.problem, *made.alternatives]
+    if robot.weightless:
+        problems = [_rescaled(each, known) for each in problems]
+    problem, *others = (with_known(each, known) for each in problems)
     fit, share = tempered_fit(problem)
     at = problem.space.actuators
     told("estimating intervals")
     exact = precision(problem, fit, share)
-    others = [with_known(other, known) for other in made.alternatives]
     if others:
         changes = np.array([_change(problem, fit, other, share) for other in others])
         exact = exact._replace(structure=changes)
+    stated = bool((made.spread < _TRUSTED).all())
+    if robot.weightless and not stated and not problem.known[at].any():
+        exact = exact._replace(structure=np.vstack([exact.structure, _UNSCALED * exact.theta]))
     told("predicting held-out parts")
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
@@ -106,7 +112,7 @@ def calibrate(
         joints,
         parameters,
         combinations_in_words(problem, fit, exact),
-        _anchor(known, made),
+        _anchor(known, stated, robot.weightless),
         suggest(problem, exact, parameters),
         tuple(sorted(found, key=lambda f: _LEVELS.index(f.level))),
         fit.theta,
@@ -144,6 +150,18 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
             prior[place] *= value / prior[index]  # the whole link grows, and stays physical
         prior[index], fixed[index] = value, True
     return replace(problem, prior=prior, known=fixed)
+
+
+def _rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
+    """The problem of a model without masses, its arbitrary scale moved to that of known values."""
+    given = with_known(problem, known).prior
+    at = np.flatnonzero((given != problem.prior) & (given > 0) & (problem.prior > 0))
+    if not len(at):
+        return problem
+    factor = float(np.exp(np.mean(np.log(given[at] / problem.prior[at]))))
+    free = np.concatenate([np.full(len(b), b.geometry == "free") for b in problem.space.blocks])
+    spread = np.where(free, factor * problem.spread, problem.spread)
+    return replace(problem, prior=factor * problem.prior, spread=spread)
 
 
 def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
@@ -233,12 +251,15 @@ def _curves(problem: Problem, theta: Array) -> Curves:
     return Curves(problem.t, problem.segment, measured, predicted, problem.usable)
 
 
-def _anchor(known: Mapping[str, float], made: Structured) -> str:
+def _anchor(known: Mapping[str, float], stated: bool, weightless: bool) -> str:
     """What fixes the common scale of θ."""
     if known:
         return "the known " + ", ".join(f"{name} = {value:g}" for name, value in known.items())
-    if (made.spread < _TRUSTED).all():
-        return "commands stated in N·m or N (±15 %) and the inertias of the model file"
+    if stated:
+        masses = "" if weightless else " and the inertias of the model file"
+        return f"commands stated in N·m or N (±15 %){masses}"
+    if weightless:
+        return "nothing, the model file has no masses: only ratios of parameters hold"
     return "the inertias of the model file: one weighed link or one calibrated gain would fix it"
 
 

@@ -88,3 +88,8 @@ class RobotModel:
     prior: Array | None = None
     findings: tuple[Finding, ...] = ()
     visuals: Any = None
+
+    @property
+    def weightless(self) -> bool:
+        """Whether the model file has no masses, so that all inertias are guesses."""
+        return any(finding.code == "no_masses" for finding in self.findings)

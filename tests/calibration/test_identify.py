@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import nsaid_mj as ns
@@ -155,6 +156,41 @@ def test_each_fault_of_a_log_is_named(simulated, tmp_path):
             outcome(simulated, path)
         codes = {f.code for f in told.value.findings if f.level == "refusal"}
         assert code in codes, (code, codes)
+
+
+def massless(folder: Path) -> tuple[str, dict[str, np.ndarray]]:
+    """The path of a URDF without <inertial>, and a log with gains 1 and 2."""
+    text = '<robot name="light"><link name="base"/>'
+    for parent, name in (("base", "shoulder"), ("shoulder_link", "elbow")):
+        text += (f'<link name="{name}_link"/><joint name="{name}" type="revolute">'
+                 f'<parent link="{parent}"/><child link="{name}_link"/><origin xyz="0.4 0 0"/>'
+                 '<axis xyz="0 -1 0"/><limit lower="-3" upper="3" effort="99" velocity="9"/>'
+                 "</joint>")  # fmt: skip
+    (folder / "light.urdf").write_text(text + "</robot>")
+    values = columns(duration=20)
+    model = two_joints().model
+    q, v = (np.column_stack([values[f"{n}{k}"] for k in (1, 2)]) for n in ("q", "dq"))
+    a, data = np.gradient(v, values["t"], axis=0), model.createData()
+    force = np.array([pin.rnea(model, data, *row) for row in zip(q, v, a, strict=True)])
+    force = force + v + 0.5 * np.tanh(v / 0.02)
+    return str(folder / "light.urdf"), values | {"tau1": force[:, 0], "tau2": force[:, 1] / 2}
+
+
+def test_a_model_without_masses_gives_ratios_only_until_a_gain_is_known(tmp_path):
+    model, values = massless(tmp_path)
+    log = write_csv(tmp_path / "log.csv", values)
+    free = identify(model, log)
+    assert "no_masses" in {f.code for f in free.findings} and "only ratios" in free.anchor
+    assert all(gain.high > 100 * gain.low for gain in free.of("motor gain"))
+    one, other = identify(model, log, known={"gain_1": 1.0}).of("motor gain")
+    assert one.value == 1.0 and other.low < 2.0 < other.high and other.high < 4.0
+
+
+def test_commands_in_newton_metres_fix_the_scale_of_a_model_without_masses(tmp_path):
+    model, values = massless(tmp_path)
+    values["tau1 [Nm]"], values["tau2 [Nm]"] = values.pop("tau1"), 2 * values.pop("tau2")
+    found = identify(model, write_csv(tmp_path / "log.csv", values))
+    assert all(gain.low < 1.0 < gain.high and gain.high < 2.0 for gain in found.of("motor gain"))
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")

@@ -52,16 +52,18 @@ def moved_inside(mass: float, inertia: Array, size: float) -> Array:
 def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
     """Moves a model's unphysical inertias inside the cone, in place.
 
-    A massless link gets a thousandth of the robot's mass, at its joint.
+    A massless link gets a thousandth of the robot's mass, at its joint; if no link has a mass, each
+    gets one that is spread over the length of the longest.
 
     Args:
         model: any tree of joints.
         names: of the links, one for each joint.
 
     Returns:
-        A warning for each inertia that was changed.
+        A warning for each inertia that was changed, and one, `no_masses`, if no link has a mass.
     """
     findings, total = [], sum(max(inertia.mass, 0.0) for inertia in list(model.inertias)[1:])
+    reach = max((_size(model, i) for i in range(1, model.njoints)), default=0.0)
     for i in range(1, model.njoints):
         before = pin.Inertia(model.inertias[i])  # a copy, not a view
         if is_physical(before.mass, before.inertia):
@@ -70,10 +72,16 @@ def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
             mass, lever = before.mass, before.lever
             about = moved_inside(mass, before.inertia, _size(model, i))
         else:
-            mass, lever = _LIGHTNESS * total if total > 0 else _UNKNOWN_MASS, np.zeros(3)
+            mass, lever = _LIGHTNESS * total, np.zeros(3)
             about = moved_inside(mass, np.zeros((3, 3)), _size(model, i))
+            if not total > 0:
+                mass, about = _UNKNOWN_MASS, 2 * _UNKNOWN_MASS * (0.5 * reach) ** 2 * np.eye(3)
         after = model.inertias[i] = pin.Inertia(mass, lever, about)
         findings.append(moved(names[i - 1], (before.mass, before.inertia), (mass, after.inertia)))
+    if not total > 0:
+        text = "no moving link has a mass: all inertias are guesses, and their scale is arbitrary"
+        remedy = "Add <inertial> to the model file, or give a gain with --known."
+        findings.append(Finding("warning", "no_masses", "", text, remedy))
     return findings
 
 
