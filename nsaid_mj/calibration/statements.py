@@ -180,7 +180,11 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
     C = exact.covariance
     value = np.array([p.value for p in parameters])
     variance = np.diag(C)[free] / value[free] ** 2
-    masses = [i for i, p in enumerate(parameters) if p.unit == "kg" and p.status != "not excited"]
+    masses = [
+        i
+        for i, p in enumerate(parameters)
+        if p.unit == "kg" and p.block != "rotor inertia" and p.status != "not excited"
+    ]
     best, gained = None, 0.0
     for i in [*free.tolist(), *masses]:
         if not C[i, i] > 0:

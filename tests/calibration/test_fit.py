@@ -12,6 +12,7 @@ from nsaid_mj.calibration.fit import Prior, _derivatives, cost_of, gramians, min
 from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.precision import combinations, inflation, precision, tempered
 from nsaid_mj.calibration.problem import Problem, folds, without
+from nsaid_mj.calibration.statements import parameters_in_words, suggest
 from nsaid_mj.errors import InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.parameters import Block, ParameterSpace
 
@@ -159,6 +160,17 @@ def test_a_joint_at_rest_throughout_takes_nothing_from_the_others():
     fit = minimise(problem, tempered(problem, share))
     assert (np.abs(precision(problem, fit, share).parts[:, 0]) > 0).all()  # the jackknife's
     np.testing.assert_allclose(_along(problem, share)[1][-1], fit.theta, rtol=2e-3)
+
+
+def test_the_rotor_of_a_sliding_joint_is_not_suggested_to_be_weighed():
+    problem = problem_of(noise=0.2)
+    rotor, *others = problem.space.blocks
+    space = ParameterSpace((replace(rotor, units=("kg", "kg")), *others))
+    problem, share = replace(problem, space=space), np.ones(2)
+    fit = minimise(problem)
+    exact = precision(problem, fit, share)
+    parameters = parameters_in_words(problem, fit, exact, np.full(2, 0.3))
+    assert "rotor" not in suggest(problem, exact, parameters)
 
 
 def test_white_residuals_are_not_inflated_and_correlated_ones_are():
