@@ -16,6 +16,7 @@ from .selection import held_out_errors, joint_columns
 
 _SWAPPED = 0.7  # ratio of held-out errors below which another command fits a joint better
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
+_NOTHING = 0.9  # NRMSE above which a command has hardly to do with the motion, whatever its sign
 _LIKELIER = 10.0  # fall of the cost that convicts a reversed command
 _UNIT = 20.0  # ratio of stated to needed forces that suggests another unit
 _FRICTION = frozenset({"viscous", "coulomb", "load", "quadratic", "cubic"})
@@ -98,8 +99,10 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
         at = problem.space.actuators[j]
         Y = problem.Y.copy()
         Y[:, :, at] *= -1
-        other = minimise(replace(problem, Y=Y)).cost
-        if other < own - _LIKELIER:
+        turned = replace(problem, Y=Y)
+        fit = minimise(turned)
+        explained = turned.nrmse(fit.theta)[j] < _NOTHING
+        if explained and fit.cost < own - _LIKELIER:
             findings.append(
                 Finding(
                     "refusal",
@@ -108,7 +111,7 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
                     "friction would drive the motion: the command seems to be reversed (it fits "
                     "with −u)",
                     f"Set `sign = -1` for the command of {names[j]} in the map.",
-                    {"cost": own, "cost_reversed": other},
+                    {"cost": own, "cost_reversed": fit.cost},
                 )
             )
     return findings

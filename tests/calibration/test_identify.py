@@ -203,6 +203,14 @@ def test_a_joint_at_rest_throughout_is_told_and_the_others_are_identified(tmp_pa
     assert np.isfinite(found.deviation).all()
 
 
+def test_noise_is_no_reversed_command(tmp_path):
+    values = columns(duration=20)
+    rng = np.random.default_rng(7)
+    values |= {f"tau{k}": rng.standard_normal(len(values["t"])) for k in (1, 2)}
+    found = identify(two_joints(), write_csv(tmp_path / "log.csv", values))
+    assert found.explains == "no"
+
+
 def test_a_short_file_is_named(simulated, tmp_path):
     path = simulated.write(tmp_path / "log.csv")
     lines = path.read_text().splitlines()
