@@ -2,8 +2,8 @@
 
     python scripts/tx40.py
 
-Three fifths of the moving part of the Stäubli TX40's log (last, first, middle) are held out in turn.
-Prints the NRMSE of every joint, and its ratio to weighted least squares on the same rows.
+Three fifths of the moving part of the Stäubli TX40's log (last, first, middle) are held out in
+turn. Prints the NRMSE of every joint, and its ratio to weighted least squares on the same rows.
 """
 
 from __future__ import annotations

@@ -96,6 +96,7 @@ def test_free_gains_of_the_real_arm_hold_in_their_intervals_or_are_flagged(tx40)
         assert gain.value == pytest.approx(np.mean([g.value for g in gains[:3]]), rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_estimate_along_the_real_log_ends_where_the_batch_does(tx40):
     along = identify("tx40", online=True)
     assert along.history is not None
@@ -223,7 +224,8 @@ def test_a_short_file_is_named(simulated, tmp_path):
 def test_milliamperes_are_named(simulated, tmp_path):
     """Refused where the column states another unit; else gains are per unit of the column."""
     path = simulated.write(tmp_path / "log.csv", u=simulated.u * 1000)
-    assert "milliamps" in {f.code for f in outcome(simulated, path).findings}
+    found = outcome(simulated, path, columns=["viscous"], delay=0.0)
+    assert "milliamps" in {f.code for f in found.findings}
     path.write_text(path.read_text().replace("_current", "_torque_Nm"))
     with pytest.raises(ns.UnusableLog) as told:
         outcome(simulated, path)
