@@ -62,6 +62,8 @@ def calibrate(
     """
     begin, known = time.perf_counter(), known or {}
     found = [*robot.findings, *recordings.findings, *findings]
+    if validation is not None:
+        found += [f for f in validation.findings if f not in found]
     _refuse(found)
     build = structured_arm if robot.system is None else structured_vehicle
     made = build(robot, recordings, validation, options, told)
@@ -85,7 +87,11 @@ def calibrate(
     told("predicting held-out parts")
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
-    found += structure_checks(names, held_out)
+    unexplained = structure_checks(names, held_out)
+    found += unexplained
+    if unexplained:
+        doubted = _doubted(problem, [f.where for f in unexplained], robot.system is None)
+        exact = exact._replace(structure=np.vstack([exact.structure, exact.theta * doubted]))
     ls, nrmse = least_squares(problem, fit.theta[at]), problem.nrmse(fit.theta)
     checked = made.checked
     joints = tuple(
@@ -113,7 +119,7 @@ def calibrate(
         parameters,
         combinations_in_words(problem, fit, exact),
         _anchor(known, stated, robot.weightless),
-        suggest(problem, exact, parameters),
+        "" if explains == "no" else suggest(problem, exact, parameters),
         tuple(sorted(found, key=lambda f: _LEVELS.index(f.level))),
         fit.theta,
         exact.deviation,
@@ -125,6 +131,18 @@ def calibrate(
         made.cutoff,
         time.perf_counter() - begin,
     )
+
+
+def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
+    """(p,) 1 at parameters of velocities that the structure does not explain, else 0.
+
+    Their intervals are widened by their own size. On a vehicle every parameter acts on several
+    velocities, so that all are doubted.
+    """
+    if not arm:
+        return np.ones(len(problem.space))
+    own = [any(label.endswith(f" of {n}") for n in names) for label in problem.space.labels]
+    return np.array(own, dtype=np.float64)
 
 
 def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:

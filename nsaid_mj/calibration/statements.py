@@ -155,6 +155,9 @@ def verdict(joints: tuple[JointFit, ...]) -> tuple[Explains, str]:
         f"held-out NRMSE {np.nanmin(values):.3f} to {np.nanmax(values):.3f}, where 1 is what "
         "predicting the mean has"
     )
+    checked = [j.validation for j in joints if j.validation is not None]
+    if np.isfinite(checked).any():
+        figures += f"; on the validation log {np.nanmin(checked):.3f} to {np.nanmax(checked):.3f}"
     n = len(joints)
     if not (values < _FAIR).all():
         poor = [j.name for j in joints if not j.held_out < _FAIR]

@@ -257,3 +257,27 @@ def test_an_unknown_column_is_refused_with_the_known_ones():
 def test_delays_that_cannot_be_are_refused(delay):
     with pytest.raises(InvalidInput, match="delay"):
         identify("tx40", delay=delay)
+
+
+def test_parameters_of_a_joint_that_is_not_explained_have_wide_intervals(simulated, tmp_path):
+    """A command that is noise explains nothing, whatever a fit makes of it."""
+    rng = np.random.default_rng(0)
+    u = simulated.u.copy()
+    u[:, 3] = rng.standard_normal(len(u)) * u[:, 3].std()
+    found = outcome(simulated, simulated.write(tmp_path / "log.csv", u=u))
+    assert found.joints[3].held_out > 0.5 and found.explains != "yes"
+    assert simulated.joints[3] in found.verdict
+    gain = found.of("motor gain")[3]
+    assert gain.status != "identified" and gain.high / gain.low > 10
+
+
+def test_a_validation_log_is_predicted_and_stated(simulated, tmp_path):
+    path = simulated.write(tmp_path / "log.csv")
+    lines = path.read_text().splitlines()
+    first, last = tmp_path / "first.csv", tmp_path / "last.csv"
+    first.write_text("\n".join(lines[:6000]) + "\n")
+    last.write_text("\n".join([lines[0], *lines[6000:]]) + "\n")
+    found = outcome(simulated, first, validate=last, columns=["viscous"], delay=0.016)
+    assert "on the validation log" in found.verdict
+    for joint in found.joints:
+        assert joint.validation is not None and joint.validation < 0.2
