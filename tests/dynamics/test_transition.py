@@ -37,7 +37,9 @@ class Stepper:
         return self.end[0].copy(), self.end[1].copy(), F
 
 
-@pytest.mark.parametrize("name", [*FAMILIES, *CARRIERS])
+@pytest.mark.parametrize(
+    "name", [*FAMILIES, *(pytest.param(name, marks=pytest.mark.slow) for name in CARRIERS)]
+)
 def test_a_step_under_the_true_parameters_follows_the_plant(name: str) -> None:
     made, step = setup(name), Stepper(name)
     with made.plant.running():

@@ -31,6 +31,7 @@ def memorised(name: str, folder, **changes) -> dict[str, Any]:
 
 
 VEHICLES = ["scalar_rov", "bluerov2", "remus100", "astrobee", "f1tenth", "bmw320i"]
+TWINS = ("astrobee", "bmw320i")  # of a family that another vehicle tests
 LONG = [
     ("hummingbird", 30.0),
     ("crazyflie", 30.0),
@@ -43,7 +44,8 @@ LONG = [
 @pytest.mark.parametrize(
     "name,seconds",
     [
-        *((name, 30.0) for name in VEHICLES),
+        *((name, 30.0) for name in VEHICLES if name not in TWINS),
+        *(pytest.param(name, 30.0, marks=pytest.mark.slow) for name in TWINS),
         *(pytest.param(name, seconds, marks=pytest.mark.slow) for name, seconds in LONG),
     ],
 )

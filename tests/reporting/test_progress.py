@@ -16,6 +16,7 @@ from tests.support.faulty import call
 ROV = replace(load("scalar_rov"), duration=1.0)
 
 
+@pytest.mark.slow  # it compiles into an empty cache
 def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path: Path):
     words = ("run", "scalar_rov", "--duration", "0.4", "--law", "memory", "--out")  # no misfit
     cache = str(tmp_path / "cache")
@@ -31,6 +32,7 @@ def test_a_first_run_says_once_that_it_compiles_and_the_second_does_not(tmp_path
     assert all(np.array_equal(a[column], b[column]) for column in a.columns)
 
 
+@pytest.mark.slow
 def test_quiet_says_nothing_of_compiling(tmp_path: Path):
     words = ("run", "scalar_rov", "--duration", "0.5", "--quiet", "--out", tmp_path / "run")
     told = call(*words, cwd=tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
