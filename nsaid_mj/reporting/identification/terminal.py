@@ -100,7 +100,9 @@ def _print_gains(console: Console, result: Identification) -> None:
     wide = console.width >= _WIDE
     names = [words.of_joint(p) for p in gains]
     names = names if len(set(names)) == len(names) else [p.label for p in gains]
-    table = _table("gains", "estimate", "95 % interval", "relative", *(["before"] * wide))
+    apart = wide or all(_told(p) for p in gains)  # beside the longest status there is no room
+    heads = ["estimate", "95 % interval", *(["relative"] * apart), *(["before"] * wide)]
+    table = _table("gains", *heads)
     table.add_column("\nunit", no_wrap=True)
     table.add_column("\nstatus", no_wrap=True)
     for name, p in zip(names[:_GAINS], gains, strict=False):
@@ -110,7 +112,7 @@ def _print_gains(console: Console, result: Identification) -> None:
             f"  {escape(name)}",
             value,
             words.ABSENT if p.status == "known" else interval,
-            words.relative(p),
+            *([words.relative(p)] * apart),
             *([words.number(p.prior)] * wide),
             escape(p.unit),
             f"[{mark.colour}]{mark.glyph} {p.status}[/]",
