@@ -22,8 +22,7 @@ from .structure import Options, Structured, Velocity
 _STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
 # losses of gears), of one in unknown units, of a gain from the model file
-_DOUBT = 4.0  # deviations by which delays are shifted to see what depends on them: residuals are
-# correlated, so that the stated deviation is half of the honest one
+_DOUBT = 4.0  # formal deviations of the delays that count as one: residuals are correlated
 _NARROWER = 0.6  # another plausible cut-off over the chosen one
 _WEAKER = 0.1  # least guess of a joint's gain over the largest
 

@@ -65,9 +65,9 @@ def identify(
         UnusableLog: a fault of the log, such as a reversed or dead channel; it lists all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
-    logs, mapping = _files(model, _listed(logs), mapping)
     told("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
+    logs, mapping = _files(model, _listed(logs), mapping)
     chosen = read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
     told("reading the log")
     recordings = _recordings(logs, chosen, robot)
@@ -107,16 +107,18 @@ def _recordings(files: list[Path], mapping: Map | None, robot: RobotModel) -> Re
     return checked(prepare(read_tables(files, mapping), mapping, robot), robot)
 
 
-def _coupled(mapping: Map | None) -> tuple[tuple[int, int], ...]:
-    """Pairs of joints that the map couples."""
+def _coupled(mapping: Map | None) -> tuple[tuple[int, int, int], ...]:
+    """Pairs (i, j, ±1) of joints that a map couples: a motor turns by the sum or the difference."""
     if mapping is None:
         return ()
-    pairs: set[tuple[int, int]] = set()
-    for matrix in (mapping.coupling.position, mapping.coupling.torque):
-        if matrix is not None:
-            A = np.asarray(matrix, dtype=np.float64)
-            pairs |= {(int(min(i, j)), int(max(i, j))) for i, j in np.argwhere(A) if i != j}
-    return tuple(sorted(pairs))
+    pairs: dict[tuple[int, int], int] = {}
+    torque, position = mapping.coupling.torque, mapping.coupling.position
+    for A in (np.array(torque or ()).T, np.array(position or ())):  # row: a motor's rate
+        for row, column in np.argwhere(A).tolist():
+            if row != column:
+                side = -1 if A[row, column] * A[row, row] < 0 else 1
+                pairs[min(row, column), max(row, column)] = side
+    return tuple((i, j, side) for (i, j), side in sorted(pairs.items()))
 
 
 def _columns(columns: Sequence[str] | None, robot: RobotModel) -> frozenset[str] | None:

@@ -18,9 +18,11 @@ import pinocchio as pin
 import scipy.optimize
 
 from ..parameters import Array, Block, Indices, ParameterSpace
+from ..plants.arm import extent
 from ..systems.joints import body_names
 from ..systems.multibody import link_block
 from .data import Recordings, RobotModel
+from .logs.signals import noise
 from .problem import Mask, Problem
 from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
 
@@ -57,8 +59,8 @@ COLUMNS = {
 torque|, quadratic v|v|, cubic v³, offset 1."""
 
 COUPLINGS = ("inertia", "viscous", "coulomb")
-"""Columns of two coupled joints i, j: one motor part moves with both. Rows i and j have v̇_j and
-v̇_i, v_j and v_i, tanh((v_i + v_j)/s) twice."""
+"""Columns of coupled joints i, j: the motor of one turns by v_i ± v_j. Rows i and j have v̇_j and
+v̇_i, v_j and v_i, tanh((v_i ± v_j)/s) and ± the same."""
 
 BASIC = frozenset({"rotor", "viscous", "coulomb"})
 
@@ -71,13 +73,13 @@ class Choice:
         columns: for each joint, names of `COLUMNS`.
         speed: for each joint, index of its s in `SPEEDS`.
         delay: (k,) delay of each command [s].
-        coupled: pairs of coupled joints.
+        coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
     """
 
     columns: tuple[frozenset[str], ...]
     speed: tuple[int, ...]
     delay: Array
-    coupled: tuple[tuple[int, int], ...] = ()
+    coupled: tuple[tuple[int, int, int], ...] = ()
 
     def at(self, joint: int, *, add: str | None = None, speed: int | None = None) -> Choice:
         """A copy with another column or speed at one joint."""
@@ -103,7 +105,6 @@ class JointRows:
         links: (N, n, 10 b) columns of the links.
         diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb" and "load"
             have a further leading axis for `SPEEDS`.
-        sums: (S, N, n − 1) tanh((v_j + v_{j+1})/s) of neighbouring joints.
         usable: (N, n) whether a row may be used.
         t: (N,) times of the rows [s].
         segment: (N,) number of the segment of each row.
@@ -115,7 +116,6 @@ class JointRows:
     gain: Array
     links: Array = field(init=False)
     diagonal: dict[str, Array] = field(init=False)
-    sums: Array = field(init=False)
     usable: Mask = field(init=False)
     t: Array = field(init=False)
     segment: Indices = field(init=False)
@@ -145,9 +145,6 @@ class JointRows:
         }
         self.diagonal["coulomb"] = np.stack(
             [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
-        )
-        self.sums = np.stack(
-            [joined(lambda m, s=s: np.tanh((m.v[:, :-1] + m.v[:, 1:]) / s)) for s in SPEEDS]
         )
         self._joined = joined
         self.reweigh(None)
@@ -215,10 +212,10 @@ class JointRows:
             Y.append(entries)
             prior.append(start)
             spread.append(guess if column.geometry == "free" else np.full(len(joints), _WIDE))
-        for i, j in choice.coupled:
-            entries, block, size = self._coupling(i, j, choice)
+        for i, j, sign in choice.coupled:
+            entries, block, size = self._coupling(i, j, sign, choice)
             guess = 0.1 * np.sqrt(force[i] * force[j]) / np.maximum(size, 1e-9)
-            blocks.append(replace_scale(block, guess))
+            blocks.append(replace(block, scale=guess))
             Y.append(entries)
             prior.append(np.zeros(3))
             spread.append(10 * guess)
@@ -240,14 +237,19 @@ class JointRows:
             np.zeros(len(space), dtype=bool),
         )
 
-    def _coupling(self, i: int, j: int, choice: Choice) -> tuple[Array, Block, Array]:
+    def slip(self, i: int, j: int, sign: int, speed: int) -> Array:
+        """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
+        s = SPEEDS[speed]
+        return self._joined(lambda m: np.tanh((m.v[:, [i]] + sign * m.v[:, [j]]) / s))[:, 0]
+
+    def _coupling(self, i: int, j: int, sign: int, choice: Choice) -> tuple[Array, Block, Array]:
         """(N, n, 3) columns of the coupling of joints i and j, their block and their rms."""
-        speed = choice.speed[j]
+        slip = self.slip(i, j, sign, choice.speed[j])
         entries = np.zeros((len(self.t), len(self.robot.joints), 3))
-        for one, other in ((i, j), (j, i)):
+        for one, other, side in ((i, j, 1), (j, i, sign)):
             entries[:, one, 0] = self.diagonal["rotor"][:, other]
             entries[:, one, 1] = self.diagonal["viscous"][:, other]
-            entries[:, one, 2] = self.sums[speed][:, min(i, j)]
+            entries[:, one, 2] = side * slip
         names = self.robot.joints
         pair = f"{names[i]} and {names[j]}"
         block = Block(
@@ -305,13 +307,9 @@ def differentiates(recordings: Recordings, cutoff: float) -> bool:
     log = max(recordings.segments, key=lambda s: len(s.log.t)).log
     if log.q.shape[1] != log.v.shape[1]:
         return False
-    derivative = _noise(log.q) * 2 * np.pi * cutoff / np.sqrt(3)
-    return bool(np.median(derivative) <= 3 * np.median(_noise(log.v)) + 1e-12)
-
-
-def _noise(x: Array) -> Array:
-    """(k,) standard deviation of the white noise of x (N, k), from its fourth differences."""
-    return np.sqrt(np.mean(np.diff(x, 4, axis=0) ** 2, axis=0) / 70.0)
+    positions, velocities = ([noise(x) for x in part.T] for part in (log.q, log.v))
+    derivative = np.median(positions) * 2 * np.pi * cutoff / np.sqrt(3)
+    return bool(derivative <= 3 * np.median(velocities) + 1e-12)
 
 
 def _rms(x: Array, usable: Mask) -> Array:
@@ -363,9 +361,8 @@ def _link_blocks(model: pin.Model) -> list[Block]:
     names, blocks = body_names(model), []
     for i in range(1, model.njoints):
         inertia = model.inertias[i]
-        about = np.trace(inertia.inertia) + 2 * inertia.mass * inertia.lever @ inertia.lever
-        length = float(np.sqrt(about / (2 * inertia.mass)))
-        blocks.append(link_block(i, names[i - 1], float(inertia.mass), max(length, 1e-3)))
+        length = max(extent(inertia), 1e-3)
+        blocks.append(link_block(i, names[i - 1], float(inertia.mass), length))
     return blocks
 
 
@@ -395,8 +392,3 @@ def _gain_block(
         True,
         labels=tuple(f"gain of {name}" for name in names),
     )
-
-
-def replace_scale(block: Block, scale: Array) -> Block:
-    """The block with another scale."""
-    return replace(block, scale=scale)

@@ -31,7 +31,7 @@ _LOADED = 0.15  # share of the actuator's force that a joint's weight needs for 
 
 def choose(
     rows: JointRows,
-    coupled: tuple[tuple[int, int], ...] = (),
+    coupled: tuple[tuple[int, int, int], ...] = (),
     delay: Array | None = None,
     columns: frozenset[str] | None = None,
 ) -> tuple[Choice, list[Finding]]:
@@ -39,7 +39,7 @@ def choose(
 
     Args:
         rows: candidate columns of the training log.
-        coupled: pairs of coupled joints.
+        coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
         delay: (k,) known delays [s]; None to search for them.
         columns: names of the columns to use on all joints; None to choose.
 
@@ -121,13 +121,13 @@ def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
     """(N, c) all columns of a joint's own row, each over its rms."""
     columns = [rows.links[:, joint]]
     columns += [rows.column(name, joint, choice)[:, None] for name in sorted(choice.columns[joint])]
-    for pair in choice.coupled:
-        if joint in pair:
-            other = pair[0] if joint == pair[1] else pair[1]
+    for i, j, sign in choice.coupled:
+        if joint in (i, j):
+            other = i if joint == j else j
             columns += [
                 rows.diagonal["rotor"][:, other, None],
                 rows.diagonal["viscous"][:, other, None],
-                rows.sums[choice.speed[pair[1]]][:, min(pair), None],
+                rows.slip(i, j, sign, choice.speed[j])[:, None],
             ]
     X = np.hstack(columns)
     size = np.sqrt(np.mean(X**2, axis=0))

@@ -17,13 +17,13 @@ class Options:
     Attributes:
         columns: friction columns of all joints, names of `joints.COLUMNS`; None to choose them by
             folds inside the log.
-        coupled: pairs of coupled joints, by number.
+        coupled: pairs (i, j, ±1) of joints, by number, whose motor turns by v_i ± v_j.
         delay: (k,) delays of the commands [s]; None to search for them.
         cutoff: of the rows' filter [Hz]; None for the bandwidth of the motion.
     """
 
     columns: frozenset[str] | None = None
-    coupled: tuple[tuple[int, int], ...] = ()
+    coupled: tuple[tuple[int, int, int], ...] = ()
     delay: Array | None = None
     cutoff: float | None = None
 

@@ -1,7 +1,6 @@
 """`identify` on a real arm's log, and on simulated logs with the faults that real ones have."""
 
-import csv
-import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,17 +8,20 @@ import pinocchio as pin
 import pytest
 
 import nsaid_mj as ns
-from nsaid_mj.calibration.calibrate import tempered_fit
+from nsaid_mj.calibration.calibrate import calibrate, tempered_fit
 from nsaid_mj.calibration.fit import minimise
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import _coupled, identify
 from nsaid_mj.calibration.least_squares import least_squares
+from nsaid_mj.calibration.logs import Map, prepare, read_tables
+from nsaid_mj.calibration.logs.mapping import Coupling
 from nsaid_mj.calibration.precision import tempered
 from nsaid_mj.calibration.problem import without
 from nsaid_mj.calibration.result import Identification
+from nsaid_mj.calibration.structure import Options
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
-from nsaid_mj.resources import asset
 from scripts.calibration import Simulated, nominal_model
+from scripts.tx40 import essential
 from tests.support.robot_logs import columns, two_joints, write_csv
 
 
@@ -38,10 +40,9 @@ def test_the_structure_explains_the_real_log(tx40):
 def test_three_folds_of_the_real_log_are_predicted_as_well_as_by_least_squares(tx40, monkeypatch):
     """At most 1.05 of weighted least squares in 15 of 18 joint-folds, 1.1 in all."""
     problems = []
-    from nsaid_mj.calibration import calibrate
-
     monkeypatch.setattr(
-        calibrate, "tempered_fit", lambda p: (problems.append(p), tempered_fit(p))[1]
+        "nsaid_mj.calibration.calibrate.tempered_fit",
+        lambda p: (problems.append(p), tempered_fit(p))[1],
     )
     identify("tx40")
     problem = problems[0]
@@ -58,32 +59,8 @@ def test_three_folds_of_the_real_log_are_predicted_as_well_as_by_least_squares(t
 
 def test_published_essential_parameters_of_the_real_arm_are_found():
     """Gears given: within three published deviations or 10 %, over fv1, at least 20 of 24."""
-    found = identify(
-        "tx40", known={f"gain_{i}": 1.0 for i in range(1, 7)}, columns=["viscous"], delay=0.0
-    )
-    values = {p.name: p.value for p in found.parameters}
-    ours = {"m": "m", "mx": "hx", "my": "hy", "mz": "hz", "Ia": "rotor", "fv": "viscous",
-            "fs": "coulomb"}  # fmt: skip
-
-    def value(name: str) -> float:
-        if name in ("fvm6", "fsm6"):
-            return values[{"fvm6": "coupling_viscous_5_6", "fsm6": "coupling_coulomb_5_6"}[name]]
-        kind, number = name[:-1], name[-1]
-        return values[f"{ours.get(kind, kind)}_{number}"]
-
-    def combination(words: str) -> float:
-        terms = re.findall(r"([+-]?)\s*(?:([\d.]+)\*)?([A-Za-z]+\d)", words.replace("- ", "-"))
-        return sum((-1 if s == "-" else 1) * float(c or 1) * value(n) for s, c, n in terms)
-
-    with asset("tx40", "published_essential_parameters.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.reader(file) if row]
-    viscous = next(float(row[3]) for row in rows if row[0] == "fv1")
-    hits = 0
-    for words, _, _, weighted, percent in rows:
-        published = float(weighted) / viscous
-        apart = abs(combination(words) / values["viscous_1"] - published)
-        hits += apart <= max(0.03 * float(percent), 0.1) * abs(published)
-    assert len(rows) >= 24 and hits >= 20
+    table = essential()
+    assert len(table) >= 24 and sum(agrees for *_, agrees in table.values()) >= 20
 
 
 def test_free_gains_of_the_real_arm_hold_in_their_intervals_or_are_flagged(tx40):
@@ -246,6 +223,42 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path, words, out
     (tmp_path / "file").touch()
     with pytest.raises(BadRun, match="a file, not a folder"):
         command([*words, "--out", str(tmp_path / out)])
+
+
+def test_a_mistyped_robot_is_told_before_a_missing_log():
+    with pytest.raises(UnknownName, match="tx40"):
+        identify("tx4")
+
+
+@pytest.mark.parametrize("column,sign", [(1, 1.0), (4, -1.0)])
+def test_a_coupling_of_any_two_joints_has_the_sign_of_its_motor(column, sign):
+    """A motor that turns by v_6 ± v_c: row 6 of the matrix of positions."""
+    R = np.diag([32.0, 32, 45, -48, 45, -32])
+    R[5, column] = sign * R[5, 5]
+    mapping = Map(coupling=Coupling(position=tuple(map(tuple, R.tolist()))))
+    assert _coupled(mapping) == ((column, 5, int(sign)),)
+    torque = Map(coupling=Coupling(torque=tuple(map(tuple, R.T.tolist()))))
+    assert _coupled(torque) == ((column, 5, int(sign)),)
+
+
+@pytest.mark.parametrize("i,j,sign", [(0, 2, 1), (1, 2, -1)])
+def test_friction_of_a_coupled_motor_is_found(simulated, tmp_path, i, j, sign):
+    """A further motor's Coulomb friction of 5 N·m, whose speed is v_i ± v_j."""
+    robot = nominal_model(simulated, 0)
+    recordings = prepare(read_tables([simulated.write(tmp_path / "log.csv")]), None, robot)
+    changed = []
+    for segment in recordings.segments:
+        log, u = segment.log, segment.log.u.copy()
+        friction = 5.0 * np.tanh((log.v[:, i] + sign * log.v[:, j]) / 0.05)
+        u[:, i] += friction / simulated.gain[i]
+        u[:, j] += sign * friction / simulated.gain[j]
+        changed.append(segment._replace(log=log._replace(u=u)))
+    recordings = replace(recordings, segments=tuple(changed))
+    options = Options(frozenset({"rotor", "viscous", "coulomb"}), ((i, j, sign),))
+    known = {f"gain_{k + 1}": float(gain) for k, gain in enumerate(simulated.gain)}
+    found = calibrate(robot, recordings, options=options, known=known)
+    value = next(p.value for p in found.parameters if p.name == f"coupling_coulomb_{i + 1}_{j + 1}")
+    assert value == pytest.approx(5.0, rel=0.15)
 
 
 def test_an_unknown_column_is_refused_with_the_known_ones():
