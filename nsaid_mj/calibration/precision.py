@@ -21,6 +21,7 @@ _BLOCKS = 20  # of the rows, for the long-run variance of the scores
 _DIRECTIONS = 12  # leading directions of a row's columns over which it is averaged
 _PARTS = 8  # of the log, left out in turn
 _LEAST = 0.005  # least relative deviation: no log's clocks, filters and structure are more exact
+_NEGLIGIBLE = 1e-6  # weight in θ/scale below which a parameter is left out of a combination
 _DEPENDENT = 1e-7  # residual share below which a column is a combination of earlier ones
 
 
@@ -151,7 +152,7 @@ class Combinations(NamedTuple):
         row = self.independent.index(index)
         found = {index: 1.0}
         for column, other in enumerate(self.dependent):
-            if abs(self.weights[row, column]) > 1e-6:
+            if self.weights[row, column]:
                 found[other] = float(self.weights[row, column])
         return found
 
@@ -162,7 +163,7 @@ class Combinations(NamedTuple):
         if index not in self.dependent:
             return []
         column = self.dependent.index(index)
-        rows = np.flatnonzero(np.abs(self.weights[:, column]) > 1e-6)
+        rows = np.flatnonzero(self.weights[:, column])
         return [self.independent[row] for row in rows]
 
 
@@ -193,6 +194,7 @@ def combinations(problem: Problem) -> Combinations:
         else:
             dependent.append(j)
     weights = np.linalg.lstsq(R[:, kept], R[:, dependent], rcond=None)[0]
+    weights[np.abs(weights) < _NEGLIGIBLE] = 0.0
     scale = problem.space.scale[rest]
     weights *= scale[kept][:, None] / scale[dependent][None, :]
     return Combinations(

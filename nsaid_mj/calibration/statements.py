@@ -69,6 +69,8 @@ def _status(
     if index in combined.silent or told < _TELLS:
         return "not excited", ""
     members = combined.members(index)
+    if not members:
+        return "not excited", ""
     if len(members) != 1 or len(combined.expression(members[0])) > 1:
         return "only in combination", in_words(combined.expression(members[0]), problem.space)
     if abs(value) < _Z * sd:

@@ -88,14 +88,13 @@ def _moves(model: pin.Model, link: _Element) -> bool:
 
 def _inertial(inertia: pin.Inertia) -> str:
     """An inertia about the link's frame as an `<inertial>` element."""
-    I = inertia.inertia  # noqa: E741
-    entries = {"ixx": I[0, 0], "ixy": I[0, 1], "ixz": I[0, 2], "iyy": I[1, 1], "iyz": I[1, 2],
-               "izz": I[2, 2]}  # fmt: skip
-    tensor = " ".join(f'{key}="{_exact(value)}"' for key, value in entries.items())
+    tensor = inertia.inertia
+    places = [(i, j) for i in range(3) for j in range(i, 3)]
+    moments = " ".join(f'i{"xyz"[i]}{"xyz"[j]}="{_exact(tensor[i, j])}"' for i, j in places)
     centre = " ".join(_exact(x) for x in inertia.lever)
     return (
         f'<inertial>\n      <origin xyz="{centre}" rpy="0 0 0"/>\n'
-        f'      <mass value="{_exact(inertia.mass)}"/>\n      <inertia {tensor}/>\n    </inertial>'
+        f'      <mass value="{_exact(inertia.mass)}"/>\n      <inertia {moments}/>\n    </inertial>'
     )
 
 

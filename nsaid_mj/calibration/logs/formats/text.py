@@ -186,7 +186,7 @@ def _index(name: str, column: np.ndarray) -> bool:
     if not name.startswith("Unnamed: "):
         return False
     if column.dtype.kind not in "fiu":
-        return bool(column.dtype.kind in "OU" and not np.any(column != None))  # noqa: E711
+        return bool(column.dtype.kind in "OU" and not np.any(column != None))  # noqa: E711 (an array)
     if column.dtype.kind == "f":
         return bool(np.isnan(column).all())
     return bool(np.all(np.diff(column.astype(np.int64)) == 1))
