@@ -103,7 +103,8 @@ def test_integrate_and_difference_are_pinocchios_free_flyer(seed, angle):
     q, step = pose(rng), twist(rng, angle)
     there = spatial.pose_integrate(q, step)
     assert abs(np.linalg.norm(there[3:]) - 1) <= 4e-16
-    same_pose(there, pin.integrate(FLYER, q, step), 1e-13)  # its own error is 2e-14
+    # against a series in 40 digits, ours is within 2e-15 and Pinocchio's within 8e-13, near 2e-4 rad
+    same_pose(there, pin.integrate(FLYER, q, step), 2e-12)
     if angle < 3.1:  # Pinocchio's logarithm loses digits near π
         near(spatial.pose_difference(q, there), pin.difference(FLYER, q, there), 1e-9)
 
