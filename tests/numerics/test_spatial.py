@@ -103,7 +103,7 @@ def test_integrate_and_difference_are_pinocchios_free_flyer(seed, angle):
     q, step = pose(rng), twist(rng, angle)
     there = spatial.pose_integrate(q, step)
     assert abs(np.linalg.norm(there[3:]) - 1) <= 4e-16
-    # against a series in 40 digits, ours is within 2e-15 and Pinocchio's within 8e-13, near 2e-4 rad
+    # against 40 digits, ours is within 2e-15 and Pinocchio's within 8e-13, near 2e-4 rad
     same_pose(there, pin.integrate(FLYER, q, step), 2e-12)
     if angle < 3.1:  # Pinocchio's logarithm loses digits near π
         near(spatial.pose_difference(q, there), pin.difference(FLYER, q, there), 1e-9)
