@@ -24,7 +24,7 @@ ORDER = (
     ("system",),
     ("dynamics",),
     ("systems",),
-    ("nullspace", "persistence"),
+    ("nullspace",),
     ("identifiers",),
     ("control",),
     ("plants",),
@@ -145,7 +145,7 @@ def test_importing_the_package_loads_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "room", ["numerics", "system", "dynamics", "nullspace", "persistence", "identifiers", "control"]
+    "room", ["numerics", "system", "dynamics", "nullspace", "identifiers", "control"]
 )
 def test_the_lower_rooms_load_nothing_heavy(room):
     allowed = {"pinocchio"} if room == "control" else set()

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..experiment.loop import Run
-from ..nullspace import split
+from ..nullspace import level, split
 from ..parameters import Array
-from ..persistence import level
 from .figures import last_tenth
 from .rows import states, stride_of
 from .truth import Truth

@@ -22,10 +22,9 @@ from ..errors import BadRun
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..log import Log, Measurement
-from ..nullspace import structural
+from ..nullspace import PersistenceMonitor, structural
 from ..numerics.kernels import clock, compile_seconds
 from ..parameters import Array
-from ..persistence import PersistenceMonitor
 from ..plants import Plant, VisualMesh
 from ..system import SecondOrderSystem
 from .following import Following, due_rows

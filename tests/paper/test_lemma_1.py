@@ -9,8 +9,8 @@ import numpy as np
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log
+from nsaid_mj.nullspace import level
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.persistence import level
 from nsaid_mj.systems.general import GeneralSystem
 from tests.support.bench import accelerations, columns
 

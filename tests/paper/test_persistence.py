@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
-from nsaid_mj.nullspace import structural
+from nsaid_mj.nullspace import PersistenceMonitor, level, structural
 from nsaid_mj.parameters import Array
-from nsaid_mj.persistence import PersistenceMonitor, level
 from tests.support.bench import (
     Bench,
     TwoVehicles,

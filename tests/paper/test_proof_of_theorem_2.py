@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.nullspace import level
 from nsaid_mj.parameters import Array
-from nsaid_mj.persistence import level
 from tests.support.bench import accelerations, columns
 
 

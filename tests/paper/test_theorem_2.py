@@ -9,9 +9,8 @@ from nsaid_mj.control import Driver
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
-from nsaid_mj.nullspace import structural
+from nsaid_mj.nullspace import level, structural
 from nsaid_mj.parameters import Array
-from nsaid_mj.persistence import level
 from nsaid_mj.plants.scalar_rov import ScalarRov
 from tests.support.bench import TwoVehicles, bench, columns, estimates, identify, simulate
 

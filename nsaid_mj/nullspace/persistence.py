@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .errors import InvalidInput
-from .parameters import Array
+from ..errors import InvalidInput
+from ..parameters import Array
 
 
 def level(window: Array, dt: float, basis: Array | None = None) -> float:

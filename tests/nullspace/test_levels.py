@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.persistence import PersistenceMonitor, level
+from nsaid_mj.nullspace import PersistenceMonitor, level
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=50)

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from .errors import InvalidInput
-from .parameters import Array, Block, Indices, ParameterSpace, phrase
-from .system import SecondOrderSystem
+from ..errors import InvalidInput
+from ..parameters import Array, Block, Indices, ParameterSpace, phrase
+from ..system import SecondOrderSystem
 
 TOLERANCE = 1e-8
 """Singular values below this share of the largest count as 0. For the robots of example-robot-data
