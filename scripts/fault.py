@@ -21,20 +21,21 @@ from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.parameters import Array
-from nsaid_mj.plants import Fault
+from nsaid_mj.plants import Loss
+from nsaid_mj.plants.world.faults.kinds import gains_of
 
 SENSORS = ("ideal", "noisy")
 SINCE = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 10.0, 20.0, 30.0)
 ENOUGH = 0.01
 
 
-def failing(name: str, fault: Fault, seconds: float) -> Scenario:
+def failing(name: str, fault: Loss, seconds: float) -> Scenario:
     """A scenario with a fault that runs for another `seconds` [s] after it."""
     scenario = load(name)
     assert isinstance(scenario.identifier, NullspaceAID)
     return replace(
         scenario,
-        plant=replace(scenario.plant, fault=fault),
+        plant=replace(scenario.plant, faults=(fault,)),
         identifier=replace(scenario.identifier, law="memory"),
         rivals={},
         duration=fault.time + seconds,
@@ -44,8 +45,8 @@ def failing(name: str, fault: Fault, seconds: float) -> Scenario:
 def errors(done: SimulatedRun) -> tuple[Array, Array, Array]:
     """(N,) times since the fault [s], (N,) largest errors of the faulty and of the other gains."""
     plant, t = done.plant, done.record["t"]
-    since, k = plant.struck(t), plant.system.space.actuators
-    weak = np.isin(k, plant.fault.gains(plant.system))
+    since, k = plant.epoch(t) > 0, plant.system.space.actuators
+    weak = np.isin(k, gains_of(plant.system, plant.faults[0].actuator))
     ratio = done.record["theta_hat"][since][:, k] / plant.truth_at(t[since])[:, k]
     error = np.abs(ratio / ratio[:, ~weak].mean(axis=1, keepdims=True) - 1)
     return t[since] - t[since][0], error[:, weak].max(axis=1), error[:, ~weak].max(axis=1)
@@ -66,7 +67,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="duration after the fault [s]")
     parser.add_argument("--seeds", default="0,1,2")
     chosen = parser.parse_args()
-    fault = Fault(loss=chosen.loss, actuator=chosen.actuator, time=chosen.time)
+    fault = Loss(chosen.loss, actuator=chosen.actuator, time=chosen.time)
     scenario = failing(chosen.scenario, fault, chosen.seconds)
     seeds = [int(seed) for seed in chosen.seeds.split(",")]
     found: dict[str, list[tuple[Array, Array, Array]]] = {sensors: [] for sensors in SENSORS}

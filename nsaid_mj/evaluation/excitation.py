@@ -35,8 +35,8 @@ def persistence_figures(run: Run, truth: Truth | None) -> dict[str, float | None
     for start in range(0, len(t) - per_window + 1, per_window):
         k = slice(start, start + per_window)
         if truth is not None:
-            struck = truth.struck(t[k])
-            if struck[0] != struck[-1]:
+            epoch = truth.epoch(t[k])
+            if epoch[0] != epoch[-1]:
                 continue
             _, W = system.evaluate(t[k], x[k], v[k], u[k], truth.theta_at(t[k]))
             W *= system.space.scale
@@ -71,7 +71,7 @@ def motion_figures(run: Run, truth: Truth | None) -> dict[str, float | int]:
     stride = stride_of(len(record), system)
     t, x, v, u = states(record.log, stride)
     _, W = system.evaluate(t, x, v, u, truth.theta_at(t))
-    since = truth.struck(t) == truth.struck(t[-1])
+    since = truth.epoch(t) == truth.epoch(t[-1])
     stack = (W[since] * system.space.scale).reshape(-1, system.p)
     error = np.einsum("kij,kj->ki", W, record["theta_hat"][::stride])
     return {

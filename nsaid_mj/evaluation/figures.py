@@ -81,8 +81,12 @@ def last_tenth(rows: Array) -> Array:
 
 
 def actuator_ratio_error(system: SecondOrderSystem, theta_hat: Array, truth: Array) -> float:
-    """max |(k̂_i/k_i)/mean(k̂/k) − 1| over the actuator parameters; 0 where there is only one."""
-    ratio = theta_hat[system.space.actuators] / truth[system.space.actuators]
+    """max |(k̂_i/k_i)/mean(k̂/k) − 1| over the actuator parameters that are not 0.
+
+    It is 0 where there is only one. A broken actuator's gain is 0.
+    """
+    k = system.space.actuators[truth[system.space.actuators] != 0]
+    ratio = theta_hat[k] / truth[k]
     return float(np.max(np.abs(ratio / np.mean(ratio) - 1))) if len(ratio) > 1 else 0.0
 
 

@@ -28,20 +28,24 @@ def conserved_drift(run: Run) -> float | None:
 def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
     """Number and size of the steps in which V, under the true θ, rose beyond the error bound.
 
-    None for a law of which nothing is proven.
+    None for a law of which nothing is proven. Steps in which V is not defined, as for a law in the
+    cone after an actuator was reversed, do not count.
     """
     record, identifier = run.record, run.identifiers[""]
     if not identifier.proven:
         return dict.fromkeys(("lyapunov_violations", "lyapunov_largest_rise", "lyapunov_bound"))
     V = energy(run, truth)
     rises, bound = lyapunov_rises(V, identifier, record)
-    rises[np.diff(truth.struck(record["t"]))] = 0.0  # a fault changes the truth, and V with it
+    rises[np.diff(truth.epoch(record["t"])) > 0] = 0.0  # a fault changes the truth, and V with it
+    undefined = ~np.isfinite(rises)
+    rises[undefined] = 0.0
     stepped = identifier.implicit(record["t"])
     if run.scenario.record_every == 1:
         slack = identifier.slacks(record.log, truth.theta)
         bound = bound + slack + stepped * _UNSOLVED * V[0]
     else:
         rises[stepped] = 0.0  # the slack of an implicit step needs every measurement
+    bound = np.where(undefined, 0.0, bound)
     return {
         "lyapunov_violations": int(np.count_nonzero(rises > bound)),
         "lyapunov_largest_rise": float(rises.max(initial=0.0) / (V[0] or np.inf)),
@@ -52,11 +56,12 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
 def energy(run: Run, truth: Truth) -> Array:
     """(N,) V of the scenario's own identifier, under the true θ at each row's time [J]."""
     system, identifier, record = run.system, run.identifiers[""], run.record
-    struck = truth.struck(record["t"])
-    V = lyapunov(system, identifier, record, truth.initial)
-    if not struck.any():
-        return V
-    return np.where(struck, lyapunov(system, identifier, record, truth.theta), V)
+    epochs, V = truth.epoch(record["t"]), np.empty(len(record))
+    for epoch in np.unique(epochs):
+        rows = epochs == epoch
+        theta = truth.theta_at(float(record["t"][rows][-1]))
+        V[rows] = lyapunov(system, identifier, record, theta)[rows]
+    return V
 
 
 def lyapunov(

@@ -23,7 +23,7 @@ from ..system import SecondOrderSystem
 class Truth:
     """The true parameters of a simulated plant, and the true set.
 
-    A fault changes them during the run; members without a time argument refer to `end`.
+    Faults change them during the run; members without a time argument refer to `end`.
 
     Args:
         setup: the simulated scenario.
@@ -33,24 +33,24 @@ class Truth:
         system: the structure whose parameters these are.
         end: time at which estimates are judged [s].
         mismatches: effects in the plant that the structure does not model, in words.
-        fault: the actuator fault in words; empty if there is none.
+        fault: the faults in words; empty if there are none.
     """
 
     def __init__(self, setup: Setup, end: float):
         self._setup, self._plant = setup, setup.plant
-        self._nullspaces: dict[bool, Nullspace] = {}
+        self._nullspaces: dict[int, Nullspace] = {}
         self.system: SecondOrderSystem = setup.system
         self.end = end
         self.mismatches: Sequence[str] = setup.plant.mismatches
-        self.fault: str = setup.plant.fault.in_words(setup.system)
+        self.fault: str = "; ".join(fault.in_words(setup.system) for fault in setup.plant.faults)
 
     def theta_at(self, t: ArrayLike) -> Array:
         """(..., p) the true θ at times t (...) [s]."""
         return self._plant.truth_at(t)
 
-    def struck(self, t: ArrayLike) -> NDArray[np.bool_]:
-        """(...) whether the fault has occurred by times t (...) [s]."""
-        return self._plant.struck(t)
+    def epoch(self, t: ArrayLike) -> NDArray[np.intp]:
+        """(...) count of the stretches of constant truth at times t (...) [s], 0 before a fault."""
+        return self._plant.epoch(t)
 
     @property
     def initial(self) -> Array:
@@ -69,18 +69,18 @@ class Truth:
 
     def nullspace_at(self, t: float) -> Nullspace:
         """Structural nullspace P_s(θ), over all motions, of the true θ at time t [s]."""
-        struck = bool(self.struck(t))
-        if struck not in self._nullspaces:
+        epoch = int(self.epoch(t))
+        if epoch not in self._nullspaces:
             rng = np.random.default_rng(self._setup.seeds.structure)
-            self._nullspaces[struck] = structural(self.system, self.theta_at(t), rng)
-        return self._nullspaces[struck]
+            self._nullspaces[epoch] = structural(self.system, self.theta_at(t), rng)
+        return self._nullspaces[epoch]
 
     def distance(self, t: Array, theta_hat: Array) -> Array:
         """(N,) distance ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (N, p) to the true set at times t (N,)."""
-        struck, theta_s = self.struck(t), theta_hat / self.system.space.scale
+        epochs, theta_s = self.epoch(t), theta_hat / self.system.space.scale
         ratio = np.empty(len(t))
-        for state in np.unique(struck):
-            rows = struck == state
+        for epoch in np.unique(epochs):
+            rows = epochs == epoch
             ratio[rows] = self.nullspace_at(float(t[rows][0])).ratio(theta_s[rows])
         return ratio
 

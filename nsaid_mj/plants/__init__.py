@@ -8,7 +8,15 @@ from pkgutil import iter_modules
 from typing import Any
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
-from .world.faults import Fault as Fault
+from .world.faults.kinds import Bias as Bias
+from .world.faults.kinds import Broken as Broken
+from .world.faults.kinds import Fault as Fault
+from .world.faults.kinds import Friction as Friction
+from .world.faults.kinds import Loss as Loss
+from .world.faults.kinds import Payload as Payload
+from .world.faults.kinds import Reversed as Reversed
+from .world.faults.kinds import Stuck as Stuck
+from .world.faults.text import parse_faults as parse_faults
 from .world.mismatch import Mismatch as Mismatch
 from .world.plant import ParametricPlantConfig as ParametricPlantConfig
 from .world.plant import Plant as Plant

@@ -159,7 +159,7 @@ class QuadrotorPlant(ParametricPlantConfig):
             rotorcraft(),
             self.mismatch,
             acting.gain_places,
-        ).failing(self.fault)
+        ).failing(self.faults, self)
 
 
 @dataclass(frozen=True)

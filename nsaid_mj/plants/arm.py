@@ -106,7 +106,7 @@ class ArmPlant(ParametricPlantConfig):
         n = len(nominal.gain)
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
         system = structure(robot.model, nominal, np.full(n, self.friction_speed))
-        return Arm(robot, system, joints, dt, self.mismatch).failing(self.fault)
+        return Arm(robot, system, joints, dt, self.mismatch).failing(self.faults, self)
 
 
 @config

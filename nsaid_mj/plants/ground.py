@@ -90,7 +90,7 @@ class CarPlant(ParametricPlantConfig):
         vehicle = Vehicle(
             system, true.theta, spec, numbers, single_track(), self.mismatch, GAIN_PLACES
         )
-        return vehicle.failing(self.fault)
+        return vehicle.failing(self.faults, self)
 
 
 @config

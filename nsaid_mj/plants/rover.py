@@ -44,7 +44,7 @@ class RoverPlant(PlantConfig):
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
         rover = Rover(self.spread, self.mismatch, dt, np.random.default_rng(seed))
-        return rover.failing(self.fault)
+        return rover.failing(self.faults, self)
 
 
 class Rover(Plant):

@@ -57,7 +57,7 @@ class ScalarRovPlant(ParametricPlantConfig):
     def simulating(self, dt: float, theta: Array | None = None) -> ScalarRov:
         """Makes the plant with the true parameters θ (4,), or the published ones."""
         true = self._nominal if theta is None else theta
-        return ScalarRov(self._nominal, true, dt, self.mismatch).failing(self.fault)
+        return ScalarRov(self._nominal, true, dt, self.mismatch).failing(self.faults, self)
 
     @property
     def _nominal(self) -> Array:

@@ -123,7 +123,7 @@ class AstrobeePlant(ParametricPlantConfig):
         truth = np.concatenate([body.toDynamicParameters(), true_thrust])
         system = FreeFlyer(scales, positions, -jets)
         vehicle = Vehicle(system, truth, spec, np.zeros(0), None, self.mismatch)
-        return vehicle.failing(self.fault)
+        return vehicle.failing(self.faults, self)
 
 
 def published_body(sheet: FreeFlyerSheet) -> pin.Inertia:

@@ -196,7 +196,7 @@ class REMUS100Plant(ParametricPlantConfig):
             nominal.slip,
         )
         vehicle = _in_water(self.vehicle, system, true, dt, self.mismatch, sheet.size)
-        return vehicle.failing(self.fault)
+        return vehicle.failing(self.faults, self)
 
 
 @dataclass(frozen=True)

@@ -193,7 +193,7 @@ class BlueROV2Plant(ParametricPlantConfig):
             scales_of(nominal, sheet.guess), nominal.positions, nominal.directions, nominal.curve
         )
         vehicle = body_in_water(self.vehicle, system, true, dt, self.mismatch, sheet.size)
-        return vehicle.failing(self.fault)
+        return vehicle.failing(self.faults, self)
 
 
 def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hydrodynamics:

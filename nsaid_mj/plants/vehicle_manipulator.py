@@ -229,7 +229,7 @@ class UvmsPlant(ParametricPlantConfig):
         spec = tree_spec(model, dt)
         _add_visual_geoms(spec, arm)
         vehicle = VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
-        return vehicle.failing(self.fault)
+        return vehicle.failing(self.faults, self)
 
 
 def _nominal_rotor(arm: dict[str, Any]) -> Array:
@@ -473,4 +473,4 @@ class FlyingArmPlant(ParametricPlantConfig):
         spec = tree_spec(robot.model, dt)
         return VehicleWithArm(
             system, truth, robot.model, rotor, forces, spec, RobotVisuals(robot), self.mismatch
-        ).failing(self.fault)
+        ).failing(self.faults, self)

@@ -162,7 +162,7 @@ class World:
             raise NoEstimate(f"the plant diverged ({plant.diverged})", "Take a smaller dt.")
         levels = scenario.noise.levels if noise else EXACT
         self._problem = Problem(setup.system, log, setup.prior, levels)
-        self._judges: dict[bool, evaluation.Judge] = {}
+        self._judges: dict[int, evaluation.Judge] = {}
         self._methods: dict[str, Method] = {
             **{name: partial(follow, i) for name, i in identifiers.items() if name},
             **{name: method for name, method in BATCH.items() if name in plan.methods},
@@ -206,10 +206,10 @@ class World:
     def _judge(self, duration: float) -> evaluation.Judge:
         """The judge of estimates made at a time [s]; a fault may have changed the truth by then."""
         truth = evaluation.Truth(self._setup, duration)
-        struck = bool(truth.struck(duration))
-        if struck not in self._judges:
-            self._judges[struck] = evaluation.Judge(truth)
-        return self._judges[struck]
+        epoch = int(truth.epoch(duration))
+        if epoch not in self._judges:
+            self._judges[epoch] = evaluation.Judge(truth)
+        return self._judges[epoch]
 
 
 def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:

@@ -287,9 +287,9 @@ def test_the_reported_flags_reproduce_the_scenario(words: str) -> None:
     assert repeated(load(name), load(name)) == ()
 
 
-@pytest.mark.parametrize("flag", ["--plant.fault.loss", "--fault.loss", "--loss"])
+@pytest.mark.parametrize("flag", ["--plant.mismatch.lag", "--mismatch.lag", "--lag"])
 def test_a_flag_may_be_any_unique_end_of_a_fields_name(flag: str) -> None:
-    assert options("bluerov2", flag, "0.5")[0].plant.fault.loss == 0.5
+    assert options("bluerov2", flag, "0.5")[0].plant.mismatch.lag == 0.5
 
 
 def test_law_sets_the_identifiers_law_and_not_a_rivals() -> None:

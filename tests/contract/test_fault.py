@@ -25,11 +25,13 @@ from nsaid_mj.plants import (
     BMW320iPlant,
     Fault,
     FloatingBasePlant,
+    Loss,
     Mismatch,
     Plant,
     PlantConfig,
     ScalarRovPlant,
 )
+from nsaid_mj.plants.world.faults.kinds import gains_of
 from nsaid_mj.reporting import finish
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
@@ -47,15 +49,15 @@ DT = 2e-3
 STEP = 20  # at which the actuator weakens
 
 
-def made(config: PlantConfig, dt: float = DT, **fault: float | int) -> Plant:
-    return replace(config, fault=Fault(**fault)).build(dt, 4)  # type: ignore[arg-type]
+def made(config: PlantConfig, *faults: Fault, dt: float = DT) -> Plant:
+    return replace(config, faults=faults).build(dt, 4)
 
 
 def actuators(p: Plant) -> Iterator[int]:
     """Those that have a gain in θ, counted from 1."""
     for k in range(1, p.system.n_u + 1):
         try:
-            Fault(0.4, k).gains(p.system)
+            gains_of(p.system, k)
         except InvalidInput:
             continue
         yield k
@@ -69,11 +71,11 @@ def test_mujoco_accelerates_as_the_structure_does_under_the_changed_truth(config
     """Two engines against each other, for every actuator there is."""
     sound, rng = made(config), np.random.default_rng(5)
     which = list(actuators(sound))
-    gains = [i for k in which for i in Fault(0.4, k).gains(sound.system)]
+    gains = [i for k in which for i in gains_of(sound.system, k)]
     assert sorted(gains) == sorted(sound.system.space.actuators)  # each of them has its actuator
     for k in which:
-        p = sound.failing(Fault(loss=0.4, actuator=k, time=1.0))
-        own = p.fault.gains(p.system)
+        p = sound.failing([Loss(0.4, actuator=k, time=1.0)])
+        own = gains_of(p.system, k)
         before, after = p.truth_at([0.0, 1.0])
         assert (before == sound.truth).all()
         assert (after[own] == 0.6 * before[own]).all()
@@ -96,26 +98,26 @@ def test_before_the_fault_the_motion_is_the_sound_plants_to_the_bit(config):
     u, at = random_commands(sound), start_of(sound)
     expected = path(sound, u, *at)
     for k in list(actuators(sound))[:: max(1, sound.system.n_u - 1)]:
-        p = made(config, loss=0.4, actuator=k, time=STEP * DT)
+        p = made(config, Loss(0.4, actuator=k, time=STEP * DT))
         found = path(p, u, *at)
         assert (found[: STEP + 1] == expected[: STEP + 1]).all()
         assert (found[STEP + 1 :] != expected[STEP + 1 :]).any(axis=1).all()
         assert (path(p, u, *at) == found).all()  # a reset mends it
-        for fault in (Fault(0.4, k, 1e3), Fault(0.0, k, STEP * DT)):  # later, and none
-            assert (path(p.failing(fault), u, *at) == expected).all()
+        for faults in ([Loss(0.4, actuator=k, time=1e3)], []):  # later, and none
+            assert (path(p.failing(faults), u, *at) == expected).all()
 
 
 @exact_plants
 def test_a_fault_strikes_at_the_step_nearest_to_its_time(config):
     dt = 1e-5
-    sound = made(config, dt)
+    sound = made(config, dt=dt)
     k, (numbers, v), u = next(actuators(sound)), start_of(sound), random_commands(sound)[0]
     for time in (2.6 * dt, 3.4 * dt):
-        p = made(config, dt, loss=0.5, actuator=k, time=time)
+        p = made(config, Loss(0.5, actuator=k, time=time), dt=dt)
         rows = path(p, np.tile(u, (6, 1)), numbers, v)
         rate = np.diff(rows[:, p.system.n :], axis=0) / dt
         t = dt * np.arange(6)
-        assert p.struck(t).tolist() == [False] * 3 + [True] * 3
+        assert p.epoch(t).tolist() == [0] * 3 + [1] * 3
         q = p.position(rows[:-1, : p.system.n])
         for theta, other, row in zip(p.truth_at(t), p.truth_at(t[::-1]), range(6), strict=True):
             x, w = np.concatenate([q[row], rows[row, p.system.n :]]), rows[row, p.system.n :]
@@ -125,7 +127,7 @@ def test_a_fault_strikes_at_the_step_nearest_to_its_time(config):
 
 def test_a_fault_leaves_lag_and_delay_acting():
     config = BlueROV2Plant(mismatch=Mismatch(lag=0.05, delay=5 * DT))
-    sound, p = made(config), made(config, loss=0.4, actuator=3, time=STEP * DT)
+    sound, p = made(config), made(config, Loss(0.4, actuator=3, time=STEP * DT))
     u, at = random_commands(sound), start_of(sound)
     one, other = path(sound, u, *at), path(p, u, *at)
     assert (one[: STEP + 1] == other[: STEP + 1]).all()
@@ -134,11 +136,10 @@ def test_a_fault_leaves_lag_and_delay_acting():
 
 
 def test_a_rotor_fault_weakens_thrust_and_torque_and_is_reported():
-    p = made(VEHICLES["hummingbird"], loss=0.4, actuator=3, time=60.0)
-    assert p.fault.in_words(p.system) == "thrust_3 and torque_3 lose 40 % at 60 s"
-    p = made(BlueROV2Plant(), loss=0.125, actuator=3, time=2.5)
-    assert p.fault.in_words(p.system) == "thrust_3 loses 12.5 % at 2.5 s"
-    assert made(BlueROV2Plant(), actuator=3).fault.in_words(p.system) == ""
+    p = made(VEHICLES["hummingbird"], Loss(0.4, actuator=3, time=60.0))
+    assert p.faults[0].in_words(p.system) == "thrust_3 and torque_3 lose 40 % at 60 s"
+    p = made(BlueROV2Plant(), Loss(0.125, actuator=3, time=2.5))
+    assert p.faults[0].in_words(p.system) == "thrust_3 loses 12.5 % at 2.5 s"
 
 
 @pytest.mark.parametrize(
@@ -154,9 +155,9 @@ def test_a_rotor_fault_weakens_thrust_and_torque_and_is_reported():
 )
 def test_an_actuator_that_is_not_there_or_has_no_gain_is_refused(config, actuator):
     with pytest.raises(InvalidInput) as caught:
-        made(config, loss=0.4, actuator=actuator)
-    assert caught.value.name == "fault.actuator" and "1" in caught.value.expected
-    made(config, loss=0.4, actuator=1)
+        made(config, Loss(0.4, actuator=actuator))
+    assert caught.value.name == "faults.actuator" and "1" in caught.value.expected
+    made(config, Loss(0.4, actuator=1))
 
 
 # -- a run -------------------------------------------------------------------------------------
@@ -168,12 +169,14 @@ BASE = replace(
     pe_window=4.0,
     held_out=5.0,
 )
-FAULT = Fault(loss=0.4, actuator=3, time=12.0)
+FAULT = Loss(0.4, actuator=3, time=12.0)
 
 
 @pytest.fixture(scope="module")
 def failed(tmp_path_factory) -> SimulatedRun:
-    return run(replace(BASE, plant=BlueROV2Plant(fault=FAULT)), tmp_path_factory.mktemp("failed"))
+    return run(
+        replace(BASE, plant=BlueROV2Plant(faults=(FAULT,))), tmp_path_factory.mktemp("failed")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -237,10 +240,10 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
     In between these laws put a part of the loss on the others: seen, up to 13 %.
     """
     base = load("bluerov2")
-    lost = BlueROV2Plant(fault=Fault(loss=0.4, actuator=3, time=60.0))
+    lost = BlueROV2Plant(faults=(Loss(0.4, actuator=3, time=60.0),))
     identifier = replace(base.identifier, law=law)
     done = run(replace(base, plant=lost, identifier=identifier, duration=90.0, seed=seed), tmp_path)
-    k, since = done.plant.system.space.actuators, done.plant.struck(done.record["t"])
+    k, since = done.plant.system.space.actuators, done.plant.epoch(done.record["t"]) > 0
     ratio = done.record["theta_hat"][since][:, k] / truth_of(done).theta[k]
     own, others = ratio[:, 2], np.delete(ratio, 2, axis=1)
     own, others = (part / others.mean(axis=1, keepdims=True) for part in (own[:, None], others))
@@ -261,7 +264,7 @@ def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
 
 
 def test_a_run_that_ends_before_the_fault_is_judged_as_sound(tmp_path):
-    early = replace(BASE, duration=4.0, plant=BlueROV2Plant(fault=FAULT))
+    early = replace(BASE, duration=4.0, plant=BlueROV2Plant(faults=(FAULT,)))
     done = run(early, tmp_path)
     assert (truth_of(done).theta == done.plant.truth).all()
     later = truth_of(done).held_out
@@ -273,35 +276,31 @@ def test_a_run_that_ends_before_the_fault_is_judged_as_sound(tmp_path):
 
 
 def test_a_fault_survives_json_and_changes_the_hash():
-    scenario = Scenario(plant=BlueROV2Plant(fault=FAULT))
+    scenario = Scenario(plant=BlueROV2Plant(faults=(FAULT,)))
     again = Scenario.from_json(scenario.to_json())
     assert again == scenario and again.hash == scenario.hash
     assert scenario.hash != Scenario(plant=BlueROV2Plant()).hash
     tree = json.loads(scenario.to_json())
-    tree["plant"]["fault"]["loss"] = 1.0
-    with pytest.raises(InvalidInput, match=r"fault\.loss"):
+    tree["plant"]["faults"][0]["share"] = 1.0
+    with pytest.raises(InvalidInput, match=r"faults\.0\.share"):
         Scenario.from_json(json.dumps(tree))
-    del tree["plant"]["fault"]  # of an older version
+    del tree["plant"]["faults"]  # of an older version
     assert Scenario.from_json(json.dumps(tree)).plant == BlueROV2Plant()
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "--plant.fault.loss 0.4 --plant.fault.actuator 3 --plant.fault.time 12",
-        "--loss 0.4 --actuator 3 --time 12.0",
-    ],
-)
-def test_a_fault_is_a_flag(words):
-    scenario, _ = parse("bluerov2", load("bluerov2"), words.split())
-    assert scenario.plant.fault == FAULT
+@pytest.mark.parametrize("flag", ["--plant.faults", "--faults"])
+def test_faults_are_a_flag(flag):
+    scenario, _ = parse("bluerov2", load("bluerov2"), [flag, "loss 0.4 of 3 at 12 s"])
+    assert scenario.plant.faults == (FAULT,)
     assert replace(scenario, plant=BlueROV2Plant()) == load("bluerov2")
+    assert parse("bluerov2", scenario, [])[0] == scenario
 
 
 def test_a_fault_from_the_command_line(tmp_path: Path, capsys):
-    words = "--loss 0.4 --actuator 3 --time 1 --duration 2 --held-out 1 --pe-window 0.5 --out"
-    assert command(["run", "bluerov2", *words.split(), str(tmp_path / "out")]) == 0
+    words = "--duration 2 --held-out 1 --pe-window 0.5 --out"
+    fault = ["--faults", "loss 0.4 of 3 at 1 s"]
+    assert command(["run", "bluerov2", *fault, *words.split(), str(tmp_path / "out")]) == 0
     assert "fault: thrust_3 loses 40 % at 1 s" in capsys.readouterr().out
-    with pytest.raises(InvalidInput, match=r"fault\.actuator"):
-        command(["run", "bluerov2", "--loss", "0.4", "--actuator", "9", "--out", f"{tmp_path}/no"])
+    with pytest.raises(InvalidInput, match=r"faults\.actuator"):
+        command(["run", "bluerov2", "--faults", "loss 0.4 of 9", "--out", f"{tmp_path}/no"])
     assert not (tmp_path / "no").exists()

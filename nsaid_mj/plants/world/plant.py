@@ -6,8 +6,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import field
-from functools import cached_property
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import mujoco
@@ -21,7 +20,10 @@ from ...parameters import Array
 from ...system import SecondOrderSystem
 from .callbacks import installed
 from .coordinates import Reading
-from .faults import Fault
+from .faults import Faults
+from .faults.kinds import Fault
+from .faults.schedule import Schedule
+from .faults.variant import Variant
 from .mismatch import Mismatch
 from .sensors import EXACT_SENSORS, Sensors
 from .shapes import VisualMesh
@@ -37,13 +39,14 @@ class PlantConfig(Config, ABC):
 
     Attributes:
         mismatch: effects that the identifier's structure does not model.
-        fault: an actuator's loss of gain during the run.
+        faults: of actuators, sensors or the plant during the run, such as `loss 0.4 of 2 at 5 s;
+            payload 1 kg at 10 s until 15 s`.
     """
 
     _path = "plant"
 
     mismatch: Mismatch = field(default_factory=Mismatch, kw_only=True)
-    fault: Fault = field(default_factory=Fault, kw_only=True)
+    faults: Faults = field(default=(), kw_only=True)
 
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:
@@ -80,7 +83,7 @@ class Plant(ABC):
         substeps: steps of MuJoCo in a time step.
         delay: time steps from a command to the actuators.
         mismatches: effects that the structure does not model, in words.
-        fault: an actuator's loss of gain.
+        faults: of actuators, sensors or the plant during a run.
         gain_places: for each command, the indices of its actuator's gains in MuJoCo's userdata;
             empty if MuJoCo's actuators hold the gains.
         reading: index map of the system's coordinates for compiled code; None if compiled code
@@ -95,11 +98,14 @@ class Plant(ABC):
     passive: Any | None = None  # a compiled callback, kept alive here
     delay: int = 0
     mismatches: tuple[str, ...] = ()
-    fault: Fault = Fault()
+    faults: tuple[Fault, ...] = ()
     gain_places: Sequence[Sequence[int]] = ()
     reading: Reading | None = None
-    _strikes: float = np.inf  # time of the fault [s of the run]
-    _next_strike: float = np.inf  # time of a fault still to come [s of MuJoCo's clock]
+    _schedule: Schedule
+    _variants: dict[tuple[int, ...], Variant]  # by the faults of the plant itself that are active
+    _next_edge: float = np.inf  # when a fault begins or ends next [s]; -inf while a gain falls
+    _held: dict[int, float] = {}  # noqa: RUF012 (replaced, never changed): commands of stuck ones
+    _biases: Array | None = None  # (2, n) of position numbers and velocities
 
     def _compile(self, spec: Any, mismatch: Mismatch) -> None:
         """Compiles MuJoCo's model and data, with the mismatch's lag and delay."""
@@ -107,9 +113,10 @@ class Plant(ABC):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.dt = self.model.opt.timestep
-        self._initial_gainprm = self.model.actuator_gainprm.copy()
         self.delay = mismatch.steps(self.dt)
         self.mismatches = (*self.mismatches, *mismatch.in_words(self.dt))
+        self._variants = {(): Variant.of(self)}
+        self.failing(())
 
     @property
     @abstractmethod
@@ -118,26 +125,33 @@ class Plant(ABC):
 
     def truth_at(self, t: ArrayLike) -> Array:
         """(..., p) the true θ at times t (...) [s]; only evaluation and recording may read it."""
-        weak = self.truth.copy()
-        if self.fault.loss:
-            weak[self.fault.gains(self.system)] *= 1 - self.fault.loss
-        return np.where(self.struck(t)[..., None], weak, self.truth)
+        return self._schedule.theta(self.truth, t)
 
-    def struck(self, t: ArrayLike) -> NDArray[np.bool_]:
-        """(...) whether the fault has occurred by times t (...) of a run [s]."""
-        return np.asarray(t) > self._strikes
+    def epoch(self, t: ArrayLike) -> NDArray[np.intp]:
+        """(...) count of the stretches of constant truth at times t (...) [s], 0 before a fault."""
+        return self._schedule.epoch(t)
 
-    def failing(self, fault: Fault) -> Self:
-        """Schedules a fault, at the time step nearest to its time; returns the plant itself.
+    def failing(self, faults: Sequence[Fault], config: PlantConfig | None = None) -> Self:
+        """Schedules faults, at the time steps nearest to their times; returns the plant itself.
+
+        Args:
+            faults: any number.
+            config: of the plant, needed for a payload and for friction.
 
         Raises:
-            InvalidInput: there is no such actuator.
+            InvalidInput: a fault names a part that the plant does not have.
         """
-        strikes = np.inf
-        if fault.loss:
-            fault.gains(self.system)
-            strikes = (round(fault.time / self.dt) - 0.5) * self.dt
-        self.fault, self._strikes, self._next_strike = fault, strikes, strikes
+        schedule = Schedule(faults, self.system, self.dt)
+        self.faults, self._schedule = tuple(faults), schedule
+        self._variants = {(): self._variants[()]}
+        for which in sorted(schedule.all_carried() - {()}):
+            if not isinstance(config, ParametricPlantConfig):
+                expected = "faults of actuators and sensors, for this plant"
+                remedy = "It cannot be made with a given θ; see ParametricPlantConfig."
+                raise InvalidInput("faults", expected, "a change of its body", remedy)
+            theta = self.truth + schedule.added(which)
+            changed = replace(config, faults=()).simulating(self.dt, theta)
+            self._variants[which] = Variant.of(changed)
         return self
 
     def refined(self, substeps: int) -> Self:
@@ -155,24 +169,33 @@ class Plant(ABC):
         Args:
             position: (n,) position numbers.
             velocity: (n,) velocities.
-            as_at: time of a run at whose condition the actuators are frozen [s]; None lets the
-                fault occur at its own time.
+            as_at: time of a run at whose condition the plant is frozen [s], with sound sensors and
+                a stuck actuator at rest unless it says what it holds; None lets faults occur.
         """
+        sound = self._variants[()]
+        self.model, self.data = sound.model, sound.data
         mujoco.mj_resetData(self.model, self.data)
         self._delayed_commands = deque([np.zeros(self.system.n_u)] * self.delay)
         self._place(position, velocity)
-        self.model.actuator_gainprm[:] = self._initial_gainprm
-        self._next_strike = self._strikes if as_at is None else np.inf
-        if as_at is not None and self.struck(as_at):
-            self._weaken()
+        self.model.actuator_gainprm[:] = sound.gainprm
+        self._variants[()] = Variant.of(self)
+        self._held, self._biases, self._next_edge = {}, None, self._schedule.next_edge(-np.inf)
+        if as_at is not None:
+            self._fail(as_at)
+            self._biases, self._next_edge = None, np.inf
 
-    def _weaken(self) -> None:
-        """Reduces the actuator's gains by the fault's share, in mjModel or in userdata."""
-        k, left = self.fault.actuator - 1, 1 - self.fault.loss
-        self.model.actuator_gainprm[k] *= left
-        if self.gain_places:
-            self.data.userdata[list(self.gain_places[k])] *= left
-        self._next_strike = np.inf
+    def _fail(self, t: float) -> None:
+        """Puts plant and sensors into their condition at time t of a run [s]."""
+        schedule = self._schedule
+        variant = self._variants[schedule.carried(t)]
+        if variant.data is not self.data:
+            variant.enter(Variant.of(self))
+            self.model, self.data = variant.model, variant.data
+        variant.scale_gains(schedule.factors(t))
+        held = {k: float(self.data.ctrl[k]) if x is None else x for k, x in schedule.stuck(t)}
+        self._held = held | {k: x for k, x in self._held.items() if k in held}
+        self._biases = schedule.biases(t)
+        self._next_edge = -np.inf if schedule.fades(t) else schedule.next_edge(t)
 
     @abstractmethod
     def _place(self, position: Array, velocity: Array) -> None:
@@ -211,15 +234,8 @@ class Plant(ABC):
     @property
     def diverged(self) -> str:
         """Name of the signal that MuJoCo found bad; "" if none is."""
-        for counter, signal in self._counters:
-            if counter.number:
-                return signal
-        return ""
-
-    @cached_property
-    def _counters(self) -> list[tuple[Any, str]]:
-        """MuJoCo's warning counters and their signals' names, looked up once."""
-        return [(self.data.warning[warning], signal) for warning, signal in _DIVERGENCES]
+        found = (signal for kind, signal in _DIVERGENCES if self.data.warning[kind].number)
+        return next(found, "")
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -268,7 +284,8 @@ class Plant(ABC):
         """
         start = round(last.t / self.dt)
         t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)
-        steady = not self.delay and self.t + steps * self.dt < self._next_strike
+        faulty = self._held or self._biases is not None
+        steady = not self.delay and not faulty and self.t + steps * self.dt < self._next_edge
         law = driver.compiled(t) if steady else None
         if law is None or self.reading is None:
             return self._drive_stepwise(driver, last, t, sensors)
@@ -281,17 +298,19 @@ class Plant(ABC):
 
     def _drive_stepwise(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
         """Drives at times t (k,) [s] with a call of `command` at each; t[0] is that of `last`."""
-        rows, warnings = [last], warnings_of(self.data)
+        rows = [last]
         for now in t[1:]:
             self.step(rows[-1].u)
             rows.append(self._measure(float(now), driver, sensors))
-            if not sound(warnings, *rows[-1][1:]):
+            if not sound(warnings_of(self.data), *rows[-1][1:]):
                 break
         return Log.unchecked_of(rows)
 
     def _measure(self, t: float, driver: Driver, sensors: Sensors) -> Measurement:
         """The measurement at the current state and the driver's command for it."""
         coordinates, v = sensors(*self.coordinates())
+        if self._biases is not None:
+            coordinates, v = coordinates + self._biases[0], v + self._biases[1]
         q = self.position(coordinates)
         return Measurement(t, q, v, driver.command(t, q, v))
 
@@ -300,9 +319,11 @@ class Plant(ABC):
         if self.delay:
             self._delayed_commands.append(np.array(u, dtype=np.float64))
             u = self._delayed_commands.popleft()
-        if self.t > self._next_strike:
-            self._weaken()
+        if self.t > self._next_edge:
+            self._fail(self.t)
         self.data.ctrl[:] = u
+        for k, held in self._held.items():
+            self.data.ctrl[k] = held
         mujoco.mj_step(self.model, self.data, self.substeps)
 
 

@@ -1,0 +1,35 @@
+"""Faults of a plant during a run: their kinds, as text, and their effect in time."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import tyro
+from pydantic import BeforeValidator
+
+from .kinds import Fault
+from .text import fault_text, parse_faults
+
+
+def _read(value: Any) -> Any:
+    """Accepts text, and text among the items of a sequence."""
+    if isinstance(value, str):
+        return parse_faults(value)
+    if isinstance(value, list | tuple):
+        parts = [parse_faults(v) if isinstance(v, str) else (v,) for v in value]
+        return tuple(fault for part in parts for fault in part)
+    return value
+
+
+_SPEC = tyro.constructors.PrimitiveConstructorSpec(
+    nargs="*",
+    metavar='"KIND NUMBER of WHICH at TIME s; …"',
+    instance_from_str=lambda words: parse_faults(" ; ".join(words)),
+    is_instance=lambda value: (
+        isinstance(value, tuple) and all(isinstance(fault, Fault) for fault in value)
+    ),
+    str_from_instance=lambda value: [fault_text(fault) for fault in value],
+)
+
+Faults = Annotated[tuple[Fault, ...], BeforeValidator(_read), _SPEC]
+"""Any number of faults; also as text, see `text`."""

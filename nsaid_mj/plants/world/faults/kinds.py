@@ -1,0 +1,347 @@
+"""The kinds of faults. Each one acts from `time` until `until`, and says what it changes.
+
+An actuator's fault scales its gains or holds its command; friction and a payload add to θ; a bias
+adds to what a sensor measures. The structure keeps holding except under a held command, whose
+force is constant, and under a bias.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import field
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ....bounds import Config, Name, NonNegative, Number, Positive, config
+from ....errors import InvalidInput, UnknownName
+from ....parameters import Array, Indices, ParameterSpace
+from ....system import SecondOrderSystem
+
+GRAVITY = 9.81
+"""Of a payload in water [m/s²]; in air it is that of the structure."""
+
+Index = Annotated[int, Field(strict=True, ge=1, le=1000)]
+Sensor = Literal["position", "velocity"]
+
+
+@config
+class Fault(Config, ABC):
+    """A fault, sudden and permanent unless its kind or `until` says otherwise.
+
+    Attributes:
+        time: when it begins [s of the run].
+        until: when it ends and the plant is as before [s of the run]; None for never.
+    """
+
+    _path = "plant.faults"
+
+    time: NonNegative = field(default=0.0, kw_only=True)
+    until: NonNegative | None = field(default=None, kw_only=True)
+
+    @model_validator(mode="after")
+    def _check_end(self) -> Self:
+        if self.until is not None and self.until <= self.time:
+            raise InvalidInput(
+                "faults.until", f"a time after {self.time:g} s", self.until, "Leave it out: never."
+            )
+        return self
+
+    @abstractmethod
+    def affected(self, system: SecondOrderSystem) -> Indices:
+        """Indices in θ of what the fault changes; empty for a sensor.
+
+        Raises:
+            InvalidInput: the system has no such part.
+        """
+
+    @abstractmethod
+    def what(self, system: SecondOrderSystem) -> str:
+        """The fault in words, without its times."""
+
+    def in_words(self, system: SecondOrderSystem) -> str:
+        """The fault in words, such as `thrust_3 loses 40 % at 12 s`."""
+        end = "" if self.until is None else f" until {self.until:g} s"
+        return f"{self.what(system)} at {self.time:g} s{end}"
+
+
+# -- actuators -------------------------------------------------------------------------------------
+
+
+@config
+class ActuatorFault(Fault, ABC):
+    """A fault of one actuator.
+
+    Attributes:
+        actuator: index of its command, counted from 1.
+    """
+
+    actuator: Index = field(default=1, kw_only=True)
+
+    @abstractmethod
+    def factor(self, since: float) -> float:
+        """What its gains are multiplied by, `since` seconds after the fault began."""
+
+    def affected(self, system: SecondOrderSystem) -> Indices:
+        """Indices in θ of the actuator's gains."""
+        return gains_of(system, self.actuator)
+
+    def names(self, system: SecondOrderSystem, singular: str, plural: str) -> str:
+        """The gains' names and a verb."""
+        names = [system.space.names[i] for i in self.affected(system)]
+        return f"{' and '.join(names)} {singular if len(names) == 1 else plural}"
+
+
+@config
+class Loss(ActuatorFault):
+    """An actuator that loses a share of its gain, suddenly or slowly.
+
+    Attributes:
+        share: of its gain that it loses.
+        rate: share lost per second until `share` is lost [1/s]; None for at once.
+    """
+
+    share: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.4
+    rate: Positive | None = None
+
+    def factor(self, since: float) -> float:
+        """1 − the share lost by then."""
+        return 1 - (self.share if self.rate is None else min(self.share, self.rate * since))
+
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `thrust_3 loses 40 %`."""
+        slowly = "" if self.rate is None else f", {100 * self.rate:g} %/s,"
+        return f"{self.names(system, 'loses', 'lose')} {100 * self.share:g} %{slowly}"
+
+
+@config
+class Reversed(ActuatorFault):
+    """An actuator that acts in the opposite direction, as after wires were exchanged."""
+
+    def factor(self, since: float) -> float:
+        """−1."""
+        return -1.0
+
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `thrust_3 is reversed`."""
+        return f"{self.names(system, 'is', 'are')} reversed"
+
+
+@config
+class Broken(ActuatorFault):
+    """An actuator that exerts no force any more: a broken fin, a rotor that has come off."""
+
+    def factor(self, since: float) -> float:
+        """0."""
+        return 0.0
+
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `thrust_3 is lost`."""
+        return f"{self.names(system, 'is', 'are')} lost"
+
+
+@config
+class Stuck(ActuatorFault):
+    """An actuator that no longer follows its command and exerts a constant effort.
+
+    Its command has no effect, so that its true gain is 0; the constant force is outside θ.
+
+    Attributes:
+        holding: the command that it goes on executing; None for the last one it received.
+    """
+
+    holding: Number | None = None
+
+    def factor(self, since: float) -> float:
+        """1: the command is replaced, the gain is that of the actuator."""
+        return 1.0
+
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `thrust_3 is stuck`."""
+        where = "" if self.holding is None else f" at a command of {self.holding:g}"
+        return f"{self.names(system, 'is', 'are')} stuck{where}"
+
+
+def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
+    """Indices in θ of an actuator's gains: the parameters whose force its command changes.
+
+    Raises:
+        InvalidInput: there is no such actuator, or its gain is not a parameter.
+    """
+    found = [_answering(system, k) for k in range(system.n_u)]
+    if actuator > system.n_u or not found[actuator - 1].size:
+        weak = [str(k) for k, gains in enumerate(found, 1) if gains.size]
+        raise InvalidInput(
+            "faults.actuator",
+            f"one with a gain in θ: {', '.join(weak)}",
+            actuator,
+            "Commands are counted from 1.",
+        )
+    return found[actuator - 1]
+
+
+def _answering(system: SecondOrderSystem, k: int) -> Indices:
+    """Indices of the actuator parameters whose columns of F change with command k.
+
+    They are found by changing the command at a random state in the range of operation.
+    """
+    rng = np.random.default_rng(0)
+    q, v, u = system.random_state(rng)
+    other = u.copy()
+    other[k] = system.random_state(rng)[2][k]
+    x = np.concatenate([q, v])
+    moved = (system.F(0.0, x, u) != system.F(0.0, x, other)).any(axis=0)
+    return system.space.actuators[moved[system.space.actuators]]
+
+
+# -- the plant -------------------------------------------------------------------------------------
+
+
+@config
+class PlantFault(Fault, ABC):
+    """A fault of the plant itself, which adds to θ."""
+
+    @abstractmethod
+    def added(self, system: SecondOrderSystem) -> Array:
+        """(p,) what it adds to θ.
+
+        Raises:
+            InvalidInput: the system has no such part.
+        """
+
+    def affected(self, system: SecondOrderSystem) -> Indices:
+        """Indices in θ of what the fault changes."""
+        return np.flatnonzero(self.added(system))
+
+
+@config
+class Friction(PlantFault):
+    """Friction or drag that is added to a joint or a body.
+
+    Attributes:
+        by: what is added, in the parameter's unit.
+        parameter: name of the friction or drag in θ, such as viscous_3, coulomb_3 or d_surge.
+    """
+
+    by: Positive = 1.0
+    parameter: Name = "viscous_1"
+
+    def added(self, system: SecondOrderSystem) -> Array:
+        """`by` at the parameter."""
+        known = [
+            name
+            for block in system.space.blocks
+            if any(word in block.name for word in ("friction", "drag", "resistance"))
+            and not block.actuator
+            for name in block.names
+        ]
+        if self.parameter not in known:
+            raise UnknownName("friction or drag", self.parameter, known)
+        change = np.zeros(system.p)
+        change[system.space.index(self.parameter)] = self.by
+        return change
+
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `viscous_3 rises by 1.5 N·m·s/rad`."""
+        unit = system.space.units[system.space.index(self.parameter)]
+        return f"{self.parameter} rises by {self.by:g} {unit}"
+
+
+@config
+class Payload(PlantFault):
+    """A point mass, fixed to a body.
+
+    Attributes:
+        mass: [kg].
+        place: its position in the body's axes: of a link, those of its joint [m].
+        link: name of the body's block in θ, such as `link 6`; "" for the last one.
+    """
+
+    mass: Positive = 1.0
+    place: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    link: Name = ""
+
+    def added(self, system: SecondOrderSystem) -> Array:
+        """The inertial parameters of a point mass; in water also its weight and moment."""
+        change, space = np.zeros(system.p), system.space
+        bodies = {b.name: at for b, at in space if b.geometry == "pseudo_inertia"}
+        if self.link and self.link not in bodies:
+            raise UnknownName("body in θ", self.link, list(bodies))
+        if bodies:
+            change[bodies[self.link or list(bodies)[-1]]] = _point(self.mass, np.array(self.place))
+            return change
+        return _submerged(space, self.mass, np.array(self.place))
+
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `1 kg on link 6 is picked up`."""
+        bodies = [b.name for b in system.space.blocks if b.geometry == "pseudo_inertia"]
+        return f"{self.mass:g} kg on {self.link or (bodies or ['the body'])[-1]} is picked up"
+
+
+def _point(mass: float, place: Array) -> Array:
+    """(10,) mass, first moments, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz of a point mass at place (3,)."""
+    inertia = mass * (place @ place * np.eye(3) - np.outer(place, place))
+    return np.concatenate([[mass], mass * place, inertia[np.tril_indices(3)]])
+
+
+def _submerged(space: ParameterSpace, mass: float, place: Array) -> Array:
+    """(p,) change of θ by a point mass at place (3,) of a single body in water, z up.
+
+    Raises:
+        InvalidInput: θ has no full mass matrix of a body in space.
+    """
+    names = [block.name for block in space.blocks]
+    parts = ("mass matrix", "net weight", "righting moment")
+    if not all(part in names for part in parts) or len(space.scale[space[parts[0]]]) != 21:
+        raise InvalidInput(
+            "faults", "a vehicle whose θ can hold a payload", "payload", "Leave the payload out."
+        )
+    across = np.cross(np.eye(3), place)  # a × place for the unit vectors a: −[place]×ᵀ
+    twist = np.hstack([np.eye(3), across.T])
+    change = np.zeros(len(space))
+    change[space[parts[0]]] = (mass * twist.T @ twist)[np.triu_indices(6)]
+    change[space[parts[1]]] = mass * GRAVITY
+    change[space[parts[2]]] = -mass * GRAVITY * place
+    return change
+
+
+# -- sensors ---------------------------------------------------------------------------------------
+
+
+@config
+class Bias(Fault):
+    """A constant error of one sensor.
+
+    Attributes:
+        by: the error, in the unit of what it measures.
+        sensor: `position` or `velocity`.
+        channel: which of the system's coordinates, counted from 1.
+    """
+
+    by: Number = 0.01
+    sensor: Sensor = "position"
+    channel: Index = 1
+
+    def affected(self, system: SecondOrderSystem) -> Indices:
+        """Nothing in θ."""
+        if self.channel > system.n:
+            raise InvalidInput(
+                "faults.channel",
+                f"a coordinate from 1 to {system.n}",
+                self.channel,
+                "They are those of q or v, in order.",
+            )
+        return np.zeros(0, dtype=np.intp)
+
+    def biases(self, n: int) -> Array:
+        """(2, n) errors of position numbers and velocities."""
+        found = np.zeros((2, n))
+        found[int(self.sensor == "velocity"), self.channel - 1] = self.by
+        return found
+
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `position 2 is measured 0.01 too high`."""
+        self.affected(system)
+        way = "high" if self.by > 0 else "low"
+        return f"{self.sensor} {self.channel} is measured {abs(self.by):g} too {way}"

@@ -1,0 +1,130 @@
+"""What a sequence of faults changes at which time, for the plant and for its truth alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ....parameters import Array
+from ....system import SecondOrderSystem
+from .kinds import ActuatorFault, Bias, Fault, Loss, PlantFault, Stuck
+
+_NOTCH = 0.02  # share of a gain, lost slowly, after which evaluation counts the truth as another
+
+
+class Schedule:
+    """Faults on the grid of time steps; each strikes between two steps, the nearest to its time.
+
+    Args:
+        faults: any number.
+        system: of the plant.
+        dt: time step [s].
+
+    Attributes:
+        edges: sorted times at which a fault begins or ends [s].
+
+    Raises:
+        InvalidInput: the system lacks a part that a fault names.
+    """
+
+    def __init__(self, faults: Sequence[Fault], system: SecondOrderSystem, dt: float):
+        self._faults, self._system = tuple(faults), system
+        self._gains = [fault.affected(system) for fault in faults]
+
+        def between(time: float | None) -> float:
+            return np.inf if time is None else (round(time / dt) - 0.5) * dt
+
+        self._begin = np.array([between(fault.time) for fault in faults])
+        self._end = np.array([between(fault.until) for fault in faults])
+        times = np.concatenate([self._begin, self._end])
+        self.edges: Array = np.unique(times[np.isfinite(times)])
+        self._notches = np.unique(
+            np.concatenate([self.edges, *map(self._slow_edges, range(len(faults)))])
+        )
+
+    def _slow_edges(self, i: int) -> Array:
+        """Times at which a slow loss has taken another share `_NOTCH` [s]."""
+        fault = self._faults[i]
+        if not isinstance(fault, Loss) or fault.rate is None:
+            return np.zeros(0)
+        lost = np.append(np.arange(_NOTCH, fault.share, _NOTCH), fault.share)
+        times = self._begin[i] + lost / fault.rate
+        return times[times < self._end[i]]
+
+    def epoch(self, t: ArrayLike) -> NDArray[np.intp]:
+        """(...) count of the stretches of constant truth at times t (...) [s], 0 before a fault.
+
+        A slow loss ends a stretch with every two per cent of the gain.
+        """
+        return np.searchsorted(self._notches, np.asarray(t), side="left")
+
+    def next_edge(self, t: float) -> float:
+        """The next time after t at which a fault begins or ends [s]; infinity if there is none."""
+        later = self.edges[self.edges >= t]
+        return float(later[0]) if len(later) else np.inf
+
+    def _active(self, t: float) -> list[int]:
+        return [int(i) for i in np.flatnonzero((t > self._begin) & ~(t > self._end))]
+
+    def fades(self, t: float) -> bool:
+        """Whether a gain is falling at time t [s]."""
+        slow = [
+            (i, f) for i in self._active(t) if isinstance(f := self._faults[i], Loss) and f.rate
+        ]
+        return any(f.rate and f.rate * (t - self._begin[i]) < f.share for i, f in slow)
+
+    def factors(self, t: float) -> Array:
+        """(n_u,) what every actuator's gains are multiplied by in the plant at time t [s]."""
+        factors = np.ones(self._system.n_u)
+        for i in self._active(t):
+            if isinstance(fault := self._faults[i], ActuatorFault):
+                factors[fault.actuator - 1] *= fault.factor(t - self._begin[i])
+        return factors
+
+    def stuck(self, t: float) -> list[tuple[int, float | None]]:
+        """Every stuck actuator, counted from 0, and the command it holds; None for its last."""
+        found = (fault for i in self._active(t) if isinstance(fault := self._faults[i], Stuck))
+        return [(fault.actuator - 1, fault.holding) for fault in found]
+
+    def biases(self, t: float) -> Array | None:
+        """(2, n) biases of position numbers and velocities at time t [s]; None if none."""
+        n = self._system.n
+        found = [f.biases(n) for i in self._active(t) if isinstance(f := self._faults[i], Bias)]
+        return np.sum(found, axis=0) if found else None
+
+    def carried(self, t: float) -> tuple[int, ...]:
+        """Numbers of the faults of the plant itself, such as a payload, at time t [s]."""
+        return tuple(i for i in self._active(t) if isinstance(self._faults[i], PlantFault))
+
+    def all_carried(self) -> set[tuple[int, ...]]:
+        """Every combination of faults of the plant itself that occurs."""
+        return {self.carried(np.nextafter(edge, np.inf)) for edge in self.edges}
+
+    def added(self, which: tuple[int, ...]) -> Array:
+        """(p,) what faults of the plant itself, given by their numbers, add to θ."""
+        total = np.zeros(self._system.p)
+        for i in which:
+            fault = self._faults[i]
+            assert isinstance(fault, PlantFault)
+            total += fault.added(self._system)
+        return total
+
+    def theta(self, sound: Array, t: ArrayLike) -> Array:
+        """(..., p) the true θ at times t (...) [s], from that of the sound plant (p,)."""
+        times = np.asarray(t, dtype=np.float64)
+        theta = np.broadcast_to(sound, (*times.shape, len(sound))).copy()
+        for i, fault in enumerate(self._faults):
+            active = (times > self._begin[i]) & ~(times > self._end[i])
+            if isinstance(fault, PlantFault):
+                theta[active] += fault.added(self._system)
+        for i, fault in enumerate(self._faults):
+            active = (times > self._begin[i]) & ~(times > self._end[i])
+            if isinstance(fault, ActuatorFault) and active.any():
+                since = times[active] - self._begin[i]
+                left = [0.0 if isinstance(fault, Stuck) else fault.factor(s) for s in since.flat]
+                rows = theta[active]
+                rows[:, self._gains[i]] *= np.array(left)[:, None]
+                theta[active] = rows
+        return theta
