@@ -45,7 +45,7 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
         bound = bound + slack + stepped * _UNSOLVED * V[0]
     else:
         rises[stepped] = 0.0  # the slack of an implicit step needs every measurement
-    bound = np.where(undefined, 0.0, bound)
+    bound = np.where(undefined | ~np.isfinite(bound), 0.0, bound)
     return {
         "lyapunov_violations": int(np.count_nonzero(rises > bound)),
         "lyapunov_largest_rise": float(rises.max(initial=0.0) / (V[0] or np.inf)),
