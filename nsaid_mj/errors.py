@@ -115,6 +115,21 @@ class BadRun(NsaidError):
         super().__init__(f"{path}: {reason}. {remedy}")
 
 
+class NotWritten(BadRun):
+    """A file that cannot be written: the disk is full, or its folder is gone or read-only."""
+
+
+class FolderInUse(BadRun):
+    """A folder into which another process, or another thread of this one, is writing."""
+
+    def __init__(self, path: object):
+        super().__init__(
+            path,
+            "another run is writing into it",
+            "Wait until that has ended, or give another folder with --out",
+        )
+
+
 class NoEstimate(NsaidError):
     """A method found no estimate on a log.
 
@@ -126,6 +141,21 @@ class NoEstimate(NsaidError):
     def __init__(self, reason: str, remedy: str):
         self.reason, self.remedy = reason, remedy
         super().__init__(f"{reason}. {remedy}")
+
+
+class DamagedKernelCache(UserWarning):
+    """A cached kernel cannot be loaded and is compiled again.
+
+    Attributes:
+        reason: the error.
+    """
+
+    def __init__(self, reason: object):
+        self.reason = reason
+        super().__init__(
+            f"the cache of compiled kernels is damaged ({reason}); what cannot be loaded is "
+            "compiled again, for about a minute."
+        )
 
 
 class NoKernelCache(UserWarning):

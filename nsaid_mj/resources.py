@@ -1,16 +1,26 @@
-"""Paths of scenarios and assets (beside the package in a checkout, inside it in a wheel)."""
+"""Files: paths of scenarios and assets, atomic writes, and folders that only one run writes into.
+
+Scenarios and assets are beside the package in a checkout, inside it in a wheel.
+"""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import threading
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .errors import InvalidInput, UnknownName
+from .errors import FolderInUse, InvalidInput, NotWritten, UnknownName
+
+try:
+    import fcntl
+except ImportError:  # on Windows folders are not locked
+    fcntl = None
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -82,12 +92,17 @@ def write_json(path: Path, value: Any) -> None:
 
     Raises:
         ValueError: a number is NaN or infinite.
+        NotWritten: the file cannot be written.
     """
     write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes text as UTF-8, atomically."""
+    """Writes text as UTF-8, atomically.
+
+    Raises:
+        NotWritten: the file cannot be written.
+    """
     with atomic_write(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
@@ -98,12 +113,103 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
     A reader sees either the old file or the complete new one. If writing fails, the temporary file
     is deleted.
+
+    Raises:
+        NotWritten: the operating system refuses to write.
     """
     partial = path.with_name(f".{path.name}.part")
+    with told(path):
+        try:
+            create(partial)
+            yield partial
+            with partial.open("rb") as stream:
+                os.fsync(stream.fileno())
+            partial.replace(path)
+        finally:
+            with suppress(OSError):  # of a folder that is gone
+                partial.unlink(missing_ok=True)
+
+
+def create(path: Path) -> None:
+    """Creates an empty file in place of any other, without following a symbolic link."""
+    path.unlink(missing_ok=True)
+    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)
+    os.close(os.open(path, flags, 0o666))
+
+
+@contextmanager
+def told(path: Path, remedy: str = "") -> Iterator[None]:
+    """Within the context, an error of the operating system becomes `NotWritten`.
+
+    Args:
+        path: of the file or folder that is written.
+        remedy: what to do about it; by default it depends on the error.
+    """
     try:
-        yield partial
-        with partial.open("rb") as stream:
-            os.fsync(stream.fileno())
-        partial.replace(path)
+        yield
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        remedy = remedy or (
+            "Make room on the disk, or give another folder with --out"
+            if full
+            else "Give another folder, with --out"
+        )
+        reason = error.strerror or str(error)
+        raise NotWritten(path, f"it cannot be written: {reason}", remedy) from error
+
+
+# -- folders that only one run writes into -----------------------------------------------------
+
+_held: dict[tuple[int, int], int] = {}  # thread that holds a folder, by device and inode
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Creates a folder if missing, and keeps other processes and threads from writing into it.
+
+    Only callers of this function are kept out. The operating system frees the lock when its
+    process ends, however it ends. The same thread may lock a folder again. Folders that were
+    created and are still empty at the end are removed.
+
+    Raises:
+        FolderInUse: another process or thread holds the folder.
+        NotWritten: the folder cannot be created, or is not a folder.
+    """
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    with told(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        status = folder.stat()
+    key, thread = (status.st_dev, status.st_ino), threading.get_ident()
+    if _held.get(key) == thread:
+        yield
+        return
+    if _held.setdefault(key, thread) != thread:
+        raise FolderInUse(folder)
+    try:
+        descriptor = _flock(folder)
+        try:
+            yield
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
     finally:
-        partial.unlink(missing_ok=True)
+        del _held[key]
+        with suppress(OSError):  # not empty
+            for path in missing:
+                path.rmdir()
+
+
+def _flock(folder: Path) -> int | None:
+    """A descriptor that holds the lock of a folder; None on file systems that have no locks."""
+    if fcntl is None:
+        return None
+    with told(folder):
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise FolderInUse(folder) from None
+        return None
+    return descriptor

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
+from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..resources import asset
 from .calibrate import calibrate
@@ -22,6 +23,7 @@ from .vehicles import EXTRA
 PathLike = str | Path
 
 
+@single_threaded
 def identify(
     model: str | RobotModel,
     logs: PathLike | Sequence[PathLike] = (),

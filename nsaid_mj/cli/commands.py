@@ -9,16 +9,19 @@ import atexit
 import gc
 import json
 import os
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import __version__
-from ..errors import BadRun, InvalidInput, NsaidError, UnknownName
+from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName
 from ..experiment.library import load
 from ..resources import scenarios
+from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
     from ..evaluation.verify import Verdict
@@ -42,22 +45,33 @@ def run_from_shell() -> NoReturn:
     os.environ.setdefault("MUJOCO_GL", "disable")  # MuJoCo renders nothing
     gc.set_threshold(50_000)  # imports allocate many permanent objects; scanning them is slow
     atexit.register(gc.freeze)  # skips the scan at exit, which takes half a second
+    open_streams()
     _exit(lambda: command(sys.argv[1:]))
 
 
-def _exit(action: Any) -> NoReturn:
-    try:
-        code = action()
-    except NsaidError as error:
-        print(f"nsaid: {error}", file=sys.stderr)
-        code = UNUSABLE
-    except KeyboardInterrupt:
-        print("nsaid: interrupted", file=sys.stderr)
-        code = INTERRUPTED
-    except BrokenPipeError:  # `nsaid list | head`
-        sys.stderr.close()
-        code = 0
+def _exit(action: Callable[[], int]) -> NoReturn:
+    with ending_like_ctrl_c():
+        try:
+            code = action()
+            sys.stdout.flush()
+        except NsaidError as error:
+            code = _say(error, UNUSABLE)
+        except KeyboardInterrupt as error:
+            code = _say(f"interrupted. {error}".removesuffix(". "), INTERRUPTED)
+        except BrokenPipeError:  # `nsaid list | head`
+            code = 0
+        except OSError as error:  # such as a full disk behind the standard output
+            what = error.filename or "the output"
+            code = _say(f"{what}: {error.strerror or error}. Give another one.", UNUSABLE)
+        silence()
     sys.exit(code)
+
+
+def _say(words: object, code: int) -> int:
+    """Prints one line to the standard error, if it takes it, and returns the exit code."""
+    with suppress(OSError):
+        print(f"nsaid: {words}", file=sys.stderr, flush=True)
+    return code
 
 
 def command(arguments: Sequence[str]) -> int:
@@ -145,9 +159,7 @@ def _carry_out(
 
     scenario, output = parse(name, default, arguments, asked)
     title = title_of(name, default, scenario)
-    folder = folder_for(title, scenario, output.out, output.force)
     from ..experiment.loop import Observer, run
-    from ..reporting.finish import finish
     from ..reporting.progress import Progress
     from ..reporting.warmup import warm_up
 
@@ -156,11 +168,27 @@ def _carry_out(
         from ..recording import Live
 
         watchers.append(Live(title))
-    with Progress(title, quiet=output.quiet or output.json) as progress:
+    with (
+        folder_for(title, scenario, output.out, output.force) as folder,
+        Progress(title, quiet=output.quiet or output.json) as progress,
+    ):
         compiled = warm_up(scenario)
         result = run(scenario, folder, progress, *watchers)
         result.cost.compile += compiled
-        return title, result, finish(result, progress.say), output
+        return title, result, _finish(result, progress.say), output
+
+
+def _finish(result: Run, say: Callable[[str], None]) -> dict[str, Any]:
+    """Post-processes a run; if that is interrupted or the disk is full, says how to go on."""
+    from ..reporting.finish import finish
+
+    again = f"`nsaid view --rebuild {shlex.quote(str(result.folder))}` finishes the run"
+    try:
+        return finish(result, say)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(again) from None
+    except NotWritten as error:
+        raise NotWritten(error.path, error.reason, f"Make room on the disk; {again}") from error
 
 
 def _code(result: Run) -> int:
@@ -203,10 +231,10 @@ def _compare(script: str, arguments: Sequence[str]) -> int:
         bound=chosen.bound,
     )
     folder = chosen.out or Path("runs") / f"{name}-compare"
-    compare.run(plan, folder, quiet=chosen.quiet or chosen.json)
+    cells = compare.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / compare.FILES[0]).read_text(encoding="utf-8"), end="")
-    return 0
+    return FAILED if all(cell.failure for cell in cells if cell.method in plan.methods) else 0
 
 
 def _whole(script: str) -> str:
@@ -260,7 +288,10 @@ def _montecarlo(script: str, arguments: Sequence[str]) -> int:
 def _report(folder: Path) -> int:
     from ..studies import sweep_report, sweep_results
 
-    for path in sweep_report.write(sweep_results.read(folder)):
+    sweep = sweep_results.read(folder)
+    if sweep.damaged:
+        print(f"nsaid: {sweep.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
+    for path in sweep_report.write(sweep):
         print(path)
     return 0
 

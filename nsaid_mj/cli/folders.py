@@ -5,11 +5,14 @@ from __future__ import annotations
 import itertools
 import json
 import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from ..errors import BadRun
+from ..errors import BadRun, FolderInUse
 from ..experiment.scenario import Scenario
 from ..identifiers import ConventionalAID
+from ..resources import locked
 
 RUNS = Path("runs")
 
@@ -27,8 +30,11 @@ def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
     return (Path(robot).stem or name) if robot and chosen else name
 
 
-def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) -> Path:
-    """The folder of a run: `out`, or runs/TITLE-LAW, numbered if that holds a completed run.
+@contextmanager
+def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) -> Iterator[Path]:
+    """Yields the folder of a run, locked.
+
+    It is `out`, or runs/TITLE-LAW, numbered if that holds a completed run or is in use.
 
     Args:
         title: of the run.
@@ -38,22 +44,33 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
 
     Raises:
         BadRun: `out` holds a completed run, and `force` is not set.
+        FolderInUse: another run is writing into `out`.
     """
-    if out is not None:
-        if not force and holds_completed_run(out):
-            raise BadRun(
-                out,
-                "it holds a completed run",
-                "Give --force to overwrite it, or another folder with --out",
-            )
-        return out
+    for folder in _candidates(title, scenario) if out is None else [out]:
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(locked(folder))
+            except FolderInUse:
+                if force or out is not None:
+                    raise
+                continue
+            if force or not holds_completed_run(folder):
+                yield folder
+                return
+            if out is not None:
+                raise BadRun(
+                    out,
+                    "it holds a completed run",
+                    "Give --force to overwrite it, or another folder with --out",
+                )
+
+
+def _candidates(title: str, scenario: Scenario) -> Iterator[Path]:
+    """The folders runs/TITLE-LAW, runs/TITLE-LAW-2, and so on."""
     conventional = isinstance(scenario.identifier, ConventionalAID)
     law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
-    first = RUNS / f"{title}-{law}"
-    if force:
-        return first
-    numbered = (RUNS / f"{title}-{law}-{number}" for number in itertools.count(2))
-    return next(f for f in itertools.chain([first], numbered) if not holds_completed_run(f))
+    yield RUNS / f"{title}-{law}"
+    yield from (RUNS / f"{title}-{law}-{number}" for number in itertools.count(2))
 
 
 def holds_completed_run(folder: Path) -> bool:

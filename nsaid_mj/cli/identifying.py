@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
-from ..resources import write_text
+from ..resources import locked, write_text
 from .folders import RUNS, check_writable
 from .grammar import Identify
 
@@ -27,6 +27,11 @@ def identify_log(chosen: Identify) -> int:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     folder = _folder(Path(model).stem, chosen.out, chosen.force)
     check_writable(folder)
+    with locked(folder):
+        return _identify(model, chosen, folder)
+
+
+def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from ..calibration.findings import UnusableLog
     from ..calibration.identify import identify
     from ..reporting.progress import Progress

@@ -12,6 +12,7 @@ from ..experiment.loop import Run
 from ..experiment.setup import Seeds
 from ..identifiers import ConventionalAID, IdentifierConfig
 from ..nullspace import Nullspace, directions, structural
+from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace
 from .confidence import known
 from .excitation import motion_figures, persistence_figures
@@ -50,6 +51,7 @@ _OF_THE_RECORD = (
 """Keys that are null if the run ended before its first row."""
 
 
+@single_threaded
 def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
     """Computes every key of a run's summary.json.
 

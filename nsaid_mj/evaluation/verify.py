@@ -20,6 +20,7 @@ from ..experiment.loop import Run, reopen
 from ..experiment.record import Record
 from ..identifiers import ConventionalAID
 from ..identifiers import Status as Ended
+from ..numerics.threads import single_threaded
 from ..resources import write_json
 from .summary import summarize
 from .truth import Truth, truth_of
@@ -57,6 +58,7 @@ class Verdict:
     words: str
 
 
+@single_threaded
 def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None) -> list[Verdict]:
     """Checks the paper's statements on a run.
 
@@ -221,6 +223,7 @@ def _no_limit(run: Run, summary: dict[str, Any]) -> str:
     return "θ̂ started in P(θ)" if summary["theta_perp_ratio_initial"] < UNEXCITED else ""
 
 
+@single_threaded
 def verify_folder(folder: Path) -> tuple[Run, list[Verdict]]:
     """Checks the statements on a run's folder, from its record alone, and writes verify.json.
 

@@ -18,14 +18,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..control import Driver
-from ..errors import BadRun
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor, structural
 from ..numerics.kernels import clock, compile_seconds
+from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Plant, VisualMesh
+from ..resources import locked, told
 from ..system import SecondOrderSystem
 from .following import Following, due_rows
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
@@ -166,6 +167,7 @@ class Observer(ABC):
         """Called at the end of the run, also after an error."""
 
 
+@single_threaded
 def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
     """Runs a scenario: simulates the plant, runs the identifiers, writes the record.
 
@@ -178,21 +180,22 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
         observers: called during the run.
 
     Raises:
+        FolderInUse: another run is writing into the folder.
+        NotWritten: the disk is full; the record up to there is kept.
+        BadRun: the record was removed or replaced during the run.
         NsaidError: the scenario cannot be started; no record has been written.
     """
+    with locked(folder):
+        return _run(scenario, folder, *observers)
+
+
+def _run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
     compiled, setup = compile_seconds(), Setup.of(scenario)
     system, driver, identifiers = setup.system, setup.driver(), setup.identifiers()
     r = structural(system, setup.prior, np.random.default_rng(setup.seeds.structure)).r
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for stale in folder.glob("*"):  # files of an earlier run could be mistaken for this one's
-            if stale.name in DERIVED:
-                stale.unlink()
-        (folder / FILE).open("wb").close()
-    except OSError as error:
-        raise BadRun(
-            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
-        ) from error
+    with told(folder):  # files of an earlier run could be mistaken for this one's
+        for name in DERIVED:
+            (folder / name).unlink(missing_ok=True)
     writer = RecordWriter(
         folder / FILE,
         columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals)),
@@ -217,9 +220,10 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
         loop.ending.status = Status.interrupted
     finally:
         loop.cost.wall, loop.cost.compile = clock() - begin, compile_seconds() - compiled
-        writer.close()
         for observer in observers:
             observer.stop()
+        writer.close()
+    writer.check()
     return SimulatedRun(
         scenario=scenario,
         folder=folder,
@@ -240,23 +244,29 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
 def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
     """Turns the first Ctrl-C into a call of `ask`; the second one raises KeyboardInterrupt.
 
+    The same goes for the signals that the command line treats as Ctrl-C.
+
     An exception could be raised anywhere, and within compiled code it would be lost or become a
     SystemError. The loop stops between two segments instead.
     """
+    # on others another handler is installed, or they are ignored
+    ours = [s for s in signal.valid_signals() if signal.getsignal(s) is signal.default_int_handler]
+    if threading.current_thread() is not threading.main_thread():
+        ours = []
+
+    def set_all(handler: Any) -> None:
+        for number in ours:
+            signal.signal(number, handler)
 
     def asked(*_: object) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        set_all(signal.default_int_handler)
         ask()
 
-    main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield  # another handler is installed, or the signal is ignored
-        return
-    signal.signal(signal.SIGINT, asked)
+    set_all(asked)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        set_all(signal.default_int_handler)
 
 
 def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:

@@ -8,6 +8,8 @@ equal bytes.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..errors import BadRun
+from ..errors import BadRun, NotWritten
 from ..log import Log
 from ..parameters import Array
+from ..resources import create, told
 
 BATCH_SECONDS = 0.9
 FILE = "record.arrow"
@@ -27,10 +30,14 @@ class RecordWriter:
     """Appends rows to an Arrow IPC stream.
 
     Args:
-        path: of the file, which is overwritten.
+        path: of the file; another one is replaced.
         widths: entries per row of each column; 0 for a scalar column.
         metadata: stored as JSON in the schema.
         batch: rows in a batch.
+
+    Raises:
+        NotWritten: the file cannot be written, also by the other methods. What was written before
+            stays readable.
     """
 
     def __init__(self, path: Path, widths: dict[str, int], metadata: dict[str, Any], batch: int):
@@ -42,10 +49,14 @@ class RecordWriter:
         self._schema = pa.schema(
             list(types.items()), metadata={"nsaid": json.dumps(metadata, ensure_ascii=False)}
         )
-        self._file = pa.OSFile(str(path), "wb")  # unbuffered
+        self._path, self._failed = path, False
+        with told(path):
+            create(path)
+            self._inode = path.stat().st_ino
+            self._file = pa.OSFile(str(path), "wb")  # unbuffered
         self._stream = pa.ipc.new_stream(self._file, self._schema)
         # Arrow writes the schema only with the first batch, so an empty one is written now
-        self._stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
+        self._write(pa.RecordBatch.from_pylist([], schema=self._schema))
         self._buffers = {
             name: np.zeros((self._batch, max(width, 1))) for name, width in widths.items()
         }
@@ -72,14 +83,44 @@ class RecordWriter:
             flat = pa.array(buffer[: self._rows].ravel())
             width = self._widths[name]
             columns.append(pa.FixedSizeListArray.from_arrays(flat, width) if width else flat)
-        self._stream.write_batch(pa.record_batch(columns, schema=self._schema))
         self._rows = 0
+        self._write(pa.record_batch(columns, schema=self._schema))
+
+    def _write(self, batch: pa.RecordBatch | None) -> None:
+        """Writes a batch, or the end mark; after a failure, nothing more is written."""
+        if self._failed:
+            return
+        remedy = (
+            "Make room on the disk; `nsaid view --rebuild` with the run's folder then finishes it "
+            "from what was recorded"
+        )
+        try:
+            with told(self._path, remedy):
+                self._stream.close() if batch is None else self._stream.write_batch(batch)
+        except NotWritten:
+            self._failed = True
+            raise
 
     def close(self) -> None:
         """Writes the buffered rows and ends the stream."""
-        self.flush()
-        self._stream.close()
-        self._file.close()
+        try:
+            self.flush()
+            self._write(None)
+        finally:
+            self._file.close()
+
+    def check(self) -> None:
+        """Checks that the file is still in its place.
+
+        Raises:
+            BadRun: the file was removed or replaced.
+        """
+        if not self._path.exists() or self._path.stat().st_ino != self._inode:
+            raise BadRun(
+                self._path,
+                "it was removed or replaced while the run was writing it",
+                "Run the scenario again",
+            )
 
 
 @dataclass(frozen=True)
@@ -120,35 +161,73 @@ class Record:
     def read(path: Path) -> Record:
         """Reads the record of a run's folder, or a record file, complete or truncated.
 
+        It needs no more memory than the record itself.
+
         Raises:
             BadRun: there is no record, or it is unreadable.
         """
-        file = path / FILE if path.is_dir() else path
-        if not file.is_file():
-            raise BadRun(path, "there is no record.arrow", "Give the folder that a run has written")
-        batches, complete = [], False
-        try:
-            with pa.memory_map(str(file)) as source:
-                reader = pa.ipc.open_stream(source)
-                schema = reader.schema
-                try:
-                    for batch in reader:
-                        batches.append(batch)
-                    complete = _ended(file)
-                except (pa.ArrowInvalid, OSError):
-                    complete = False  # truncated within a batch; the batches before are intact
-                table = pa.Table.from_batches(batches, schema)
-                columns = {
-                    field.name: _column(table.column(field.name), field.type) for field in schema
-                }
-            metadata = json.loads((schema.metadata or {})[b"nsaid"])
-        except (pa.ArrowException, OSError) as error:
-            raise BadRun(
-                file, f"not an Arrow stream ({error})", "Run the scenario again"
-            ) from error
-        except (KeyError, ValueError) as error:
-            raise BadRun(file, "an Arrow stream, but not a run's", "Give a run's folder") from error
+        file = _file_of(path)
+        with _typed(file):
+            schema, batches, rows, complete = _survey(file)
+            metadata = _metadata(schema)
+            columns = {
+                field.name: np.empty((rows, width) if (width := _width(field.type)) else rows)
+                for field in schema
+            }
+            with pa.OSFile(str(file)) as source, pa.ipc.open_stream(source) as stream:
+                row = 0
+                for _ in range(batches):
+                    batch = stream.read_next_batch()
+                    here = slice(row, row + batch.num_rows)
+                    for name, column in columns.items():
+                        column[here] = _values(batch.column(name)).reshape(column[here].shape)
+                    row = here.stop
         return Record(columns, metadata, complete)
+
+    @staticmethod
+    def metadata_of(path: Path) -> dict[str, Any]:
+        """Reads the metadata alone of the record of a run's folder, or of a record file.
+
+        Raises:
+            BadRun: there is no record, or it is unreadable.
+        """
+        file = _file_of(path)
+        with _typed(file), pa.OSFile(str(file)) as source, pa.ipc.open_stream(source) as stream:
+            return _metadata(stream.schema)
+
+
+def _file_of(path: Path) -> Path:
+    file = path / FILE if path.is_dir() else path
+    if not file.is_file():
+        raise BadRun(path, "there is no record.arrow", "Give the folder that a run has written")
+    return file
+
+
+@contextmanager
+def _typed(file: Path) -> Iterator[None]:
+    """Within the context, whatever an unreadable file raises becomes `BadRun`."""
+    try:
+        yield
+    except (pa.ArrowInvalid, OSError) as error:
+        raise BadRun(file, f"not an Arrow stream ({error})", "Run the scenario again") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadRun(file, "an Arrow stream, but not a run's", "Give a run's folder") from error
+
+
+def _survey(file: Path) -> tuple[pa.Schema, int, int, bool]:
+    """The schema of a stream, its intact batches, their rows, and whether its end is there."""
+    batches, rows, complete = 0, 0, False
+    with pa.memory_map(str(file)) as source:  # the bodies of the batches are not read
+        reader = pa.ipc.open_stream(source)
+        with suppress(pa.ArrowInvalid, OSError):  # truncated; the batches before are intact
+            for batch in reader:
+                batches, rows = batches + 1, rows + batch.num_rows
+            complete = _ended(file)
+        return reader.schema, batches, rows, complete
+
+
+def _metadata(schema: pa.Schema) -> dict[str, Any]:
+    return json.loads((schema.metadata or {})[b"nsaid"])
 
 
 def _ended(file: Path) -> bool:
@@ -158,10 +237,12 @@ def _ended(file: Path) -> bool:
         return stream.read() == b"\xff\xff\xff\xff\x00\x00\x00\x00"
 
 
-def _column(column: pa.ChunkedArray, kind: pa.DataType) -> Array:
-    if pa.types.is_fixed_size_list(kind):
-        # `values`, not `flatten`, which imports pyarrow.compute; equal for batches without offset
-        flat = [chunk.values.to_numpy(zero_copy_only=False) for chunk in column.chunks]
-        joined = np.concatenate(flat) if flat else np.zeros(0)
-        return joined.reshape(-1, kind.list_size)
-    return column.to_numpy().copy()
+def _width(kind: pa.DataType) -> int:
+    """Entries per row of a column; 0 for a scalar column."""
+    return kind.list_size if pa.types.is_fixed_size_list(kind) else 0
+
+
+def _values(column: pa.Array) -> Array:
+    # `values`, not `flatten`, which imports pyarrow.compute; equal for batches without offset
+    flat = column.values if pa.types.is_fixed_size_list(column.type) else column
+    return flat.to_numpy(zero_copy_only=False)

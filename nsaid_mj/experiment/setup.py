@@ -11,6 +11,7 @@ else in this package reads the truth before the end of a run.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -29,6 +30,7 @@ from ..system import SecondOrderSystem
 from .rehearsal import expected_gramian
 from .scenario import Scenario
 
+_PIECE = 5000  # time steps after which a long simulation can be stopped
 _REHEARSAL = 60.0  # longest simulation for the design of a gain [s]
 
 
@@ -115,13 +117,24 @@ class Setup:
             for name, config in {"": scenario.identifier, **scenario.rivals}.items()
         }
 
-    def simulate(self) -> Log:
+    def simulate(self, check: Callable[[], object] = lambda: None) -> Log:
         """Drives the plant for the run's duration; call it inside `with plant.running():`.
+
+        Args:
+            check: called now and then; it may raise, to stop.
 
         Returns:
             The measurements, ending early if the plant diverges or after one that is not finite.
         """
-        return trajectory(self.plant, self.driver(), self.scenario.steps, self.sensors())
+        driver, sensors, parts = self.driver(), self.sensors(), []
+        last, left = self.plant.begin(driver, sensors), self.scenario.steps
+        while True:
+            check()
+            log = self.plant.drive(driver, last, min(left, _PIECE), sensors)
+            parts.append(log.part(1 if parts else 0, len(log.t)))
+            left, last = left - _PIECE, log.at(-1)
+            if left <= 0 or not is_sound(self.plant, log):
+                return Log.unchecked(*map(np.concatenate, zip(*parts, strict=True)))
 
     def held_out(self, as_at: float) -> Log | None:
         """Drives the plant along a trajectory that no identifier has seen, with exact sensors.

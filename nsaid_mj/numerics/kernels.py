@@ -18,15 +18,16 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import llvmlite
 import numba
 import numpy as np
-from numba.core import event  # its Event API is in numba's manual
+from numba.core import caching, event  # the Event API is in numba's manual
 
-from ..errors import NoKernelCache
+from ..errors import DamagedKernelCache, NoKernelCache, NotWritten
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WITHOUT_KERNELS = (
@@ -114,7 +115,11 @@ def open_cache() -> Path:
 
 def _temporary(error: OSError) -> Path:
     """A cache folder that is deleted when this process ends; warns with the error's reason."""
-    folder = Path(tempfile.mkdtemp(prefix="nsaid-mj-"))
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="nsaid-mj-"))
+    except OSError:
+        remedy = "Set NUMBA_CACHE_DIR and TMPDIR to writable folders"
+        raise NotWritten("compiled kernels", "no folder is writable", remedy) from error
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)  # so that children share it, and do not warn
     warnings.warn(NoKernelCache(error), stacklevel=2)
@@ -147,6 +152,41 @@ FOLDER = open_cache()
 """The folder of this process's compiled kernels."""
 
 numba.config.CACHE_DIR = str(FOLDER)
+
+
+def guard(cache: Any) -> None:
+    """Makes a class of caches survive damaged files and a full disk, with a warning.
+
+    numba has no interface for that. It would raise the error of the unpickling, or of the operating
+    system, at every call of a kernel whose files are damaged or cannot be written.
+
+    Args:
+        cache: the class, with numba's `load_overload`, `save_overload` and `flush`.
+    """
+    load, save = cache.load_overload, cache.save_overload
+
+    def load_overload(self: Any, sig: Any, target_context: Any) -> Any:
+        try:
+            return load(self, sig, target_context)
+        except Exception as error:  # unpickling damaged bytes may raise anything
+            warnings.warn(DamagedKernelCache(f"{type(error).__name__}: {error}"), stacklevel=2)
+            with suppress(OSError):
+                self.flush()  # else the damaged index would be read again
+            return None
+
+    def save_overload(self: Any, sig: Any, data: Any) -> None:
+        try:
+            save(self, sig, data)
+        except Exception as error:  # as above, of the index
+            if isinstance(error, OSError):
+                warnings.warn(NoKernelCache(error.strerror), stacklevel=2)
+            with suppress(OSError):
+                self.flush()
+
+    cache.load_overload, cache.save_overload = load_overload, save_overload
+
+
+guard(caching.Cache)
 
 
 class _Stopwatch(event.Listener):

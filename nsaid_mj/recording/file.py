@@ -12,12 +12,12 @@ from ..evaluation import Truth, nullspace_of
 from ..experiment.loop import Run
 from ..experiment.record import Record
 from ..parameters import Array, ParameterSpace
-from ..resources import atomic_write
 from .forces import COMMANDED, ESTIMATED, Arrows, Rows
 from .layout import blueprint, measured_blueprint
 from .scene import Scene
 from .series import Indices, along, curves, shared
-from .text import drawable, result
+from .stream import recording
+from .text import result
 
 FILE = "run.rrd"
 _POINTS = 4000  # of a curve, at most; more than the width of a screen
@@ -74,9 +74,7 @@ def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
             conserves=conserves,
         )
     file = run.folder / FILE
-    with atomic_write(file) as partial:
-        rec = rr.RecordingStream(drawable(f"nsaid_mj {run.folder.resolve().name}"))
-        rec.save(partial, default_blueprint=layout)
+    with recording(run.folder.resolve().name, layout, file) as rec:
         words = rr.TextDocument(result(run, summary), media_type=rr.MediaType.MARKDOWN)
         rec.log("result", words, static=True)
         scene.log_shapes(rec, camera, ghost=arrows is not None)
@@ -86,8 +84,6 @@ def write(run: Run, summary: dict[str, Any], truth: Truth | None) -> Path:
         for curve in shown:
             curve.log_style(rec)
             curve.log_values(rec, t[rows])
-        rec.flush()
-        rec.disconnect()  # writes the end of the file
     return file
 
 

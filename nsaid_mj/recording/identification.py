@@ -13,14 +13,13 @@ from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification
 from ..calibration.timeline import history_times, own_shifts, training_shifts
 from ..parameters import Array
-from ..resources import atomic_write
 from ..system import SecondOrderSystem
 from ..systems.multibody import JointScales, Multibody
 from .identification_layout import blueprint
 from .identification_text import parameters_text, verdict_text
 from .scene import Scene
 from .series import Curves, path
-from .text import drawable
+from .stream import recording
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom
@@ -42,11 +41,8 @@ def record(result: Identification, file: Path) -> Path:
         some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
         camera = scene.camera(q[some], v[some])
     history = _history(result)
-    with atomic_write(file) as partial:
-        rec = rr.RecordingStream(drawable(f"nsaid_mj {result.robot.name}"))
-        rec.save(
-            partial, default_blueprint=blueprint(result, camera, sorted({p for p, _ in history}))
-        )
+    layout = blueprint(result, camera, sorted({p for p, _ in history}))
+    with recording(result.robot.name, layout, file) as rec:
         for entity, text in (
             ("result", verdict_text(result)),
             ("parameters", parameters_text(result)),
@@ -63,8 +59,6 @@ def record(result: Identification, file: Path) -> Path:
         for _, curves in history:
             curves.log_style(rec)
             curves.log_values(rec, history_times(result))
-        rec.flush()
-        rec.disconnect()  # writes the end of the file
     return file
 
 

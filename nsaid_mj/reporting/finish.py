@@ -12,13 +12,15 @@ from ..errors import BadRun
 from ..experiment.loop import Ending, Run, reopen
 from ..experiment.record import Record
 from ..identifiers import Status
-from ..resources import write_json, write_text
+from ..numerics.threads import single_threaded
+from ..resources import locked, write_json, write_text
 from . import report
 from .progress import Progress
 
 SUMMARY, SCENARIO = "summary.json", "scenario.json"
 
 
+@single_threaded
 def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
 
@@ -27,7 +29,26 @@ def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, A
     Args:
         run: a finished run, completed or not.
         say: called with the name of each stage, for a progress display.
+
+    Raises:
+        FolderInUse: another run is writing into the folder.
+        NotWritten: a file cannot be written; the record is kept.
+        BadRun: the folder has no longer this run's record, or a completed run has no row.
     """
+    with locked(run.folder):
+        _check_record(run)
+        return _finish(run, say)
+
+
+def _check_record(run: Run) -> None:
+    """Checks that the results belong to the record beside which they will be written."""
+    if Record.metadata_of(run.folder) != run.record.metadata:
+        raise BadRun(run.folder, "it holds another run's record", "Run the scenario again")
+    if run.ending.status is Status.completed and not len(run.record):
+        raise BadRun(run.folder, "its record is empty", "Run the scenario again")
+
+
+def _finish(run: Run, say: Callable[[str], None]) -> dict[str, Any]:
     with report.Drawer() as drawer:
         say("evaluating the estimate")
         truth = evaluation.truth_of(run)

@@ -25,14 +25,15 @@ from rich.table import Table
 from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
 from ..baselines.sysid import BUDGET, sysid
-from ..errors import BadRun, InvalidInput, NoEstimate, NsaidError, UnknownName
+from ..errors import InvalidInput, NoEstimate, NsaidError, UnknownName
 from ..evaluation.bound import bound_figures, cramer_rao
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup, is_sound
 from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT, Log
+from ..numerics.threads import single_threaded
 from ..reporting.progress import announcing
-from ..resources import write_json, write_text
+from ..resources import locked, write_json, write_text
 from .cells import BOUND, DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
 from .study import Study
 
@@ -261,21 +262,15 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
     """Writes compare.json, with all cells and the plan, and compare.csv.
 
     Raises:
-        BadRun: the folder cannot be written.
+        NotWritten: the folder cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        document = plan.manifest | {"cells": [asdict(cell) for cell in cells]}
-        write_json(folder / FILES[0], document)
-        stream = io.StringIO()
-        writer = csv.DictWriter(stream, [f.name for f in fields(Cell)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(cell) for cell in cells)
-        write_text(folder / FILES[1], stream.getvalue())
-    except OSError as error:
-        raise BadRun(
-            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
-        ) from error
+    document = plan.manifest | {"cells": [asdict(cell) for cell in cells]}
+    write_json(folder / FILES[0], document)
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, [f.name for f in fields(Cell)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(cell) for cell in cells)
+    write_text(folder / FILES[1], stream.getvalue())
 
 
 def print_table(cells: Sequence[Cell], console: Console) -> None:
@@ -324,6 +319,7 @@ def _digits(value: float) -> str:
     return digits.replace("e-0", "e-")
 
 
+@single_threaded
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
     """Runs a comparison, writes its files and plots, and prints the table.
 
@@ -333,7 +329,16 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
         plan: methods and logs.
         folder: of the results; created if missing.
         quiet: print nothing.
+
+    Raises:
+        FolderInUse: another process is writing into the folder.
+        NotWritten: the folder cannot be written.
     """
+    with locked(folder):
+        return _run(plan, folder, quiet)
+
+
+def _run(plan: Plan, folder: Path, quiet: bool) -> list[Cell]:
     cells: list[Cell] = []
     columns = sum(len(plan.names(noise)) for noise in plan.noises)
     total = columns * len(plan.seeds) * len(plan.durations)

@@ -10,13 +10,12 @@ The result of a run depends only on its number, not on how many runs there are o
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -39,12 +38,14 @@ from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier, side_by_side
 from ..log import Log
+from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..reporting.progress import announcing
 from ..system import Motion
 from .study import Study
-from .sweep import opened, seed_of
-from .sweep_results import MANIFEST, ROWS, TABLE, Group, Row, Sweep, digits, read, write_table
+from .sweep import seed_of
+from .sweep_folder import opened
+from .sweep_results import MANIFEST, TABLE, Group, Row, Sweep, digits, read
 
 FIGURES = {
     "theta_perp_ratio": "distance at end",
@@ -126,7 +127,9 @@ class Course:
 # -- data ------------------------------------------------------------------------------------------
 
 
-def simulate(scenarios: Sequence[Scenario], pool: Executor) -> list[Course]:
+def simulate(
+    scenarios: Sequence[Scenario], pool: Executor, stopped: threading.Event | None = None
+) -> list[Course]:
     """Builds and drives every scenario's plant, with results identical to those of a run.
 
     Compiled drives in threads give the same bits as sequential ones, with feedback too.
@@ -136,17 +139,29 @@ def simulate(scenarios: Sequence[Scenario], pool: Executor) -> list[Course]:
     setups = [Setup.of(scenario) for scenario in scenarios]
     if len({id(setup.plant.passive) for setup in setups}) == 1:  # MuJoCo has one callback for all
         with setups[0].plant.running():
-            return list(pool.map(_drive, setups))
+            return _driven(setups, pool, stopped or threading.Event())
     courses = []
     for setup in setups:
         with setup.plant.running():
-            courses.append(_drive(setup))
+            courses.append(_drive(setup, stopped or threading.Event()))
     return courses
 
 
-def _drive(setup: Setup) -> Course:
-    """Drives a running plant for the scenario's duration."""
-    log = setup.simulate()
+def _driven(setups: Sequence[Setup], pool: Executor, stopped: threading.Event) -> list[Course]:
+    """Drives running plants in parallel; after Ctrl-C, none is still being driven."""
+    futures = [pool.submit(_drive, setup, stopped) for setup in setups]
+    try:
+        return [future.result() for future in futures]
+    except BaseException:
+        stopped.set()
+        raise
+    finally:
+        wait(futures)
+
+
+def _drive(setup: Setup, stopped: threading.Event) -> Course:
+    """Drives a running plant for the scenario's duration, or until it is told to stop."""
+    log = setup.simulate(partial(_check, stopped))
     end = ended(setup.plant, log.at(-1))
     status = end[0] if end else Status.completed
     time = float(log.t[-1])
@@ -215,7 +230,8 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
         with course.workspace if motion is None else nullcontext():
             for run, found in zip(going, _followed(going, part, motion), strict=True):
                 run.absorb(part, *found, due)
-        seen(len(runs) * (len(part.t) - 1) / last)
+                seen((len(part.t) - 1) / last)
+        seen((len(runs) - len(going)) * (len(part.t) - 1) / last)
     return runs
 
 
@@ -274,6 +290,7 @@ def _what(draw: int, scenario: Scenario) -> Row:
 # -- the whole study -------------------------------------------------------------------------------
 
 
+@single_threaded
 def monte_carlo(
     scenario: Scenario, runs: int, jobs: int | None = None, shared: bool = True
 ) -> list[Row]:
@@ -300,27 +317,45 @@ def monte_carlo(
 
 
 def _rows(
-    scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, seen: Seen = float
+    scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, told: Seen = float
 ) -> Iterator[list[Row]]:
-    """Yields groups of rows of the draws to do, as they become available."""
+    """Yields groups of rows of the draws to do, as they become available.
+
+    If the caller does not wait for the last one, the threads stop at their next report of progress.
+    """
     jobs = (os.cpu_count() or 1) if jobs is None else jobs
     _at_least_one("jobs", jobs, "The default is the number of processors.")
     draws = [(k, replace(scenario, seed=seed_of(scenario.seed, k))) for k in todo]
-    pool = ThreadPoolExecutor(jobs)
+    pool, stopped = ThreadPoolExecutor(jobs), threading.Event()
+
+    def seen(progress: float) -> None:
+        _check(stopped)
+        told(progress)
+
     try:
         if shared:
-            (course,) = simulate([scenario], pool)
+            (course,) = simulate([scenario], pool, stopped)
             _ = course.truth.nullspace  # computed before the threads use it
             groups = [(course, group) for group in grouped(draws, jobs)]
             yield from _identified(groups, pool, seen)
             return
         for at in range(0, len(draws), _PLANTS):
             batch = draws[at : at + _PLANTS]
-            courses = simulate([own for _, own in batch], pool)
+            courses = simulate([own for _, own in batch], pool, stopped)
             groups = [(course, [draw]) for course, draw in zip(courses, batch, strict=True)]
             yield from _identified(groups, pool, seen)
     finally:
+        stopped.set()
         pool.shutdown(cancel_futures=True)
+
+
+class _Stopped(Exception):
+    """Ends a thread whose result nobody waits for."""
+
+
+def _check(stopped: threading.Event) -> None:
+    if stopped.is_set():
+        raise _Stopped
 
 
 def grouped(draws: Sequence[Any], jobs: int) -> list[Sequence[Any]]:
@@ -352,6 +387,7 @@ def _check_sharing(scenario: Scenario, shared: bool) -> None:
         )
 
 
+@single_threaded
 def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) -> Sweep:
     """Executes the runs that are missing in a folder, and writes the files of a sweep.
 
@@ -371,8 +407,6 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
     _at_least_one("jobs", 1 if jobs is None else jobs, "The default is the number of processors.")
     if folder.is_dir() and not (folder / MANIFEST).is_file() and any(folder.iterdir()):
         raise BadRun(folder, "it holds something else", "Give another folder with --out")
-    known = opened(folder, plan.manifest)
-    todo = [number for number in range(plan.runs) if number not in known]
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -382,21 +416,17 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
         transient=True,
         disable=quiet,
     )
-    try:
-        with (
-            bar,
-            announcing(bar.console),
-            (folder / ROWS).open("a", encoding="utf-8") as stream,
-        ):
-            task = bar.add_task(folder.name, total=plan.runs, completed=len(known))
-            seen = partial(bar.advance, task)
-            for rows in _rows(plan.scenario, todo, jobs, plan.shared, seen):
-                for row in rows:
-                    line = json.dumps(row, ensure_ascii=False, allow_nan=False)
-                    stream.write(line + "\n")
-                stream.flush()
-    finally:
-        write_table(folder)
+    with (
+        opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows,
+        bar,
+        announcing(bar.console),
+    ):
+        todo = [number for number in range(plan.runs) if number not in rows.known]
+        task = bar.add_task(folder.name, total=plan.runs, completed=len(rows.known))
+        seen = partial(bar.advance, task)
+        for group in _rows(plan.scenario, todo, jobs, plan.shared, seen):
+            for row in group:
+                rows.append(row)
     return read(folder)
 
 

@@ -8,11 +8,9 @@ its number, not on the number of workers or on the order in which they finish. A
 from __future__ import annotations
 
 import itertools
-import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +18,15 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ..errors import BadRun, InvalidInput
+from ..errors import InvalidInput
 from ..experiment.fields import field_path, field_value, with_fields
 from ..experiment.scenario import Scenario
 from ..reporting.progress import COMPILING
 from ..reporting.warmup import is_warm
-from ..resources import write_json
 from .study import Study
 from .sweep_engine import Engine
-from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, read_manifest, read_rows, write_table
+from .sweep_folder import opened
+from .sweep_results import Row, Sweep, read
 from .sweep_worker import Job
 
 
@@ -144,12 +142,11 @@ def run(
         retry: repeat runs without a result.
 
     Raises:
-        BadRun: the folder cannot be written, or holds another sweep.
+        FolderInUse: another process is writing into the folder.
+        NotWritten: the folder cannot be written.
+        BadRun: the folder holds another sweep.
     """
     engine = engine or Engine()
-    known = opened(folder, plan.manifest)
-    if retry:
-        known = {number: row for number, row in known.items() if row["failure"] is None}
     longest = max(engine.time(scenario) for scenario in plan.scenarios)
     bar = Progress(
         TextColumn("{task.description}"),
@@ -166,49 +163,18 @@ def run(
         scenario = plan.run(number)
         return Job(number, plan.script, plan.digest, scenario.to_json(), engine.time(scenario))
 
-    try:
-        with bar, (folder / ROWS).open("ab", buffering=0) as stream:
-            lost = sum(row["failure"] is not None for row in known.values())
-            task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
-            todo = [number for number in range(len(plan)) if number not in known]
-            if todo and not quiet and engine.name == "loky" and not is_warm(plan.run(todo[0])):
-                bar.console.print(COMPILING, highlight=False)
-            for found in engine.make(todo, job, longest):
-                row = plan.what(found["run"]) | found
-                line = json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n"
-                stream.write(line.encode())
-                os.fsync(stream.fileno())
-                lost += row["failure"] is not None
-                bar.update(task, advance=1, lost=lost)
-    finally:
-        write_table(folder)
+    with opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows, bar:
+        known = rows.known
+        if retry:
+            known = {number: row for number, row in known.items() if row["failure"] is None}
+        lost = sum(row["failure"] is not None for row in known.values())
+        task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
+        todo = [number for number in range(len(plan)) if number not in known]
+        if todo and not quiet and engine.name == "loky" and not is_warm(plan.run(todo[0])):
+            bar.console.print(COMPILING, highlight=False)
+        for found in engine.make(todo, job, longest):
+            row = plan.what(found["run"]) | found
+            rows.append(row)
+            lost += row["failure"] is not None
+            bar.update(task, advance=1, lost=lost)
     return read(folder)
-
-
-def opened(folder: Path, manifest: dict[str, Any]) -> dict[int, Row]:
-    """Creates a sweep's folder, or reads the rows that an earlier run of the same plan wrote.
-
-    Raises:
-        BadRun: the folder cannot be written, or holds another sweep.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if (folder / MANIFEST).is_file():
-            there, wanted = read_manifest(folder), json.loads(json.dumps(manifest))
-            differ = [key for key in wanted if key != "arguments" and wanted[key] != there.get(key)]
-            if differ:
-                raise BadRun(
-                    folder,
-                    f"it holds another sweep; {', '.join(differ)} differ",
-                    "Give another folder with --out, or delete this one",
-                )
-        else:
-            write_json(folder / MANIFEST, manifest)
-            (folder / ROWS).write_bytes(b"")
-        rows, size = read_rows(folder)
-        os.truncate(folder / ROWS, size)  # removes an incomplete last line
-    except OSError as error:
-        raise BadRun(
-            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
-        ) from error
-    return rows

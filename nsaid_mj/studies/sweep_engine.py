@@ -86,20 +86,17 @@ class Engine:
                 begun: list[int] = []
                 try:
                     for row in parallel(list(waiting), begun):
-                        if "unfit" in row:
-                            raise InvalidInput(
-                                "engine", "workers that can import nsaid_mj", row["unfit"], _UNFIT
-                            )
                         del waiting[row["run"]]
-                        yield row
+                        yield _fit(row)
                 except broken:
                     for number in begun:
                         if number in waiting:
                             del waiting[number]
                             try:
-                                yield from list(parallel([number], []))
+                                rows = list(parallel([number], []))
                             except broken:
-                                yield {"run": number, "failure": "its worker died"}
+                                rows = [{"run": number, "failure": "its worker died"}]
+                            yield from map(_fit, rows)
 
     def _parallel(
         self,
@@ -145,6 +142,13 @@ class Engine:
             raise InvalidInput(
                 "address", f"that of a running {self.name} cluster", self.address, str(error)
             ) from error
+
+
+def _fit(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of a worker that can execute runs."""
+    if "unfit" in row:
+        raise InvalidInput("engine", "workers that can import nsaid_mj", row["failure"], _UNFIT)
+    return row
 
 
 def _package(name: str, extra: str) -> Any:

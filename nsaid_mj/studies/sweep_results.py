@@ -49,11 +49,13 @@ class Sweep:
         folder: of the sweep.
         manifest: see `Plan.manifest`.
         rows: of the finished runs, in order of their numbers.
+        damaged: which rows on disk are damaged and left out, in words; empty if none is.
     """
 
     folder: Path
     manifest: dict[str, Any]
     rows: list[Row]
+    damaged: str = ""
 
     @property
     def groups(self) -> list[Group]:
@@ -128,46 +130,114 @@ def read(folder: Path) -> Sweep:
     Raises:
         BadRun: there is no sweep in it, or it is unreadable.
     """
-    rows, _ = read_rows(folder) if (folder / ROWS).is_file() else ({}, 0)
-    return Sweep(folder, read_manifest(folder), [rows[number] for number in sorted(rows)])
+    manifest = read_manifest(folder)
+    found = read_rows(folder, manifest)
+    rows = [found.rows[number] for number in sorted(found.rows)]
+    return Sweep(folder, manifest, rows, found.words)
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Reads a sweep's manifest; see `Plan.manifest`.
 
+    If the file is missing or damaged, the copy in the table is read.
+
     Raises:
         BadRun: there is no manifest, or it is not a sweep's.
     """
-    try:
-        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        if {"vary", "script", "arguments", "runs"} <= found.keys():
-            return found
-    except FileNotFoundError as error:
+    for read_one in (_manifest_in_file, _manifest_in_table):
+        try:
+            found = read_one(folder)
+            if {"vary", "script", "arguments", "runs"} <= found.keys():
+                return found
+        except (OSError, ValueError, AttributeError, KeyError, TypeError):
+            continue
+    if (folder / MANIFEST).is_file():
+        raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Delete the folder")
+    if (folder / ROWS).is_file():
         raise BadRun(
             folder,
-            f"not a sweep folder: {MANIFEST} is missing",
-            "Give a folder that `nsaid sweep` has written",
-        ) from error
-    except (ValueError, AttributeError):
-        pass
-    raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Delete the folder")
+            f"{MANIFEST} is missing, so nobody knows which sweep its rows belong to",
+            f"Restore the file; or delete {ROWS}, to make all runs again",
+        )
+    raise BadRun(
+        folder,
+        f"not a sweep folder: {MANIFEST} is missing",
+        "Give a folder that `nsaid sweep` has written",
+    )
 
 
-def read_rows(folder: Path) -> tuple[dict[int, Row], int]:
-    """Reads the rows, by run number, and the number of bytes in complete lines.
+def _manifest_in_file(folder: Path) -> dict[str, Any]:
+    return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
 
-    If there are several rows of one run, the last one counts.
+
+def _manifest_in_table(folder: Path) -> dict[str, Any]:
+    return json.loads((pq.read_schema(folder / TABLE).metadata or {})[b"nsaid"])
+
+
+@dataclass(frozen=True)
+class FoundRows:
+    """What a sweep's file of rows holds.
+
+    Attributes:
+        rows: by run number; of several rows of one run, the last one.
+        damaged: numbers of the lines that are no rows, from 1; an incomplete last line, which a
+            killed sweep leaves, is none.
+        intact: the bytes of all other lines.
+    """
+
+    rows: dict[int, Row]
+    damaged: tuple[int, ...]
+    intact: bytes
+
+    @property
+    def words(self) -> str:
+        """Which lines are damaged; empty if none is."""
+        if not self.damaged:
+            return ""
+        shown = ", ".join(map(str, self.damaged[:10])) + (" …" if len(self.damaged) > 10 else "")
+        several = len(self.damaged) > 1
+        return (
+            f"{ROWS}: {'lines' if several else 'line'} {shown} {'are' if several else 'is'} damaged"
+        )
+
+
+def read_rows(folder: Path, manifest: dict[str, Any]) -> FoundRows:
+    """Reads the rows of a sweep; damaged lines are skipped.
 
     Raises:
-        BadRun: a complete line is not a row.
+        BadRun: the file cannot be read.
     """
-    data = (folder / ROWS).read_bytes()
-    size = data.rfind(b"\n") + 1
     try:
-        rows = {row["run"]: row for row in map(json.loads, data[:size].splitlines())}
-    except (ValueError, KeyError, TypeError) as error:
-        raise BadRun(folder / ROWS, "not a sweep's rows", "Delete the folder") from error
-    return rows, size
+        data = (folder / ROWS).read_bytes()
+    except FileNotFoundError:
+        data = b""
+    except OSError as error:
+        raise BadRun(
+            folder / ROWS, f"{error.strerror}", "Delete it to make all runs again"
+        ) from error
+    rows, damaged, intact = {}, [], []
+    for number, line in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], 1):
+        row = _row(line, manifest)
+        if row is None:
+            damaged.append(number)
+        else:
+            rows[row["run"]] = row
+            intact.append(line + b"\n")
+    return FoundRows(rows, tuple(damaged), b"".join(intact))
+
+
+def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:
+    """The row in a line; None if it is damaged."""
+    try:
+        row = json.loads(line)
+        needed = {"run", "draw", "seed", "failure", *manifest["vary"]}
+        if row["failure"] is None:
+            needed |= {"status", *FIGURES}
+        numbered = type(row["run"]) is int and 0 <= row["run"] < manifest["runs"]
+        figures = all(isinstance(row.get(key), float | int | None) for key in FIGURES)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+    return row if numbered and figures and needed <= row.keys() else None
 
 
 def write_table(folder: Path) -> Path:

@@ -12,6 +12,7 @@ import contextlib
 import faulthandler
 import json
 import os
+import queue
 import signal
 import subprocess
 import sys
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from ..experiment.loop import SimulatedRun
 
 _START = 300.0  # timeout for a child's imports [s]
+_STARTS = 3  # children that may be killed in their imports before their run counts as lost
 _GRACE = 10.0  # after a run's timeout, at which a child without a worker exits by itself [s]
 _LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary that are equal for many runs
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -56,18 +58,29 @@ def supervised(job: Job) -> dict[str, Any]:
     """Executes a job in this thread's child process.
 
     Returns:
-        The run's number and figures by key, or its number and the reason of a `failure`. If no
-        child process can import this package, the number and the reason as `unfit`.
+        The run's number and figures by key, or its number and the reason of a `failure`. If a
+        child process cannot import this package, the number, the reason as `failure`, and `unfit`.
     """
-    child: _Child | None = getattr(_mine, "child", None)
-    if child is None or not child.serves(job):
-        if child is not None:
-            child.stop()
-        child = _mine.child = _Child(job)
-        if child.fault:
-            return {"run": job.number, "unfit": child.fault}
+    child = _child_for(job)
+    if child.fault:
+        unfit = {} if child.killed else {"unfit": True}
+        return {"run": job.number, "failure": child.fault} | unfit
     with TemporaryDirectory(prefix="nsaid-sweep-", ignore_cleanup_errors=True) as folder:
         return {"run": job.number} | child.ask(job, folder)
+
+
+def _child_for(job: Job) -> _Child:
+    """This thread's child process, a new one if there is none that serves the job."""
+    child: _Child | None = getattr(_mine, "child", None)
+    if child is not None and child.serves(job):
+        return child
+    if child is not None:
+        child.stop()
+    for _ in range(_STARTS):
+        child = _mine.child = _Child(job)
+        if not child.killed:
+            return child
+    return _mine.child
 
 
 _mine = threading.local()  # a worker on a cluster may have several threads, each with a child
@@ -88,6 +101,11 @@ class _Child:
         )
         atexit.register(self.stop)
         self.fault = self._wait(_START)[1]  # imports do not count towards a run's timeout
+
+    @property
+    def killed(self) -> bool:
+        """Whether a signal ended the process, so that another one may do better."""
+        return (self._process.poll() or 0) < 0
 
     def serves(self, job: Job) -> bool:
         """Whether the process is alive and has loaded the job's script."""
@@ -158,13 +176,29 @@ def serve() -> None:
     os.dup2(2, 1)  # output of a scenario's script must not be taken for an answer
 
     print("ready", file=answers, flush=True)
-    for line in sys.stdin:
+    for line in iter(_questions().get, ""):
         *words, folder = json.loads(line)
         job = Job(*words)
         faulthandler.dump_traceback_later(job.timeout + _GRACE, exit=True)
         answer = _attempt(job, Path(folder))
         faulthandler.cancel_dump_traceback_later()
         print(answer, file=answers, flush=True)
+
+
+def _questions() -> queue.SimpleQueue[str]:
+    """The lines of the standard input; when it is closed, the process ends, whatever it does.
+
+    It is closed when the worker is gone, and nobody would kill a run that never ends.
+    """
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def read() -> None:
+        for line in sys.stdin:
+            lines.put(line)
+        os._exit(0)
+
+    threading.Thread(target=read, daemon=True).start()
+    return lines
 
 
 def _attempt(job: Job, folder: Path) -> str:

@@ -345,13 +345,18 @@ def test_a_run_is_named_after_its_robot_or_scenario(name: str, flags: str, title
     assert title_of(name, load(name), options(name, *flags.split())[0]) == title
 
 
+def folder_of(title: str, scenario: Scenario, out: Path | None, force: bool) -> Path:
+    with folder_for(title, scenario, out, force) as folder:
+        return folder
+
+
 @pytest.mark.parametrize(("law", "end"), [("paper", "paper"), ("memory", "memory")])
 def test_the_default_folder_is_named_by_robot_and_law(
     law: str, end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     scenario, _ = options("arm", "--robot", "panda", "--law", law)
-    assert folder_for("panda", scenario, None, False) == Path(f"runs/panda-{end}")
+    assert folder_of("panda", scenario, None, False) == Path(f"runs/panda-{end}")
 
 
 def pretend(folder: Path, status: str) -> Path:
@@ -368,10 +373,10 @@ def test_a_run_after_a_completed_one_gets_a_numbered_folder(
     monkeypatch.chdir(tmp_path)
     scenario = load("scalar_rov")
     first = pretend(Path("runs/scalar_rov-paper"), "completed")
-    assert folder_for("scalar_rov", scenario, None, False) == Path("runs/scalar_rov-paper-2")
+    assert folder_of("scalar_rov", scenario, None, False) == Path("runs/scalar_rov-paper-2")
     pretend(Path("runs/scalar_rov-paper-2"), "completed")
-    assert folder_for("scalar_rov", scenario, None, False) == Path("runs/scalar_rov-paper-3")
-    assert folder_for("scalar_rov", scenario, None, True) == first
+    assert folder_of("scalar_rov", scenario, None, False) == Path("runs/scalar_rov-paper-3")
+    assert folder_of("scalar_rov", scenario, None, True) == first
 
 
 @pytest.mark.parametrize("status", ["plant diverged", "interrupted"])
@@ -380,8 +385,8 @@ def test_an_incomplete_run_is_overwritten(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     first = pretend(Path("runs/scalar_rov-paper"), status)
-    assert folder_for("scalar_rov", load("scalar_rov"), None, False) == first
-    assert folder_for("scalar_rov", load("scalar_rov"), first, False) == first
+    assert folder_of("scalar_rov", load("scalar_rov"), None, False) == first
+    assert folder_of("scalar_rov", load("scalar_rov"), first, False) == first
 
 
 @pytest.mark.parametrize("command", ["run", "verify"])

@@ -1,0 +1,60 @@
+"""The command's process: signals that end it, and standard streams that are closed or full."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+_LIKE_CTRL_C = ("SIGTERM", "SIGHUP")
+
+
+@contextmanager
+def ending_like_ctrl_c() -> Iterator[None]:
+    """Within the context, SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does.
+
+    A signal that is ignored (`nohup`) or has a handler keeps it.
+    """
+    numbers = [getattr(signal, name) for name in _LIKE_CTRL_C if hasattr(signal, name)]
+    numbers = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []
+    for number in numbers:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def open_streams() -> None:
+    """Opens the null device in place of closed standard streams.
+
+    Else the next file to be opened would get the number of a standard stream.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
+
+
+def silence() -> None:
+    """Flushes the standard streams; one that cannot be written is replaced by the null device.
+
+    Else Python would try again when it exits, and fail.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if stream is None or stream.closed:
+            continue
+        try:
+            stream.flush()
+        except OSError:
+            with suppress(OSError, ValueError):
+                null = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(null, stream.fileno())
+                os.close(null)
