@@ -70,6 +70,22 @@ class BadRobot(NsaidError):
         super().__init__(f"robot {robot}{where}: {reason}. {remedy}")
 
 
+class MissingPackage(NsaidError, ImportError):
+    """A package that one of the extras installs is missing.
+
+    Attributes:
+        package: its import name.
+        extra: the extra that installs it.
+    """
+
+    def __init__(self, package: str, extra: str, purpose: str):
+        self.package, self.extra = package, extra
+        super().__init__(
+            f"{purpose} needs the package {package}, which is not installed. "
+            f"Install it: pip install 'nsaid-mj[{extra}]'"
+        )
+
+
 class EnginesDisagree(NsaidError):
     """Two engines compute different dynamics for the same robot.
 

@@ -180,6 +180,25 @@ def test_heavy_packages_are_named_only_in_their_own_folders(package, homes):
     assert {part(m) for m, path in FILES.items() if package in written(path)} <= homes
 
 
+def named(node: ast.Import | ast.ImportFrom) -> list[str]:
+    """The modules that an absolute import names."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module or ""] if not node.level else []
+
+
+def test_pinocchio_is_imported_lazily_wherever_it_is_used():
+    """Vehicles run without it: only `systems.optional` names it in an import of a module."""
+    users = {
+        m
+        for m, path in FILES.items()
+        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        and {"pinocchio", "coal"} & set(named(node))
+    }
+    assert users == set()
+
+
 def test_a_sweep_worker_loads_no_heavy_package():
     """An engine's worker makes no run: its child does."""
     modules = imported("import nsaid_mj.studies.sweep_worker")

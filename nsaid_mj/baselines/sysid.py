@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 from numba import carray, cfunc, types
 from scipy import signal
 
@@ -25,6 +24,7 @@ from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from ..plants.world.coordinates import JointMap
 from ..plants.world.tree import tree_spec
 from ..systems.multibody import MotorTree
+from ..systems.optional import pin
 
 if TYPE_CHECKING:
     from . import Problem

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from ..parameters import Array
+from ..systems.optional import pin
 from .checks import fit_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 import scipy.optimize
 
 from ..parameters import Array, Block, Indices, ParameterSpace
 from ..plants.arm import extent
 from ..systems.joints import body_names
 from ..systems.multibody import link_block
+from ..systems.optional import pin
 from .data import Recordings, RobotModel
 from .logs.signals import noise
 from .problem import Mask, Problem

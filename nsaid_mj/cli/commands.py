@@ -316,7 +316,7 @@ def _numbers(flag: str, text: str) -> tuple[float, ...]:
 
 
 def _list() -> int:
-    from ..plants.world.robots import known_robots
+    from ..plants.world.robots import MORE_ROBOTS, has_example_robots, known_robots
 
     print("Scenarios, for `nsaid run NAME`:")
     for name, path in scenarios().items():
@@ -326,6 +326,8 @@ def _list() -> int:
     names = known_robots()
     for start in range(0, len(names), 4):
         print("  " + "".join(f"{name:28}" for name in names[start : start + 4]).rstrip())
+    if not has_example_robots():
+        print(f"  {MORE_ROBOTS}")
     return 0
 
 

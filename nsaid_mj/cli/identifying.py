@@ -87,12 +87,13 @@ def write(
     from ..reporting.identification import write_report
 
     files.append(write_report(result, folder))
-    told("writing the recording")
-    from ..recording.identification import record
+    from .. import recording
 
-    path = folder / "identification.rrd"
-    record(result, path)
-    return result, [folder / RESULT, *files, path]
+    if recording.available():
+        told("writing the recording")
+        files.append(folder / "identification.rrd")
+        recording.record(result, files[-1])
+    return result, [folder / RESULT, *files]
 
 
 def _print_notes(error: UnusableLog) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -248,4 +248,12 @@ def leading(direction: Array, space: ParameterSpace, count: int = 3) -> dict[str
 def versions() -> dict[str, str]:
     """Versions of this package, Python and the dependencies that a run's numbers depend on."""
     own = {"nsaid-mj": version("nsaid-mj"), "python": platform.python_version()}
-    return own | {name: version(name) for name in _PACKAGES}
+    return own | {name: found for name in _PACKAGES if (found := _version_of(name))}
+
+
+def _version_of(package: str) -> str:
+    """Version of an installed package; empty if it is not installed, as some are optional."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""

@@ -7,7 +7,6 @@ from functools import cache
 from typing import Annotated, Any, Self
 
 import numpy as np
-import pinocchio as pin
 from numba import carray, cfunc
 from pydantic import Field, model_validator
 
@@ -16,7 +15,7 @@ from ..errors import InvalidInput
 from ..numerics.spatial import cross, rotate, unrotate
 from ..parameters import Array
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
-from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
+from .world.body import BODY, Inertia, Vehicle, command_inputs, guessed, hidden, vehicle_spec
 from .world.callbacks import CALLBACK, WORDS, field_offsets
 from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
@@ -194,7 +193,7 @@ class Airframe:
 
     def theta(self) -> Array:
         """(24,) θ of a `Quadrotor`."""
-        body = pin.Inertia(self.mass, self.centre, self.inertia).toDynamicParameters()
+        body = Inertia(self.mass, self.centre, self.inertia).theta()
         return np.concatenate(
             [body, [self.lift], self.rotor_drag, self.body_drag, self.thrust, self.torque]
         )
@@ -239,7 +238,7 @@ def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
 
 def with_theta(nominal: Airframe, theta: Array) -> Airframe:
     """The nominal geometry with the parameters θ (24,) of a `Quadrotor`."""
-    body = pin.Inertia.FromDynamicParameters(theta[:10])
+    body = Inertia.of(theta[:10])
     lift, rotor_drag, body_drag, thrust, torque = np.split(theta[10:], [1, 3, 6, 10])
     return replace(
         nominal,

@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Literal, Self
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 from pydantic import model_validator
 
 from ..bounds import Name, NonNegative, Positive, Share, config
@@ -16,6 +15,7 @@ from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
 from ..systems.compiled import CompiledMultibody
 from ..systems.multibody import JointScales, MotorTree, Multibody
+from ..systems.optional import pin
 from .world.callbacks import coulomb_friction
 from .world.coordinates import joint_map
 from .world.mismatch import Mismatch

@@ -6,7 +6,6 @@ from typing import Any, Self
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 from pydantic import model_validator
 
 from ..bounds import Share, config
@@ -14,7 +13,7 @@ from ..parameters import Array
 from ..resources import asset, numbers
 from ..systems.ground import GroundScales, GroundVehicle
 from .ground import Car, check_wind
-from .world.body import BODY, body_poses, guessed, hidden
+from .world.body import BODY, body_poses, composed, guessed, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig, set_options
@@ -120,10 +119,7 @@ class Rover(Plant):
         """
         places, attitudes = body_poses(q)
         translations = places[:, None] + np.einsum("kab,gb->kga", attitudes, self._places)
-        quaternions = [
-            [pin.Quaternion(R @ own).coeffs() for own in self._attitudes] for R in attitudes
-        ]
-        return translations, np.array(quaternions).reshape(len(q), len(self._places), 4)
+        return translations, composed(attitudes, self._attitudes)
 
     def _settled(self) -> Array:
         """(nq,) qpos of the rover at rest at the origin, settled on its wheels."""

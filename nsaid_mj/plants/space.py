@@ -6,14 +6,13 @@ from typing import Annotated, Any, Self
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..systems.space import FreeFlyer, FreeFlyerScales
-from .world.body import BODY, NED, Vehicle, guessed, hidden, vehicle_spec
+from .world.body import BODY, NED, Inertia, Vehicle, guessed, hidden, vehicle_spec
 from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
     Number,
@@ -102,11 +101,11 @@ class AstrobeePlant(ParametricPlantConfig):
     def simulating(self, dt: float, theta: Array | None = None) -> Plant:
         """Makes the plant with the true parameters θ (p,), or the published ones."""
         if theta is not None:
-            return self._plant(dt, pin.Inertia.FromDynamicParameters(theta[:10]), theta[10:])
+            return self._plant(dt, Inertia.of(theta[:10]), theta[10:])
         sheet = FreeFlyerSheet.of(self.vehicle)
         return self._plant(dt, published_body(sheet), nozzles(sheet)[2])
 
-    def _plant(self, dt: float, body: pin.Inertia, true_thrust: Array) -> Plant:
+    def _plant(self, dt: float, body: Inertia, true_thrust: Array) -> Plant:
         sheet = FreeFlyerSheet.of(self.vehicle)
         positions, jets, thrust = nozzles(sheet)
         guess = sheet.guess
@@ -120,15 +119,15 @@ class AstrobeePlant(ParametricPlantConfig):
         spec = vehicle_spec(self.vehicle, dt, body.mass, body.lever, body.inertia, sheet.size)
         for i, (position, jet, gain) in enumerate(zip(positions, jets, true_thrust, strict=True)):
             _add_nozzle(spec, f"nozzle {i + 1}", position, -jet, gain)
-        truth = np.concatenate([body.toDynamicParameters(), true_thrust])
+        truth = np.concatenate([body.theta(), true_thrust])
         system = FreeFlyer(scales, positions, -jets)
         vehicle = Vehicle(system, truth, spec, np.zeros(0), None, self.mismatch)
         return vehicle.failing(self.faults, self)
 
 
-def published_body(sheet: FreeFlyerSheet) -> pin.Inertia:
+def published_body(sheet: FreeFlyerSheet) -> Inertia:
     """The body's inertia; z up."""
-    return pin.Inertia(sheet.mass, NED * sheet.centre, np.diag(sheet.inertia))
+    return Inertia(sheet.mass, NED * sheet.centre, np.diag(sheet.inertia))
 
 
 def nozzles(sheet: FreeFlyerSheet) -> tuple[Array, Array, Array]:

@@ -7,7 +7,6 @@ from typing import Any, Protocol, Self
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 from pydantic import model_validator
 
 from ..bounds import Name, Share, config
@@ -16,6 +15,7 @@ from ..parameters import Array
 from ..resources import numbers
 from ..systems.flying_arm import FlyingArm
 from ..systems.multibody import JointScales
+from ..systems.optional import pin
 from ..systems.underwater_manipulator import Cylinders, LinkFluidScales, UnderwaterManipulator
 from ..systems.vehicle_manipulator import VehicleManipulator
 from .arm import ArmPlant, HiddenJoints, extent, nominal_scales, set_tree

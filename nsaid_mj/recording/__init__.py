@@ -1,11 +1,34 @@
 """Recordings for the Rerun viewer: run.rrd of a finished run, and live streaming during a run.
 
-Only this package imports rerun. `scene` draws the robot, `forces` the actuator forces, `series` the
-curves; `layout` arranges them in the viewer. `file` writes a finished run, `live` streams a running
-one, and `viewer` finds and starts Rerun's viewer.
+Only this package imports rerun, which the extra `view` installs; its names are imported on first
+use. `scene` draws the robot, `forces` the actuator forces, `series` the curves; `layout` arranges
+them in the viewer. `file` writes a finished run, `live` streams a running one, and `viewer` finds
+and starts Rerun's viewer.
 """
 
-from .file import FILE as FILE
-from .file import write as write
-from .live import Live as Live
-from .viewer import viewer_command as viewer_command
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ..systems.optional import installed, require
+
+FILE = "run.rrd"
+HINT = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"
+_HOMES = {"write": "file", "Live": "live", "viewer_command": "viewer", "record": "identification"}
+
+if TYPE_CHECKING:
+    from .file import write as write
+    from .identification import record as record
+    from .live import Live as Live
+    from .viewer import viewer_command as viewer_command
+
+
+def available() -> bool:
+    """Whether Rerun is installed, so that recordings can be written and viewed."""
+    return installed("rerun")
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    require("rerun", "view", "A recording")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)

@@ -12,6 +12,7 @@ from ..evaluation import Truth, nullspace_of
 from ..experiment.loop import Run
 from ..experiment.record import Record
 from ..parameters import Array, ParameterSpace
+from . import FILE
 from .forces import COMMANDED, ESTIMATED, Arrows, Rows
 from .layout import blueprint, measured_blueprint
 from .scene import Scene
@@ -19,7 +20,6 @@ from .series import Indices, along, curves, shared
 from .stream import recording
 from .text import result
 
-FILE = "run.rrd"
 _POINTS = 4000  # of a curve, at most; more than the width of a screen
 _LOOKS = 500  # rows of the record from which camera and arrows are set up
 _FRAMES, _RATE = 12000, 40.0  # largest number of frames of the robot, and frames per second

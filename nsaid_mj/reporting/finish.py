@@ -24,7 +24,7 @@ SUMMARY, SCENARIO = "summary.json", "scenario.json"
 def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
 
-    A run without any row has no recording and no report.
+    A run without any row has no recording and no report. Without Rerun there is no recording.
 
     Args:
         run: a finished run, completed or not.
@@ -58,7 +58,8 @@ def _finish(run: Run, say: Callable[[str], None]) -> dict[str, Any]:
         if not len(run.record):
             return summary
         say("writing recording and report")
-        recording.write(run, summary, truth)
+        if recording.available():
+            recording.write(run, summary, truth)
         report.write(run, summary, truth, drawer)
     return summary
 

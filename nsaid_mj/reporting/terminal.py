@@ -62,8 +62,10 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
     for line in evaluation.confidence_lines(summary):
         console.print(f"  {escape(line)}", soft_wrap=True)
     _print_unobservable(console, summary, folder)
+    file = folder / recording.FILE
+    seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
     console.print(
-        f"\n  recording  {folder / recording.FILE}   (nsaid view {shlex.quote(str(folder))})\n"
+        f"\n  recording  {seen if file.is_file() else recording.HINT}\n"
         f"  report     {folder / report.FILE}",
         soft_wrap=True,
         markup=False,

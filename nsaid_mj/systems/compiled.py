@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ..dynamics.motions import TreeMotion, tree_motion
 from ..dynamics.tree_regressor import (
@@ -21,6 +20,7 @@ from ..parameters import Array
 from ..system import Stage
 from .general import forces_by_sample
 from .multibody import JointScales, MotorTree
+from .optional import pin
 
 AGREEMENT = 1e-10
 """Largest accepted difference from Pinocchio, relative to the largest entry."""

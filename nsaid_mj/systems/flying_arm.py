@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 
 from ..parameters import Array, Block
 from . import actuators
 from .loads import carried_force_law
 from .multibody import JointScales
+from .optional import pin
 from .rigid_body import of_a_body
 from .tree import Carried
 from .vehicle_manipulator import VehicleManipulator, link_blocks

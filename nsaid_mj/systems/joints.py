@@ -12,11 +12,11 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from ..numerics.spatial import pose_jacobian, quaternion_of
 from ..parameters import Array
 from ..system import SecondOrderSystem
+from .optional import pin
 from .rigid_body import SPATIAL_UNITS
 
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]

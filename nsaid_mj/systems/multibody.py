@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 
 from ..dynamics.interpolation import tree_midpoints
@@ -29,6 +28,7 @@ from .general import (
     tensor_steps,
 )
 from .joints import JointTree
+from .optional import pin
 from .rigid_body import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .tree import linkage_of
 

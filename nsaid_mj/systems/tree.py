@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ..dynamics import tree as recursion
 from ..dynamics.structures import Linkage, LoadedTree
 from ..parameters import Array, Indices
+from .optional import pin
 
 
 def linkage_of(model: pin.Model, friction_speed: Array, columns: Indices) -> Linkage:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 
 from ..dynamics.tree import TWIST
@@ -16,6 +15,7 @@ from . import actuators, fluid
 from .joints import body_names
 from .loads import carried_force_law
 from .multibody import JointScales
+from .optional import pin
 from .rigid_body import of_a_body, symmetric
 from .tree import Carried
 from .underwater import UnderwaterScales, body_space

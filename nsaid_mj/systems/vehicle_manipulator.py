@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numba import njit
 
 from ..dynamics.interpolation import tree_midpoints
@@ -25,6 +24,7 @@ from ..system import Stage
 from . import loads
 from .joints import JointTree, body_names
 from .multibody import JointScales, joint_blocks, link_block
+from .optional import pin
 from .tree import Carried, linkage_of, loaded
 
 

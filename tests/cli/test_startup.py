@@ -42,8 +42,8 @@ def test_help_imports_nothing_heavy(arguments):
 
 def test_a_run_and_its_report_import_only_what_they_use():
     modules = modules_after("import nsaid_mj.reporting.finish, nsaid_mj.experiment.loop")
-    assert {"rerun", "nsaid_mj.reporting.report"} <= modules
-    assert not modules & {"matplotlib", "jinja2", "pyarrow.compute", "joblib", "dask"}
+    assert "nsaid_mj.reporting.report" in modules
+    assert not modules & {"rerun", "matplotlib", "jinja2", "pyarrow.compute", "joblib", "dask"}
 
 
 def test_meshes_are_loaded_on_first_access():

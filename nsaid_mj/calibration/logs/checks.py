@@ -9,9 +9,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
+from ...systems.optional import pin
 from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
 from . import signals

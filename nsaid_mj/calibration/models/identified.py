@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
 from ...plants.world.tree import set_inertias
+from ...systems.optional import pin
 from ..data import RobotModel
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
+from ...systems.optional import pin
 from ..findings import Finding
 
 _INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that is left alone

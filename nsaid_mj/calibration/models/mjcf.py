@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
 from ...systems.joints import body_names
+from ...systems.optional import pin
 from ..data import RobotModel
 from ..findings import Finding
 from .inertias import make_physical

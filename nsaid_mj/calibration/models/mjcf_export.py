@@ -11,13 +11,13 @@ from xml.etree.ElementTree import Element, SubElement
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from ...errors import InvalidInput
 from ...parameters import Array
 from ...plants.world.tree import tree_spec
 from ...resources import write_text
 from ...systems.joints import body_names
+from ...systems.optional import pin
 from ..data import RobotModel
 from .identified import Identified, remarks
 from .mjcf import initial_pose

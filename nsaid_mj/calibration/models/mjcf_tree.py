@@ -6,9 +6,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
+from ...systems.optional import pin
 
 _AXES = {
     mujoco.mjtJoint.mjJNT_HINGE: (

@@ -9,9 +9,9 @@ from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
+from ...systems.optional import pin
 from .mjcf_tree import joint_names, pose
 
 _JOINTS = ("joint", "freejoint")

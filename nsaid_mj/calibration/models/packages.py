@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ...errors import BadRobot
-from ...plants.world.robots import known_robots
+from ...plants.world.robots import known_robots, packed_robots
 from ...resources import asset
 from ..data import RobotModel
 from ..findings import Finding
@@ -15,14 +16,14 @@ from .urdf import load_urdf
 
 
 def example_robots() -> list[str]:
-    """The names of all robots in example-robot-data, sorted."""
+    """The names of all robots in assets/robots and example-robot-data, sorted."""
     return known_robots()
 
 
 def example_robot(
     name: str, lock: Sequence[str] = (), joints: Sequence[str] | None = None
 ) -> RobotModel:
-    """Reads a robot of example-robot-data; one that floats is fixed to a stand.
+    """Reads a robot of assets/robots or example-robot-data; one that floats is fixed to a stand.
 
     Args:
         name: of the robot.
@@ -32,11 +33,9 @@ def example_robot(
     Raises:
         BadRobot: it is not described by a URDF file.
     """
-    from example_robot_data.robots_loader import ROBOTS
-
     robot = load_urdf(example_file(name), lock, joints)
     findings = robot.findings
-    if ROBOTS[name].free_flyer:
+    if name not in packed_robots() and _loader(name).free_flyer:
         text = "its base can move; it was taken as fixed to a stand, level"
         findings += (
             Finding("warning", "base_held", name, text, "Use logs of the robot on a stand."),
@@ -68,15 +67,23 @@ def model_file(robot: RobotModel) -> Path:
     return robot.source or (packed if packed.is_file() else example_file(robot.name))
 
 
+def _loader(name: str) -> Any:
+    from example_robot_data.robots_loader import ROBOTS
+
+    return ROBOTS[name]
+
+
 def example_file(name: str) -> Path:
-    """The URDF file of a robot of example-robot-data.
+    """The URDF file of a robot in assets/robots or of example-robot-data.
 
     Raises:
         BadRobot: it is not described by a URDF file.
     """
-    from example_robot_data.robots_loader import ROBOTS, getModelPath
+    if name in packed_robots():
+        return packed_robots()[name]
+    from example_robot_data.robots_loader import getModelPath
 
-    loader = ROBOTS[name]
+    loader = _loader(name)
     file = Path(loader.path, loader.urdf_subpath, loader.urdf_filename)
     if file.suffix != ".urdf":
         raise BadRobot(name, "", "it is not described by a URDF file", "Choose another robot.")

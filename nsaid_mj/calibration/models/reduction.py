@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from ...errors import BadRobot, InvalidInput, UnknownName
 from ...parameters import Array
+from ...systems.optional import pin
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."
 

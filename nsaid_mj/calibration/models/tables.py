@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
 from ...resources import write_text
+from ...systems.optional import pin
 from ..data import RobotModel
 from .identified import Identified
 from .mjcf_export import moving_bodies

@@ -7,13 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
-import coal
 import numpy as np
-import pinocchio as pin
 
 from ...errors import BadRobot
 from ...plants.world.tree import RobotVisuals
 from ...systems.joints import body_names
+from ...systems.optional import coal, pin
 from ..data import RobotModel
 from ..findings import Finding
 from .inertials import check_inertials
@@ -107,8 +106,9 @@ def _pinocchio(path: Path, xml: str) -> pin.Model:
     Raises:
         BadRobot: Pinocchio cannot read it.
     """
+    build = pin.buildModelFromXML  # outside of `try`: Pinocchio may be missing
     try:
-        return pin.buildModelFromXML(xml)
+        return build(xml)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         reason = f"Pinocchio cannot read it: {error}"
         raise BadRobot(str(path), "", reason, _REMEDY) from error

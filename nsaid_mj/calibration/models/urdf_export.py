@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
-import pinocchio as pin
-
 from ...errors import InvalidInput
 from ...resources import write_text
+from ...systems.optional import pin
 from ..data import RobotModel
 from .identified import Identified, remarks
 from .packages import model_file

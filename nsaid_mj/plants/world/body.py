@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from ...errors import InvalidInput
+from ...numerics.spatial import rotation
 from ...parameters import Array
 from ...resources import vehicle_files
 from ...systems.rigid_body import RigidBody
@@ -98,20 +98,59 @@ class Vehicle(Plant):
             translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
         """
         places, attitudes = body_poses(q)
-        local = [_rotation(quaternion) for quaternion in self.model.geom_quat]
+        local = np.array([_rotation(quaternion) for quaternion in self.model.geom_quat])
         translations = places[:, None] + np.einsum("kab,gb->kga", attitudes, self.model.geom_pos)
-        quaternions = np.array(
-            [[pin.Quaternion(R @ geom).coeffs() for geom in local] for R in attitudes]
-        )
-        return translations, quaternions.reshape(len(q), len(local), 4)
+        return translations, composed(attitudes, local)
 
 
 def body_poses(q: Array) -> tuple[Array, Array]:
     """(k, 3) positions [m] and (k, 3, 3) rotation matrices of poses q (k, 7), or (k, 3) x, y, ψ."""
     if q.shape[1] == 7:
-        return q[:, :3], np.array([pin.Quaternion(row).toRotationMatrix() for row in q[:, 3:]])
+        return q[:, :3], np.array([rotation(row) for row in q[:, 3:]])
     places = np.c_[q[:, :2], np.zeros(len(q))]
-    return places, np.array([pin.utils.rotate("z", yaw) for yaw in q[:, 2]])
+    upright = np.c_[np.zeros((len(q), 2)), np.sin(q[:, 2] / 2), np.cos(q[:, 2] / 2)]
+    return places, np.array([rotation(row) for row in upright])
+
+
+def composed(attitudes: Array, local: Array) -> Array:
+    """(k, g, 4) quaternions x, y, z, w of k attitudes (k, 3, 3) times g local ones (g, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    both = np.einsum("kab,gbc->kgac", attitudes, local).reshape(-1, 3, 3)
+    return Rotation.from_matrix(both).as_quat().reshape(len(attitudes), len(local), 4)
+
+
+class Inertia(NamedTuple):
+    """Inertia of a rigid body.
+
+    Attributes:
+        mass: [kg].
+        lever: (3,) centre of mass [m].
+        inertia: (3, 3) about the centre of mass [kg·m²].
+    """
+
+    mass: float
+    lever: Array
+    inertia: Array
+
+    @staticmethod
+    def of(theta: Array) -> Inertia:
+        """From m, m·c (3,) and Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin (10,)."""
+        mass, lever = float(theta[0]), theta[1:4] / theta[0]
+        xx, xy, yy, xz, yz, zz = theta[4:10]
+        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Inertia(mass, lever, about_origin - mass * _steiner(lever))
+
+    def theta(self) -> Array:
+        """(10,) the inertial parameters, in the order of `of`."""
+        about = self.inertia + self.mass * _steiner(self.lever)
+        columns = about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+        return np.concatenate([[self.mass], self.mass * np.asarray(self.lever), columns])
+
+
+def _steiner(c: Array) -> Array:
+    """(3, 3) inertia about the origin of a unit mass at c (3,)."""
+    return (c @ c) * np.eye(3) - np.outer(c, c)
 
 
 _FREE = '<freejoint name="pose"/>'
@@ -242,4 +281,4 @@ def guessed(value: Array | float) -> Array:
 
 def _rotation(wxyz: Array) -> Array:
     """(3, 3) rotation matrix of MuJoCo's quaternion w, x, y, z."""
-    return pin.Quaternion(*wxyz).toRotationMatrix()
+    return rotation(np.roll(np.asarray(wxyz, dtype=np.float64), -1))

@@ -1,4 +1,4 @@
-"""Loads and checks robot descriptions: names of example-robot-data, or URDF files."""
+"""Loads and checks robot descriptions: packed ones, those of example-robot-data, or URDF files."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-import coal
 import numpy as np
-import pinocchio as pin
-from pinocchio import robot_wrapper
 
 from ...errors import BadRobot, UnknownName
+from ...resources import folder
 from ...systems.joints import floats
+from ...systems.optional import coal, installed, pin
 
 Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
@@ -27,7 +26,7 @@ class Robot:
     """A robot's description.
 
     Attributes:
-        name: its name in example-robot-data, or the path of its URDF file.
+        name: its name, or the path of its URDF file.
         base: whether a floating base is held or free.
         model: Pinocchio's model.
         held: name of the floating joint that is fixed, "" if there is none.
@@ -44,21 +43,44 @@ class Robot:
         return _described(self.name, self.base, meshes=True)[1]
 
 
-def known_robots() -> list[str]:
-    """All names of example-robot-data, sorted."""
+MORE_ROBOTS = "More robots by name: pip install 'nsaid-mj[robots]'."
+"""Remedy where a name is unknown and example-robot-data is not installed."""
+
+
+def packed_robots() -> dict[str, Path]:
+    """The URDF files of the robots in assets/robots, by name."""
+    files = sorted((folder("assets") / "robots").glob("*/*.urdf"))
+    return {file.stem: file for file in files}
+
+
+def has_example_robots() -> bool:
+    """Whether example-robot-data and its loaders are installed."""
+    return installed("example_robot_data")
+
+
+def example_robots() -> dict[str, Any]:
+    """The loaders of example-robot-data by name; empty if it is not installed."""
+    if not has_example_robots():
+        return {}
     from example_robot_data.robots_loader import ROBOTS
 
-    return sorted(ROBOTS)
+    return ROBOTS
+
+
+def known_robots() -> list[str]:
+    """The names of all robots that are packed or, if it is installed, in example-robot-data."""
+    return sorted({*packed_robots(), *example_robots()})
 
 
 def load_robot(name: str, base: Base = "held") -> Robot:
     """Loads a robot of revolute, prismatic and continuous joints.
 
     Args:
-        name: a name of example-robot-data, or the path of a URDF file.
+        name: of a packed robot or one of example-robot-data, or the path of a URDF file.
         base: whether a floating base is held or free. With `free`, a URDF file's root floats.
 
     Raises:
+        MissingPackage: Pinocchio is not installed.
         UnknownName: there is no robot of this name; near matches are listed.
         BadRobot: it cannot be loaded, has a joint of another kind or a link of physically
             impossible inertia, or its base cannot float.
@@ -73,10 +95,13 @@ def _described(name: str, base: Base, meshes: bool) -> tuple[pin.Model, Any, str
     """The model, its visual geometry (empty without `meshes`), and the name of the held joint."""
     if name.endswith(".urdf") or "/" in name:
         model, visual = _load_file(Path(name), base, meshes)
-    elif name in known_robots():
+    elif name in packed_robots():
+        model, visual = _load_file(packed_robots()[name], "held", meshes)
+    elif name in example_robots():
         model, visual = _load_named(name, meshes)
     else:
         remedy = "A URDF file is given by its path, ending in .urdf."
+        remedy += "" if has_example_robots() else f" {MORE_ROBOTS}"
         raise UnknownName("robot", name, known_robots(), remedy)
     held = ""
     if base == "free" and not floats(model):
@@ -95,9 +120,10 @@ def _described(name: str, base: Base, meshes: bool) -> tuple[pin.Model, Any, str
 def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
     if not path.is_file():
         raise BadRobot(str(path), "", "no such file", "Give the path of a URDF file.")
+    build = pin.buildModelFromUrdf  # outside of `try`: Pinocchio may be missing
     try:
         root = (pin.JointModelFreeFlyer(),) if base == "free" else ()
-        model = pin.buildModelFromUrdf(str(path), *root)
+        model = build(str(path), *root)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         raise BadRobot(
             str(path), "", f"Pinocchio cannot read it: {error}", "Correct the URDF."
@@ -106,7 +132,11 @@ def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
         return model, pin.GeometryModel()
     try:
         visual = pin.buildGeomFromUrdf(
-            model, str(path), pin.GeometryType.VISUAL, package_dirs=[str(path.parent)]
+            model,
+            str(path),
+            pin.GeometryType.VISUAL,
+            package_dirs=[str(path.parent), str(path.parent.parent)],
+            mesh_loader=coal.MeshLoader(coal.NODE_TYPE.BV_OBB),  # fastest that exposes triangles
         )
     except (ValueError, RuntimeError):  # mesh files are missing: the dynamics do not need them
         visual = pin.GeometryModel()
@@ -129,6 +159,8 @@ def _load_named(name: str, meshes: bool) -> tuple[pin.Model, Any]:
 @contextlib.contextmanager
 def _reading(meshes: bool) -> Iterator[None]:
     """Makes Pinocchio's wrapper load visual meshes only, or none; loaders request all geometry."""
+    from pinocchio import robot_wrapper
+
     build: Any = robot_wrapper.buildModelsFromUrdf
     kinds = [pin.GeometryType.VISUAL] if meshes else []
     boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the fastest type that exposes its triangles

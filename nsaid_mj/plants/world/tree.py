@@ -7,9 +7,9 @@ from typing import Any, Protocol
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from ...parameters import Array
+from ...systems.optional import pin
 from .plant import set_options
 from .shapes import VisualMesh, of_geom
 

@@ -1,0 +1,83 @@
+"""Without the extras vehicles run, and whatever needs one of them says which to install."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj.plants.world.robots import load_robot, packed_robots
+
+MISSING = ("pinocchio", "coal", "example_robot_data", "rerun", "rerun_cli")
+
+
+def without(packages: tuple[str, ...], *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Runs `nsaid` where some packages cannot be imported, as if they were not installed."""
+    code = (
+        "import sys\n"
+        f"sys.modules.update(dict.fromkeys({packages!r}))\n"
+        "from nsaid_mj.cli import run_from_shell; run_from_shell()"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=cwd, capture_output=True, text=True, check=False
+    )
+
+
+def test_a_vehicle_runs_without_any_extra_and_says_why_nothing_is_recorded(tmp_path: Path) -> None:
+    short = ["--duration", "1", "--held-out", "0.5", "--pe-window", "0.5", "--out", "run"]
+    done = without(MISSING, "run", "scalar_rov", *short, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "pip install 'nsaid-mj[view]'" in done.stdout
+    assert {"summary.json", "record.arrow", "report.html"} <= {
+        path.name for path in (tmp_path / "run").iterdir()
+    }
+    assert not (tmp_path / "run" / "run.rrd").exists()
+
+
+@pytest.mark.parametrize(
+    "command, extra",
+    [
+        ("run ur5 --duration 1", "arms"),
+        ("run borinot --duration 1", "robots"),
+        ("run arm --robot solo12 --duration 1", "robots"),
+        ("identify tx40", "arms"),
+        ("view run", "view"),
+    ],
+)
+def test_a_command_that_needs_an_extra_names_it(tmp_path: Path, command: str, extra: str) -> None:
+    if extra == "view":
+        (tmp_path / "run").mkdir()
+        (tmp_path / "run" / "run.rrd").touch()
+    done = without(MISSING, *command.split(), cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"pip install 'nsaid-mj[{extra}]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_list_shows_packed_robots_and_how_to_get_more(tmp_path: Path) -> None:
+    said = without(MISSING, "list", cwd=tmp_path).stdout.partition("Robots")[2]
+    assert all(name in said for name in packed_robots())
+    assert "pip install 'nsaid-mj[robots]'" in said
+
+
+@pytest.mark.parametrize("name", packed_robots())
+def test_a_packed_robot_moves_as_the_one_it_was_packed_from(name: str) -> None:
+    theirs = pytest.importorskip("example_robot_data").load(name)
+    ours = load_robot(name)
+    assert list(ours.model.names) == list(theirs.model.names)
+    assert all(a == b for a, b in zip(ours.model.inertias, theirs.model.inertias, strict=True))
+    assert all(
+        a == b
+        for a, b in zip(ours.model.jointPlacements, theirs.model.jointPlacements, strict=True)
+    )
+    assert (ours.model.upperPositionLimit == theirs.model.upperPositionLimit).all()
+    drawn, whole = ours.visual.geometryObjects, theirs.visual_model.geometryObjects
+    assert [g.name for g in drawn] == [g.name for g in whole]
+    for mine, original in zip(drawn, whole, strict=True):
+        assert 0 < mine.geometry.num_tris <= original.geometry.num_tris
+        a, b = mine.geometry.vertices(), original.geometry.vertices()
+        assert (a.min(0) >= b.min(0) - 1e-6).all() and (a.max(0) <= b.max(0) + 1e-6).all()
+        assert np.linalg.norm(np.ptp(a, axis=0)) > 0.75 * np.linalg.norm(np.ptp(b, axis=0))
