@@ -3,17 +3,18 @@ BIN := .venv/bin
 
 .PHONY: demo install test test-all bench lint screenshots store-directions wheel clean
 
-demo: install  ## install, identify a UR5 from 20 s of noisy motion, say what was found and where it is
+demo: .venv/ready  ## install what a run needs, identify a UR5 from 20 s of noisy motion, say what was found
 	$(BIN)/nsaid run ur5 --law efficient --sensors noisy --duration 20
 
-install: .venv/installed
+install: .venv/installed  ## everything that tests and docs need as well
 
-.venv/installed: pyproject.toml
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12")'
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
-	touch $@
+.venv/ready: pyproject.toml
+	@$(PYTHON) scripts/install.py arms,view
+	@touch $@
+
+.venv/installed: pyproject.toml .venv/ready
+	@$(PYTHON) scripts/install.py dev,docs
+	@touch $@
 
 test: install  ## everything that a change must pass
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
