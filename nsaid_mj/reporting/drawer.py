@@ -11,6 +11,8 @@ from dataclasses import asdict
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from .panels import Curve, Panel
 
 _TIMEOUT = 60.0  # after which the child counts as hung [s]
@@ -80,7 +82,10 @@ def _plain(panel: Panel) -> dict[str, Any]:
     """A panel as JSON-serialisable values."""
     return asdict(panel) | {
         "curves": [
-            asdict(curve) | {"t": curve.t.tolist(), "values": curve.values.tolist()}
+            {
+                name: value.tolist() if isinstance(value, np.ndarray) else value
+                for name, value in vars(curve).items()
+            }
             for curve in panel.curves
         ]
     }
@@ -91,15 +96,17 @@ def _plain(panel: Panel) -> dict[str, Any]:
 
 def serve() -> None:
     """Reads panels from the standard input as JSON and writes their SVG to the standard output."""
-    import numpy as np
-
     from .plots import over_time
 
     panels = []
     for fields in json.load(sys.stdin):
         panel = Panel(**(fields | {"curves": []}))
         for curve in fields["curves"]:
-            arrays = {key: np.array(curve[key], dtype=np.float64) for key in ("t", "values")}
+            arrays = {
+                key: np.array(curve[key], dtype=np.float64)
+                for key in ("t", "values", "low", "high")
+                if curve[key] is not None
+            }
             panel.curves.append(Curve(**(curve | arrays)))
         panels.append(panel)
     json.dump([over_time(panel) for panel in panels], sys.stdout)

@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 
 from ..parameters import Array, Indices
-from .palette import COLOURS, VARIABLES
+from .palette import COLOURS, INK, VARIABLES
 
 POINTS = 1500
 """Largest number of points drawn of one curve."""
 
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
 """SVG dash patterns of matplotlib's line styles."""
+
+BAND = "band"
+"""In place of a dash pattern: the legend's entry is a shaded area."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,8 @@ class Curve:
         name: entry in the legend.
         colour: of the line.
         dash: line style of matplotlib.
+        low: (N,) lower ends of a band around the line, NaN where there is none; None for no band.
+        high: (N,) upper ends of that band.
     """
 
     t: Array
@@ -35,6 +40,8 @@ class Curve:
     name: str
     colour: str
     dash: str = "-"
+    low: Array | None = None
+    high: Array | None = None
 
 
 @dataclass
@@ -46,6 +53,8 @@ class Panel:
         label: of the vertical axis, with its unit.
         logarithmic: whether the vertical axis is logarithmic; values ≤ 0 are then left out.
         level: of a horizontal reference line; None for no line.
+        level_name: entry of that line in the legend; empty for none.
+        band_name: entry of the curves' bands in the legend.
         curves: added by `add`.
     """
 
@@ -53,19 +62,35 @@ class Panel:
     label: str
     logarithmic: bool = False
     level: float | None = None
+    level_name: str = ""
+    band_name: str = "95 % interval"
     curves: list[Curve] = field(default_factory=list)
 
-    def add(self, t: Array, values: Array, name: str = "") -> None:
-        """Adds a curve in the next colour; once all are used, with the next dash pattern."""
+    def add(
+        self, t: Array, values: Array, name: str = "", band: tuple[Array, Array] | None = None
+    ) -> None:
+        """Adds a curve in the next colour; once all are used, with the next dash pattern.
+
+        Args:
+            t: (N,) times [s].
+            values: (N,) values.
+            name: entry in the legend.
+            band: (N,) lower and (N,) upper ends of an interval around the values.
+        """
         round_, colour = divmod(len(self.curves), len(COLOURS))
         dash = list(DASHES)[round_ % len(DASHES)]
-        self.curves.append(Curve(t, values, name, COLOURS[colour], dash))
+        self.curves.append(Curve(t, values, name, COLOURS[colour], dash, *(band or (None, None))))
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
-        """(name, colour, dash) of the named curves; empty if there is only one curve."""
+        """(name, colour, dash) of curves, bands and level; empty if there is only one curve."""
         named = [(c.name, c.colour, c.dash) for c in self.curves if c.name]
-        return named if len(self.curves) > 1 else []
+        named = named if len(self.curves) > 1 else []
+        if any(curve.low is not None for curve in self.curves):
+            named.append((self.band_name, self.curves[0].colour, BAND))
+        if self.level is not None and self.level_name:
+            named.append((self.level_name, INK, "--"))
+        return named
 
 
 def thin(rows: int, points: int = POINTS) -> Indices:
@@ -81,13 +106,18 @@ def template_figure(
     Args:
         title: above the figure.
         drawing: SVG element.
-        legend: (name, colour, dash) of each entry.
+        legend: (name, colour, dash) of each entry; a dash of `BAND` is a shaded area.
         wide: whether the figure takes the whole width of the page.
     """
     from markupsafe import Markup
 
     entries = [
-        {"name": name, "paint": f"var({VARIABLES[colour]})", "dashes": DASHES[dash]}
+        {
+            "name": name,
+            "paint": f"var({VARIABLES[colour]})",
+            "band": dash == BAND,
+            "dashes": DASHES.get(dash, "none"),
+        }
         for name, colour, dash in legend
     ]
     return {"title": title, "svg": Markup(drawing), "wide": wide, "legend": entries}

@@ -15,13 +15,19 @@ from ..evaluation.confidence import INTERVAL
 from ..experiment.loop import Run
 from ..parameters import Array, ParameterSpace
 from ..resources import write_text
+from . import pages
 from .drawer import Drawer
-from .pages import render
 from .panels import Panel, template_figure, thin
 
 FILE = "report.html"
 _OPEN = 12  # parameters in total, up to which no table is collapsed
 _ABSENT = "–"
+_SCRIPT = """\
+from pathlib import Path
+
+from nsaid_mj import Scenario, run
+
+run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
 
 
 def write(
@@ -47,31 +53,62 @@ def page(
     """A run's report as HTML; see `write`."""
     panels = [panel for panel in _panels(run, truth) if panel.curves]
     drawings = (drawer or Drawer()).draw(panels)
-    return render(
+    figures = [
+        template_figure(panel.title, drawing, panel.legend)
+        for panel, drawing in zip(panels, drawings, strict=True)
+    ]
+    return pages.render(
         "report.html",
         name=run.folder.name,
-        folder=shlex.quote(str(run.folder)),
-        robot=_robot(run),
+        eyebrow=f"run {run.folder.name}",
+        heading=_robot(run),
         lead=_lead(summary),
-        verdict=summary.get("verdict"),
-        ended=_ended(summary),
-        sensor_noise=summary["sensor_noise"],
-        mismatch=summary.get("mismatch", []),
-        fault=summary.get("fault"),
+        verdict=_verdict(summary),
+        carrying=figures[:1],
+        alarms=_alarms(summary),
         figures=_figures(summary),
         checks=_checks(summary),
-        curves=[
-            template_figure(panel.title, drawing, panel.legend)
-            for panel, drawing in zip(panels, drawings, strict=True)
-        ],
+        curves=figures[1:],
         confidence=_confidence(summary),
         observable=evaluation.observable_line(summary),
         unobservable=evaluation.unobservable_lines(summary),
         parameters_note=_parameters_note(summary),
         parameters=_parameters(run.system.space, summary),
-        seed=summary["seed"],
-        scenario_hash=summary["scenario_hash"],
-        versions=", ".join(f"{name} {number}" for name, number in summary["versions"].items()),
+        again=_again(run, summary),
+    )
+
+
+def _verdict(summary: dict[str, Any]) -> dict[str, str] | None:
+    """The verdict with its colour; None if the summary, of an earlier version, has none."""
+    told = summary.get("verdict")
+    if told is None:
+        return None
+    kind = {"converged": "good", "still converging": "fair"}.get(told.partition(":")[0], "poor")
+    return pages.verdict(kind, told)
+
+
+def _alarms(summary: dict[str, Any]) -> list[dict[str, str]]:
+    """How the run ended early, and what distinguishes it from one in the paper."""
+    found = []
+    if summary["status"] != "completed":
+        found.append(pages.alarm(_ended(summary), "poor", "ended early:", "✘"))
+    if summary.get("fault"):
+        found.append(pages.alarm(summary["fault"], level="fault:"))
+    found += [pages.alarm(m, level="not in the structure:") for m in summary.get("mismatch", [])]
+    if summary["sensor_noise"]:
+        found.append(pages.alarm(summary["sensor_noise"], "weak", "sensors:", "·"))
+    return found
+
+
+def _again(run: Run, summary: dict[str, Any]) -> dict[str, Any]:
+    folder = shlex.quote(str(run.folder))
+    return pages.again(
+        [_SCRIPT, f"nsaid view {folder}", f"nsaid verify --run {folder}"],
+        summary["versions"],
+        f"The scenario, including seed {summary['seed']}, is in scenario.json (hash "
+        f"{summary['scenario_hash']}). With the same versions of all packages the record is "
+        "identical to the bit. All figures are in summary.json, all samples in record.arrow, the "
+        "recording is run.rrd.",
     )
 
 
@@ -91,12 +128,9 @@ def _lead(summary: dict[str, Any]) -> str:
 
 
 def _ended(summary: dict[str, Any]) -> str:
-    """How a run ended early; empty if it completed."""
-    if summary["status"] == "completed":
-        return ""
-    at = f"Ended early: {summary['status']} at t = {summary['status_time']:.4g} s"
     signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
-    return f"{at}{signal}. {summary['status_remedy']}"
+    at = f"{summary['status']} at t = {summary['status_time']:.4g} s{signal}"
+    return f"{at}. {summary['status_remedy']}"
 
 
 def _figures(summary: dict[str, Any]) -> dict[str, Any]:
@@ -220,7 +254,7 @@ def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str
                 line.append(f"{row['true']:.4g}")
             lines.append(line)
         shown = block.actuator or len(rows) <= _OPEN
-        tables.append({"name": block.name, "open": shown, "heads": heads, "lines": lines})
+        tables.append(pages.block(block.name, heads, lines, text=(0, 1), open=shown))
     return tables
 
 

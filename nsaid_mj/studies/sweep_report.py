@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..reporting import plots
-from ..reporting.pages import render
+from ..reporting import pages, plots
 from ..reporting.palette import BAD, COLOURS
 from ..reporting.panels import thin
 from ..reporting.report import FILE
@@ -56,14 +55,19 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> str:
         for title, draw in line.items():
             over = f"{title}, by {field}" if field else title
             distributions.append(plots.page_figure(over, draw, wide))
-    return render(
+    missing = manifest["runs"] - len(sweep.rows)
+    return pages.render(
         "sweep.html",
-        name=sweep.folder.name,
-        script=manifest["script"],
+        eyebrow=f"many runs of {manifest['script']}",
+        heading=sweep.folder.name,
         lead=f"{results} of {manifest['runs']} runs have a result; {seeds} seeds from the master "
         f"seed {manifest['master_seed']}.",
-        missing=manifest["runs"] - len(sweep.rows),
-        distributions=distributions,
+        verdict=_verdict(sweep),
+        carrying=distributions[:2],
+        alarms=[pages.alarm(f"{missing} of the runs", "poor", "not finished:", "✘")]
+        if missing
+        else [],
+        distributions=distributions[2:],
         note=_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""),
         fields=len(fields),
         heads=[*fields, *HEADS],
@@ -71,9 +75,29 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> str:
         failures=[
             [row["run"], row["seed"], row["failure"], sweep.command(row)] for row in sweep.lost
         ],
-        master_seed=manifest["master_seed"],
-        versions=", ".join(f"{key} {value}" for key, value in manifest["versions"].items()),
+        again=pages.again(
+            [],
+            manifest["versions"],
+            "The plan is in manifest.json, all runs are in rows.jsonl and results.parquet. Run k "
+            f"depends only on the master seed {manifest['master_seed']} and on k.",
+        ),
     )
+
+
+def _verdict(sweep: Sweep) -> dict[str, str]:
+    """How many runs have converged, and the median of their distances to the true set."""
+    found = Group({}, sweep.rows)
+    distances = found.column("theta_perp_ratio")
+    distances = distances[np.isfinite(distances)]
+    converged, runs = int(np.isfinite(found.column("time_to_converge")).sum()), len(sweep.rows)
+    kind = "good" if converged == runs else "fair" if 2 * converged >= runs else "poor"
+    told = f"{converged} of {runs} runs converged"
+    if len(distances):
+        told += (
+            f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
+            f"median, {100 * distances.max():.2g} % in the worst run"
+        )
+    return pages.verdict(kind, f"{told}.")
 
 
 # -- the panels --------------------------------------------------------------------------------

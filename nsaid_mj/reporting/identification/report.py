@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ... import __version__
 from ...calibration import words
-from ...calibration.findings import Finding
 from ...calibration.result import Identification, Parameter
 from ...resources import write_text
-from ..pages import render
+from .. import pages
 
 FILE = "report.html"
-_SHOWN = 8  # figures of joints that are not collapsed
 _OPEN = 12  # parameters in total, up to which no table is collapsed
 
 
@@ -39,36 +37,39 @@ def page(result: Identification, command: str = "") -> str:
 
     sketch = picture.picture(result)
     drawn, checked = figures.commands(result), figures.commands(result, validation=True)
-    return render(
+    return pages.render(
         "identification.html",
-        robot=result.robot.name,
+        eyebrow="identification from logs",
+        heading=result.robot.name,
         lead=_lead(result),
         rows=words.rows_of(result),
-        mark=words.EXPLAINS[result.explains],
-        verdict=result.verdict,
+        verdict=pages.verdict(
+            words.EXPLAINS[result.explains].kind,
+            result.verdict,
+            words.EXPLAINS[result.explains].glyph,
+        ),
         alarms=_findings(result, ("refusal", "warning")),
         notes=_findings(result, ("note",)),
-        counts=[(words.STATUSES[s], s, n) for s, n in words.counts(result.parameters)],
-        overview=[f for f in (sketch, figures.joints(result)) if f is not None],
+        counts=_counts(result.parameters),
+        carrying=[f for f in (figures.joints(result), sketch) if f is not None],
         joints=_joints(result),
-        commands=(drawn[:_SHOWN], drawn[_SHOWN:]),
-        validation=(checked[:_SHOWN], checked[_SHOWN:]),
+        commands=drawn,
+        validation=checked,
         cutoff=words.number(result.cutoff),
         gains=figures.forests(result, gains=True),
         gain_rows=[_row(p, result) for p in result.parameters if words.is_gain(p)],
         frictions=figures.forests(result, gains=False),
         combinations=_combinations(result),
         blocks=_blocks(result),
-        unknown=[
-            (words.STATUSES[status], status, names)
-            for status, names in words.unknown_in_words(result)
-        ],
+        unknown=[(_status(status), names) for status, names in words.unknown_in_words(result)],
         suggestion=_code(result.suggestion),
         anchor=_code(result.anchor),
         correlations=figures.correlations(result),
         histories=figures.histories(result),
-        command=command or _command(result),
-        versions=f"nsaid-mj {__version__}, Python {platform.python_version()}",
+        again=pages.again(
+            [command or _command(result)],
+            {"nsaid-mj": __version__, "Python": platform.python_version()},
+        ),
     )
 
 
@@ -80,8 +81,27 @@ def _lead(result: Identification) -> str:
     )
 
 
-def _findings(result: Identification, levels: Sequence[str]) -> list[tuple[words.Mark, Finding]]:
-    return [(words.LEVELS[f.level], f) for f in result.findings if f.level in levels]
+def _findings(result: Identification, levels: Sequence[str]) -> list[dict[str, str]]:
+    return [
+        pages.alarm(
+            f"{f.where + ': ' if f.where else ''}{f.text}. {f.remedy}",
+            words.LEVELS[f.level].kind,
+            f.level,
+            words.LEVELS[f.level].glyph,
+        )
+        for f in result.findings
+        if f.level in levels
+    ]
+
+
+def _status(status: str, count: str = "") -> dict[str, str]:
+    mark = words.STATUSES[status]
+    return pages.mark(mark.kind, f"{count}{status}", mark.glyph)
+
+
+def _counts(parameters: Iterable[Parameter]) -> list[dict[str, str]]:
+    """A badge for each status, with the number of parameters that have it."""
+    return [_status(status, f"{count} ") for status, count in words.counts(parameters)]
 
 
 def _joints(result: Identification) -> dict[str, Any]:
@@ -111,8 +131,7 @@ def _row(parameter: Parameter, result: Identification) -> dict[str, Any]:
         "interval": words.ABSENT if parameter.status == "known" else interval,
         "unit": parameter.unit,
         "prior": words.number(parameter.prior),
-        "status": parameter.status,
-        "mark": words.STATUSES[parameter.status],
+        "status": _status(parameter.status),
         "number": number,
         "words": _words(parameter) if not number else "",
     }
@@ -145,7 +164,7 @@ def _blocks(result: Identification) -> list[dict[str, Any]]:
         {
             "name": words.of_joint(members[0]) if name in inertial else name,
             "open": len(result.parameters) <= _OPEN,
-            "counts": [(words.STATUSES[s], s, n) for s, n in words.counts(members)],
+            "counts": _counts(members),
             "rows": [_row(p, result) for p in members],
         }
         for name, members in blocks.items()
