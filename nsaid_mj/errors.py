@@ -174,6 +174,19 @@ class DamagedKernelCache(UserWarning):
         )
 
 
+class NoMotion(NsaidError):
+    """No motion within the limits was found for an experiment.
+
+    Attributes:
+        reason: why.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, reason: str, remedy: str):
+        self.reason, self.remedy = reason, remedy
+        super().__init__(f"{reason}. {remedy}")
+
+
 class NoKernelCache(UserWarning):
     """Compiled kernels cannot be cached, so that every process compiles them again.
 

@@ -32,6 +32,7 @@ ORDER = (
     ("experiment",),
     ("evaluation",),
     ("calibration",),
+    ("design",),
     ("recording",),
     ("reporting",),
     ("studies",),

@@ -2,6 +2,8 @@
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
+from .designed import DesignedSignals as DesignedSignals
+from .designed import DesignedTracking as DesignedTracking
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig
 from .driving import Driving as Driving

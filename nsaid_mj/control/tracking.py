@@ -14,7 +14,7 @@ from ..system import SecondOrderSystem
 from ..systems.multibody import MotorTree
 from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import Driver, DriverConfig
-from .signals import FourierTrajectory
+from .signals import FourierTrajectory, Series, fourier
 
 
 @config
@@ -69,27 +69,40 @@ class FourierTracking(DriverConfig):
             rng,
         )
         trajectory.series.coefficients[~moving] = 0.0
-        return _ComputedTorque(system, prior, trajectory, 2 * np.pi * self.bandwidth)
+        return ComputedTorque(system, prior, trajectory.series, 2 * np.pi * self.bandwidth)
 
 
-class _ComputedTorque(Driver):
-    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e; θ̂₀ is the prior."""
+class ComputedTorque(Driver):
+    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e; θ̂₀ is the prior.
 
-    def __init__(
-        self, system: MotorTree, prior: Array, trajectory: FourierTrajectory, omega: float
-    ):
-        self._trajectory = trajectory
-        self._tracking = Tracking(system.tree, prior, trajectory.series, omega)
+    Args:
+        system: an arm on a fixed base.
+        prior: (p,) θ̂₀.
+        series: the desired motion.
+        omega: bandwidth ω of the tracking loop [rad/s].
+    """
+
+    def __init__(self, system: MotorTree, prior: Array, series: Series, omega: float):
+        self._tracking = Tracking(system.tree, prior, series, omega)
         self._workspace = tracking_workspace(self._tracking)
 
+    def desired(self, t: float) -> Array:
+        """(3, n) desired position, velocity and acceleration at time t [s]."""
+        motion = np.empty((len(self._tracking.series.centre), 3))
+        fourier(self._tracking.series, t, motion)
+        return motion.T
+
     def start(self) -> tuple[Array, Array]:
-        position, velocity, _ = self._trajectory(0.0)
+        """(n,) position and (n,) velocity at which the series begins."""
+        position, velocity, _ = self.desired(0.0)
         return position, velocity
 
     def command(self, t: float, q: Array, v: Array) -> Array:
+        """(n,) command u."""
         u = np.empty(len(v))
         computed_torque(self._tracking, t, q, v, self._workspace, u)
         return u
 
     def compiled(self, t: Array) -> Tracking:
+        """The parameters of `computed_torque`."""
         return self._tracking

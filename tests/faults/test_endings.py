@@ -96,7 +96,7 @@ def gained(gain: float) -> Scenario:
 
 
 BLIND_ROV, BLIND_ARM = replace(ROV, sensors="noisy"), replace(PENDULUM, sensors="noisy")
-SINE, TORQUE = multisine._MultisineDriver, tracking._ComputedTorque
+SINE, TORQUE = multisine._MultisineDriver, tracking.ComputedTorque
 
 FAULTS = {
     "vehicle diverges": Fault(

@@ -149,7 +149,7 @@ def test_the_computed_torque_equals_that_of_pinocchios_regressor(robot, armature
     assert type(system) is Multibody
     prior = system.space.scale * rng.uniform(0.1, 2, system.p) * rng.choice([-1, 1], system.p)
     driver = FourierTracking(bandwidth=1.5).build(system, prior, rng)
-    path, omega = driver._trajectory, 2 * np.pi * 1.5
+    path, omega = driver.desired, 2 * np.pi * 1.5
     for t in rng.uniform(0, 20, 5):
         q, v, _ = system.random_state(rng)
         wanted, speed, a = path(t)

@@ -1,0 +1,136 @@
+"""Fourier motions of an arm's joints, inside their limits by construction.
+
+A candidate is a vector of numbers, (n, 2h + 1): for every joint the weights of its sines and
+cosines, and where in its range the motion is centred. The weights are divided by k, which favours
+low harmonics, and scaled until the joint's position, speed or acceleration reaches its limit; so
+every candidate is as strong as the limits allow. Only torque is left to a penalty.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..control import DesignedTracking, FourierTracking
+from ..control.signals import Series
+from ..dynamics.tree import tree_place, tree_room, tree_torque
+from ..errors import InvalidInput
+from ..log import Log
+from ..parameters import Array
+from ..systems.multibody import MotorTree
+from .experiment import Experiment
+from .limits import Limits
+
+_STEP = 0.04  # of the motion at which information is computed [s]
+_SEARCHED = 10.0  # longest motion that the search looks at [s]
+_FINE = 24  # samples in the period of the highest harmonic, for peaks
+_PENALTY = 3.0  # cost per unit of torque beyond the limit
+
+
+class JointMotions:
+    """Candidates of an arm's motion.
+
+    Args:
+        experiment: of an arm on a fixed base.
+        limits: of the motion.
+        base: the excitation whose harmonics and tracking loop are taken.
+
+    Raises:
+        InvalidInput: the system is not an arm on a fixed base.
+    """
+
+    parallel = True
+    """Whether candidates may be judged in several threads."""
+
+    def __init__(self, experiment: Experiment, limits: Limits, base: FourierTracking):
+        system = experiment.system
+        if not isinstance(system, MotorTree) or system.group:
+            raise InvalidInput(
+                "design", "an arm on a fixed base", type(system).__name__, "Design a vehicle's."
+            )
+        self.experiment, self.limits, self.base = experiment, limits, base
+        self._tree, self._n = system.tree, system.n
+        self._harmonics = np.arange(1.0, base.harmonics + 1)
+        self._omega = 2 * np.pi * base.fundamental * self._harmonics
+        period, top = 1 / base.fundamental, base.fundamental * base.harmonics
+        self._fine = _basis(self._omega, np.arange(0, period, 1 / (_FINE * top)))
+        dt = experiment.scenario.dt
+        step = dt * max(1, round(min(_STEP, 1 / (12 * top)) / dt))
+        self.stride = round(step / dt)
+        self._t = np.arange(0, min(experiment.scenario.duration, max(_SEARCHED, period)), step)
+        self._coarse = _basis(self._omega, self._t)
+        self._in_period = int(min(len(self._t), np.ceil(period / step)))
+        self.moving = np.isin(np.arange(1, self._n + 1), base.joints or np.arange(1, self._n + 1))
+
+    @property
+    def size(self) -> int:
+        """Length of a candidate."""
+        return self._n * (2 * len(self._omega) + 1)
+
+    def random(self, rng: np.random.Generator) -> Array:
+        """A random candidate, centred in the joints' ranges."""
+        numbers = rng.standard_normal((self._n, 2 * len(self._omega) + 1))
+        numbers[:, -1] = 0.0
+        return numbers.ravel()
+
+    def series(self, candidate: Array, share: float = 1.0) -> Series:
+        """The trajectory of a candidate, with its swing, speed and acceleration times `share`."""
+        numbers = candidate.reshape(self._n, -1)
+        weights = numbers[:, :-1] / np.tile(self._harmonics, 2)
+        limits, free = self.limits.limits, 1 - self.limits.margin
+        place, speed, acceleration = (part @ weights.T for part in self._fine)
+        low, high = limits["position"].low, limits["position"].high
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        peak = np.abs(place).max(axis=0)
+        reach = peak / half
+        for name, part in (("speed", speed), ("acceleration", acceleration)):
+            reach = np.maximum(reach, np.abs(part).max(axis=0) / limits[name].high)
+        reach /= free
+        scaled = share * weights / np.maximum(reach, 1e-12)[:, None]
+        scaled[~self.moving] = 0.0
+        room = np.maximum(free * half - share * peak / np.maximum(reach, 1e-12), 0.0)
+        centre = middle + room * np.tanh(numbers[:, -1])
+        return Series(self._omega, scaled, np.where(self.moving, centre, middle))
+
+    def motion(self, series: Series, draw: int) -> tuple[Log, Array]:
+        """The motion at coarse steps as a draw of the prior needs it, and its torques (N, n)."""
+        place, speed, acceleration = (part @ series.coefficients.T for part in self._coarse)
+        system, theta = self.experiment.system, self.experiment.draws[draw]
+        q = np.ascontiguousarray(system.position(place + series.centre))
+        v, a, torque = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration), place
+        _torques(self._tree, theta, q, v, a, torque)
+        return Log.unchecked(self._t, q, v, torque / theta[system.space.actuators]), torque
+
+    def candidate(self, candidate: Array, draw: int) -> tuple[Log, float]:
+        """The motion of a candidate under a draw, and its penalty, 0 inside the limits."""
+        log, torque = self.motion(self.series(candidate), draw)
+        top = (1 - self.limits.margin) * self.limits.limits["torque"].high
+        excess = np.maximum(np.abs(torque).max(axis=0) / top - 1, 0.0)
+        return log, _PENALTY * float(excess.sum())
+
+    def period(self, log: Log) -> Log:
+        """One period of a motion, in which a Gramian repeats."""
+        return log.first(self._in_period)
+
+    def driver(self, candidate: Array, share: float = 1.0) -> DesignedTracking:
+        """The driver of a candidate."""
+        return DesignedTracking.of(self.series(candidate, share), self.base.bandwidth)
+
+
+def _basis(omega: Array, t: Array) -> tuple[Array, Array, Array]:
+    """(N, 2h) sines and cosines at times t, and their first and second derivatives."""
+    s, c = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
+    return (
+        np.hstack([s, c]),
+        np.hstack([c * omega, -s * omega]),
+        np.hstack([-s * omega**2, -c * omega**2]),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _torques(linkage, theta, q, v, a, torque):
+    """Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ."""
+    state, work = tree_room(linkage), np.empty((linkage.numbers.shape[0], 12))
+    for k in range(q.shape[0]):
+        tree_place(linkage, q[k], v[k], state)
+        tree_torque(linkage, state, v[k], a[k], theta, work, torque[k])

@@ -1,0 +1,123 @@
+"""The experiment that is designed: structure, prior, sensors and time; nothing of it is true.
+
+The prior is the plant's published values. A design must serve robots that differ from them, so that
+it is judged under several draws about the prior, as an engineer who does not know better would draw
+them. The truth of a scenario's plant is never drawn, let alone read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..control import DriverConfig
+from ..errors import InvalidInput
+from ..experiment.scenario import Scenario
+from ..experiment.setup import is_sound, published, trajectory
+from ..identifiers.cone.barrier import cone_of, drawn_inside
+from ..identifiers.efficient.kalman import Law
+from ..log import Log, SensorLevels
+from ..nullspace import Nullspace, structural
+from ..parameters import Array
+from ..plants import ParametricPlantConfig
+from ..system import SecondOrderSystem
+
+DRAWS = 4
+"""Draws of the prior under which a design is judged; the search itself uses the first two."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What is known before an experiment.
+
+    Attributes:
+        scenario: the plant's published description, sensors, time step and duration; its own
+            excitation is what the design is compared with and takes its limits from.
+        system: the structure.
+        prior: (p,) θ̂(0), the published values.
+        draws: (DRAWS, p) other values that θ may have.
+        bases: an orthonormal basis (p, p−r) of P_⊥ for each draw.
+        nullspace: P_s of the prior.
+        levels: standard deviations of the sensors' noise.
+    """
+
+    scenario: Scenario
+    system: SecondOrderSystem
+    prior: Array
+    draws: Array
+    bases: tuple[Array, ...]
+    nullspace: Nullspace
+    levels: SensorLevels
+
+    @staticmethod
+    def of(scenario: Scenario, seed: int = 0) -> Experiment:
+        """The experiment of a scenario, from its plant's published values alone.
+
+        Args:
+            scenario: with any sensors and any prior.
+            seed: of the draws.
+
+        Raises:
+            InvalidInput: the plant cannot be made with a given θ, its structure has no compiled
+                forward dynamics, or the scenario's noise is zero.
+        """
+        healthy = replace(scenario.plant, fault=type(scenario.plant.fault)())
+        scenario = replace(scenario, plant=healthy, prior="nominal")
+        plant, known = published(scenario.plant, scenario.dt)
+        system = plant.system
+        if system.forward is None:
+            raise InvalidInput(
+                "design",
+                "a structure with compiled forward dynamics",
+                type(system).__name__,
+                "Take the compiled backend, or another plant.",
+            )
+        levels = scenario.noise.levels
+        if not (levels.position > 0 and levels.velocity > 0):
+            remedy = "State the sensors' noise, such as --noise.position 1e-4."
+            raise InvalidInput("noise", "levels > 0", levels, remedy)
+        rng = np.random.default_rng(seed)
+        prior = drawn_inside(system.space, known, 0.0, rng)
+        error = scenario.initial_error
+        draws = np.array([drawn_inside(system.space, known, error, rng) for _ in range(DRAWS)])
+        spaces = [
+            structural(system, theta, np.random.default_rng(seed)) for theta in (prior, *draws)
+        ]
+        bases = tuple(space.P_perp for space in spaces[1:])
+        return Experiment(scenario, system, prior, draws, bases, spaces[0], levels)
+
+    @cached_property
+    def law(self) -> Law:
+        """What a filter of this system knows beforehand."""
+        space = self.system.space
+        return Law(self.system.forward, cone_of(space), np.array(space.scale), 1e-3, 1)
+
+    def simulate(
+        self, driver: DriverConfig, draw: int, duration: float, seed: int = 0
+    ) -> Log | None:
+        """The motion of a plant with a draw of the prior, under a driver that knows the prior.
+
+        Args:
+            driver: makes the commands from the prior.
+            draw: number of the draw that is the plant's θ.
+            duration: of the motion [s].
+            seed: of the driver's random numbers.
+
+        Returns:
+            Exact measurements; None if the plant diverges.
+        """
+        config, dt = self.scenario.plant, self.scenario.dt
+        assert isinstance(config, ParametricPlantConfig)  # else there were no published values
+        plant = self._plants.get(draw)
+        if plant is None:
+            plant = self._plants[draw] = config.simulating(dt, self.draws[draw])
+        made = driver.build(self.system, self.prior, np.random.default_rng(seed))
+        with plant.running():
+            log = trajectory(plant, made, max(2, round(duration / dt)))
+        return log if is_sound(plant, log) else None
+
+    @cached_property
+    def _plants(self) -> dict[int, object]:
+        return {}

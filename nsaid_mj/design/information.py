@@ -1,0 +1,101 @@
+"""What a motion tells about θ: the Cramér–Rao bound, and the Gramian on P_⊥ as a first stage."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..dynamics.forward import forward_work, linearise
+from ..errors import InvalidInput, NoEstimate, UnknownName
+from ..evaluation.bound import PRIOR, covariance_after
+from ..log import Log
+from ..parameters import Array
+from .asked import Asked
+from .experiment import Experiment
+
+CRITERIA = ("bound", "condition", "d-optimal")
+"""What a design minimises: the predicted standard deviation of what is asked for; or, for
+comparison, the condition number of the regressor on P_⊥, or minus the logarithm of the determinant
+of its Gramian."""
+
+
+def check_criterion(name: str) -> None:
+    """Raises UnknownName unless a criterion exists."""
+    if name not in CRITERIA:
+        raise UnknownName("criterion", name, CRITERIA)
+
+
+def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
+    """(p, p) Cramér–Rao bound on the covariance of θ̂/scale after a motion, under a draw.
+
+    Args:
+        experiment: what is known beforehand.
+        log: the motion, possibly at coarser steps than the measurements.
+        draw: number of the draw.
+
+    Raises:
+        NoEstimate: M is not positive definite along the motion.
+    """
+    theta, basis = experiment.draws[draw], experiment.bases[draw]
+    dt = experiment.scenario.dt
+    return covariance_after(experiment.system, theta, basis, log, experiment.levels, dt)
+
+
+def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
+    """(p, p) mean of S Wᵀ M⁻¹ W S along a motion, S = diag(scale), at θ."""
+    system = experiment.system
+    rows = np.empty((len(log.t), system.n, system.p))
+    scale = np.array(system.space.scale)
+    if not _accelerations(system.forward, log.q, log.v, log.u, theta, scale, rows):
+        raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
+    M = system.mass_matrix(np.hstack([log.q, log.v]), theta)
+    weighted = (np.linalg.cholesky(M).transpose(0, 2, 1) @ rows).reshape(-1, system.p)
+    return weighted.T @ weighted / len(log.t)  # M⁻¹ W S = −rows, so this is rowsᵀ M rows
+
+
+@njit(cache=True, nogil=True)
+def _accelerations(structure, q, v, u, theta, scale, rows):
+    """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
+    count, n, p = rows.shape
+    work = forward_work(structure, n, p)
+    a, A = np.empty(n), np.empty((n, 2 * n))
+    for k in range(count):
+        if not linearise(structure, q[k], v[k], u[k], theta, scale, work, a, A, rows[k]) > 0.0:
+            return False
+    return True
+
+
+def gramian_cost(
+    experiment: Experiment, asked: Asked, log: Log, draw: int, criterion: str
+) -> float:
+    """A criterion of the Gramian on P_⊥; the null direction takes no part in any of them.
+
+    `bound` stands for the rms deviation of what is asked for if the accelerations alone were
+    measured: the shape of the Gramian is right, the sensors' filtering is not in it.
+    """
+    theta, basis = experiment.draws[draw], experiment.bases[draw]
+    own = basis.T @ gramian(experiment, log, theta) @ basis
+    values, vectors = np.linalg.eigh(own)
+    values = np.maximum(values, 1e-14 * values[-1])
+    if criterion == "condition":
+        return float(np.sqrt(values[-1] / values[0]))
+    if criterion == "d-optimal":
+        return float(-np.sum(np.log(values)))
+    count = experiment.scenario.duration / experiment.scenario.dt
+    information = count * values / experiment.levels.velocity**2 + 1 / PRIOR**2
+    root = basis @ (vectors / np.sqrt(information))
+    return rms(asked.deviations(root @ root.T, theta))
+
+
+def bound_cost(experiment: Experiment, asked: Asked, log: Log, draw: int) -> float:
+    """The rms standard deviation of what is asked for, by the Cramér–Rao bound; inf if M̂ fails."""
+    try:
+        covariance = predicted(experiment, log, draw)
+    except (NoEstimate, InvalidInput):
+        return np.inf
+    return rms(asked.deviations(covariance, experiment.draws[draw]))
+
+
+def rms(x: Array) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(x))))

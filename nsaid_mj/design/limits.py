@@ -1,0 +1,228 @@
+"""Limits of a designed motion: what they are, where they come from, and how far a motion uses them.
+
+A limit bounds one quantity, such as the speed of every joint, to [low, high]. The *use* of a limit
+is the largest distance of the quantity from the middle of its range over half of the range: a
+motion obeys all limits if no use exceeds 1.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidInput, UnknownName
+from ..log import Log
+from ..numerics.spatial import rotation
+from ..parameters import Array
+from ..system import SecondOrderSystem
+
+Extents = Mapping[str, tuple[Array, Array]]
+"""The smallest and the largest values (k,) of every limited quantity along a motion."""
+
+_RANGES = ("position", "box")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The bounds of one quantity.
+
+    Attributes:
+        low: (k,) smallest values.
+        high: (k,) largest values.
+        unit: of the values.
+    """
+
+    low: Array
+    high: Array
+    unit: str
+
+
+@dataclass(frozen=True)
+class Limits:
+    """All limits of a motion.
+
+    Attributes:
+        limits: by quantity: position, speed, acceleration and torque of an arm's joints; box,
+            speed, rate and tilt of a vehicle.
+        margin: share of every limit that the planned motion keeps free for what a simulation of it
+            adds: errors of tracking under other parameters than the planned ones.
+        contacts: whether bodies must not touch one another or the ground.
+    """
+
+    limits: Mapping[str, Limit]
+    margin: float = 0.05
+    contacts: bool = False
+
+    def uses(self, extents: Extents) -> dict[str, float]:
+        """The largest use of every limit by a motion; 1 is the limit itself."""
+        found = {}
+        for name, limit in self.limits.items():
+            middle, half = 0.5 * (limit.low + limit.high), 0.5 * (limit.high - limit.low)
+            low, high = extents[name]
+            found[name] = float(np.max(np.maximum(high - middle, middle - low) / half))
+        return found
+
+    def use(self, extents: Extents) -> float:
+        """The largest use of any limit."""
+        return max(self.uses(extents).values())
+
+    def __post_init__(self) -> None:
+        for name, limit in self.limits.items():
+            if not (limit.low < limit.high).all():
+                k = int(np.flatnonzero(~(limit.low < limit.high))[0])
+                raise InvalidInput(
+                    f"limits.{name}",
+                    "a lower end below the upper one",
+                    f"{limit.low[k]:g} … {limit.high[k]:g} in entry {k + 1}",
+                    "Correct the limits' file.",
+                )
+        if not 0 <= self.margin < 1:
+            raise InvalidInput("limits.margin", "a share in [0, 1)", self.margin, "Try 0.05.")
+
+
+def envelope(extents: Sequence[Extents], share: float) -> dict[str, tuple[Array, Array]]:
+    """The bounds that a given share of motions keep, separately for every entry.
+
+    Args:
+        extents: of several motions.
+        share: 0.5 for the median, 1 for all.
+    """
+    return {
+        name: (
+            np.quantile([each[name][0] for each in extents], 1 - share, axis=0),
+            np.quantile([each[name][1] for each in extents], share, axis=0),
+        )
+        for name in extents[0]
+    }
+
+
+def extents_of(system: SecondOrderSystem, log: Log, theta: Array) -> dict[str, tuple[Array, Array]]:
+    """The limited quantities along a motion.
+
+    Args:
+        system: the structure.
+        log: of exact measurements.
+        theta: (p,) parameters of the plant that moved.
+    """
+    if system.group:
+        return _vehicle(system, log)
+    position = np.unwrap(_coordinates(system, log.q), axis=0)
+    acceleration = np.gradient(log.v, log.t, axis=0)
+    found = {
+        "position": _range(position),
+        "speed": _up_to(np.abs(log.v)),
+        "acceleration": _up_to(np.abs(acceleration)),
+    }
+    gains = system.space.actuators
+    if len(gains) == system.n_u:
+        found["torque"] = _up_to(np.abs(log.u * theta[gains]))
+    return found
+
+
+def _range(rows: Array) -> tuple[Array, Array]:
+    return rows.min(axis=0), rows.max(axis=0)
+
+
+def _coordinates(system: SecondOrderSystem, q: Array) -> Array:
+    """(N, n) coordinates of positions q (N, m); (cos, sin) of continuous joints become angles."""
+    if system.m == system.n:
+        return q
+    columns, at = [], 0
+    for joint in system.joints:  # type: ignore[attr-defined]  # only trees have m ≠ n here
+        pair = q[:, at : at + joint.nq]
+        columns.append(pair[:, 0] if joint.nq == 1 else np.arctan2(pair[:, 1], pair[:, 0]))
+        at += joint.nq
+    return np.column_stack(columns)
+
+
+def _vehicle(system: SecondOrderSystem, log: Log) -> dict[str, tuple[Array, Array]]:
+    """Place [m], speed [m/s], rate of turn [rad/s] and, in space, tilt [rad] of a body."""
+    axes = 3 if system.group == 6 else 2
+    size = np.linalg.norm
+    found = {
+        "box": _range(log.q[:, :axes]),
+        "speed": _up_to(size(log.v[:, :axes], axis=1)),
+        "rate": _up_to(size(log.v[:, axes : system.group], axis=1)),
+    }
+    if axes == 3:
+        upright = np.array([rotation(q[3:7])[2, 2] for q in log.q])
+        found["tilt"] = _up_to(np.arccos(np.clip(upright, -1, 1)))
+    return found
+
+
+def _up_to(size: Array) -> tuple[Array, Array]:
+    """Symmetric ends for sizes (N,) or (N, k)."""
+    largest = np.atleast_1d(size.max(axis=0))
+    return -largest, largest
+
+
+def units_of(system: SecondOrderSystem) -> dict[str, str]:
+    """The unit of every limited quantity."""
+    if system.group:
+        return {"box": "m", "speed": "m/s", "rate": "rad/s", "tilt": "rad"}
+    return {
+        "position": "rad or m",
+        "speed": "rad/s or m/s",
+        "acceleration": "rad/s² or m/s²",
+        "torque": "N·m or N",
+    }
+
+
+def read_limits(path: Path, default: Limits) -> Limits:
+    """Reads a TOML file of limits, which replace the default ones.
+
+    The keys are `margin`, `contacts`, and the quantities of `default`. `position` and `box` are
+    tables of `low` and `high`, all others one largest absolute value. A single number holds for
+    all joints, a list has one number for each.
+
+    Raises:
+        InvalidInput: the file cannot be read, or a value is not a number in its range.
+        UnknownName: there is no such quantity.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InvalidInput("--limits", "a readable TOML file", f"{path}: {error}", _FORM) from error
+    limits = dict(default.limits)
+    for name, value in table.items():
+        if name in ("margin", "contacts"):
+            continue
+        if name not in limits:
+            raise UnknownName("limit", name, [*limits, "margin", "contacts"], _FORM)
+        limits[name] = _limit(name, value, limits[name])
+    contacts = table.get("contacts", default.contacts)
+    if not isinstance(contacts, bool):
+        raise InvalidInput("limits.contacts", "true or false", contacts, _FORM)
+    margin = float(_numbers("margin", table.get("margin", default.margin), 1)[0])
+    return replace(default, limits=limits, margin=margin, contacts=contacts)
+
+
+_FORM = "For example: speed = 2.0; position = {low = -1.5, high = 1.5}; contacts = true."
+
+
+def _limit(name: str, value: Any, default: Limit) -> Limit:
+    count = len(default.low)
+    if name in _RANGES:
+        if not isinstance(value, dict) or set(value) - {"low", "high"}:
+            raise InvalidInput(f"limits.{name}", "a table of low and high", value, _FORM)
+        ends = {"low": default.low, "high": default.high}
+        ends |= {end: _numbers(f"{name}.{end}", given, count) for end, given in value.items()}
+        return Limit(ends["low"], ends["high"], default.unit)
+    largest = _numbers(name, value, count)
+    if not (largest > 0).all():
+        raise InvalidInput(f"limits.{name}", "numbers > 0", value, _FORM)
+    return Limit(-largest, largest, default.unit)
+
+
+def _numbers(name: str, value: Any, count: int) -> Array:
+    """(count,) finite numbers from a number or a list."""
+    given = value if isinstance(value, list) else [value] * count
+    plain = all(isinstance(x, int | float) and not isinstance(x, bool) for x in given)
+    if len(given) != count or not plain or not np.isfinite(np.array(given, dtype=float)).all():
+        raise InvalidInput(f"limits.{name}", f"a finite number, or a list of {count}", value, _FORM)
+    return np.array(given, dtype=np.float64)
