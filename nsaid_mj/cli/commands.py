@@ -91,7 +91,7 @@ def command(arguments: Sequence[str]) -> int:
         return of_a_scenario[word](name, arguments[2:])
     from . import grammar
 
-    chosen = grammar.parse(arguments)
+    chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
     if isinstance(chosen, grammar.Verify):
         return _verify_folder(chosen.run, chosen.json, chosen.quiet)
     if isinstance(chosen, grammar.Report):
@@ -104,6 +104,10 @@ def command(arguments: Sequence[str]) -> int:
         from .identifying import identify_log
 
         return identify_log(chosen)
+    if isinstance(chosen, grammar.Excite):
+        from .exciting import excite
+
+        return excite(chosen)
     if isinstance(chosen, grammar.Inspect):
         from .inspecting import inspect_log
 

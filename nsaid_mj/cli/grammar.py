@@ -192,6 +192,45 @@ class Inspect:
 
 
 @dataclass(frozen=True)
+class Excite:
+    """Design the motion of an experiment, and say beforehand what it will tell.
+
+    `nsaid excite NAME` designs for a scenario's robot or vehicle, `nsaid excite --model arm.urdf`
+    for a robot of your own. Writes the motion as CSV, a scenario to run it in MuJoCo, a report and
+    a recording. `nsaid run NAME --excitation designed` designs and runs at once.
+
+    Attributes:
+        scenario: a name from `nsaid list`, or the path of a script.
+        model: URDF file of a robot of your own, or a name of example-robot-data.
+        duration: of the experiment [s].
+        want: gains, all, or comma-separated names of parameters, such as mass_6; also --for.
+        limits: TOML file of limits; by default those that the scenario's own excitation keeps.
+        criterion: bound (the predicted deviation), condition or d-optimal.
+        noise: standard deviations of measured positions and velocities, such as 1e-4,5e-3.
+        seed: of the search.
+        effort: multiplies the number of motions that are tried.
+        out: folder of the results; by default runs/NAME-excite.
+        force: overwrite a design in the folder.
+        json: print only the design, as JSON, to the standard output.
+        quiet: print only errors.
+    """
+
+    scenario: Annotated[Positional[str], arg(metavar="NAME_OR_FILE")] = ""
+    model: Annotated[str | None, arg(metavar="FILE_OR_NAME")] = None
+    duration: float = 20.0
+    want: Annotated[str, arg(metavar="gains|all|NAMES")] = "gains"
+    limits: Annotated[Path | None, arg(metavar="FILE")] = None
+    criterion: str = "bound"
+    noise: str | None = None
+    seed: int = 0
+    effort: float = 1.0
+    out: Path | None = None
+    force: bool = False
+    json: bool = False
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
 class List:
     """List the scenarios, and the robots for `nsaid run arm --robot`."""
 
@@ -290,6 +329,7 @@ Command = (
     Annotated[List, subcommand("list")]
     | Annotated[Identify, subcommand("identify")]
     | Annotated[Inspect, subcommand("inspect")]
+    | Annotated[Excite, subcommand("excite")]
     | Annotated[Run, subcommand("run")]
     | Annotated[Verify, subcommand("verify")]
     | Annotated[Compare, subcommand("compare")]

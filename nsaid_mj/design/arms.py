@@ -9,11 +9,10 @@ every candidate is as strong as the limits allow. Only torque is left to a penal
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ..control import DesignedTracking, FourierTracking
 from ..control.signals import Series
-from ..dynamics.tree import tree_place, tree_room, tree_torque
+from ..dynamics.information import torques_along
 from ..errors import InvalidInput
 from ..log import Log
 from ..parameters import Array
@@ -24,6 +23,7 @@ from .limits import Limits
 _STEP = 0.04  # of the motion at which information is computed [s]
 _SEARCHED = 10.0  # longest motion that the search looks at [s]
 _FINE = 24  # samples in the period of the highest harmonic, for peaks
+_STABLE = 2.0  # largest product of step and rate of friction: RK4 is unstable from 2.78
 _PENALTY = 3.0  # cost per unit of torque beyond the limit
 
 
@@ -55,12 +55,26 @@ class JointMotions:
         period, top = 1 / base.fundamental, base.fundamental * base.harmonics
         self._fine = _basis(self._omega, np.arange(0, period, 1 / (_FINE * top)))
         dt = experiment.scenario.dt
-        step = dt * max(1, round(min(_STEP, 1 / (12 * top)) / dt))
+        step = dt * max(1, int(min(_STEP, 1 / (12 * top), _STABLE / self._stiffness()) / dt))
         self.stride = round(step / dt)
         self._t = np.arange(0, min(experiment.scenario.duration, max(_SEARCHED, period)), step)
         self._coarse = _basis(self._omega, self._t)
         self._in_period = int(min(len(self._t), np.ceil(period / step)))
         self.moving = np.isin(np.arange(1, self._n + 1), base.joints or np.arange(1, self._n + 1))
+
+    def _stiffness(self) -> float:
+        """The fastest rate at which friction slows a joint down, under any draw [1/s]."""
+        system, columns = self.experiment.system, self._tree.columns
+        assert isinstance(system, MotorTree)
+        rng, worst = np.random.default_rng(0), 0.0
+        for theta in self.experiment.draws:
+            viscous, coulomb = (theta[at : at + self._n] for at in columns[1:3])
+            friction = viscous + coulomb / system.friction_speed
+            for _ in range(5):
+                q, v, _ = system.random_state(rng)
+                mobility = np.diag(np.linalg.inv(system.mass_matrix(np.r_[q, v], theta)))
+                worst = max(worst, float(np.max(friction * mobility)))
+        return worst
 
     @property
     def size(self) -> int:
@@ -98,7 +112,7 @@ class JointMotions:
         system, theta = self.experiment.system, self.experiment.draws[draw]
         q = np.ascontiguousarray(system.position(place + series.centre))
         v, a, torque = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration), place
-        _torques(self._tree, theta, q, v, a, torque)
+        torques_along(self._tree, theta, q, v, a, torque)
         return Log.unchecked(self._t, q, v, torque / theta[system.space.actuators]), torque
 
     def candidate(self, candidate: Array, draw: int) -> tuple[Log, float]:
@@ -125,12 +139,3 @@ def _basis(omega: Array, t: Array) -> tuple[Array, Array, Array]:
         np.hstack([c * omega, -s * omega]),
         np.hstack([-s * omega**2, -c * omega**2]),
     )
-
-
-@njit(cache=True, nogil=True)
-def _torques(linkage, theta, q, v, a, torque):
-    """Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ."""
-    state, work = tree_room(linkage), np.empty((linkage.numbers.shape[0], 12))
-    for k in range(q.shape[0]):
-        tree_place(linkage, q[k], v[k], state)
-        tree_torque(linkage, state, v[k], a[k], theta, work, torque[k])

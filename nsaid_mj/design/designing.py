@@ -33,9 +33,9 @@ _SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the b
 _STEP = 0.3  # first step of the search
 _SHRINK = 0.97  # of a motion that breaks a limit, beyond what its use says
 _ATTEMPTS = 8
-_UNIT = 1.3e-9  # time of the bound per sample, velocity and squared parameter [s]
-_EFFORT = 40.0  # time of the search on one core [s]
-_FEWEST, _MOST = 96, 2000  # candidates of the search
+_SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
+_EFFORT = 60.0  # time of the search on one core [s]
+_FEWEST, _MOST = 96, 3000  # candidates of the search
 
 Told = Callable[[str, float | None], None]
 """Called with what is being done, and with the share that is done if that is known."""
@@ -57,6 +57,7 @@ class Design:
         compared: predicted rms deviations of what is asked for, of random motions of the
             scenario's own excitation.
         evaluations: number of candidates that were judged.
+        stride: time steps between the samples at which information is computed.
     """
 
     experiment: Experiment
@@ -69,6 +70,17 @@ class Design:
     covariances: Array
     compared: Array
     evaluations: int
+    stride: int
+
+    def covariance(self, log: Log, draw: int, experiment: Experiment | None = None) -> Array:
+        """(p, p) predicted of θ̂/scale after a simulated motion under a draw.
+
+        Args:
+            log: the motion.
+            draw: number of the draw.
+            experiment: with other sensors; None for the design's own.
+        """
+        return predicted(experiment or self.experiment, _coarse(self.stride, log), draw)
 
     @property
     def deviations(self) -> Array:
@@ -129,14 +141,17 @@ def design(
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
     told("checking the motion", None)
     driver, logs, uses = _checked(motions, found.x)
-    covariances = [predicted(experiment, _coarse(motions, log), d) for d, log in enumerate(logs)]
+    covariances = [
+        predicted(experiment, _coarse(motions.stride, log), d) for d, log in enumerate(logs)
+    ]
     random = [
-        rms(asked.deviations(predicted(experiment, _coarse(motions, log), d), experiment.draws[d]))
+        rms(asked.deviations(predicted(experiment, _coarse(motions.stride, log), d), theta))
         for d, log in rehearsals
+        for theta in experiment.draws[d : d + 1]
     ]
     return Design(
         experiment, chosen, asked, criterion, driver, logs, uses, np.array(covariances),
-        np.array(random), found.evaluations,
+        np.array(random), found.evaluations, motions.stride,
     )  # fmt: skip
 
 
@@ -256,15 +271,14 @@ def _evaluations(motions: Motions, criterion: str) -> int:
     system, scenario = motions.experiment.system, motions.experiment.scenario
     log, _ = motions.candidate(np.zeros(motions.size), 0)
     samples = len(log.t) if criterion == "bound" else len(motions.period(log).t)
-    each = _UNIT * samples * system.n * system.p**2
+    each = samples * (_SAMPLE + _ENTRY * system.n * system.p)
     if not motions.parallel:
         each += 3e-5 * scenario.duration / scenario.dt
     return int(np.clip(_EFFORT / (each * _draws(motions)), _FEWEST, _MOST))
 
 
-def _coarse(motions: Motions, log: Log) -> Log:
+def _coarse(every: int, log: Log) -> Log:
     """A simulated motion at the steps at which its information is computed."""
-    every = motions.stride
     return Log.unchecked(*(np.ascontiguousarray(part[::every]) for part in log))
 
 

@@ -16,8 +16,7 @@ from ..control import DriverConfig
 from ..errors import InvalidInput
 from ..experiment.scenario import Scenario
 from ..experiment.setup import is_sound, published, trajectory
-from ..identifiers.cone.barrier import cone_of, drawn_inside
-from ..identifiers.efficient.kalman import Law
+from ..identifiers.cone.barrier import drawn_inside
 from ..log import Log, SensorLevels
 from ..nullspace import Nullspace, structural
 from ..parameters import Array
@@ -85,14 +84,8 @@ class Experiment:
         spaces = [
             structural(system, theta, np.random.default_rng(seed)) for theta in (prior, *draws)
         ]
-        bases = tuple(space.P_perp for space in spaces[1:])
+        bases = tuple(np.ascontiguousarray(space.P_perp) for space in spaces[1:])
         return Experiment(scenario, system, prior, draws, bases, spaces[0], levels)
-
-    @cached_property
-    def law(self) -> Law:
-        """What a filter of this system knows beforehand."""
-        space = self.system.space
-        return Law(self.system.forward, cone_of(space), np.array(space.scale), 1e-3, 1)
 
     def simulate(
         self, driver: DriverConfig, draw: int, duration: float, seed: int = 0

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.forward import forward_work, linearise
+from ..dynamics.information import acceleration_rows, information_along
 from ..errors import InvalidInput, NoEstimate, UnknownName
-from ..evaluation.bound import PRIOR, covariance_after
+from ..evaluation.bound import PRIOR
 from ..log import Log
 from ..parameters import Array
 from .asked import Asked
@@ -33,12 +32,22 @@ def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
         log: the motion, possibly at coarser steps than the measurements.
         draw: number of the draw.
 
+    White noise of variance σ² at every dt carries as much information per second as noise of
+    variance σ² dt/h at every h. So a motion given at coarser steps has nearly the same bound, as
+    long as the steps resolve it.
+
     Raises:
         NoEstimate: M is not positive definite along the motion.
     """
-    theta, basis = experiment.draws[draw], experiment.bases[draw]
-    dt = experiment.scenario.dt
-    return covariance_after(experiment.system, theta, basis, log, experiment.levels, dt)
+    system, theta, basis = experiment.system, experiment.draws[draw], experiment.bases[draw]
+    scale, h = np.array(system.space.scale), float(log.t[1] - log.t[0])
+    R = np.repeat(np.array(experiment.levels) ** 2, system.n)
+    J = np.eye(basis.shape[1]) / PRIOR**2
+    coarser = experiment.scenario.dt / h * R
+    if not information_along(system.forward, theta, scale, basis, R, coarser, *log, J):
+        raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
+    root = np.linalg.solve(np.linalg.cholesky(J), basis.T)
+    return root.T @ root
 
 
 def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
@@ -46,23 +55,11 @@ def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
     system = experiment.system
     rows = np.empty((len(log.t), system.n, system.p))
     scale = np.array(system.space.scale)
-    if not _accelerations(system.forward, log.q, log.v, log.u, theta, scale, rows):
+    if not acceleration_rows(system.forward, log.q, log.v, log.u, theta, scale, rows):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     M = system.mass_matrix(np.hstack([log.q, log.v]), theta)
     weighted = (np.linalg.cholesky(M).transpose(0, 2, 1) @ rows).reshape(-1, system.p)
     return weighted.T @ weighted / len(log.t)  # M⁻¹ W S = −rows, so this is rowsᵀ M rows
-
-
-@njit(cache=True, nogil=True)
-def _accelerations(structure, q, v, u, theta, scale, rows):
-    """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
-    count, n, p = rows.shape
-    work = forward_work(structure, n, p)
-    a, A = np.empty(n), np.empty((n, 2 * n))
-    for k in range(count):
-        if not linearise(structure, q[k], v[k], u[k], theta, scale, work, a, A, rows[k]) > 0.0:
-            return False
-    return True
 
 
 def gramian_cost(

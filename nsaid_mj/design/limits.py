@@ -111,7 +111,7 @@ def extents_of(system: SecondOrderSystem, log: Log, theta: Array) -> dict[str, t
     """
     if system.group:
         return _vehicle(system, log)
-    position = np.unwrap(_coordinates(system, log.q), axis=0)
+    position = np.unwrap(coordinates_of(system, log.q), axis=0)
     acceleration = np.gradient(log.v, log.t, axis=0)
     found = {
         "position": _range(position),
@@ -128,9 +128,9 @@ def _range(rows: Array) -> tuple[Array, Array]:
     return rows.min(axis=0), rows.max(axis=0)
 
 
-def _coordinates(system: SecondOrderSystem, q: Array) -> Array:
-    """(N, n) coordinates of positions q (N, m); (cos, sin) of continuous joints become angles."""
-    if system.m == system.n:
+def coordinates_of(system: SecondOrderSystem, q: Array) -> Array:
+    """(N, n) coordinates of an arm's positions q (N, m): (cos, sin) become angles; else q."""
+    if system.m == system.n or system.group:
         return q
     columns, at = [], 0
     for joint in system.joints:  # type: ignore[attr-defined]  # only trees have m ≠ n here

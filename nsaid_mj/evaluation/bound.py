@@ -18,7 +18,6 @@ from ..identifiers.cone.barrier import cone_of
 from ..identifiers.efficient.kalman import Law, covariance_along, filter_at
 from ..log import Log, SensorLevels
 from ..parameters import Array
-from ..system import SecondOrderSystem
 from .figures import Judge
 from .truth import Truth
 
@@ -40,48 +39,20 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or M is not
             positive definite along the log.
     """
-    basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
-    return covariance_after(truth.system, truth.theta, basis, log, levels)
-
-
-def covariance_after(
-    system: SecondOrderSystem,
-    theta: Array,
-    basis: Array,
-    log: Log,
-    levels: SensorLevels,
-    dt: float | None = None,
-) -> Array:
-    """(p, p) the bound on the covariance of θ̂/scale after a motion, under any θ.
-
-    White noise of variance σ² at every dt carries as much information per second as noise of
-    variance σ² dt/h at every h. So a motion given at coarser steps has nearly the same bound, as
-    long as the steps resolve it.
-
-    Args:
-        system: the structure.
-        theta: (p,) the θ at which the system is linearised.
-        basis: (p, d) orthonormal directions of θ/scale that are uncertain beforehand.
-        log: the motion, at a constant rate.
-        levels: standard deviations of the sensors' noise, > 0.
-        dt: time between the measurements, if it is not that between the log's samples [s].
-
-    Raises:
-        NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or M is not
-            positive definite along the log.
-    """
+    system, n = truth.system, truth.system.n
     if system.forward is None:
         raise NoEstimate(
             "no bound for a system without compiled forward dynamics", "Take a packaged system."
         )
     if not (levels.position > 0 and levels.velocity > 0):
         raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
-    law = Law(system.forward, cone_of(system.space), np.array(system.space.scale), _ROUNDING, 1)
-    R = np.repeat(np.array(levels) ** 2, system.n)
-    filter = filter_at(log.q[0], log.v[0], theta, PRIOR**2 * basis @ basis.T)
+    scale = np.array(system.space.scale)
+    law = Law(system.forward, cone_of(system.space), scale, _ROUNDING, 1)
+    R = np.repeat(np.array(levels) ** 2, n)
+    basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
+    filter = filter_at(log.q[0], log.v[0], truth.theta, PRIOR**2 * basis @ basis.T)
     filter.Pxx[:] = np.diag(R)
-    density = 1.0 if dt is None else dt / float(log.t[1] - log.t[0])
-    if covariance_along(law, filter, density * R, *log) < len(log.t) - 1:
+    if covariance_along(law, filter, R, *log) < len(log.t) - 1:
         raise NoEstimate("M is not positive definite along the log", "Check the parameters.")
     return filter.Ptt
 

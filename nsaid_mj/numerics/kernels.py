@@ -33,6 +33,7 @@ PACKAGE = Path(__file__).resolve().parent.parent
 WITHOUT_KERNELS = (
     "experiment",
     "evaluation",
+    "design",
     "recording",
     "reporting",
     "studies",

@@ -68,6 +68,16 @@ class Progress(Observer):
         """Shows the spinner with a text."""
         self._bar.update(self._task, description=f"{self._name}: {words}")
 
+    def tell(self, words: str, share: float | None) -> None:
+        """Shows a text, and a bar if the share that is done is known."""
+        self._bar.update(
+            self._task,
+            description=f"{self._name}: {words}",
+            total=None if share is None else 1.0,
+            completed=share or 0.0,
+            figures="" if share is None else f"{100 * share:.0f} %",
+        )
+
     def _compiling(self) -> None:
         """Reports that kernels are being compiled; once only if there is no terminal."""
         if self._console.is_terminal:

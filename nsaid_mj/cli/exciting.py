@@ -1,0 +1,127 @@
+"""`nsaid excite`: designs a motion, writes and prints it; the work is in `design`."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import BadRun, InvalidInput
+from .folders import RUNS, check_writable
+from .grammar import Excite
+
+if TYPE_CHECKING:
+    from ..control import DriverConfig
+    from ..experiment.scenario import Scenario
+    from ..reporting.progress import Progress
+
+DESIGN = "design.json"
+
+
+def excite(chosen: Excite) -> int:
+    """Executes the command and returns the exit code."""
+    if not chosen.scenario and chosen.model is None:
+        remedy = "Such as `nsaid excite ur5` or `nsaid excite --model arm.urdf`."
+        raise InvalidInput("excite", "a scenario or --model", "neither", remedy)
+    name = Path(chosen.model or chosen.scenario).stem
+    folder = _folder(name, chosen.out, chosen.force)
+    check_writable(folder)
+    scenario = _scenario(chosen)
+    from .. import design as room
+    from ..design import files, harmonics, prediction
+    from ..reporting.progress import Progress
+
+    with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
+        experiment = room.Experiment.of(scenario, chosen.seed)
+        found = room.design(
+            experiment,
+            wanted=chosen.want,
+            criterion=chosen.criterion,
+            limits=lambda own: room.read_limits(chosen.limits, own) if chosen.limits else own,
+            seed=chosen.seed,
+            effort=chosen.effort,
+            told=progress.tell,
+        )
+        told = prediction.predict(found, progress.tell)
+        progress.say("counting harmonics")
+        ranks = harmonics.ranks(experiment, found.limits)
+        written = files.write(found, told, ranks, files.scenario_of(found, scenario), folder)
+    document = files.document(found, told, ranks, folder.name)
+    if chosen.json:
+        print(json.dumps(document, indent=2, ensure_ascii=False))
+    elif not chosen.quiet:
+        from ..reporting.design import print_design
+
+        print_design(name, document, written)
+    return 0
+
+
+def _scenario(chosen: Excite) -> Scenario:
+    """The experiment that is asked for, before it has a motion."""
+    from ..experiment.library import load
+
+    if chosen.model is not None:
+        from ..control import FourierTracking
+        from ..plants import ArmPlant
+
+        excitation = FourierTracking(fundamental=0.2, harmonics=10)
+        plant = ArmPlant(robot=chosen.model)
+        found = replace(load("ur5"), plant=plant, excitation=excitation, dt=1e-3)
+    else:
+        found = load(chosen.scenario)
+    found = replace(
+        found, duration=chosen.duration, pe_window=min(found.pe_window, chosen.duration)
+    )
+    if chosen.noise is None:
+        return found
+    try:
+        position, velocity = (float(part) for part in chosen.noise.split(","))
+    except ValueError as error:
+        expected = "two numbers, of position and velocity"
+        raise InvalidInput("--noise", expected, chosen.noise, "Such as 1e-4,5e-3.") from error
+    return replace(
+        found, noise=replace(found.noise, position=position, velocity=velocity, encoder_step=0.0)
+    )
+
+
+def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig:
+    """The excitation for `--excitation designed` or `--excitation designed:FOLDER`.
+
+    Args:
+        scenario: that is run.
+        given: what follows `--excitation`.
+        progress: shows the search.
+
+    Raises:
+        InvalidInput: `given` is neither.
+        BadRun: the folder holds no design.
+    """
+    word, colon, folder = given.partition(":")
+    if word != "designed":
+        expected = "`designed`, or `designed:FOLDER` of an earlier `nsaid excite`"
+        raise InvalidInput("--excitation", expected, given, "All else is in the scenario's script.")
+    from ..experiment.scenario import Scenario
+
+    if colon:
+        path = Path(folder) / "scenario.json"
+        if not path.is_file():
+            raise BadRun(folder, "there is no design", "Give the folder that `nsaid excite` wrote")
+        return Scenario.from_json(path.read_text(encoding="utf-8")).excitation
+    from .. import design as room
+
+    return room.design(room.Experiment.of(scenario), told=progress.tell).driver
+
+
+def _folder(name: str, out: Path | None, force: bool) -> Path:
+    """The folder of the design: `out`, or runs/NAME-excite, numbered if it holds one."""
+    if out is not None:
+        if not force and (out / DESIGN).is_file():
+            raise BadRun(out, "it holds a design", "Give --force to overwrite it, or another --out")
+        return out
+    first = RUNS / f"{name}-excite"
+    if force:
+        return first
+    numbered = (RUNS / f"{name}-excite-{number}" for number in itertools.count(2))
+    return next(f for f in itertools.chain([first], numbered) if not (f / DESIGN).is_file())

@@ -1,0 +1,101 @@
+"""A design on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+HALVES = ("half", "before")
+_ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
+
+
+def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> None:
+    """Prints what a design will tell.
+
+    Args:
+        name: of the robot.
+        document: of `design.files.document`.
+        files: that were written.
+    """
+    console = Console(highlight=False)
+    own, random = document["predicted_deviation"], document["predicted_deviation_of_random_motions"]
+    console.print(f"[bold]{name}[/]: {document['duration']:g} s for {document['asked']}")
+    console.print(
+        f"  predicted rms deviation {own:.2g}; random motions of the same limits "
+        f"{np.median(random):.2g} (median), a factor {np.median(random) / own:.2g}"
+    )
+    console.print(_intervals(document))
+    console.print(_limits(document))
+    for line in statements(document):
+        console.print(f"  {line}")
+    for path in files:
+        console.print(f"  {path}")
+
+
+def statements(document: dict[str, Any]) -> list[str]:
+    """What the experiment will not tell, what would help, and how many harmonics it needs."""
+    lines = []
+    count = document["weak_directions"]
+    needed = document["harmonics"]["dimension_of_P_perp"]
+    lines.append(
+        f"{needed - count} of {needed} observable directions will be known; "
+        + (f"{count} stay weak, among them {document['weak'][0]}" if count else "none stays weak")
+    )
+    lines += [
+        f"{words}: predicted {other['predicted']:.2g}, {other['weak']} weak directions"
+        for other in document["remedies"]
+        for words in (other["words"],)
+    ]
+    lines += [f"Not observable: {words}; {fix}" for words, fix in document["unobservable"][:3]]
+    more = len(document["unobservable"]) - 3
+    if more > 0:
+        lines.append(f"and {more} more directions that are not observable, in design.json")
+    measured = ", ".join(f"{h}: {rank}" for h, rank in document["harmonics"]["measured"])
+    if measured:
+        lines.append(f"rank by number of harmonics: {measured}, of p − r = {needed}")
+    return lines
+
+
+def _intervals(document: dict[str, Any]) -> Table:
+    """The predicted intervals of gains, masses and frictions."""
+    table = Table(
+        title="predicted 95 % intervals of what motion reveals, at a fixed common scale; –: it does not",
+        title_justify="left",
+    )
+    for column in ("parameter", "prior", "±", "before ±", "unit"):
+        table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
+    for row in shown(document):
+        table.add_row(
+            row["label"],
+            f"{row['value']:.3g}",
+            *(f"{row[half]:.2g}" if row["observable"] > _ALONE else "–" for half in HALVES),
+            row["unit"],
+        )
+    return table
+
+
+def shown(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """The intervals of gains, masses and frictions; all others are in design.json."""
+    words = ("gain", "friction", "drag", "lift", "thrust")
+    return [
+        row
+        for row in document["intervals"]
+        if row["label"].startswith("mass") or any(word in row["kind"] for word in words)
+    ]
+
+
+def _limits(document: dict[str, Any]) -> Table:
+    table = Table(title="limits, and what the simulated motions use of them", title_justify="left")
+    for column in ("limit", "largest", "unit", "use"):
+        table.add_column(column, justify="right" if column in ("largest", "use") else "left")
+    for name, limit in document["limits"].items():
+        largest = np.max(np.abs([limit["low"], limit["high"]]))
+        table.add_row(
+            name, f"{largest:.3g}", limit["unit"], f"{100 * document['uses'][name]:.0f} %"
+        )
+    return table
