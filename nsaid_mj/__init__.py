@@ -57,6 +57,7 @@ _NAMED = {
 
 _FOUND = {
     "control/*.py": r"^class (\w+)\(DriverConfig\)",
+    "control/adaptive/config.py": r"^class (\w+)\(DriverConfig\)",
     "plants/*.py": r"^class (\w+Plant)\(",
     "systems/*.py": r"^class ([A-Z]\w*)\b(?!\(NamedTuple\))",
 }

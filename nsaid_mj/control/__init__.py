@@ -1,11 +1,13 @@
 """Excitation: drivers that command a plant while it is identified. None knows a true parameter."""
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
+from .adaptive import AdaptiveTracking as AdaptiveTracking
 from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
 from .designed import DesignedSignals as DesignedSignals
 from .designed import DesignedTracking as DesignedTracking
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig
+from .driver import InformedDriver as InformedDriver
 from .driving import Driving as Driving
 from .multisine import AxisMultisine as AxisMultisine
 from .multisine import MultisineCommand as MultisineCommand

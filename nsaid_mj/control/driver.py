@@ -42,6 +42,20 @@ class Driver(ABC):
         """
 
 
+class InformedDriver(Driver):
+    """A driver that can use an identifier's estimate while it drives.
+
+    Attributes:
+        period: interval at which it is informed [s]; infinite if it makes no use of it.
+    """
+
+    period: float
+
+    @abstractmethod
+    def inform(self, theta_hat: Array) -> None:
+        """Called with the estimate θ̂ (p,) of the run's identifier, every `period`."""
+
+
 @config
 class DriverConfig(Config, ABC):
     """A driver's parameters, as part of a scenario; `build` makes the driver."""

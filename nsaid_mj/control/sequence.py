@@ -14,7 +14,7 @@ from ..bounds import Config, Name, NonNegative, Positive, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .driver import Driver, DriverConfig
+from .driver import Driver, DriverConfig, InformedDriver
 from .multisine import MultisineCommand
 
 
@@ -74,11 +74,13 @@ class Sequence(DriverConfig):
         return _Sequence(made, begins, self.blend)
 
 
-class _Sequence(Driver):
+class _Sequence(InformedDriver):
     """Blends the commands of the drivers whose phase has begun."""
 
     def __init__(self, drivers: list[Driver], begins: Array, blend: float):
         self._drivers, self._begins, self._blend = drivers, begins, blend
+        self._informed = [one for one in drivers if isinstance(one, InformedDriver)]
+        self.period = min((one.period for one in self._informed), default=np.inf)
 
     def start(self) -> tuple[Array, Array]:
         first, *_ = [driver.start() for driver in self._drivers]
@@ -92,6 +94,10 @@ class _Sequence(Driver):
             return u
         before = self._drivers[k - 1].command(t - self._begins[k - 1], q, v)
         return before + since / self._blend * (u - before)
+
+    def inform(self, theta_hat: Array) -> None:
+        for driver in self._informed:
+            driver.inform(theta_hat)
 
     def compiled(self, t: Array) -> None:
         return None

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..control import Driver
+from ..control import Driver, InformedDriver
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..log import Log, Measurement
@@ -314,6 +314,15 @@ def segment_steps(scenario: Scenario) -> int:
     return max(1, round(BATCH_SECONDS / scenario.dt))
 
 
+def informing_steps(driver: Driver, dt: float) -> float:
+    """Time steps between two estimates that a driver is informed of; infinite for none.
+
+    They do not depend on the observers, so that these do not change a run.
+    """
+    period = driver.period if isinstance(driver, InformedDriver) else np.inf
+    return max(1.0, float(np.round(period / dt)))
+
+
 @dataclass
 class _Loop:
     setup: Setup
@@ -342,6 +351,7 @@ class _Loop:
         driver, sensors = self.driver, self.setup.sensors()
         period = min((observer.period for observer in self.observers), default=np.inf)
         segment = max(1, round(min(period / scenario.dt, segment_steps(scenario))))
+        inform = informing_steps(driver, scenario.dt)
         with plant.running():
             log = Log.unchecked_of([plant.begin(driver, sensors)])
             if self._unsound(log):
@@ -350,13 +360,15 @@ class _Loop:
             self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
-                begin, steps = clock(), min(segment, scenario.steps - k)
+                begin, steps = clock(), int(min(segment, scenario.steps - k, inform - k % inform))
                 log = plant.drive(driver, log.at(-1), steps, sensors)
                 self.cost.plant += clock() - begin
                 log, estimates = self._follow(k, log.first(len(log.t) - self._unsound(log)))
                 self._keep(k, 1, log, estimates)
                 k += len(log.t) - 1
                 self.cost.steps = k
+                if k % inform == 0 and isinstance(driver, InformedDriver):
+                    driver.inform(self.following[""].state.theta_hat)
                 if self.stopped and self.ending.status is Status.completed:
                     self._end(Status.interrupted, "", self.ending.time)
 

@@ -1,0 +1,139 @@
+"""The estimate that a tracking controller computes its commands with."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numba import njit
+
+from ...identifiers.metric import Metric, adapt, chart, enter, hold, leave, sound
+from ...numerics.linalg import copy_into
+from ...parameters import Array
+
+
+class Estimate(ABC):
+    """θ̂ of a controller.
+
+    Attributes:
+        theta: (p,) θ̂.
+    """
+
+    theta: Array
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Returns to the prior."""
+
+    @abstractmethod
+    def learn(self, slope: Array, step: float) -> None:
+        """Integrates the adaptation over the time between two samples.
+
+        Args:
+            slope: (p,) −Wᵀ s half-way between them.
+            step: time between them [s].
+        """
+
+    @abstractmethod
+    def inform(self, theta: Array) -> None:
+        """Offers an identifier's estimate (p,)."""
+
+
+class Adapted(Estimate):
+    """θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s, in the metric's chart.
+
+    The slope −Wᵀ s does not depend on θ̂. It is taken half-way between two samples and held in
+    Heun's method, with an error of third order in the time between them.
+
+    Args:
+        metric: ∇²ψ.
+        prior: (p,) θ̂(0).
+    """
+
+    def __init__(self, metric: Metric, prior: Array):
+        self._law, self._prior = metric.law(np.zeros(1)), np.array(prior, dtype=np.float64)
+        self._work = workspace(self._law, len(prior))
+        self.reset()
+
+    def reset(self) -> None:
+        """Returns to the prior."""
+        self.theta = self._prior.copy()
+        self._eta = np.empty(len(self.theta))
+        begin(self._law, self._work, self.theta, self._eta)
+
+    def learn(self, slope: Array, step: float) -> None:
+        """Descends for `step` seconds; stays where it is if that leaves the metric's domain."""
+        theta = np.empty(len(self.theta))
+        if descend(self._law, self._work, slope, step, self._eta, self.theta, theta):
+            self.theta = theta
+
+    def inform(self, theta: Array) -> None:
+        """Makes no use of an identifier's estimate."""
+
+
+class Constant(Estimate):
+    """θ̂ that no motion changes; an identifier's estimate replaces it where one is used.
+
+    Args:
+        prior: (p,) θ̂(0).
+        listens: whether an identifier's estimate is used.
+    """
+
+    def __init__(self, prior: Array, listens: bool):
+        self._prior, self._listens = np.array(prior, dtype=np.float64), listens
+        self.reset()
+
+    def reset(self) -> None:
+        """Returns to the prior."""
+        self.theta = self._prior.copy()
+
+    def learn(self, slope: Array, step: float) -> None:
+        """Learns nothing by itself."""
+
+    def inform(self, theta: Array) -> None:
+        """Takes over an identifier's estimate, if it listens."""
+        if self._listens:
+            self.theta = np.array(theta, dtype=np.float64)
+
+
+@njit(cache=True)
+def workspace(law, p):
+    """Allocates the workspace of `descend`: rates at both ends, η and θ̂ after a first step."""
+    return np.empty(p), np.empty(p), np.empty(p), np.empty(p), chart(law)
+
+
+@njit(cache=True)
+def begin(law, work, theta, eta):
+    """Writes the chart's η (p,) of θ̂ (p,)."""
+    enter(law, theta, eta, work[4])
+
+
+@njit(cache=True)
+def descend(law, work, slope, step, eta, theta, moved):
+    """A step of Heun's method in the chart; returns whether θ̂ is still inside its domain.
+
+    Args:
+        law: the metric.
+        work: of `workspace`.
+        slope: (p,) −Wᵀ s.
+        step: its length [s].
+        eta: (p,) η of θ̂; moved, unless the step fails.
+        theta: (p,) θ̂ at the start.
+        moved: (p,) receives θ̂ at the end.
+    """
+    first, second, ahead, guess, scratch = work
+    p = eta.shape[0]
+    adapt(law, eta, theta, slope, first, scratch)
+    for i in range(p):
+        ahead[i] = eta[i] + step * first[i]
+    hold(law, eta, ahead)
+    leave(law, ahead, guess, scratch)
+    adapt(law, ahead, guess, slope, second, scratch)
+    for i in range(p):
+        ahead[i] = eta[i] + 0.5 * step * (first[i] + second[i])
+    hold(law, eta, ahead)
+    leave(law, ahead, moved, scratch)
+    if not sound(law, moved):
+        return False
+    copy_into(ahead, eta)
+    return True

@@ -1,0 +1,154 @@
+"""Reference motions: a persistent trajectory, and the reference velocity of Slotine and Li.
+
+With the tracking error e from the measured to the desired position, v_r = v_d + Λ e and
+s = v − v_r = −(ė + Λ e): where s vanishes, e decays at the rate Λ. v̇_r is the exact derivative of
+v_r along the motion and needs no acceleration.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numba import njit
+
+from ...numerics.spatial import cross, product, rotate, rotation_vector, unrotate
+from ...parameters import Array
+from ...system import SecondOrderSystem
+from ..signals import FourierTrajectory
+
+
+class Reference(ABC):
+    """A desired motion of all n velocities' coordinates."""
+
+    @abstractmethod
+    def desired(self, t: float) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities at time t [s]."""
+
+    @abstractmethod
+    def __call__(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """(n,) v_r and (n,) v̇_r at time t [s] and a measured state q (m,), v (n,)."""
+
+
+class JointReference(Reference):
+    """The joints of an arm on a fixed base: v_r = q̇_d + Λ (q_d − q).
+
+    Args:
+        system: the arm.
+        trajectory: of the n joints.
+        rate: Λ [1/s].
+    """
+
+    def __init__(self, system: SecondOrderSystem, trajectory: FourierTrajectory, rate: float):
+        self._system, self._trajectory, self._rate = system, trajectory, rate
+
+    def desired(self, t: float) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities at time t [s]."""
+        position, velocity, _ = self._trajectory(t)
+        return position, velocity
+
+    def __call__(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """(n,) v_r and (n,) v̇_r."""
+        position, velocity, acceleration = self._trajectory(t)
+        error = self._system.difference(q, self._system.position(position))
+        return velocity + self._rate * error, acceleration + self._rate * (velocity - v)
+
+
+class PoseReference(Reference):
+    """The pose of a body in space, and the joints it carries.
+
+    The body's frame is desired at p_d with roll, pitch and yaw (Z-Y-X), all Fourier series in world
+    axes. With R the attitude and q_e the vector part of the quaternion of Rᵀ R_d, in body axes
+
+        v_r = [Rᵀ (ṗ_d + Λ (p_d − p)), Rᵀ R_d ω_d + 2 Λ q_e, joints as in `JointReference`].
+
+    Args:
+        system: a body in space, with or without joints.
+        trajectory: of x, y, z [m], roll, pitch, yaw [rad] and the joints.
+        rate: Λ [1/s].
+    """
+
+    def __init__(self, system: SecondOrderSystem, trajectory: FourierTrajectory, rate: float):
+        self._system, self._trajectory, self._rate = system, trajectory, rate
+
+    def desired(self, t: float) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities at time t [s]."""
+        position, velocity, acceleration = self._trajectory(t)
+        numbers, twist = position.copy(), velocity.copy()
+        attitude, turning, _ = attitude_of(position[3:6], velocity[3:6], acceleration[3:6])
+        numbers[3:6] = rotation_vector(attitude)
+        twist[:3], twist[3:6] = unrotate(attitude, velocity[:3]), turning
+        return numbers, twist
+
+    def __call__(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """(n,) v_r and (n,) v̇_r."""
+        motion = np.column_stack(self._trajectory(t))
+        v_r, a_r = np.empty(len(v)), np.empty(len(v))
+        follow_pose(motion, q, v, self._rate, v_r, a_r)
+        if len(v) > 6:
+            numbers = np.concatenate([np.zeros(6), motion[6:, 0]])
+            error = self._system.difference(q, self._system.position(numbers))[6:]
+            v_r[6:] = motion[6:, 1] + self._rate * error
+            a_r[6:] = motion[6:, 2] + self._rate * (motion[6:, 1] - v[6:])
+        return v_r, a_r
+
+
+@njit(cache=True)
+def attitude_of(angles, rates, accelerations):
+    """Attitude and its derivatives from roll, pitch and yaw.
+
+    Args:
+        angles: (3,) roll φ, pitch θ, yaw ψ [rad], R = R_z(ψ) R_y(θ) R_x(φ).
+        rates: (3,) [rad/s].
+        accelerations: (3,) [rad/s²].
+
+    Returns:
+        (4,) quaternion x, y, z, w; (3,) ω in body axes [rad/s]; (3,) ω̇ in body axes [rad/s²].
+    """
+    half = 0.5 * angles
+    c, s = np.cos(half), np.sin(half)
+    roll = np.array([s[0], 0.0, 0.0, c[0]])
+    pitch = np.array([0.0, s[1], 0.0, c[1]])
+    yaw = np.array([0.0, 0.0, s[2], c[2]])
+    quaternion = product(yaw, product(pitch, roll))
+    sr, cr, sp, cp = np.sin(angles[0]), np.cos(angles[0]), np.sin(angles[1]), np.cos(angles[1])
+    p, q, r = rates
+    turning = np.array([p - sp * r, cr * q + sr * cp * r, -sr * q + cr * cp * r])
+    a, b, d = accelerations
+    change = np.array(
+        [
+            a - sp * d - cp * q * r,
+            cr * b + sr * cp * d + p * (-sr * q + cr * cp * r) - sr * sp * q * r,
+            -sr * b + cr * cp * d - p * (cr * q + sr * cp * r) - cr * sp * q * r,
+        ]
+    )
+    return quaternion, turning, change
+
+
+@njit(cache=True)
+def follow_pose(motion, q, v, rate, v_r, a_r):
+    """Writes the first six entries of v_r and v̇_r; see `PoseReference`.
+
+    Args:
+        motion: (n, 3) positions and angles, velocities, accelerations of the desired motion.
+        q: (m,) measured position, the pose [p, quaternion] first.
+        v: (n,) measured velocity, the body twist first.
+        rate: Λ [1/s].
+        v_r: (n,); written.
+        a_r: (n,); written.
+    """
+    attitude, omega = q[3:7], v[3:6]
+    slip = motion[:3, 1] - rotate(attitude, v[:3])
+    v_r[:3] = unrotate(attitude, motion[:3, 1] + rate * (motion[:3, 0] - q[:3]))
+    a_r[:3] = unrotate(attitude, motion[:3, 2] + rate * slip) - cross(omega, v_r[:3])
+    aim, turning, change = attitude_of(motion[3:6, 0], motion[3:6, 1], motion[3:6, 2])
+    inverse = attitude.copy()
+    inverse[:3] *= -1
+    turn = product(inverse, aim)
+    if turn[3] < 0:
+        turn = -turn
+    feed = rotate(turn, turning)  # ω_d in the body's axes
+    lag = feed - omega
+    v_r[3:6] = feed + 2 * rate * turn[:3]
+    a_r[3:6] = cross(lag, feed) + rotate(turn, change)
+    a_r[3:6] += rate * (turn[3] * lag + cross(lag, turn[:3]))
