@@ -20,7 +20,7 @@ import numpy as np
 
 from .errors import InvalidInput
 from .log import Log, Measurement, Middle
-from .parameters import Array, ParameterSpace, finite
+from .parameters import Array, Indices, ParameterSpace, finite
 
 
 class Motion(Protocol):
@@ -298,6 +298,22 @@ def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
         return np.zeros(batch + one.shape)
     results = np.stack([function(*sample) for sample in zip(*spread, strict=True)])
     return results.reshape(batch + results.shape[1:])
+
+
+def gains_by_command(system: SecondOrderSystem) -> list[Indices]:
+    """For each command, the indices of its gains: the actuator parameters whose force it changes.
+
+    They are found by changing one command at a time at a random state in the range of operation.
+    """
+    rng, found = np.random.default_rng(0), []
+    q, v, u = system.random_state(rng)
+    others, x = system.random_state(rng)[2], np.concatenate([q, v])
+    for k in range(system.n_u):
+        other = u.copy()
+        other[k] = others[k]
+        moved = (system.F(0.0, x, u) != system.F(0.0, x, other)).any(axis=0)
+        found.append(system.space.actuators[moved[system.space.actuators]])
+    return found
 
 
 def checked(system: SecondOrderSystem, measurement: Measurement) -> Measurement:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..experiment.loop import Run
 from ..identifiers.cone.barrier import cone_of, inside
-from ..identifiers.efficient.law import Witness
+from ..identifiers.efficient.witness import Witness
 from ..log import Log
 from ..parameters import Array
 

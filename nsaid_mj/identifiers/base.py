@@ -14,6 +14,7 @@ from ..errors import InvalidInput
 from ..log import EXACT, Log, Measurement, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem, checked
+from .faults import FaultEvent
 from .memory.statistics import Memory
 
 
@@ -57,6 +58,7 @@ class State(NamedTuple):
         memory: statistics of past data; None for laws without a memory.
         spent: total decrease of the conserved quantity in the memory's implicit steps.
         filter: filter and guard of the law `efficient`; None for other laws.
+        faults: those found so far; laws other than `efficient` do not look for any.
     """
 
     t: float
@@ -67,6 +69,7 @@ class State(NamedTuple):
     memory: Memory | None = None
     spent: float = 0.0
     filter: Any = None
+    faults: tuple[FaultEvent, ...] = ()
 
 
 class Estimates(NamedTuple):

@@ -15,7 +15,8 @@ from ..parameters import Array
 from ..system import SecondOrderSystem
 from .base import ExpectedGramian, Identifier, IdentifierConfig
 from .cone.law import cone_identifier
-from .efficient.law import EfficientConfig, efficient_identifier
+from .efficient.law import efficient_identifier
+from .efficient.witness import EfficientConfig
 from .memory.law import memory_identifier
 from .memory.statistics import MemoryConfig
 from .nullspace_aid import paper_identifier

@@ -21,10 +21,10 @@ from nsaid_mj.identifiers.cone.barrier import (
     local_norm,
 )
 from nsaid_mj.identifiers.efficient.kalman import Noise, _add_increment
-from nsaid_mj.identifiers.efficient.law import Witness
+from nsaid_mj.identifiers.efficient.witness import Witness
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
-from nsaid_mj.plants.world.faults import Fault
+from nsaid_mj.plants import Loss
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.system import SecondOrderSystem
 from nsaid_mj.systems.compiled import CompiledMultibody
@@ -58,7 +58,7 @@ class Followed(NamedTuple):
 @cache
 def followed(name: str, seed: int, duration: float, **changes: Any) -> Followed:
     """A scenario under noise, identified by the law `efficient`."""
-    plant = {key: changes.pop(key) for key in ("fault", "mismatch") if key in changes}
+    plant = {key: changes.pop(key) for key in ("faults", "mismatch") if key in changes}
     scenario = load(name)
     law = replace(scenario.identifier, law="efficient", gamma="scale")
     scenario = replace(
@@ -148,8 +148,8 @@ def test_with_exact_sensors_rounding_contradicts_nothing(seed: int) -> None:
 
 
 def test_a_lost_actuator_is_found_and_the_others_are_left_alone() -> None:
-    fault = Fault(loss=0.4, actuator=2, time=20.0)
-    found = followed("bluerov2", 11, 40.0, fault=fault)
+    fault = Loss(0.4, actuator=2, time=20.0)
+    found = followed("bluerov2", 11, 40.0, faults=(fault,))
     gains, truth = found.setup.system.space.actuators, found.truth
     shares = found.estimates.theta_hat[:, gains] / truth.theta[gains]
     shares = shares / np.median(shares, axis=1)[:, None] - 1

@@ -85,8 +85,8 @@ class Filter(NamedTuple):
         Pxt: (2n, p) covariance of the state with θ/scale.
         Ptt: (p, p) covariance of θ/scale.
         noise: running estimate of the sensors' noise.
-        tally: (3,) whether the filter has begun; samples in the current window, and their sum of
-            squared normalised innovations.
+        tally: (4,) whether the filter has begun; samples in the current window, and their sums of
+            squared normalised innovations and of log det S.
         safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
         safe_P: (2, p, p) P_θθ there.
         totals: (2,) sum of all squared normalised innovations, and their number.
@@ -112,7 +112,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     safe, safe_P = np.array([theta, theta]), np.array([Ptt, Ptt])
     Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
     return Filter(
-        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(3), safe, safe_P,
+        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
         np.zeros(2),
     )  # fmt: skip
 
@@ -153,7 +153,8 @@ def restart_state(filter, q, v, R):
     filter.Pxx[:], filter.Pxt[:] = 0.0, 0.0
     for i in range(R.shape[0]):
         filter.Pxx[i, i] = R[i]
-    filter.tally[0], filter.tally[1], filter.tally[2] = 1.0, 0.0, 0.0
+    filter.tally[:] = 0.0
+    filter.tally[0] = 1.0
     filter.safe[0], filter.safe[1] = filter.theta, filter.theta
     filter.safe_P[0], filter.safe_P[1] = filter.Ptt, filter.Ptt
 
@@ -214,7 +215,7 @@ def _update(law, filter, R, y, work):
     """Updates θ̂ and P by an innovation y (2n,); writes the step of the state into y.
 
     Returns:
-        The squared normalised innovation; NaN if S is not positive definite.
+        The squared normalised innovation and log det S; NaN if S is not positive definite.
     """
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
     S, L, inverse, whitened, gained, e, step = work
@@ -225,8 +226,10 @@ def _update(law, filter, R, y, work):
         S[i, i] += R[i]
         inverse[i, i] = 1.0
     if not cholesky(S, L) > 0.0:
-        return np.nan
+        return np.nan, np.nan
+    spread = 0.0
     for i in range(size):  # L⁻¹
+        spread += 2.0 * np.log(L[i, i])
         for j in range(i):
             for k in range(j + 1):
                 inverse[i, k] -= L[i, j] * inverse[j, k]
@@ -257,7 +260,7 @@ def _update(law, filter, R, y, work):
     for i in range(size):
         for j in range(size):
             Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
-    return np.dot(e, e)
+    return np.dot(e, e), spread
 
 
 @njit(cache=True, nogil=True)
@@ -300,14 +303,14 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
             structure, filter.q, filter.v, u[k - 1], t[k] - t[k - 1], filter.theta, scale, step,
             q1, v1,
         )  # fmt: skip
-        square = np.nan
+        square, spread = np.nan, np.nan
         if pivot > 0.0:
             pivots[k] = pivot
             _predict(law, F, B, filter, predicting)
             difference_into(structure, q1, q[k], y[:n])
             for i in range(n):
                 y[n + i] = v[k, i] - v1[i]
-            square = _update(law, filter, R, y, updating)
+            square, spread = _update(law, filter, R, y, updating)
         if not square < np.inf:
             thetas[k], v_hats[k] = filter.theta, v[k]
             return k, ROUNDED if pivot > 0.0 else CONTRADICTED
@@ -317,6 +320,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         thetas[k], v_hats[k] = filter.theta, filter.v
         tally[1] += 1
         tally[2] += square
+        tally[3] += spread
         totals[0] += square
         totals[1] += size
         if tally[2] > acceptable(law, filter):
@@ -325,7 +329,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
             _keep_above_rounding(filter.Ptt, factor)
             filter.safe[0], filter.safe[1] = filter.safe[1], filter.theta
             filter.safe_P[0], filter.safe_P[1] = filter.safe_P[1], filter.Ptt
-            tally[1], tally[2] = 0.0, 0.0
+            tally[1:] = 0.0
     return t.shape[0] - 1, COMPLETED
 
 
@@ -357,6 +361,6 @@ def covariance_along(law, filter, R, t, q, v, u):
             return k - 1
         _predict(law, F, B, filter, predicting)
         y[:] = 0.0
-        if not _update(law, filter, R, y, updating) < np.inf:
+        if not _update(law, filter, R, y, updating)[0] < np.inf:
             return k - 1
     return t.shape[0] - 1

@@ -9,11 +9,12 @@ data to notice a change by itself, it pauses between two intervals for a share o
 the filter has explained the motion.
 
 Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
-before, an actuator may have changed: the filter returns to its estimate from before, and over one
-window tries which gain, set free, explains the motion best. If none does, or if the filter is
-young, it starts again at the memory's estimate, which alone is handed out until the filter has
-again explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the filter's estimate is
-handed out, it goes on from that.
+before, something may have failed: the filter returns to its estimate from before, and tries which
+single fault explains the motion best, see `faults`. Only what that has hit is set free. Slow
+changes are found from the shift of the estimate, see `faults.watch`. If no fault explains the
+motion, or if the filter is young, it starts again at the memory's estimate, which alone is handed
+out until the filter has again explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the
+filter's estimate is handed out, it goes on from that.
 """
 
 from __future__ import annotations
@@ -23,120 +24,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bounds import Config, NonNegative, Positive, config
-from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
-from ...system import SecondOrderSystem
 from ..base import Confidence, Estimates, Identifier, State, Status
-from ..cone.barrier import cone_of, gradient_and_hessian
+from ..faults import FaultEvent
 from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
 from ..nullspace_aid import NullspaceIdentifier
+from .faults.hypotheses import everything, hypotheses_of, nothing
+from .faults.trials import Commands, Trial, Verdict, begin_trials, follow_trials, verdict
+from .faults.watch import PERIOD, Found, Watch, slow_change
 from .kalman import (
     COMPLETED,
     CONTRADICTED,
     ROUNDED,
     Filter,
-    Law,
-    acceptable,
     filter_at,
     follow_filter,
     noise_variance,
     restart_state,
 )
+from .witness import EfficientConfig, Witness, mend
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
-_MATURE = 2.0  # time without a contradiction after which one is taken for a changed actuator [s]
+_MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
+_SETTLED = 5.0  # time without a contradiction after which slow changes are looked for [s]
+_SAME = 10.0  # time within which two losses of one actuator are one slow loss [s]
+_ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
-_FREE = 0.5  # relative standard deviation of a gain that is set free
-_INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
-
-
-@config
-class EfficientConfig(Config):
-    """The filter of the law `efficient`.
-
-    Attributes:
-        prior: standard deviation of θ̂(0) in the metric of the cone, for instance the relative one
-            of a positive parameter.
-        linearisation: γ, standard deviation of the error of a step's linearisation relative to the
-            standard deviation of what θ does in it.
-        innovation_window: time over which innovations are tested against chance [s].
-    """
-
-    _path = "identifier.efficient"
-
-    prior: Positive = 0.3
-    linearisation: NonNegative = 0.3
-    innovation_window: Positive = 0.1
-
-
-class Witness:
-    """The filter alone, for a structure with compiled forward dynamics.
-
-    Args:
-        system: the structure.
-        dt: time between measurements [s].
-        config: of the filter.
-
-    Attributes:
-        law: what the filter knows beforehand.
-
-    Raises:
-        InvalidInput: the system has no compiled forward dynamics.
-    """
-
-    def __init__(self, system: SecondOrderSystem, dt: float, config: EfficientConfig):
-        if system.forward is None:
-            raise InvalidInput(
-                "law",
-                "a system with compiled forward dynamics",
-                type(system).__name__,
-                "Take --law memory; for an arm, --plant.backend compiled.",
-            )
-        self._spread, self._p = config.prior, system.p
-        cone, scale = cone_of(system.space), np.array(system.space.scale)
-        window = max(10, round(config.innovation_window / dt))
-        self.law = Law(system.forward, cone, scale, config.linearisation, window)
-
-    def covariance(self, theta: Array) -> Array:
-        """(p, p) P_θθ before any data: σ² (∇²b(θ̂) + 1)⁻¹ in units of the scale."""
-        _, metric = gradient_and_hessian(self.law.cone, theta)
-        balanced = metric * np.outer(self.law.scale, self.law.scale) + np.eye(self._p)
-        return np.asarray(self._spread**2 * np.linalg.inv(balanced), dtype=np.float64)
-
-    def contradictions(self, theta: Array, log: Log) -> tuple[list[float], float]:
-        """Times at which a log of N measurements contradicts every θ near θ̂ (p,) [s].
-
-        Returns:
-            The times, and the mean squared normalised innovation.
-        """
-        count, P = len(log.t), self.covariance(theta)
-        kalman, times, at = filter_at(log.q[0], log.v[0], theta, P), [], 0
-        out = np.empty((count, self._p)), np.empty(log.v.shape), np.empty(count)
-        while at < count - 1:
-            columns = (part[at:] for part in log)
-            row, end = follow_filter(self.law, kalman, *columns, *(part[at:] for part in out))
-            at += row
-            if end == ROUNDED:
-                mend(kalman, log.at(at))
-            elif end == CONTRADICTED:
-                times.append(float(log.t[at]))
-                kalman.theta[:], kalman.Ptt[:] = theta, P
-                restart_state(kalman, log.q[at], log.v[at], noise_variance(kalman.noise))
-        return times, float(kalman.totals[0] / max(1.0, kalman.totals[1]))
-
-
-def mend(kalman: Filter, here: Measurement) -> None:
-    """Makes P_θθ positive definite after rounding errors, and starts the state again."""
-    values, vectors = np.linalg.eigh(kalman.Ptt)
-    kalman.Ptt[:] = (vectors * np.maximum(values, _INDEFINITE * values[-1])) @ vectors.T
-    restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
 
 
 class Guarded(NamedTuple):
@@ -150,8 +69,13 @@ class Guarded(NamedTuple):
         calm: time since the filter began, or was last contradicted [s].
         handed: whether θ̂ is handed out from the filter.
         restarts: times the filter started again at the memory's estimate.
-        returns: times it returned to an earlier estimate with gains set free.
-        trials: filters that set gains free, of which one will be chosen; empty where there is none.
+        returns: times it returned to an earlier estimate with something set free.
+        commands: that reach the actuators.
+        factors: (p,) of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
+            reversed, 0 if it is stuck.
+        watch: snapshots, for slow changes.
+        trials: filters under hypotheses, of which one will be chosen; empty where there is none.
+        events: the faults found so far.
     """
 
     filter: Filter
@@ -162,7 +86,16 @@ class Guarded(NamedTuple):
     handed: bool
     restarts: int
     returns: int
-    trials: tuple[Filter, ...] = ()
+    commands: Commands
+    factors: Array
+    watch: Watch = Watch()
+    trials: tuple[Trial, ...] = ()
+    events: tuple[FaultEvent, ...] = ()
+
+    @property
+    def theta(self) -> Array:
+        """(p,) the filter's θ̂ in terms of the commands given."""
+        return self.filter.theta * self.factors
 
 
 def efficient_identifier(
@@ -194,7 +127,6 @@ class EfficientIdentifier(Identifier):
         witness = Witness(guard.system, dt, config)
         self._law, self._covariance = witness.law, witness.covariance
         self._scale = self._law.scale
-        self._patient = self._law._replace(window=10**9)  # never contradicted
 
     def init(self, first: Measurement) -> State:
         """The state at the first measurement: θ̂ = prior, no past data."""
@@ -202,7 +134,8 @@ class EfficientIdentifier(Identifier):
         theta = guard.theta_hat
         q = np.asarray(first.q, dtype=np.float64)
         kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
-        inside = Guarded(kalman, guard, 0, 0, 0.0, False, 0, 0)
+        sound = Commands.sound(self.system.n_u), np.ones(self.system.p)
+        inside = Guarded(kalman, guard, 0, 0, 0.0, False, 0, 0, *sound)
         return guard._replace(memory=None, filter=inside)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
@@ -227,21 +160,26 @@ class EfficientIdentifier(Identifier):
         inside, log = state.filter, log.first(count)
         estimates = Estimates(
             log.v.copy(),
-            np.repeat(inside.guard.theta_hat[None], count, axis=0),
+            np.repeat((inside.guard.theta_hat * inside.factors)[None], count, axis=0),
             np.full(count, np.inf),
             np.full(count, inside.guard.spent),
         )
         inside = self._filtered(inside, log, estimates)
         if not inside.pause and count > 1:
-            inside = inside._replace(guard=self._memory.absorb(inside.guard, log))
+            acting = inside.commands.acting(log)
+            inside = inside._replace(guard=self._memory.absorb(inside.guard, acting))
         inside = inside._replace(step=inside.step + count - 1)
         if inside.step % self._every == 0 and count > 1:
-            inside = self._judged(inside, log.at(-1))
+            inside = self._watched(self._judged(inside, log.at(-1)), float(log.t[-1]))
             best = inside.filter.theta if inside.handed else inside.guard.theta_hat
+            best = best * inside.factors
             estimates.theta_hat[-1], estimates.spent[-1] = best, inside.guard.spent
         last = estimates.v_hat[-1].copy(), estimates.theta_hat[-1].copy()
         pivot = float(estimates.pivot[-1])
-        return State(float(log.t[-1]), *last, pivot, status, filter=inside), estimates
+        return (
+            State(float(log.t[-1]), *last, pivot, status, filter=inside, faults=inside.events),
+            estimates,
+        )
 
     def _judged(self, inside: Guarded, here: Measurement) -> Guarded:
         """At an interval's end: which estimate is handed out, and how long the memory pauses."""
@@ -265,22 +203,26 @@ class EfficientIdentifier(Identifier):
         while at < count - 1:
             handed = inside.handed
             if inside.trials:
-                last = min(count - 1, at + self._law.window - int(inside.trials[0].tally[1]))
-                thetas[at + 1 : last + 1] = inside.filter.theta
+                window = self._law.window
+                done = int(inside.trials[0].filter.tally[1])
+                last = min(count - 1, at + window - done % window)
+                thetas[at + 1 : last + 1] = inside.theta
                 v_hats[at + 1 : last + 1] = log.v[at + 1 : last + 1]
                 inside = self._tried(inside, log.part(at, last + 1))
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
                 out = thetas[at:], v_hats[at:], pivots[at:]
-                row, end = follow_filter(self._law, kalman, *(part[at:] for part in log), *out)
+                piece = inside.commands.acting(log.part(at, count))
+                row, end = follow_filter(self._law, kalman, *piece, *out)
                 last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
+                thetas[at + 1 : last + 1] *= inside.factors
                 inside = inside._replace(calm=calm)
                 if end == CONTRADICTED:
                     inside = self._contradicted(inside, log.at(last))
                 elif end == ROUNDED:
                     mend(kalman, log.at(last))
                 if end != COMPLETED:
-                    thetas[last], v_hats[last] = inside.filter.theta, inside.filter.v
+                    thetas[last], v_hats[last] = inside.theta, inside.filter.v
             own = slice(at + 1, last + inside.handed)
             if handed:
                 estimates.theta_hat[own] = thetas[own]
@@ -289,50 +231,95 @@ class EfficientIdentifier(Identifier):
         return inside
 
     def _contradicted(self, inside: Guarded, here: Measurement) -> Guarded:
-        """After a contradiction: trials of an earlier estimate with free gains, or a new start.
-
-        One trial for each actuator sets its gain alone free, the last one all of them.
-        """
+        """After a contradiction: trials of what may have failed, or a new start."""
         if inside.calm < _MATURE:
             return self._started_again(inside, here)
-        kalman, trials = inside.filter, []
-        kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
+        kalman, system = inside.filter, self.system
+        theta = kalman.safe[0].copy()
+        what = [nothing(system), *hypotheses_of(system, theta), everything(system, theta)]
+        trials = begin_trials(kalman, here, inside.commands, what)
+        kalman.theta[:], kalman.Ptt[:] = theta, kalman.safe_P[0]
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        actuators = self.system.space.actuators
-        for k in [*actuators[:, None], actuators]:
-            trial = deepcopy(kalman)
-            trial.Ptt[k], trial.Ptt[:, k] = 0.0, 0.0
-            trial.Ptt[k, k] = (_FREE * trial.theta[k] / self._scale[k]) ** 2
-            trials.append(trial)
-        return inside._replace(trials=tuple(trials))
+        return inside._replace(trials=trials, watch=Watch())
 
     def _tried(self, inside: Guarded, log: Log) -> Guarded:
-        """The trials along a log, of which the best goes on at the end of a window."""
-        trials, count = tuple(map(deepcopy, inside.trials)), len(log.t)
-        out = np.empty((count, self.system.p)), np.empty((count, self.system.n)), np.empty(count)
-        filled = trials[0].tally[1] + count - 1
-        for trial in trials:
-            _, end = follow_filter(self._patient, trial, *log, *out)
-            trial.tally[1] = filled
-            trial.tally[2] += 0.0 if end == COMPLETED else np.inf
-        if filled < self._law.window:
+        """The trials along a log; goes on with the best once there is a verdict."""
+        trials = follow_trials(self._law, inside.trials, log)
+        found = verdict(self._law, trials, float(log.t[-1]))
+        if found is None:
             return inside._replace(trials=trials)
-        *single, whole = trials  # the last one has most freedom: only if no single gain will do
-        best = min(single, key=lambda trial: trial.tally[2])
-        if best.tally[2] > acceptable(self._law, best):
-            best = whole
-        if best.tally[2] > acceptable(self._law, best):
-            return self._started_again(inside._replace(trials=()), log.at(-1))
-        best.tally[1:3] = 0.0
-        best.safe[:], best.safe_P[:] = best.theta, best.Ptt
-        return inside._replace(filter=best, trials=(), calm=0.0, returns=inside.returns + 1)
+        inside = inside._replace(trials=())
+        if found.trial is None:
+            return self._started_again(inside, log.at(-1))
+        return self._isolated(inside, found, found.trial, float(log.t[-1]))
+
+    def _isolated(self, inside: Guarded, found: Verdict, trial: Trial, t: float) -> Guarded:
+        """Goes on with the filter of a trial, and notes the fault if there was one."""
+        hypothesis, kalman = trial.hypothesis, trial.filter
+        kalman.tally[1:] = 0.0
+        kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
+        factors = inside.factors.copy()
+        hit = [self.system.space.index(name) for name in hypothesis.names]
+        factors[hit] *= {"reversed": -1.0, "stuck": 0.0}.get(hypothesis.kind, 1.0)
+        inside = inside._replace(
+            filter=kalman,
+            commands=trial.commands,
+            factors=factors,
+            calm=0.0,
+            returns=inside.returns + 1,
+        )
+        if hypothesis.kind == "none":
+            return inside
+        event = FaultEvent(
+            trial.begin,
+            t,
+            hypothesis.kind,
+            hypothesis.part,
+            hypothesis.names,
+            *found.size,
+            hypothesis.unit,
+            found.confidence,
+        )
+        return inside._replace(events=with_event(inside.events, event))
+
+    def _watched(self, inside: Guarded, t: float) -> Guarded:
+        """At an interval's end: looks for a slow change, once in a period."""
+        if inside.calm < _SETTLED or inside.trials:
+            return inside._replace(watch=Watch())
+        watch = inside.watch
+        if watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9):
+            return inside
+        what = [h for h in hypotheses_of(self.system, inside.filter.theta) if h.command < 0]
+        found = slow_change(watch, inside.filter, self._scale, what)
+        if found is None or found.confidence < _ISOLATED:
+            return inside._replace(watch=watch.with_snapshot(t, inside.filter))
+        return self._changed_slowly(inside, found, t)
+
+    def _changed_slowly(self, inside: Guarded, found: Found, t: float) -> Guarded:
+        """Frees what has changed slowly, and notes it."""
+        kalman, hypothesis = inside.filter, found.hypothesis
+        kalman.theta[:] = found.theta
+        kalman.Ptt[:] = found.P
+        kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
+        event = FaultEvent(
+            t,
+            t,
+            hypothesis.kind,
+            hypothesis.part,
+            hypothesis.names,
+            *found.size,
+            hypothesis.unit,
+            found.confidence,
+            slow=True,
+        )
+        return inside._replace(watch=Watch(), events=with_event(inside.events, event))
 
     def _started_again(self, inside: Guarded, here: Measurement) -> Guarded:
         """The filter at the memory's estimate, with the uncertainty of a prior."""
         kalman, theta = inside.filter, inside.guard.theta_hat
         kalman.theta[:], kalman.Ptt[:] = theta, self._covariance(theta)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        return inside._replace(calm=0.0, handed=False, restarts=inside.restarts + 1)
+        return inside._replace(calm=0.0, handed=False, restarts=inside.restarts + 1, watch=Watch())
 
     def _explains(self, inside: Guarded) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
@@ -377,8 +364,26 @@ class EfficientIdentifier(Identifier):
         squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
         units = np.outer(self._scale, self._scale)
+        sign = np.where(inside.factors < 0, -1.0, 1.0)
+        units = units * np.outer(sign, sign)
         samples = np.full(self.system.n, number / (2 * self.system.n))
         return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
+
+
+def with_event(events: tuple[FaultEvent, ...], new: FaultEvent) -> tuple[FaultEvent, ...]:
+    """The events with a new one; another loss of the same actuator soon after continues the last.
+
+    The share that is lost is that of the gain before the first of them.
+    """
+    last = events[-1] if events else None
+    same = last is not None and (last.kind, last.part) == (new.kind, new.part) == ("loss", new.part)
+    if last is None or not same or new.found - last.found > _SAME:
+        return (*events, new)
+    size, low, high = (1 - (1 - last.size) * (1 - x) for x in (new.size, new.low, new.high))
+    longer = last._replace(
+        found=new.found, size=size, low=low, high=high, confidence=new.confidence, slow=True
+    )
+    return (*events[:-1], longer)
 
 
 def _finite_rows(log: Log) -> int:

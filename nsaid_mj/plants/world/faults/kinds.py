@@ -16,11 +16,9 @@ from pydantic import Field, model_validator
 
 from ....bounds import Config, Name, NonNegative, Number, Positive, config
 from ....errors import InvalidInput, UnknownName
-from ....parameters import Array, Indices, ParameterSpace
-from ....system import SecondOrderSystem
-
-GRAVITY = 9.81
-"""Of a payload in water [m/s²]; in air it is that of the structure."""
+from ....parameters import Array, Indices
+from ....system import SecondOrderSystem, gains_by_command
+from ....systems.payload import carrier, point_mass
 
 Index = Annotated[int, Field(strict=True, ge=1, le=1000)]
 Sensor = Literal["position", "velocity"]
@@ -169,7 +167,7 @@ def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
     Raises:
         InvalidInput: there is no such actuator, or its gain is not a parameter.
     """
-    found = [_answering(system, k) for k in range(system.n_u)]
+    found = gains_by_command(system)
     if actuator > system.n_u or not found[actuator - 1].size:
         weak = [str(k) for k, gains in enumerate(found, 1) if gains.size]
         raise InvalidInput(
@@ -179,20 +177,6 @@ def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
             "Commands are counted from 1.",
         )
     return found[actuator - 1]
-
-
-def _answering(system: SecondOrderSystem, k: int) -> Indices:
-    """Indices of the actuator parameters whose columns of F change with command k.
-
-    They are found by changing the command at a random state in the range of operation.
-    """
-    rng = np.random.default_rng(0)
-    q, v, u = system.random_state(rng)
-    other = u.copy()
-    other[k] = system.random_state(rng)[2][k]
-    x = np.concatenate([q, v])
-    moved = (system.F(0.0, x, u) != system.F(0.0, x, other)).any(axis=0)
-    return system.space.actuators[moved[system.space.actuators]]
 
 
 # -- the plant -------------------------------------------------------------------------------------
@@ -264,46 +248,11 @@ class Payload(PlantFault):
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
-        change, space = np.zeros(system.p), system.space
-        bodies = {b.name: at for b, at in space if b.geometry == "pseudo_inertia"}
-        if self.link and self.link not in bodies:
-            raise UnknownName("body in θ", self.link, list(bodies))
-        if bodies:
-            change[bodies[self.link or list(bodies)[-1]]] = _point(self.mass, np.array(self.place))
-            return change
-        return _submerged(space, self.mass, np.array(self.place))
+        return point_mass(system.space, self.mass, np.array(self.place), self.link)
 
     def what(self, system: SecondOrderSystem) -> str:
         """Such as `1 kg on link 6 is picked up`."""
-        bodies = [b.name for b in system.space.blocks if b.geometry == "pseudo_inertia"]
-        return f"{self.mass:g} kg on {self.link or (bodies or ['the body'])[-1]} is picked up"
-
-
-def _point(mass: float, place: Array) -> Array:
-    """(10,) mass, first moments, and Ixx, Ixy, Iyy, Ixz, Iyz, Izz of a point mass at place (3,)."""
-    inertia = mass * (place @ place * np.eye(3) - np.outer(place, place))
-    return np.concatenate([[mass], mass * place, inertia[np.tril_indices(3)]])
-
-
-def _submerged(space: ParameterSpace, mass: float, place: Array) -> Array:
-    """(p,) change of θ by a point mass at place (3,) of a single body in water, z up.
-
-    Raises:
-        InvalidInput: θ has no full mass matrix of a body in space.
-    """
-    names = [block.name for block in space.blocks]
-    parts = ("mass matrix", "net weight", "righting moment")
-    if not all(part in names for part in parts) or len(space.scale[space[parts[0]]]) != 21:
-        raise InvalidInput(
-            "faults", "a vehicle whose θ can hold a payload", "payload", "Leave the payload out."
-        )
-    across = np.cross(np.eye(3), place)  # a × place for the unit vectors a: −[place]×ᵀ
-    twist = np.hstack([np.eye(3), across.T])
-    change = np.zeros(len(space))
-    change[space[parts[0]]] = (mass * twist.T @ twist)[np.triu_indices(6)]
-    change[space[parts[1]]] = mass * GRAVITY
-    change[space[parts[2]]] = -mass * GRAVITY * place
-    return change
+        return f"{self.mass:g} kg on {self.link or carrier(system.space)} is picked up"
 
 
 # -- sensors ---------------------------------------------------------------------------------------

@@ -1,0 +1,1 @@
+"""Detection and isolation of faults by the filter: hypotheses, their evidence, and their trials."""

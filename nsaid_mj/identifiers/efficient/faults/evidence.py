@@ -1,0 +1,67 @@
+"""How strongly data speak for a jump of θ, from the estimates before and after alone.
+
+A filter at (θ̂_s, P_s) that is not told of a jump reaches (θ̂_t, P_t). The data in between then hold
+the information J = P_t⁻¹ − P_s⁻¹ on θ/scale, and without a jump the shift Δ = θ̂_t − θ̂_s has the
+covariance P_s − P_t. With a jump D δ at time s, δ ~ N(0, 1),
+
+    score       g = Dᵀ P_s⁻¹ Δ,
+    information I = Dᵀ P_s⁻¹ (P_s − P_t) P_s⁻¹ D,
+    likelihood ratio, maximised over δ:  exp(½ gᵀ I⁻¹ g),
+    and averaged over its prior:         exp(½ gᵀ (1 + I)⁻¹ g) / √det(1 + I).
+
+The average is the maximum with the penalty for the number and the range of free directions.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from ....parameters import Array
+
+
+class Jump(NamedTuple):
+    """A jump of θ under one hypothesis.
+
+    Attributes:
+        evidence: logarithm of the averaged likelihood ratio against no jump.
+        delta: (d,) the most probable δ.
+        deviation: (d,) its standard deviations.
+    """
+
+    evidence: float
+    delta: Array
+    deviation: Array
+
+
+def shift_jumps(Ps: Array, Pt: Array, shift: Array, directions: list[Array]) -> list[Jump]:
+    """The jumps that explain a shift (p,) of θ̂/scale, for each of several D (p, d)."""
+    factor = cho_factor(Ps)
+    weighted = cho_solve(factor, shift)
+    found = []
+    for D in directions:
+        whitened = cho_solve(factor, D)
+        score = D.T @ weighted
+        information = D.T @ whitened - whitened.T @ Pt @ whitened
+        posterior = np.linalg.inv(np.eye(D.shape[1]) + 0.5 * (information + information.T))
+        sign, logdet = np.linalg.slogdet(posterior)
+        delta = posterior @ score
+        evidence = 0.5 * float(score @ delta) + 0.5 * logdet if sign > 0 else -np.inf
+        found.append(Jump(evidence, delta, np.sqrt(np.maximum(np.diag(posterior), 0.0))))
+    return found
+
+
+def jumped(Ps: Array, Pt: Array, shift: Array, D: Array) -> Jump:
+    """The jump of a filter that was told of it: P_s already contains D Dᵀ."""
+    whitened = cho_solve(cho_factor(Ps), D)
+    delta = whitened.T @ shift
+    posterior = np.eye(D.shape[1]) - D.T @ whitened + whitened.T @ Pt @ whitened
+    return Jump(0.0, delta, np.sqrt(np.maximum(np.diag(posterior), 0.0)))
+
+
+def posterior(evidence: Array) -> Array:
+    """(h,) probabilities of hypotheses with logarithmic evidences (h,), alike beforehand."""
+    weight = np.exp(evidence - evidence.max())
+    return weight / weight.sum()

@@ -1,0 +1,141 @@
+"""What may have happened to a robot: named hypotheses about θ and about its commands.
+
+A hypothesis adds an unknown jump δ ~ N(0, 1) of each of its directions D (in θ/scale) to θ, so that
+P_θθ grows by D Dᵀ and all else stays as certain as it was. Two of them also change what reaches an
+actuator: a reversed one gets −u, a stuck one a constant command, of which its gain is the effort.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....parameters import Array
+from ....system import SecondOrderSystem, gains_by_command
+from ....systems.payload import carrier, point_mass, submerged
+
+_GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain
+_OWN = 0.05  # of what sets the gains of one actuator apart, as thrust and torque of a rotor
+_FRICTION = 1.0  # of the jump of a friction or drag, relative to its scale
+_BODY = 0.5  # of that of a body's inertial parameters, relative to their scale
+_DISSIPATES = ("friction", "drag", "resistance")
+
+
+class Hypothesis(NamedTuple):
+    """One explanation of a change.
+
+    Attributes:
+        kind: see `FaultEvent`; also `none`.
+        part: what was hit, in words.
+        names: of the parameters that may have changed.
+        D: (p, d) directions of the jump of θ/scale, of standard deviation 1; the first one has the
+            size that is reported.
+        to_unit: factor from the first direction's δ to the reported size.
+        unit: of the size; `1` for a share.
+        command: index of the actuator whose command does not reach it; −1 if all do.
+    """
+
+    kind: str
+    part: str
+    names: tuple[str, ...]
+    D: Array
+    to_unit: float
+    unit: str
+    command: int = -1
+
+
+def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
+    """All single faults of a system whose θ was θ̂ (p,) before."""
+    return [
+        *_actuators(system, theta),
+        *_frictions(system),
+        *_payload(system),
+    ]
+
+
+def nothing(system: SecondOrderSystem) -> Hypothesis:
+    """No change at all."""
+    return Hypothesis("none", "", (), np.zeros((system.p, 0)), 0.0, "1")
+
+
+def everything(system: SecondOrderSystem, theta: Array) -> Hypothesis:
+    """All gains have changed independently."""
+    k = system.space.actuators
+    D = np.zeros((system.p, len(k)))
+    D[k, np.arange(len(k))] = _GAIN * theta[k] / system.space.scale[k]
+    return Hypothesis("several", "all actuators", tuple(_named(system, k)), D, 0.0, "1")
+
+
+def _named(system: SecondOrderSystem, k: Array) -> list[str]:
+    return [system.space.names[i] for i in k]
+
+
+def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
+    """Loss, reversal and seizure of every actuator that has a gain."""
+    found, scale = [], system.space.scale
+    for command, k in enumerate(gains_by_command(system)):
+        if not len(k):
+            continue
+        D = np.zeros((system.p, 1 + (len(k) if len(k) > 1 else 0)))
+        D[k, 0] = _GAIN * theta[k] / scale[k]
+        if len(k) > 1:
+            D[k, 1 + np.arange(len(k))] = _OWN * theta[k] / scale[k]
+        part = " and ".join(system.space.labels[i] for i in k)
+        names = tuple(_named(system, k))
+        found.append(Hypothesis("loss", part, names, D, -_GAIN, "1"))
+        if _odd(system, command, k):
+            found.append(Hypothesis("reversed", part, names, D, _GAIN, "1", command))
+        found.append(Hypothesis("stuck", part, names, D, _GAIN, "1", command))
+    return found
+
+
+def _odd(system: SecondOrderSystem, command: int, k: Array) -> bool:
+    """Whether the force of gains k changes sign with a command, so that −u is a reversed gain."""
+    q, v, u = system.random_state(np.random.default_rng(0))
+    other, x = u.copy(), np.concatenate([q, v])
+    other[command] *= -1
+    one, two = (system.F(0.0, x, c)[:, k] for c in (u, other))
+    return bool(np.abs(one + two).max() <= 1e-9 * np.abs(one).max())
+
+
+def _frictions(system: SecondOrderSystem) -> list[Hypothesis]:
+    """Friction of each joint, or drag in each direction: all of its coefficients may change."""
+    groups: dict[str, list[int]] = {}
+    for block, place in system.space:
+        word = next((w for w in _DISSIPATES if w in block.name), "")
+        if not word or block.actuator:
+            continue
+        for label, i in zip(block.labels, range(place.start, place.stop), strict=True):
+            _, _, where = label.partition(word)
+            same = f"{word}{where}" if word in label else label
+            groups.setdefault(same, []).append(i)
+    found = []
+    for part, k in groups.items():
+        D = np.zeros((system.p, len(k)))
+        D[k, np.arange(len(k))] = _FRICTION
+        unit, scale = system.space.units[k[0]], float(system.space.scale[k[0]])
+        names = tuple(_named(system, np.array(k)))
+        found.append(Hypothesis("friction", part, names, D, _FRICTION * scale, unit))
+    return found
+
+
+def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
+    """A load on the last body: its mass, first moments and, in air, second moments."""
+    space = system.space
+    bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
+    name = carrier(space)
+    if name in bodies:
+        place = bodies[name]
+        D = np.zeros((system.p, 10))
+        D[place] = _BODY * np.eye(10)
+        size, names = float(space.scale[place][0]), tuple(space.names[place])
+        return [Hypothesis("payload", f"mass of {name}", names, D, _BODY * size, "kg")]
+    if not submerged(space):
+        return []
+    mass = float(space.scale[space["mass matrix"]][0])
+    own, reach = point_mass(space, mass, np.zeros(3)), 0.3
+    arms = [point_mass(space, mass, reach * e) - own for e in np.eye(3)]
+    D = _BODY * np.stack([own, *arms], axis=1) / space.scale[:, None]
+    names = tuple(space.names[i] for i in np.flatnonzero(np.abs(D).any(axis=1)))
+    return [Hypothesis("payload", "mass of the body", names, D, _BODY * mass, "kg")]

@@ -1,0 +1,110 @@
+"""Detects changes that are too slow for the innovations, from the shift of θ̂ over several seconds.
+
+Where nothing changes, θ̂ shifts by no more than the decrease of its covariance explains. Snapshots
+of (θ̂, P_θθ) are kept at regular intervals, and each is compared with the present; see `evidence`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....parameters import Array
+from ..kalman import Filter
+from .evidence import posterior, shift_jumps
+from .hypotheses import Hypothesis
+
+PERIOD = 0.5
+"""Time between two snapshots [s]."""
+_SPANS = (2, 4, 8, 16, 32)  # snapshots back to those that are compared with the present
+_SURE = 25.0  # log likelihood ratio, averaged, at which a change counts: odds of 1e-11
+
+
+class Watch(NamedTuple):
+    """Snapshots of a filter, the latest last.
+
+    Attributes:
+        times: when they were taken [s].
+        thetas: (p,) θ̂ of each.
+        covariances: (p, p) P_θθ of each.
+    """
+
+    times: tuple[float, ...] = ()
+    thetas: tuple[Array, ...] = ()
+    covariances: tuple[Array, ...] = ()
+
+    def with_snapshot(self, t: float, kalman: Filter) -> Watch:
+        """With the filter's estimate at time t [s], and without those that are too old."""
+        last = -_SPANS[-1]
+        return Watch(
+            (*self.times, t)[last - 1 :],
+            (*self.thetas, kalman.theta.copy())[last - 1 :],
+            (*self.covariances, kalman.Ptt.copy())[last - 1 :],
+        )
+
+
+class Found(NamedTuple):
+    """A slow change.
+
+    Attributes:
+        hypothesis: what changed.
+        confidence: its probability among the hypotheses.
+        size: of the change, its lower and its upper end, in the hypothesis's unit.
+        theta: (p,) θ̂ with the change taken into account.
+        P: (p, p) its P_θθ.
+        evidence: logarithm of the averaged likelihood ratio against no change.
+    """
+
+    hypothesis: Hypothesis
+    confidence: float
+    size: tuple[float, float, float]
+    theta: Array
+    P: Array
+    evidence: float
+
+
+def slow_change(
+    watch: Watch, kalman: Filter, scale: Array, hypotheses: list[Hypothesis]
+) -> Found | None:
+    """The most evident change since any of the snapshots; None if none is evident."""
+    best: Found | None = None
+    for span in _SPANS:
+        if span > len(watch.times):
+            break
+        theta, P = watch.thetas[-span], watch.covariances[-span]
+        shift = (kalman.theta - theta) / scale
+        try:
+            jumps = shift_jumps(P, kalman.Ptt, shift, [h.D for h in hypotheses])
+        except np.linalg.LinAlgError:
+            continue  # exact data leave a covariance that rounding made indefinite
+        evidence = np.array([jump.evidence for jump in jumps])
+        k = int(np.argmax(evidence))
+        if evidence[k] > max(_SURE, best.evidence if best else 0.0):
+            hypothesis, jump = hypotheses[k], jumps[k]
+            size = hypothesis.to_unit * float(jump.delta[0])
+            wide = 1.96 * abs(hypothesis.to_unit) * float(jump.deviation[0])
+            new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
+            best = Found(
+                hypothesis,
+                float(posterior(evidence)[k]),
+                (size, size - wide, size + wide),
+                theta + scale * new,
+                new_P,
+                float(evidence[k]),
+            )
+    return best
+
+
+def with_jump(Ps: Array, Pt: Array, shift: Array, D: Array) -> tuple[Array, Array]:
+    """Shift and covariance that a filter with P_s + D Dᵀ would have reached on the same data.
+
+    With G = P_s⁻¹ D, and P_t that of the filter without a jump: as the information J is the same,
+    P = ((P_s + D Dᵀ)⁻¹ + J)⁻¹ = P_t + P_t G (1 + Gᵀ(P_s − P_t) G)⁻¹ Gᵀ P_t, the shift P P_t⁻¹ Δ.
+    """
+    G = np.linalg.solve(Ps, D)
+    carried = Pt @ G
+    inner = np.linalg.inv(np.eye(D.shape[1]) + D.T @ G - G.T @ carried)
+    P = Pt + carried @ inner @ carried.T
+    moved = shift + carried @ inner @ (G.T @ shift)
+    return moved, 0.5 * (P + P.T)

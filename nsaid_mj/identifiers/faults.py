@@ -1,0 +1,72 @@
+"""A change of the robot that an identifier has found, as recorded and shown."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+
+class FaultEvent(NamedTuple):
+    """A fault that was detected and isolated.
+
+    Attributes:
+        time: when the motion first contradicted the estimate from before [s].
+        found: when the fault was isolated [s].
+        kind: `loss`, `reversed`, `stuck`, `friction`, `payload`, `bias`, `several` or `unknown`.
+        part: what it hit, in words, such as `thrust of thruster 3`.
+        names: the parameters of θ that it changed; empty for a sensor.
+        size: of the change.
+        low: lower end of its 95 % interval.
+        high: upper end of it.
+        unit: of these three; `1` for a share of an actuator's gain.
+        confidence: posterior probability of this hypothesis among all others.
+        slow: whether the change is gradual; `time` is then when it was noticed.
+    """
+
+    time: float
+    found: float
+    kind: str
+    part: str
+    names: tuple[str, ...]
+    size: float
+    low: float
+    high: float
+    unit: str
+    confidence: float
+    slow: bool = False
+
+    @property
+    def in_words(self) -> str:
+        """Such as `thrust of thruster 3 lost 39.8 % (39.1 … 40.5 %)`."""
+        verb = {
+            "loss": "lost" if self.size > 0 else "rose by",
+            "reversed": "reversed, with its gain changed by",
+            "stuck": "is stuck at a command of",
+            "friction": "changed by",
+            "payload": "changed by",
+            "bias": "is measured wrong by",
+        }.get(self.kind)
+        if verb is None:
+            return {"several": "several actuators changed at once"}.get(
+                self.kind, "a change that no single fault explains"
+            )
+        sign = -1 if self.kind == "loss" and self.size < 0 else 1
+        low, high = sorted((sign * self.low, sign * self.high))
+        slowly = "slowly " if self.slow else ""
+        if self.unit == "1" and self.kind != "stuck":
+            return (
+                f"{self.part} {slowly}{verb} {100 * sign * self.size:.3g} % "
+                f"({100 * low:.3g} … {100 * high:.3g} %)"
+            )
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        size = f"{sign * self.size:.3g}{unit} ({low:.3g} … {high:.3g}{unit})"
+        return f"{self.part} {slowly}{verb} {size}"
+
+    def keys(self) -> dict[str, Any]:
+        """The entry of summary.json."""
+        return self._asdict() | {"names": list(self.names), "words": self.in_words}
+
+    @staticmethod
+    def of(keys: dict[str, Any]) -> FaultEvent:
+        """The event of an entry of summary.json."""
+        parts = {name: keys[name] for name in FaultEvent._fields}
+        return FaultEvent(**parts | {"names": tuple(keys["names"])})
