@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..experiment.loop import Run
 from ..experiment.record import Record
@@ -10,9 +13,10 @@ from ..identifiers import Identifier
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .rows import NUMBERS, states
+from .rows import states
 from .truth import Truth
 
+_CHUNK = 1_000_000  # entries of temporary arrays in memory at once; the record itself may be large
 _UNSOLVED = 1e-5  # tolerance of an implicit step's solution, over V(0)
 
 
@@ -53,14 +57,24 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
     }
 
 
-def energy(run: Run, truth: Truth) -> Array:
-    """(N,) V of the scenario's own identifier, under the true θ at each row's time [J]."""
+def energy(run: Run, truth: Truth, rows: NDArray[np.intp] | None = None) -> Array:
+    """(k,) V of the scenario's own identifier, under the true θ at each row's time [J].
+
+    Args:
+        run: a finished run.
+        truth: of its plant.
+        rows: (k,) of the record; None for all.
+    """
     system, identifier, record = run.system, run.identifiers[""], run.record
+    columns = {key: record[key] for key in ("t", "q", "v", "v_hat", "theta_hat")}
+    if rows is not None:
+        columns = {key: column[rows] for key, column in columns.items()}
+    record = Record(columns, record.metadata, record.complete)
     epochs, V = truth.epoch(record["t"]), np.empty(len(record))
     for epoch in np.unique(epochs):
-        rows = epochs == epoch
-        theta = truth.theta_at(float(record["t"][rows][-1]))
-        V[rows] = lyapunov(system, identifier, record, theta)[rows]
+        within = epochs == epoch
+        theta = truth.theta_at(float(record["t"][within][-1]))
+        V[within] = lyapunov(system, identifier, record, theta)[within]
     return V
 
 
@@ -71,14 +85,22 @@ def lyapunov(
 
     Parameters that the identifier holds constant are left out of the second term.
     """
-    dv = record["v_hat"] - record["v"]
-    x = np.hstack([record["q"], record["v"]])
-    rows = max(1, NUMBERS // (system.n * system.p))
-    momentum = [
-        system.W_M(x[k : k + rows], dv[k : k + rows]) @ truth for k in range(0, len(x), rows)
-    ]
-    kinetic = np.einsum("ki,ki->k", dv, np.concatenate(momentum))
-    return 0.5 * kinetic + identifier.divergence(truth, record["theta_hat"])
+
+    def of(part: slice) -> Array:
+        v, theta_hat = record["v"][part], record["theta_hat"][part]
+        dv = record["v_hat"][part] - v
+        momentum = system.W_M(np.hstack([record["q"][part], v]), dv) @ truth
+        kinetic = np.einsum("ki,ki->k", dv, momentum)
+        return 0.5 * kinetic + identifier.divergence(truth, theta_hat)
+
+    return _by_parts(of, len(record), system.n * system.p)
+
+
+def _by_parts(function: Callable[[slice], Array], length: int, width: int) -> Array:
+    """(length,) values of a function of a stretch of rows, with `width` entries in memory each."""
+    rows = max(1, _CHUNK // width)
+    parts = [function(slice(k, k + rows)) for k in range(0, length, rows)]
+    return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Array, Array]:
@@ -100,7 +122,11 @@ def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Ar
 
 def kept(identifier: Identifier, record: Record) -> Array:
     """(N,) the law's conserved quantity along a record, corrected for implicit steps."""
-    return identifier.conserved(record["theta_hat"]) + record["spent"]
+    theta_hat = record["theta_hat"]
+    conserved = _by_parts(
+        lambda part: identifier.conserved(theta_hat[part]), len(record), theta_hat.shape[1]
+    )
+    return conserved + record["spent"]
 
 
 def assumption_46(run: Run, truth: Truth) -> tuple[float | None, float]:

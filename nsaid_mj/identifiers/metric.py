@@ -112,7 +112,9 @@ class ConstantMetric(Metric):
         theta = np.asarray(theta_hat)[..., self.moving]
         if self.Gamma.ndim == 1:
             return np.sum(theta**2 / self.Gamma[self.moving], axis=-1)
-        return np.sum(theta * np.linalg.solve(self.Gamma, theta[..., None])[..., 0], axis=-1)
+        rows = theta.reshape(-1, theta.shape[-1])  # one factorisation for all estimates
+        solved = np.linalg.solve(self.Gamma, rows.T).T
+        return np.sum(rows * solved, axis=-1).reshape(theta.shape[:-1])
 
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
         """(...,) ½ Δθᵀ Γ⁻¹ Δθ of (66)."""

@@ -91,8 +91,9 @@ class Live(Observer):
             self._arrows = Arrows.of(plant.system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
         layout = live_blueprint(self._space, camera, magnified)
+        address = self._open() if has_display() else self._serve()
         rec = rr.RecordingStream(drawable(f"nsaid_mj {self._name} live"))
-        rec.connect_grpc(self._open() if has_display() else self._serve(), default_blueprint=layout)
+        rec.connect_grpc(address, default_blueprint=layout)
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
         if self._arrows:
             self._arrows.log_style(rec, ESTIMATED)

@@ -243,7 +243,7 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
     components = [f"θ̄_P⊥ {i} [1]" for i in range(1, nullspace.P_perp.shape[1] + 1)]
     found = [
         Curves("theta_perp", components, theta_hat / space.scale @ nullspace.P_perp),
-        Curves("lyapunov", ["V (66) [J]"], energy(run, truth)[rows, None]),
+        Curves("lyapunov", ["V (66) [J]"], energy(run, truth, rows)[:, None]),
     ]
     chosen = shared(space, nullspace.r, truth.theta)
     if len(chosen):

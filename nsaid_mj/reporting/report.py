@@ -185,7 +185,7 @@ def _panels(run: Run, truth: Truth | None) -> list[Panel]:
     if truth is None:
         return [gains, error]
     energy = Panel("Lyapunov function", "V [J]", True)
-    energy.add(t, evaluation.energy(run, truth)[rows])
+    energy.add(t, evaluation.energy(run, truth, rows))
     return [distance, gains, error, energy]
 
 

@@ -258,6 +258,32 @@ def block_gradient(cone, block, S, gradient):
 
 
 @compiled
+def barriers(cone, thetas):
+    """(N,) b at N points θ (N, p)."""
+    found = np.empty(thetas.shape[0])
+    for k in range(thetas.shape[0]):
+        found[k] = barrier(cone, thetas[k])
+    return found
+
+
+@compiled
+def gaps(cone, theta, thetas):
+    """(N,) Bregman divergences b(θ) − b(θ̂) − ∇b(θ̂)·(θ − θ̂) of N points θ̂ (N, p) from θ (p,)."""
+    own, gradient = barrier(cone, theta), np.zeros(theta.shape[0])
+    found = np.empty(thetas.shape[0])
+    for k in range(thetas.shape[0]):
+        estimate = thetas[k]
+        for j in cone.positive:
+            gradient[j] = -1 / estimate[j] if estimate[j] > 0 else np.nan
+        for block in range(cone.blocks.shape[0]):
+            block_gradient(cone, block, inverse(factor(cone, block, estimate)), gradient)
+        found[k] = own - barrier(cone, estimate)
+        for i in range(theta.shape[0]):
+            found[k] -= gradient[i] * (theta[i] - estimate[i])
+    return found
+
+
+@compiled
 def hessian_into(entries, weights, start, S, hessian, c):
     """Writes the lower triangle of a block's part tr(P⁻¹E_l P⁻¹E_m) of ∇²b, from S = P⁻¹.
 

@@ -16,7 +16,15 @@ from ...parameters import Array, ParameterSpace
 from ...system import SecondOrderSystem
 from ..metric import ConstantMetric, Curved, Metric
 from ..nullspace_aid import NullspaceIdentifier
-from .barrier import barrier, cone_of, coordinates, gradient_and_hessian, inside
+from .barrier import (
+    barrier,
+    barriers,
+    cone_of,
+    coordinates,
+    gaps,
+    gradient_and_hessian,
+    inside,
+)
 
 
 def cone_identifier(
@@ -94,19 +102,14 @@ class ConeMetric(Metric):
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) θ̂ᵀ Γ⁻¹ θ̂ − 2 μ (b(θ̂) − b(θ̂₀)) of estimates (..., p)."""
         quadratic = self._flat.conserved(theta_hat)
-        b = np.apply_along_axis(lambda theta: barrier(self.cone, theta), -1, theta_hat)
+        b = barriers(self.cone, _rows(theta_hat)).reshape(np.shape(quadratic))
         return quadratic - 2 * self.mu * (b - self._offset)
 
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
         """(...,) D_ψ(θ‖θ̂) = ψ(θ) − ψ(θ̂) − ∇ψ(θ̂)·(θ − θ̂), at θ (p,) and estimates (..., p)."""
         quadratic = 0.5 * self._flat.conserved(theta - theta_hat)
-        own = barrier(self.cone, theta)
-
-        def gap(estimate: Array) -> float:
-            slope, _ = gradient_and_hessian(self.cone, estimate)
-            return float(own - barrier(self.cone, estimate) - slope @ (theta - estimate))
-
-        return quadratic + self.mu * np.apply_along_axis(gap, -1, theta_hat)
+        gap = gaps(self.cone, theta, _rows(theta_hat)).reshape(np.shape(quadratic))
+        return quadratic + self.mu * gap
 
     def potential(self, theta: Array) -> float:
         """ψ(θ)/μ at θ (p,)."""
@@ -116,3 +119,8 @@ class ConeMetric(Metric):
         """(p,) ∇ψ(θ)/μ and (p, p) ∇²ψ(θ)/μ."""
         slope, metric = gradient_and_hessian(self.cone, theta)
         return self.stiffness @ theta + slope, self.stiffness + metric
+
+
+def _rows(theta: Array) -> Array:
+    """(N, p) estimates of (..., p)."""
+    return np.ascontiguousarray(theta, dtype=np.float64).reshape(-1, np.shape(theta)[-1])
