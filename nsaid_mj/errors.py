@@ -146,6 +146,27 @@ class FolderInUse(BadRun):
         )
 
 
+class BadScript(NsaidError):
+    """An error in a user's script.
+
+    Attributes:
+        path: the file.
+        line: number of the line at fault; 0 if there is none.
+        reason: what is wrong with it.
+        code: the line at fault; "" if there is none.
+        remedy: what to do about it.
+    """
+
+    def __init__(
+        self, path: object, line: int, reason: str, code: str = "", remedy: str = "Correct it."
+    ):
+        self.path, self.line, self.reason, self.code = path, line, " ".join(reason.split()), code
+        self.remedy = remedy
+        where = f"{path}, line {line}" if line else f"{path}"
+        lines = f"{where}: {self.reason}", code and f"  {code}", remedy
+        super().__init__("\n".join(filter(None, lines)))
+
+
 class NoEstimate(NsaidError):
     """A method found no estimate on a log.
 
@@ -199,4 +220,20 @@ class NoKernelCache(UserWarning):
         super().__init__(
             f"compiled kernels cannot be cached ({reason}), so each run compiles them again, for "
             "about a minute. Set NUMBA_CACHE_DIR to a writable folder."
+        )
+
+
+class MimicIgnored(UserWarning):
+    """Joints that follow others in a robot's description are simulated with their own motors.
+
+    Attributes:
+        robot: its name or file.
+        joints: the joints.
+    """
+
+    def __init__(self, robot: str, joints: Iterable[str]):
+        self.robot, self.joints = robot, tuple(joints)
+        super().__init__(
+            f"robot {robot}: <mimic> is ignored, and every joint has a motor of its own, also "
+            f"{', '.join(self.joints)}. Make a joint fixed if it should not move."
         )

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import BadRobot
 from ...plants.world.tree import RobotVisuals
+from ...plants.world.urdf import check_urdf, parse
 from ...systems.joints import body_names
 from ...systems.optional import coal, pin
 from ..data import RobotModel
@@ -20,7 +21,7 @@ from .inertias import make_physical
 from .meshes import resolve_meshes
 from .mimic import mimicking, weld
 from .reduction import check_tree, home, locked_joints, reduced
-from .text import parse, read_text
+from .text import read_text
 
 _REMEDY = "Correct the URDF; `check_urdf` of ROS may tell more."
 
@@ -43,9 +44,7 @@ def load_urdf(
     """
     text, encoding = read_text(path)
     root = parse(path, text)
-    if any("xacro}" in element.tag for element in root.iter()):
-        remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
-        raise BadRobot(str(path), "", "it has xacro macros", remedy)
+    check_urdf(path, root)
     findings = [*encoding, *check_inertials(path, root), *resolve_meshes(root, path)]
     followers = mimicking(path, root)
     xml = ElementTree.tostring(root, encoding="unicode")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ...errors import BadRobot, UnknownName
 from ...resources import folder
 from ...systems.joints import floats
 from ...systems.optional import coal, installed, pin
+from .urdf import check_masses, check_urdf, parse, read_text, tell_of_mimics
 
 Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
@@ -120,10 +122,14 @@ def _described(name: str, base: Base, meshes: bool) -> tuple[pin.Model, Any, str
 def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
     if not path.is_file():
         raise BadRobot(str(path), "", "no such file", "Give the path of a URDF file.")
-    build = pin.buildModelFromUrdf  # outside of `try`: Pinocchio may be missing
+    build = pin.buildModelFromXML  # outside of `try`: Pinocchio may be missing
+    root = parse(path, read_text(path)[0])
+    check_urdf(path, root)
+    check_masses(path, root)
+    tell_of_mimics(path, root)
     try:
-        root = (pin.JointModelFreeFlyer(),) if base == "free" else ()
-        model = build(str(path), *root)
+        joint = (pin.JointModelFreeFlyer(),) if base == "free" else ()
+        model = build(ElementTree.tostring(root, encoding="unicode"), *joint)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         raise BadRobot(
             str(path), "", f"Pinocchio cannot read it: {error}", "Correct the URDF."
