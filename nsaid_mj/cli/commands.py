@@ -36,7 +36,7 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
     """Runs a scenario from its script, with the flags of `nsaid run`."""
     script = Path(sys.argv[0])
     given = sys.argv[1:] if arguments is None else arguments
-    _exit(lambda: _run(script.stem, scenario, given))
+    _exit(lambda: _telling(lambda: _run(script.stem, scenario, given)))
 
 
 def run_from_shell() -> NoReturn:
@@ -76,6 +76,24 @@ def _say(words: object, code: int) -> int:
 
 def command(arguments: Sequence[str]) -> int:
     """Executes a command line and returns the exit code."""
+    return _telling(lambda: _command(arguments))
+
+
+def _telling(action: Callable[[], int]) -> int:
+    """Executes an action; an exception in a user's script becomes a `BadScript`, an exit too."""
+    try:
+        return action()
+    except NsaidError:
+        raise
+    except (Exception, SystemExit) as error:
+        from ..experiment.scripts import blame
+
+        if found := blame(error):
+            raise found from error
+        raise
+
+
+def _command(arguments: Sequence[str]) -> int:
     if list(arguments) == ["--version"]:
         print(f"nsaid {__version__}")
         return 0

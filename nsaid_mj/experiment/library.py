@@ -5,14 +5,18 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InvalidInput, UnknownName
+from ..errors import BadScript, InvalidInput, UnknownName
 from ..resources import scenarios
 
 if TYPE_CHECKING:
     from .scenario import Scenario
+
+
+_GUARD = "Call it under `if __name__ == '__main__':`, which does not hold while a script is loaded."
 
 
 def load(name: str) -> Scenario:
@@ -20,6 +24,7 @@ def load(name: str) -> Scenario:
 
     Raises:
         UnknownName: there is no such scenario; lists near matches.
+        BadScript: the script raises an exception, or exits.
         InvalidInput: the script defines no `scenario`.
     """
     known = scenarios()
@@ -31,13 +36,27 @@ def load(name: str) -> Scenario:
     assert spec is not None and spec.loader is not None  # a .py file always has one
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses of the script resolve their annotations here
-    spec.loader.exec_module(module)
     from ..experiment.scenario import Scenario
+    from .scripts import blame
 
+    try:
+        spec.loader.exec_module(module)
+    except SyntaxError as error:
+        raise blame(error) or BadScript(path, 0, f"SyntaxError: {error.msg}") from error
+    except Exception as error:
+        if found := blame(error):
+            raise found from error
+        raise
+    except SystemExit as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        at = next(f for f in reversed(frames) if Path(f.filename).resolve() == path.resolve())
+        reason = "it exits while it is loaded"
+        raise BadScript(path, at.lineno or 0, reason, at.line or "", _GUARD) from error
     found = getattr(module, "scenario", None)
     if not isinstance(found, Scenario):
         expected = "a script that defines `scenario = Scenario(…)`"
-        raise InvalidInput(str(path), expected, type(found).__name__, "See scenarios/ur5.py.")
+        got = type(found).__name__ if hasattr(module, "scenario") else "none"
+        raise InvalidInput(str(path), expected, got, "See scenarios/ur5.py.")
     return found
 
 

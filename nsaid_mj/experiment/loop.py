@@ -273,9 +273,10 @@ def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
     """Status and signal of a plant that diverged or a measurement that is not finite, else None."""
     if plant.diverged:
         return Status.plant_diverged, plant.diverged
-    parts = {"q": last.q, "v": last.v, "u": last.u}  # u comes last: it follows from q and v
-    bad = [name for name, part in parts.items() if not np.isfinite(part).all()]
-    return (Status.measurement_not_finite, bad[0]) if bad else None
+    for name, part in (("q", last.q), ("v", last.v)):  # before u, which follows from them
+        if not np.isfinite(part).all():
+            return Status.measurement_not_finite, name
+    return None if np.isfinite(last.u).all() else (Status.command_not_finite, "u")
 
 
 def reopen(folder: Path, record: Record) -> SimulatedRun:

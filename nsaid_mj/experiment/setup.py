@@ -29,6 +29,7 @@ from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
 from .rehearsal import expected_gramian
 from .scenario import Scenario
+from .scripts import driver_of
 
 _PIECE = 5000  # time steps after which a long simulation can be stopped
 _REHEARSAL = 60.0  # longest simulation for the design of a gain [s]
@@ -153,7 +154,7 @@ class Setup:
 
     def _driver(self, seed: np.random.SeedSequence) -> Driver:
         rng = np.random.default_rng(seed)
-        return self.scenario.excitation.build(self.system, self.prior, rng)
+        return driver_of(self.scenario.excitation, self.system, self.prior, rng)
 
 
 def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:

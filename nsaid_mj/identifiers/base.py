@@ -39,6 +39,10 @@ class Status(Enum):
         "measurement not finite",
         "A sensor gave NaN or infinity: see the named signal at the named time.",
     )
+    command_not_finite = (
+        "command not finite",
+        "The controller gave NaN or infinity: see the driver, and the prior that it uses.",
+    )
     interrupted = "interrupted", "Stopped by the user; what was recorded until then is complete."
 
     def __init__(self, words: str, remedy: str):

@@ -128,7 +128,7 @@ FAULTS = {
         BLIND_ARM, Status.measurement_not_finite, sensed("v", 250, math.nan), 0.25, "v"
     ),
     "command NaN": Fault(
-        ROV, Status.measurement_not_finite, commanded(SINE, 1.0, lambda: math.nan), 1.0, "u"
+        ROV, Status.command_not_finite, commanded(SINE, 1.0, lambda: math.nan), 1.0, "u"
     ),
     "Ctrl-C": Fault(ROV, Status.interrupted, commanded(SINE, 1.5, ctrl_c), code=130),
 }
