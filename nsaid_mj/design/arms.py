@@ -20,10 +20,10 @@ from ..systems.multibody import MotorTree
 from .experiment import Experiment
 from .limits import Limits
 
-_STEP = 0.04  # of the motion at which information is computed [s]
+_STEP = 0.04  # longest step at which the search computes information [s]
 _SEARCHED = 10.0  # longest motion that the search looks at [s]
 _FINE = 24  # samples in the period of the highest harmonic, for peaks
-_STABLE = 2.0  # largest product of step and rate of friction: RK4 is unstable from 2.78
+_REPORTED = 0.01  # longest step at which the information of a simulated motion is computed [s]
 _PENALTY = 3.0  # cost per unit of torque beyond the limit
 
 
@@ -34,6 +34,11 @@ class JointMotions:
         experiment: of an arm on a fixed base.
         limits: of the motion.
         base: the excitation whose harmonics and tracking loop are taken.
+
+    Attributes:
+        step: at which the search computes information [s].
+        stride: time steps between samples of a simulated motion at which it is computed.
+        moving: (n,) whether a joint moves.
 
     Raises:
         InvalidInput: the system is not an arm on a fixed base.
@@ -54,27 +59,18 @@ class JointMotions:
         self._omega = 2 * np.pi * base.fundamental * self._harmonics
         period, top = 1 / base.fundamental, base.fundamental * base.harmonics
         self._fine = _basis(self._omega, np.arange(0, period, 1 / (_FINE * top)))
-        dt = experiment.scenario.dt
-        step = dt * max(1, int(min(_STEP, 1 / (12 * top), _STABLE / self._stiffness()) / dt))
-        self.stride = round(step / dt)
-        self._t = np.arange(0, min(experiment.scenario.duration, max(_SEARCHED, period)), step)
-        self._coarse = _basis(self._omega, self._t)
-        self._in_period = int(min(len(self._t), np.ceil(period / step)))
+        self._t = np.zeros(0)
+        self.take_step(min(_STEP, 1 / (12 * top)))
         self.moving = np.isin(np.arange(1, self._n + 1), base.joints or np.arange(1, self._n + 1))
 
-    def _stiffness(self) -> float:
-        """The fastest rate at which friction slows a joint down, under any draw [1/s]."""
-        system, columns = self.experiment.system, self._tree.columns
-        assert isinstance(system, MotorTree)
-        rng, worst = np.random.default_rng(0), 0.0
-        for theta in self.experiment.draws:
-            viscous, coulomb = (theta[at : at + self._n] for at in columns[1:3])
-            friction = viscous + coulomb / system.friction_speed
-            for _ in range(5):
-                q, v, _ = system.random_state(rng)
-                mobility = np.diag(np.linalg.inv(system.mass_matrix(np.r_[q, v], theta)))
-                worst = max(worst, float(np.max(friction * mobility)))
-        return worst
+    def take_step(self, longest: float) -> None:
+        """Sets the step at which the search computes information, at most `longest` [s]."""
+        scenario, period = self.experiment.scenario, 1 / self.base.fundamental
+        self.step = scenario.dt * max(1, int(longest / scenario.dt + 1e-9))
+        self.stride = max(1, round(min(self.step, _REPORTED) / scenario.dt))
+        self._t = np.arange(0, min(scenario.duration, max(_SEARCHED, period)), self.step)
+        self._coarse = _basis(self._omega, self._t)
+        self._in_period = int(min(len(self._t), np.ceil(period / self.step)))
 
     @property
     def size(self) -> int:
@@ -87,8 +83,8 @@ class JointMotions:
         numbers[:, -1] = 0.0
         return numbers.ravel()
 
-    def series(self, candidate: Array, share: float = 1.0) -> Series:
-        """The trajectory of a candidate, with its swing, speed and acceleration times `share`."""
+    def series(self, candidate: Array, share: Array | float = 1.0) -> Series:
+        """The trajectory of a candidate, with the swing of every joint times its share (n,)."""
         numbers = candidate.reshape(self._n, -1)
         weights = numbers[:, :-1] / np.tile(self._harmonics, 2)
         limits, free = self.limits.limits, 1 - self.limits.margin
@@ -100,7 +96,7 @@ class JointMotions:
         for name, part in (("speed", speed), ("acceleration", acceleration)):
             reach = np.maximum(reach, np.abs(part).max(axis=0) / limits[name].high)
         reach /= free
-        scaled = share * weights / np.maximum(reach, 1e-12)[:, None]
+        scaled = (share / np.maximum(reach, 1e-12))[:, None] * weights
         scaled[~self.moving] = 0.0
         room = np.maximum(free * half - share * peak / np.maximum(reach, 1e-12), 0.0)
         centre = middle + room * np.tanh(numbers[:, -1])
@@ -126,8 +122,8 @@ class JointMotions:
         """One period of a motion, in which a Gramian repeats."""
         return log.first(self._in_period)
 
-    def driver(self, candidate: Array, share: float = 1.0) -> DesignedTracking:
-        """The driver of a candidate."""
+    def driver(self, candidate: Array, share: Array | float = 1.0) -> DesignedTracking:
+        """The driver of a candidate; `share` is that of `series`."""
         return DesignedTracking.of(self.series(candidate, share), self.base.bandwidth)
 
 

@@ -55,21 +55,21 @@ class Limits:
     """
 
     limits: Mapping[str, Limit]
-    margin: float = 0.05
+    margin: float = 0.03
     contacts: bool = False
 
     def uses(self, extents: Extents) -> dict[str, float]:
         """The largest use of every limit by a motion; 1 is the limit itself."""
+        return {name: float(np.max(use)) for name, use in self.entries(extents).items()}
+
+    def entries(self, extents: Extents) -> dict[str, Array]:
+        """The use of every entry (k,) of every limit, such as each joint's."""
         found = {}
         for name, limit in self.limits.items():
             middle, half = 0.5 * (limit.low + limit.high), 0.5 * (limit.high - limit.low)
             low, high = extents[name]
-            found[name] = float(np.max(np.maximum(high - middle, middle - low) / half))
+            found[name] = np.maximum(high - middle, middle - low) / half
         return found
-
-    def use(self, extents: Extents) -> float:
-        """The largest use of any limit."""
-        return max(self.uses(extents).values())
 
     def __post_init__(self) -> None:
         for name, limit in self.limits.items():
@@ -82,7 +82,7 @@ class Limits:
                     "Correct the limits' file.",
                 )
         if not 0 <= self.margin < 1:
-            raise InvalidInput("limits.margin", "a share in [0, 1)", self.margin, "Try 0.05.")
+            raise InvalidInput("limits.margin", "a share in [0, 1)", self.margin, "Try 0.03.")
 
 
 def envelope(extents: Sequence[Extents], share: float) -> dict[str, tuple[Array, Array]]:

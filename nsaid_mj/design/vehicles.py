@@ -69,7 +69,7 @@ class DrivenMotions:
         """The motion itself; it has no period."""
         return log
 
-    def driver(self, candidate: Array, share: float = 1.0) -> DesignedSignals:
-        """The driver of a candidate; a vehicle's motion cannot be scaled by `share`."""
+    def driver(self, candidate: Array) -> DesignedSignals:
+        """The driver of a candidate."""
         shares = np.clip(0.5 + 0.5 * np.tanh(candidate), 1e-12, 1.0)
         return DesignedSignals(self.base, tuple(shares.tolist()))

@@ -64,7 +64,7 @@ def statements(document: dict[str, Any]) -> list[str]:
 def _intervals(document: dict[str, Any]) -> Table:
     """The predicted intervals of gains, masses and frictions."""
     table = Table(
-        title="predicted 95 % intervals of what motion reveals, at a fixed common scale; –: it does not",
+        title="predicted 95 % intervals, at a fixed common scale (–: motion does not reveal it)",
         title_justify="left",
     )
     for column in ("parameter", "prior", "±", "before ±", "unit"):

@@ -1,0 +1,175 @@
+"""Designed against random excitation: the tables and the picture of docs/excitation.md.
+
+    python scripts/excitation.py measure FILE.json [SYSTEM …]
+    python scripts/excitation.py table FILE.json
+    python scripts/excitation.py picture FILE.json PICTURE.svg
+
+`measure` designs an excitation for every system from its published values alone and then runs the
+law `efficient` for 20 s with noisy sensors, with the scenario's own random excitation and with the
+designed ones. Every seed is another plant, another prior and other noise.
+"""
+
+import json
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nsaid_mj.control import DriverConfig
+from nsaid_mj.design import Design, Experiment, design
+from nsaid_mj.design.harmonics import ranks
+from nsaid_mj.errors import NsaidError
+from nsaid_mj.evaluation import truth_of
+from nsaid_mj.evaluation.figures import actuator_ratio_error
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
+from nsaid_mj.experiment.scenario import Scenario
+from nsaid_mj.identifiers import NullspaceAID
+
+ARMS, VEHICLES = ("ur5", "panda", "kinova"), ("bluerov2", "crazyflie", "remus100")
+SEEDS = range(100, 110)  # none was used while the design was developed
+DURATION = 20.0
+
+
+def experiment_of(name: str) -> Scenario:
+    """A scenario for 20 s with noisy sensors and the law `efficient`."""
+    scenario = load(name)
+    assert isinstance(scenario.identifier, NullspaceAID)
+    return replace(
+        scenario,
+        identifier=replace(scenario.identifier, law="efficient"),
+        sensors="noisy",
+        duration=DURATION,
+        pe_window=min(scenario.pe_window, DURATION),
+        record_every=1,
+    )
+
+
+def error_of(scenario: Scenario, folder: Path) -> float:
+    """The largest error of the ratios of gains at the end of a run; inf if it fails."""
+    try:
+        found = run(scenario, folder)
+    except NsaidError:
+        return float("inf")
+    theta, truth = found.record["theta_hat"][-1], truth_of(found).theta
+    if found.ending.time < 0.99 * scenario.duration or not np.isfinite(theta).all():
+        return float("inf")
+    return actuator_ratio_error(found.system, theta, truth)
+
+
+def measured(name: str, excitation: DriverConfig | None) -> list[float]:
+    """Errors of all seeds, with the scenario's own excitation if None is given."""
+    errors = []
+    for seed in SEEDS:
+        scenario = replace(experiment_of(name), seed=seed)
+        if excitation is not None:
+            scenario = replace(scenario, excitation=excitation)
+        with tempfile.TemporaryDirectory() as folder:
+            errors.append(error_of(scenario, Path(folder) / "run"))
+    return errors
+
+
+def designed(experiment: Experiment, criterion: str) -> tuple[Design, float, float]:
+    """A design, and the wall and processor time it took [s]."""
+    wall, work = time.perf_counter(), time.process_time()
+    found = design(experiment, criterion=criterion)
+    return found, time.perf_counter() - wall, time.process_time() - work
+
+
+def measure(path: Path, names: list[str]) -> None:
+    """Designs for systems and measures, adding each result to a file as soon as it is there."""
+    rows: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+    for name in names:
+        experiment = Experiment.of(experiment_of(name))
+        row: dict[str, Any] = rows.setdefault(name, {})
+        for criterion in ("bound", *(("condition", "d-optimal") if name in ARMS else ())):
+            if criterion in row:
+                continue
+            found, wall, work = designed(experiment, criterion)
+            row[criterion] = {
+                "predicted": found.largest,
+                "wall_s": wall,
+                "work_s": work,
+                "candidates": found.evaluations,
+                "uses": found.uses,
+                "errors": measured(name, found.driver),
+            }
+            if criterion == "bound":
+                counted = ranks(experiment, found.limits)
+                row["ranks"] = [counted.needed, [list(pair) for pair in counted.measured]]
+            if "random" not in row:
+                row["random"] = {"errors": measured(name, None)}
+            path.write_text(json.dumps(rows, indent=1))
+            print(name, criterion, json.dumps(row[criterion]), flush=True)
+            print(name, "random", np.median(row["random"]["errors"]), flush=True)
+
+
+def table(path: Path) -> None:
+    """Prints the tables of docs/excitation.md."""
+    rows = json.loads(path.read_text())
+    print("| system | random | designed | ratio | predicted | measured / predicted | design |")
+    print("|---|---|---|---|---|---|---|")
+    for name, row in rows.items():
+        own, random = (np.median(row[kind]["errors"]) for kind in ("bound", "random"))
+        print(
+            f"| `{name}` | {random:.2g} | {own:.2g} | {own / random:.2f} "
+            f"| {row['bound']['predicted']:.2g} | {own / row['bound']['predicted']:.2f} "
+            f"| {row['bound']['work_s']:.0f} s |"
+        )
+    print("\n| system | random | condition | d-optimal | bound |\n|---|---|---|---|---|")
+    for name, row in rows.items():
+        if "condition" in row and "d-optimal" in row:
+            kinds = ("random", "condition", "d-optimal", "bound")
+            cells = (f"{np.median(row[kind]['errors']):.2g}" for kind in kinds)
+            print(f"| `{name}` | {' | '.join(cells)} |")
+    print("\n| system | p − r | rank by number of harmonics or tones |\n|---|---|---|")
+    for name, row in rows.items():
+        needed, found = row["ranks"]
+        print(f"| `{name}` | {needed} | {', '.join(f'{h}: {rank}' for h, rank in found)} |")
+
+
+def picture(path: Path, target: Path) -> None:
+    """Draws the errors of all seeds, and the predicted ones."""
+    import matplotlib.pyplot as plt
+
+    rows = json.loads(path.read_text())
+    figure, axes = plt.subplots(figsize=(8, 4.2), layout="constrained")
+    kinds = {
+        "random": ("random", "#8a97a5", "o"),
+        "condition": ("condition number", "#d98b2b", "v"),
+        "d-optimal": ("D-optimal", "#7b5ea7", "s"),
+        "bound": ("designed (bound)", "#0b6e99", "o"),
+    }
+    for place, row in enumerate(rows.values()):
+        for k, (kind, (_, colour, mark)) in enumerate(kinds.items()):
+            if kind in row:
+                x = place + 0.18 * (k - 1.5)
+                errors = np.array(row[kind]["errors"])
+                axes.plot([x] * len(errors), errors, mark, ms=3.5, color=colour, alpha=0.5, mew=0)
+                axes.plot([x - 0.07, x + 0.07], [np.median(errors)] * 2, color=colour, lw=2.5)
+        x = place + 0.27
+        axes.plot([x - 0.1, x + 0.1], [row["bound"]["predicted"]] * 2, "k", lw=1.2, ls="--")
+    for label, colour, mark in kinds.values():
+        axes.plot([], [], mark, color=colour, label=label)
+    axes.plot([], [], "k--", lw=1.2, label="predicted before the run")
+    axes.set_yscale("log")
+    axes.set_xticks(range(len(rows)), list(rows))
+    axes.set_ylabel("largest relative error\nof the ratios of gains")
+    axes.grid(axis="y", alpha=0.3)
+    axes.set_title("After 20 s with noisy sensors; each mark is another robot", fontsize=10)
+    axes.legend(fontsize=8, frameon=False, ncols=2)
+    figure.savefig(target)
+
+
+if __name__ == "__main__":
+    word, file, *rest = sys.argv[1:]
+    if word == "measure":
+        measure(Path(file), rest or [*ARMS, *VEHICLES])
+    elif word == "table":
+        table(Path(file))
+    else:
+        picture(Path(file), Path(rest[0]))
