@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -176,9 +177,11 @@ def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
 ) -> tuple[str, Run, dict[str, Any], grammar.Output]:
     """Runs and post-processes a scenario; returns its title, run, summary and output options."""
+    from .exciting import designed, without_excitation
     from .folders import folder_for, title_of
     from .options import parse
 
+    given, arguments = without_excitation(arguments)
     scenario, output = parse(name, default, arguments, asked)
     title = title_of(name, default, scenario)
     from ..experiment.loop import Observer, run
@@ -194,6 +197,8 @@ def _carry_out(
         folder_for(title, scenario, output.out, output.force) as folder,
         Progress(title, quiet=output.quiet or output.json) as progress,
     ):
+        if given:
+            scenario = replace(scenario, excitation=designed(scenario, given, progress))
         compiled = warm_up(scenario)
         result = run(scenario, folder, progress, *watchers)
         result.cost.compile += compiled

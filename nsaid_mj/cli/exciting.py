@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,6 +85,25 @@ def _scenario(chosen: Excite) -> Scenario:
     return replace(
         found, noise=replace(found.noise, position=position, velocity=velocity, encoder_step=0.0)
     )
+
+
+def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
+    """What follows `--excitation` on a command line, "" if nothing, and the rest of it.
+
+    Raises:
+        InvalidInput: nothing follows.
+    """
+    rest, given = list(arguments), ""
+    for k, argument in enumerate(rest):
+        flag, equals, value = argument.partition("=")
+        if flag != "--excitation":
+            continue
+        if not equals and k + 1 == len(rest):
+            raise InvalidInput("--excitation", "`designed` or `designed:FOLDER`", "nothing", "")
+        given = value if equals else rest[k + 1]
+        del rest[k : k + (1 if equals else 2)]
+        break
+    return given, rest
 
 
 def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig:
