@@ -32,6 +32,9 @@ def excite(chosen: Excite) -> int:
     scenario = _scenario(chosen)
     from .. import design as room
     from ..design import files, harmonics, prediction
+    from ..design.trial import tried
+    from ..recording.design import FILE, record
+    from ..reporting import design as design_page
     from ..reporting.progress import Progress
 
     with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
@@ -49,13 +52,17 @@ def excite(chosen: Excite) -> int:
         progress.say("counting harmonics")
         ranks = harmonics.ranks(experiment, found.limits)
         written = files.write(found, told, ranks, files.scenario_of(found, scenario), folder)
-    document = files.document(found, told, ranks, folder.name)
+        document = files.document(found, told, ranks, folder.name)
+        progress.say("trying the experiment on a draw of the prior")
+        trial = tried(found)
+        written += [
+            design_page.write_page(document, trial, folder),
+            record(found, trial, name, folder / FILE),
+        ]
     if chosen.json:
         print(json.dumps(document, indent=2, ensure_ascii=False))
     elif not chosen.quiet:
-        from ..reporting.design import print_design
-
-        print_design(name, document, written)
+        design_page.print_design(name, document, written)
     return 0
 
 

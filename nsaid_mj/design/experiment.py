@@ -20,7 +20,8 @@ from ..identifiers.cone.barrier import drawn_inside
 from ..log import Log, SensorLevels
 from ..nullspace import Nullspace, structural
 from ..parameters import Array
-from ..plants import ParametricPlantConfig
+from ..plants import ParametricPlantConfig, Plant, Sensors
+from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
 
 DRAWS = 4
@@ -88,7 +89,12 @@ class Experiment:
         return Experiment(scenario, system, prior, draws, bases, spaces[0], levels)
 
     def simulate(
-        self, driver: DriverConfig, draw: int, duration: float, seed: int = 0
+        self,
+        driver: DriverConfig,
+        draw: int,
+        duration: float,
+        seed: int = 0,
+        sensors: Sensors = EXACT_SENSORS,
     ) -> Log | None:
         """The motion of a plant with a draw of the prior, under a driver that knows the prior.
 
@@ -97,9 +103,10 @@ class Experiment:
             draw: number of the draw that is the plant's θ.
             duration: of the motion [s].
             seed: of the driver's random numbers.
+            sensors: what measures.
 
         Returns:
-            Exact measurements; None if the plant diverges.
+            The measurements; None if the plant diverges.
         """
         config, dt = self.scenario.plant, self.scenario.dt
         assert isinstance(config, ParametricPlantConfig)  # else there were no published values
@@ -108,9 +115,9 @@ class Experiment:
             plant = self._plants[draw] = config.simulating(dt, self.draws[draw])
         made = driver.build(self.system, self.prior, np.random.default_rng(seed))
         with plant.running():
-            log = trajectory(plant, made, max(2, round(duration / dt)))
+            log = trajectory(plant, made, max(2, round(duration / dt)), sensors)
         return log if is_sound(plant, log) else None
 
     @cached_property
-    def _plants(self) -> dict[int, object]:
+    def _plants(self) -> dict[int, Plant]:
         return {}

@@ -1,4 +1,4 @@
-"""A design on the terminal."""
+"""A design on the terminal, and its page."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+
+from ..design.trial import Trial
+from ..evaluation.confidence import INTERVAL
+from ..resources import write_text
+from .pages import render
+from .panels import Panel, template_figure
 
 HALVES = ("half", "before")
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
@@ -61,6 +67,49 @@ def statements(document: dict[str, Any]) -> list[str]:
     return lines
 
 
+def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
+    """Writes report.html atomically and returns its path.
+
+    Args:
+        document: of `design.files.document`.
+        trial: of the design on a draw of the prior, or None.
+        folder: an existing folder.
+    """
+    own, random = document["predicted_deviation"], document["predicted_deviation_of_random_motions"]
+    lead = (
+        f"{document['duration']:g} s for {document['asked']}: predicted rms deviation {own:.2g}, "
+        f"of random motions {np.median(random):.2g} (median)."
+    )
+    page = render(
+        "design.html",
+        title=document["title"],
+        lead=lead,
+        lines=statements(document),
+        figures=_figures(document, trial),
+        intervals=_interval_rows(document),
+        limits=_limit_rows(document),
+    )
+    path = folder / "report.html"
+    write_text(path, page)
+    return path
+
+
+def _figures(document: dict[str, Any], trial: Trial | None) -> list[dict[str, Any]]:
+    """The trial's largest deviations and errors over time."""
+    if trial is None:
+        return []
+    from .plots import over_time  # imported late: matplotlib takes half a second
+
+    panel = Panel(f"Predicted and reached: {document['asked']}", "largest of all", True)
+    for values, label in (
+        (INTERVAL * trial.predicted, "predicted 95 %"),
+        (INTERVAL * trial.stated, "stated by the law, 95 %"),
+        (trial.error, "error in the trial"),
+    ):
+        panel.add(trial.t, values.max(axis=1), label)
+    return [template_figure(panel.title, over_time(panel), panel.legend, wide=True)]
+
+
 def _intervals(document: dict[str, Any]) -> Table:
     """The predicted intervals of gains, masses and frictions."""
     table = Table(
@@ -69,14 +118,21 @@ def _intervals(document: dict[str, Any]) -> Table:
     )
     for column in ("parameter", "prior", "±", "before ±", "unit"):
         table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
-    for row in shown(document):
-        table.add_row(
+    for row in _interval_rows(document):
+        table.add_row(*row)
+    return table
+
+
+def _interval_rows(document: dict[str, Any]) -> list[list[str]]:
+    return [
+        [
             row["label"],
             f"{row['value']:.3g}",
             *(f"{row[half]:.2g}" if row["observable"] > _ALONE else "–" for half in HALVES),
             row["unit"],
-        )
-    return table
+        ]
+        for row in shown(document)
+    ]
 
 
 def shown(document: dict[str, Any]) -> list[dict[str, Any]]:
@@ -93,9 +149,18 @@ def _limits(document: dict[str, Any]) -> Table:
     table = Table(title="limits, and what the simulated motions use of them", title_justify="left")
     for column in ("limit", "largest", "unit", "use"):
         table.add_column(column, justify="right" if column in ("largest", "use") else "left")
-    for name, limit in document["limits"].items():
-        largest = np.max(np.abs([limit["low"], limit["high"]]))
-        table.add_row(
-            name, f"{largest:.3g}", limit["unit"], f"{100 * document['uses'][name]:.0f} %"
-        )
+    for row in _limit_rows(document):
+        table.add_row(*row)
     return table
+
+
+def _limit_rows(document: dict[str, Any]) -> list[list[str]]:
+    return [
+        [
+            name,
+            f"{np.max(np.abs([limit['low'], limit['high']])):.3g}",
+            limit["unit"],
+            f"{100 * document['uses'][name]:.0f} %",
+        ]
+        for name, limit in document["limits"].items()
+    ]
