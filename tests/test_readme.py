@@ -200,7 +200,7 @@ def known(flag: str, offered: frozenset[str]) -> bool:
     return any(full == flag or full.endswith(f".{flag}") for full in offered)
 
 
-VERBS = ("run", "verify", "compare", "sweep", "montecarlo")  # they take a scenario
+VERBS = ("run", "verify", "compare", "sweep", "montecarlo", "track")  # they take a scenario
 COMMANDS = {name_of(page): commands(page) for page in PAGES if commands(page)}
 
 

@@ -104,6 +104,7 @@ def _command(arguments: Sequence[str]) -> int:
         "compare": _compare,
         "sweep": _sweep,
         "montecarlo": _montecarlo,
+        "track": _track,
     }
     word, name, *_ = *arguments, "", ""
     if word in of_a_scenario and name and not name.startswith("-"):
@@ -310,6 +311,12 @@ def _montecarlo(script: str, arguments: Sequence[str]) -> int:
     elif not chosen.quiet:
         montecarlo.print_summary(found)
     return 0
+
+
+def _track(script: str, arguments: Sequence[str]) -> int:
+    from .tracking import track
+
+    return track(script, _whole(script), arguments, _seeds)
 
 
 def _report(folder: Path) -> int:

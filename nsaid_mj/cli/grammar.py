@@ -118,6 +118,25 @@ class Drawing:
 
 
 @dataclass(frozen=True)
+class Tracking:
+    """Which tracking laws are compared, and where the results go.
+
+    Attributes:
+        laws: comma-separated: nullspace, conventional, computed_torque, composite; by default all.
+        seeds: such as 0,1,2 or 0:10.
+        out: folder of the results; by default runs/NAME-track.
+        quiet: print only errors.
+        json: print only the results, as JSON, to the standard output.
+    """
+
+    laws: str | None = None
+    seeds: str = "0:10"
+    out: Path | None = None
+    quiet: bool = False
+    json: bool = False
+
+
+@dataclass(frozen=True)
 class Identify:
     """Identify a robot's parameters from its own log.
 
@@ -300,6 +319,19 @@ class MonteCarlo(Drawing):
 
 
 @dataclass(frozen=True)
+class Track(Tracking):
+    """Compare tracking laws on the same plants and references.
+
+    Adaptive tracking with nullspace estimates, with the gains taken as known, with the identifier's
+    estimate, and without adaptation. Writes a table, tracking.json, tracking.csv, a page and a
+    recording. The scenario, such as track_ur5, is driven by AdaptiveTracking; its fields are flags
+    too (`nsaid track NAME --help`).
+    """
+
+    scenario: ScenarioName = field(kw_only=True)
+
+
+@dataclass(frozen=True)
 class Report:
     """Plot the distributions of a sweep on one page.
 
@@ -335,6 +367,7 @@ Command = (
     | Annotated[Compare, subcommand("compare")]
     | Annotated[Sweep, subcommand("sweep")]
     | Annotated[MonteCarlo, subcommand("montecarlo")]
+    | Annotated[Track, subcommand("track")]
     | Annotated[Report, subcommand("report")]
     | Annotated[View, subcommand("view")]
 )

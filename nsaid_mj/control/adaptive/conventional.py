@@ -35,8 +35,8 @@ class ConventionalTracking(TrackingLaw):
         known = np.isin(np.arange(len(space)), space.actuators)
         unit = np.where(known, 0.0, 1 / shape)
         gain = (frequency / loop_frequency(rehearsal, np.diag(unit))) ** 2
-        self.metric = ConstantMetric(gain * unit, known)
-        self.estimate = Adapted(self.metric, prior)
+        metric = ConstantMetric(gain * unit, known)
+        self.estimate = Adapted(metric, prior)
         self._damping = np.asarray(damping)
 
     def demand(self, v: Array, v_r: Array, a_r: Array) -> Demand:

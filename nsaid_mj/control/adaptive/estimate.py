@@ -17,9 +17,11 @@ class Estimate(ABC):
 
     Attributes:
         theta: (p,) θ̂.
+        metric: in which it is adapted; None if it is not.
     """
 
     theta: Array
+    metric: Metric | None = None
 
     @abstractmethod
     def reset(self) -> None:
@@ -51,6 +53,7 @@ class Adapted(Estimate):
     """
 
     def __init__(self, metric: Metric, prior: Array):
+        self.metric = metric
         self._law, self._prior = metric.law(np.zeros(1)), np.array(prior, dtype=np.float64)
         self._work = workspace(self._law, len(prior))
         self.reset()

@@ -41,8 +41,8 @@ class NullspaceTracking(TrackingLaw):
         unit = ConeMetric(space, 1 / shape, prior, mu)
         mobility = np.asarray(np.linalg.inv(mu * unit.mirror(prior)[1]), dtype=np.float64)
         gain = (frequency / loop_frequency(rehearsal, mobility)) ** 2
-        self.metric = ConeMetric(space, gain / shape, prior, mu / gain)
-        self.estimate = Adapted(self.metric, prior)
+        metric = ConeMetric(space, gain / shape, prior, mu / gain)
+        self.estimate = Adapted(metric, prior)
         self._damping = np.asarray(damping)
 
     def demand(self, v: Array, v_r: Array, a_r: Array) -> Demand:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...identifiers.metric import Metric
 from ...log import Measurement
 from ...parameters import Array
 from ...system import SecondOrderSystem
@@ -87,6 +88,16 @@ class Tracker(InformedDriver):
     def theta_hat(self) -> Array:
         """(p,) θ̂ of the last command."""
         return self._law.estimate.theta
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """(n_u,), (n_u,) smallest and largest commands."""
+        return self._actuation.low, self._actuation.high
+
+    @property
+    def metric(self) -> Metric | None:
+        """The metric in which θ̂ is adapted; None if it is not."""
+        return self._law.estimate.metric
 
     def start(self) -> tuple[Array, Array]:
         """Returns to the prior, at the beginning of the reference."""

@@ -1,0 +1,343 @@
+"""`nsaid track`: tracking laws on the same plants and references, judged by the plants' truth.
+
+Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same sensor noise.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from ..control.adaptive import AdaptiveTracking, Tracker
+from ..control.adaptive.config import Law
+from ..control.driver import Driver
+from ..errors import BadRun, InvalidInput, UnknownName
+from ..evaluation.tracking import Motion, figures, lyapunov_rises
+from ..experiment.following import Following
+from ..experiment.loop import informing_steps
+from ..experiment.setup import Setup
+from ..identifiers import Status
+from ..identifiers.cone.law import ConeMetric
+from ..log import Log
+from ..parameters import Array
+from ..plants import Plant
+from ..reporting.progress import announcing
+from ..resources import write_json, write_text
+from .study import Study
+
+LAWS: tuple[str, ...] = get_args(Law)
+FILES = ("tracking.json", "tracking.csv")
+_LAST = 1 / 3  # of the duration, over which rms errors are taken
+
+
+@dataclass(frozen=True)
+class Plan(Study):
+    """The laws of a study, and the plants they control.
+
+    Attributes:
+        script: name of the packaged scenario, or path of its script.
+        scenario: its excitation is `AdaptiveTracking`; its law is replaced by every law in turn.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
+        laws: names.
+        seeds: of truth, prior, reference and sensors.
+
+    Raises:
+        UnknownName: a law is unknown.
+        InvalidInput: the scenario's excitation does not track, or there are no seeds.
+    """
+
+    laws: tuple[str, ...] = LAWS
+    seeds: tuple[int, ...] = tuple(range(10))
+
+    def __post_init__(self) -> None:
+        for law in self.laws:
+            if law not in LAWS:
+                raise UnknownName("tracking law", law, LAWS)
+        if not self.laws or not self.seeds:
+            raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
+        if not isinstance(self.scenario.excitation, AdaptiveTracking):
+            raise InvalidInput(
+                "scenario",
+                "one that is driven by AdaptiveTracking",
+                f"{self.script}, driven by {type(self.scenario.excitation).__name__}",
+                "Take track_ur5, track_bluerov2 or track_uvms, or write one.",
+            )
+
+    @property
+    def last(self) -> float:
+        """Time at the end over which errors are taken [s]."""
+        return self.scenario.duration * _LAST
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """Everything that the results depend on, as JSON values."""
+        return self.manifest_of(
+            laws=list(self.laws), seeds=list(self.seeds), last_seconds=self.last
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A law on one plant.
+
+    Attributes:
+        law: its name.
+        seed: of plant, prior, reference and sensors.
+        figures: of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the number of
+            steps in which V rose beyond its bound, for the law of which this is proven.
+        motion: the motion.
+        setup: the plant.
+        tracker: the controller.
+    """
+
+    law: str
+    seed: int
+    figures: dict[str, float | str]
+    motion: Motion
+    setup: Setup
+    tracker: Tracker
+
+
+def courses(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Course]:
+    """Runs every law on the plant of every seed.
+
+    Args:
+        plan: laws and seeds.
+        report: called with what is being done.
+    """
+    for seed in plan.seeds:
+        scenario = replace(plan.scenario, seed=seed)
+        base = Setup.of(scenario)
+        for law in plan.laws:
+            report(f"seed {seed}, {law}")
+            assert isinstance(scenario.excitation, AdaptiveTracking)
+            own = replace(scenario, excitation=replace(scenario.excitation, law=law))
+            yield course(replace(base, scenario=own), plan.last)
+
+
+def course(setup: Setup, last: float) -> Course:
+    """Runs a scenario that is driven by `AdaptiveTracking`.
+
+    Args:
+        setup: plant and prior.
+        last: time at the end over which errors are taken [s].
+    """
+    scenario, tracker = setup.scenario, setup.driver()
+    assert isinstance(scenario.excitation, AdaptiveTracking)
+    assert isinstance(tracker, Tracker)
+    motion = _drive(setup, tracker)
+    found = figures(motion, setup.system, tracker, last)
+    metric = tracker.metric
+    if isinstance(metric, ConeMetric) and scenario.sensors == "ideal":
+        rises, largest = lyapunov_rises(motion, setup, tracker, metric)
+        found |= {"v_rises": rises, "v_largest_rise": largest}
+    return Course(scenario.excitation.law, scenario.seed, found, motion, setup, tracker)
+
+
+def _drive(setup: Setup, tracker: Tracker) -> Motion:
+    """Drives the plant; an informed law gets the estimates of the scenario's identifier."""
+    scenario, plant, sensors = setup.scenario, setup.plant, setup.sensors()
+    witness = _Witness(tracker, plant)
+    every = int(min(informing_steps(tracker, scenario.dt), scenario.steps))
+    informed, k = np.isfinite(tracker.period), 0
+    with plant.running():
+        log = Log.unchecked_of([plant.begin(witness, sensors)])
+        logs = [log]
+        following = Following(setup.identifiers()[""], log) if informed else None
+        while k < scenario.steps:
+            log = plant.drive(witness, log.at(-1), min(every, scenario.steps - k), sensors)
+            k += len(log.t) - 1
+            logs.append(log.part(1, len(log.t)))
+            if plant.diverged or not np.isfinite(log.v[-1]).all():
+                break
+            if following is not None and following.ended is None:
+                following.follow(log, np.zeros(0, dtype=np.intp))
+                if following.state.status is Status.completed:
+                    tracker.inform(following.state.theta_hat)
+        status = plant.diverged and f"plant diverged ({plant.diverged})"
+    t, _, _, u = (np.concatenate(parts) for parts in zip(*logs, strict=True))
+    numbers, v, theta_hat = (np.array(part) for part in zip(*witness.rows, strict=True))
+    q = plant.position(numbers)
+    aims = plant.position(np.array([tracker.reference.desired(now)[0] for now in t.tolist()]))
+    pairs = zip(q, aims, strict=True)
+    error = np.array([setup.system.difference(own, aim) for own, aim in pairs])
+    return Motion(t, q, v, u, theta_hat, error, status or "")
+
+
+class _Witness(Driver):
+    """Notes the plant's true state and the controller's estimate at every command."""
+
+    def __init__(self, tracker: Tracker, plant: Plant):
+        self._tracker, self._plant = tracker, plant
+        self.rows: list[tuple[Array, Array, Array]] = []
+
+    def start(self) -> tuple[Array, Array]:
+        return self._tracker.start()
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        u = self._tracker.command(t, q, v)
+        numbers, true_v = self._plant.coordinates()
+        self.rows.append((np.array(numbers), np.array(true_v), self._tracker.theta_hat.copy()))
+        return u
+
+    def compiled(self, t: Array) -> None:
+        return None
+
+
+# -- output ----------------------------------------------------------------------------------------
+
+
+def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
+    """Runs a study, writes its files, page and recording, and prints the table.
+
+    After Ctrl-C it writes what is available.
+
+    Args:
+        plan: laws and seeds.
+        folder: of the results; created if missing.
+        quiet: print nothing.
+    """
+    done: list[Course] = []
+    bar = Progress(
+        TextColumn("{task.description:32}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True, quiet=quiet),
+        transient=True,
+        disable=quiet,
+    )
+    write(folder, plan, done)  # fails before the work if the folder cannot be written
+    try:
+        with bar, announcing(bar.console):
+            task = bar.add_task("", total=len(plan.seeds) * len(plan.laws))
+            for found in courses(plan, lambda words: bar.update(task, description=words)):
+                first = found.seed == plan.seeds[0]
+                done.append(found if first else replace(found, motion=_thinned(found.motion)))
+                bar.advance(task)
+    finally:
+        write(folder, plan, done)
+        pages = []
+        if done:
+            from .tracking_page import draw
+
+            pages = draw(folder, plan, done)
+    if not quiet:
+        console = Console(highlight=False)
+        print_table(plan, done, console)
+        files = [folder / name for name in FILES] + pages
+        console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
+    return done
+
+
+def _thinned(motion: Motion) -> Motion:
+    """A motion without its rows, which only the first seed's page needs."""
+    return replace(motion, theta_hat=motion.theta_hat[-1:])
+
+
+def write(folder: Path, plan: Plan, done: list[Course]) -> None:
+    """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed.
+
+    Raises:
+        BadRun: the folder cannot be written.
+    """
+    rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
+    heads = list(dict.fromkeys(key for row in rows for key in row))
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, heads, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        finite = [
+            {k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()}
+            for row in rows
+        ]
+        write_json(
+            folder / FILES[0], plan.manifest | {"medians": medians(plan, done), "rows": finite}
+        )
+        write_text(folder / FILES[1], stream.getvalue())
+    except OSError as error:
+        raise BadRun(
+            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
+        ) from error
+
+
+def medians(plan: Plan, done: list[Course]) -> dict[str, dict[str, float]]:
+    """Medians over the seeds of every law's figures; `v_rises` is the sum."""
+    found: dict[str, dict[str, float]] = {law: {} for law in plan.laws}
+    for law in plan.laws:
+        rows = [c.figures for c in done if c.law == law]
+        for key in (key for key in (rows[0] if rows else ()) if key != "status"):
+            values = np.array([float(row[key]) for row in rows])
+            middle = float(values.sum() if key == "v_rises" else np.median(values))
+            if np.isfinite(middle):
+                found[law][key] = middle
+    return found
+
+
+def table_rows(plan: Plan, done: list[Course]) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the table: medians, worst in brackets, and the ratio to conventional."""
+    units = [u for u in ("rad", "m") if any(f"rms_{u}" in c.figures for c in done)]
+    heads = ["law"]
+    for unit in units:
+        heads += [f"rms [m{unit}]", "better by", f"peak [m{unit}]"]
+    heads += ["effort", "at limit", "V rises"]
+    rows = []
+    for law in plan.laws:
+        own = [c.figures for c in done if c.law == law]
+        if not own:
+            continue
+        row = [law]
+        for unit in units:
+            values = np.array([float(f[f"rms_{unit}"]) for f in own])
+            known = [float(c.figures[f"rms_{unit}"]) for c in done if c.law == "conventional"]
+            pairs = zip(known, values, strict=False)
+            ratio = np.median([a / b for a, b in pairs]) if known else np.nan
+            row += [
+                f"{_digits(1e3 * np.median(values))} ({_digits(1e3 * values.max())})",
+                f"{_digits(float(ratio))}×" if law != "conventional" and known else "",
+                _digits(1e3 * float(np.median([float(f[f"peak_{unit}"]) for f in own]))),
+            ]
+        row += [
+            f"{100 * max(float(f['effort']) for f in own):.0f} %",
+            f"{100 * float(np.median([float(f['saturated']) for f in own])):.2g} %",
+            str(int(sum(float(f["v_rises"]) for f in own))) if "v_rises" in own[0] else "–",
+        ]
+        rows.append(row)
+    return heads, rows
+
+
+def print_table(plan: Plan, done: list[Course], console: Console) -> None:
+    """Prints the table, and which runs ended early."""
+    heads, rows = table_rows(plan, done)
+    narrow = len(heads) > 7 and console.width < 110
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    kept = [k for k, head in enumerate(heads) if not (narrow and head.startswith("peak"))]
+    for k in kept:
+        table.add_column(escape(heads[k]), justify="right" if k else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*(row[k] for k in kept))
+    console.print(table)
+    console.print(
+        f"Medians over {len(plan.seeds)} seeds, worst in brackets, of the last {plan.last:g} s, "
+        f"from true positions; {plan.scenario.sensors} sensors. Effort: largest command over its "
+        "limit."
+    )
+    for c in done:
+        if c.figures["status"] != "completed":
+            console.print(f"  seed {c.seed}, {c.law}: {c.figures['status']}", markup=False)
+
+
+def _digits(value: float) -> str:
+    return f"{value:.3g}" if np.isfinite(value) else "–"

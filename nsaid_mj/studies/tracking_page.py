@@ -1,0 +1,116 @@
+"""The page, the picture and the recording of a tracking study."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..parameters import Array
+from ..recording.tracking import record
+from ..reporting import plots
+from ..reporting.pages import render
+from ..reporting.palette import COLOURS
+from ..reporting.report import FILE
+from ..resources import write_text
+from ..system import SecondOrderSystem
+from .tracking import Course, Plan, table_rows
+
+PICTURE, RECORDING = "tracking.png", "tracking.rrd"
+_WINDOWS = 120  # of the error over time
+
+
+def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
+    """Writes report.html, tracking.png and tracking.rrd, and returns their paths."""
+    shown = [c for c in done if c.seed == done[0].seed]
+    heads, lines = table_rows(plan, done)
+    panels = {
+        f"Tracking error [{unit}]": partial(_errors, shown, unit) for unit in _units(shown[0])
+    }
+    named = {title: partial(panel, named=True) for title, panel in panels.items()}
+    picture = plots.png_of([named], (6.0 * len(panels), 3.4), folder / PICTURE)
+    names = tuple(panels)
+    figures = [plots.page_figure(name, panels[name], len(names) == 1) for name in names]
+    for figure in figures:
+        figure["legend"] = _legend(shown)
+    versions = plan.manifest["versions"].items()
+    page = render(
+        "tracking.html",
+        name=folder.name,
+        script=plan.script,
+        lead=f"{len(plan.laws)} laws on {len(plan.seeds)} plants, {plan.scenario.duration:g} s, "
+        f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
+        "bandwidth of adaptation.",
+        missing=len(plan.laws) * len(plan.seeds) - len(done),
+        heads=heads,
+        lines=lines,
+        note=f"Medians over the seeds, worst in brackets, of the last {plan.last:g} s, from true "
+        "positions. “Better by” is the median over the seeds of the conventional law's rms error "
+        "over this law's. “V rises” counts the steps in which the Lyapunov function rose by more "
+        "than its discretisation explains.",
+        figures=figures,
+        window=f"{plan.scenario.duration / _WINDOWS:.2g}",
+        seed=shown[0].seed,
+        versions=", ".join(f"{key} {value}" for key, value in versions),
+    )
+    write_text(folder / FILE, page)
+    return [folder / FILE, picture, _record(folder, shown)]
+
+
+def _record(folder: Path, shown: list[Course]) -> Path:
+    first = shown[0]
+    tracker, system, motion = first.tracker, first.setup.system, first.motion
+    aims = [tracker.reference.desired(t)[0] for t in motion.t.tolist()]
+    low, high = tracker.limits
+    errors = {
+        f"{c.law} [{unit}]": np.sqrt(np.mean(_error(c, unit) ** 2, axis=1))
+        for unit in _units(first)
+        for c in shown
+    }
+    commands = {c.law: c.motion.u / np.where(c.motion.u < 0, -low, high) for c in shown}
+    return record(
+        folder / RECORDING,
+        system,
+        first.setup.plant,
+        (motion.t, motion.q, motion.v),
+        system.position(np.array(aims)),
+        errors,
+        commands,
+    )
+
+
+def _units(c: Course) -> list[str]:
+    return [unit for unit in ("rad", "m") if f"rms_{unit}" in c.figures]
+
+
+def _columns(system: SecondOrderSystem, unit: str) -> np.ndarray:
+    return np.array([one == f"{unit}/s" for one in system.velocity_units])
+
+
+def _error(c: Course, unit: str) -> Array:
+    """(N, ·) the tracking error of the coordinates with a unit."""
+    return c.motion.error[:, _columns(c.setup.system, unit)]
+
+
+def _legend(shown: list[Course]) -> list[dict[str, Any]]:
+    figure = plots.template_figure("", "", [(c.law, COLOURS[k], "-") for k, c in enumerate(shown)])
+    return figure["legend"]
+
+
+def _errors(shown: list[Course], unit: str, axis: Any, named: bool = False) -> None:
+    """Draws every law's rms error over short windows, on a logarithmic scale; `named` in itself."""
+    for k, c in enumerate(shown):
+        pieces = np.array_split(np.arange(len(c.motion.t)), min(_WINDOWS, len(c.motion.t)))
+        rms = [np.sqrt(np.mean(_error(c, unit)[rows] ** 2)) for rows in pieces]
+        t = [c.motion.t[rows].mean() for rows in pieces]
+        axis.plot(t, rms, color=COLOURS[k], label=c.law if named else None)
+    for fault in shown[0].setup.plant.faults:
+        for t in (fault.time, fault.until):
+            if t is not None:
+                axis.axvline(t, color=COLOURS[8], ls=":")
+    axis.margins(x=0.0)
+    axis.set_xlabel("t [s]")
+    axis.set_ylabel(f"rms error [{unit}]")
+    plots.logarithmic(axis)
