@@ -135,7 +135,7 @@ def course(setup: Setup, last: float) -> Course:
     scenario, tracker = setup.scenario, setup.driver()
     assert isinstance(scenario.excitation, AdaptiveTracking)
     assert isinstance(tracker, Tracker)
-    motion = _drive(setup, tracker)
+    motion = drive(setup, tracker)
     found = figures(motion, setup.system, tracker, last)
     metric = tracker.metric
     if isinstance(metric, ConeMetric) and scenario.sensors == "ideal":
@@ -144,8 +144,13 @@ def course(setup: Setup, last: float) -> Course:
     return Course(scenario.excitation.law, scenario.seed, found, motion, setup, tracker)
 
 
-def _drive(setup: Setup, tracker: Tracker) -> Motion:
-    """Drives the plant; an informed law gets the estimates of the scenario's identifier."""
+def drive(setup: Setup, tracker: Tracker) -> Motion:
+    """Drives the plant; an informed law gets the estimates of the scenario's identifier.
+
+    Args:
+        setup: plant, sensors and identifier.
+        tracker: the controller.
+    """
     scenario, plant, sensors = setup.scenario, setup.plant, setup.sensors()
     witness = _Witness(tracker, plant)
     every = int(min(informing_steps(tracker, scenario.dt), scenario.steps))
