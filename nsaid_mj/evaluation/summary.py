@@ -90,6 +90,7 @@ def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
         "sensors": scenario.sensors,
         "sensor_noise": sensor_noise(run),
         **({"mismatch": list(truth.mismatches), "fault": truth.fault} if truth else {}),
+        "faults": [fault.keys() for fault in run.faults],
         "unobservable": [
             {
                 "direction": d.words,

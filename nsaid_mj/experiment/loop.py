@@ -6,6 +6,7 @@ prior before the first time step; the truth is not read again until the end of t
 
 from __future__ import annotations
 
+import json
 import signal
 import threading
 from abc import ABC, abstractmethod
@@ -20,20 +21,24 @@ import numpy as np
 from ..control import Driver, InformedDriver
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
+from ..identifiers.faults import FaultEvent
 from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor, structural
 from ..numerics.kernels import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Plant, VisualMesh
-from ..resources import locked, told
+from ..resources import locked, told, write_json
 from ..system import SecondOrderSystem
 from .following import Following, due_rows
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
 from .scenario import Scenario
 from .setup import Setup
 
-DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json")
+FAULTS = "faults.json"
+"""The faults found so far, rewritten whenever there is a new one."""
+
+DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json", FAULTS)
 """Files of an earlier run that `run` deletes from its folder."""
 _PE_SAMPLES = 50  # regressors in a window of the online persistence levels
 
@@ -119,6 +124,14 @@ class Run:
     states: dict[str, State] = field(default_factory=dict)
     confidence: dict[str, Any] | None = None
     looks: Looks | None = None
+
+    @property
+    def faults(self) -> tuple[FaultEvent, ...]:
+        """The faults that the scenario's own identifier found."""
+        file = self.folder / FAULTS
+        if not file.is_file():
+            return ()
+        return tuple(FaultEvent.of(keys) for keys in json.loads(file.read_text("utf-8")))
 
 
 @dataclass(eq=False, kw_only=True)
@@ -209,7 +222,7 @@ def _run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun
         batch=max(1, segment_steps(scenario) // scenario.record_every),
     )
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
-    loop = _Loop(setup, driver, identifiers, monitor, writer, observers)
+    loop = _Loop(setup, driver, identifiers, monitor, writer, observers, folder)
     begin = clock()
     try:
         for observer in observers:
@@ -332,10 +345,12 @@ class _Loop:
     monitor: PersistenceMonitor
     writer: RecordWriter
     observers: tuple[Observer, ...]
+    folder: Path
     following: dict[str, Following] = field(default_factory=dict)
     ending: Ending = field(default_factory=Ending)
     cost: Cost = field(default_factory=Cost)
     stopped: bool = False
+    faults: tuple[FaultEvent, ...] = ()
 
     @property
     def states(self) -> dict[str, State]:
@@ -415,5 +430,8 @@ class _Loop:
         self.writer.extend(*(column[first :: scenario.record_every] for column in columns))
         if self.ending.status is Status.completed:
             self.ending.time = float(log.t[-1])
+        if self.states[""].faults != self.faults:
+            self.faults = self.states[""].faults
+            write_json(self.folder / FAULTS, [fault.keys() for fault in self.faults])
         for observer in self.observers:
             observer.see(log.at(-1), self.states, (self.monitor.level, self.monitor.level_perp))

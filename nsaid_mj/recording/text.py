@@ -54,6 +54,8 @@ def _conditions(summary: dict[str, Any]) -> list[str]:
     lines = []
     if summary["sensor_noise"]:
         lines += [f"Sensors: {summary['sensor_noise']}.", ""]
+    for fault in summary.get("faults", []):
+        lines += [f"Found at {fault['found']:.4g} s: {fault['words']}.", ""]
     if "mismatch" not in summary:
         return [*lines, "The true θ is unknown: the estimate is judged by its predictions.", ""]
     if summary["mismatch"]:

@@ -93,7 +93,10 @@ def _alarms(summary: dict[str, Any]) -> list[dict[str, str]]:
     if summary["status"] != "completed":
         found.append(pages.alarm(_ended(summary), "poor", "ended early:", "✘"))
     if summary.get("fault"):
-        found.append(pages.alarm(summary["fault"], level="fault:"))
+        found.append(pages.alarm(summary["fault"], level="fault in the plant:"))
+    for fault in summary.get("faults", []):
+        words = f"{fault['words']}, {100 * fault['confidence']:.4g} % sure"
+        found.append(pages.alarm(words, "poor", f"fault found at {fault['found']:.4g} s:"))
     found += [pages.alarm(m, level="not in the structure:") for m in summary.get("mismatch", [])]
     if summary["sensor_noise"]:
         found.append(pages.alarm(summary["sensor_noise"], "weak", "sensors:", "·"))

@@ -57,6 +57,10 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
         console.print(f"  sensors: {escape(summary['sensor_noise'])}", soft_wrap=True)
     if summary["fault"]:
         console.print(f"  fault: {escape(summary['fault'])}", soft_wrap=True)
+    for fault in summary["faults"]:
+        words = f"found at {fault['found']:.4g} s: {fault['words']}"
+        sure = f"{100 * fault['confidence']:.4g} % sure"
+        console.print(f"  [bold red]{escape(words)}[/bold red], {sure}", soft_wrap=True)
     _print_gains(console, summary)
     _print_figures(console, summary)
     for line in evaluation.confidence_lines(summary):

@@ -20,7 +20,7 @@ filter's estimate is handed out, it goes on from that.
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,10 @@ from ..faults import FaultEvent
 from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
 from ..nullspace_aid import NullspaceIdentifier
-from .faults.hypotheses import everything, hypotheses_of, nothing
+from .faults.events import Loose, event_of, grown, loosened
+from .faults.hypotheses import Hypothesis, everything, hypotheses_of, nothing
 from .faults.trials import Commands, Trial, Verdict, begin_trials, follow_trials, verdict
-from .faults.watch import PERIOD, Found, Watch, slow_change
+from .faults.watch import PERIOD, Watch, slow_change
 from .kalman import (
     COMPLETED,
     CONTRADICTED,
@@ -51,7 +52,6 @@ _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: q
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
 _MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
 _SETTLED = 5.0  # time without a contradiction after which slow changes are looked for [s]
-_SAME = 10.0  # time within which two losses of one actuator are one slow loss [s]
 _ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
@@ -76,6 +76,7 @@ class Guarded(NamedTuple):
         watch: snapshots, for slow changes.
         trials: filters under hypotheses, of which one will be chosen; empty where there is none.
         events: the faults found so far.
+        loose: a gain that may go on falling; None if there is none.
     """
 
     filter: Filter
@@ -91,6 +92,7 @@ class Guarded(NamedTuple):
     watch: Watch = Watch()
     trials: tuple[Trial, ...] = ()
     events: tuple[FaultEvent, ...] = ()
+    loose: Loose | None = None
 
     @property
     def theta(self) -> Array:
@@ -232,7 +234,7 @@ class EfficientIdentifier(Identifier):
 
     def _contradicted(self, inside: Guarded, here: Measurement) -> Guarded:
         """After a contradiction: trials of what may have failed, or a new start."""
-        if inside.calm < _MATURE:
+        if inside.calm < _MATURE and inside.loose is None:
             return self._started_again(inside, here)
         kalman, system = inside.filter, self.system
         theta = kalman.safe[0].copy()
@@ -270,49 +272,51 @@ class EfficientIdentifier(Identifier):
         )
         if hypothesis.kind == "none":
             return inside
-        event = FaultEvent(
-            trial.begin,
-            t,
-            hypothesis.kind,
-            hypothesis.part,
-            hypothesis.names,
-            *found.size,
-            hypothesis.unit,
-            found.confidence,
+        return self._noted(
+            inside, hypothesis, trial.theta, t, (trial.begin, found.size, found.confidence)
         )
-        return inside._replace(events=with_event(inside.events, event))
 
     def _watched(self, inside: Guarded, t: float) -> Guarded:
-        """At an interval's end: looks for a slow change, once in a period."""
-        if inside.calm < _SETTLED or inside.trials:
+        """At an interval's end: looks for slow changes, and follows one that is known."""
+        kalman, loose = inside.filter, inside.loose
+        if loose is not None and t > loose.until:
+            loose = None
+        if loose is not None and not inside.trials:
+            loose.walked(kalman, self._scale, self._interval)
+            events, loose = grown(inside.events, loose, kalman, t)
+            inside = inside._replace(events=events)
+        inside = inside._replace(loose=loose)
+        if inside.calm < _SETTLED or inside.trials or loose is not None:
             return inside._replace(watch=Watch())
         watch = inside.watch
         if watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9):
             return inside
-        what = [h for h in hypotheses_of(self.system, inside.filter.theta) if h.command < 0]
-        found = slow_change(watch, inside.filter, self._scale, what)
+        what = [h for h in hypotheses_of(self.system, kalman.theta) if h.command < 0]
+        found = slow_change(watch, kalman, self._scale, what)
         if found is None or found.confidence < _ISOLATED:
-            return inside._replace(watch=watch.with_snapshot(t, inside.filter))
-        return self._changed_slowly(inside, found, t)
+            return inside._replace(watch=watch.with_snapshot(t, kalman))
+        before = kalman.theta.copy()
+        kalman.theta[:], kalman.Ptt[:] = found.theta, found.P
+        kalman.safe[:], kalman.safe_P[:] = found.theta, found.P
+        noted = t, found.size, found.confidence, True
+        return self._noted(inside._replace(watch=Watch()), found.hypothesis, before, t, noted)
 
-    def _changed_slowly(self, inside: Guarded, found: Found, t: float) -> Guarded:
-        """Frees what has changed slowly, and notes it."""
-        kalman, hypothesis = inside.filter, found.hypothesis
-        kalman.theta[:] = found.theta
-        kalman.Ptt[:] = found.P
-        kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
-        event = FaultEvent(
-            t,
-            t,
-            hypothesis.kind,
-            hypothesis.part,
-            hypothesis.names,
-            *found.size,
-            hypothesis.unit,
-            found.confidence,
-            slow=True,
-        )
-        return inside._replace(watch=Watch(), events=with_event(inside.events, event))
+    def _noted(
+        self, inside: Guarded, hypothesis: Hypothesis, before: Array, t: float, found: Any
+    ) -> Guarded:
+        """Notes a fault isolated at time t, from θ̂ (p,) before; more of a known one is no new one.
+
+        `found` are begin, size with its interval, confidence, and whether it is slow.
+        """
+        begin, size, confidence, *slow = found
+        gains = np.array([self.system.space.index(name) for name in hypothesis.names])
+        loose = loosened(inside.loose, hypothesis, gains, before, size[0], t)
+        known = inside.loose is not None and loose is not None and loose.part == inside.loose.part
+        inside = inside._replace(loose=loose)
+        if known:
+            return inside
+        event = event_of(hypothesis, begin, t, size, confidence, *slow)
+        return inside._replace(events=(*inside.events, event))
 
     def _started_again(self, inside: Guarded, here: Measurement) -> Guarded:
         """The filter at the memory's estimate, with the uncertainty of a prior."""
@@ -368,22 +372,6 @@ class EfficientIdentifier(Identifier):
         units = units * np.outer(sign, sign)
         samples = np.full(self.system.n, number / (2 * self.system.n))
         return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
-
-
-def with_event(events: tuple[FaultEvent, ...], new: FaultEvent) -> tuple[FaultEvent, ...]:
-    """The events with a new one; another loss of the same actuator soon after continues the last.
-
-    The share that is lost is that of the gain before the first of them.
-    """
-    last = events[-1] if events else None
-    same = last is not None and (last.kind, last.part) == (new.kind, new.part) == ("loss", new.part)
-    if last is None or not same or new.found - last.found > _SAME:
-        return (*events, new)
-    size, low, high = (1 - (1 - last.size) * (1 - x) for x in (new.size, new.low, new.high))
-    longer = last._replace(
-        found=new.found, size=size, low=low, high=high, confidence=new.confidence, slow=True
-    )
-    return (*events[:-1], longer)
 
 
 def _finite_rows(log: Log) -> int:

@@ -28,12 +28,18 @@ class Jump(NamedTuple):
     Attributes:
         evidence: logarithm of the averaged likelihood ratio against no jump.
         delta: (d,) the most probable δ.
-        deviation: (d,) its standard deviations.
+        covariance: (d, d) of δ.
     """
 
     evidence: float
     delta: Array
-    deviation: Array
+    covariance: Array
+
+    def interval(self, size: Array) -> tuple[float, float, float]:
+        """sizeᵀδ with the ends of its 95 % interval, for a vector `size` (d,)."""
+        middle = float(size @ self.delta)
+        wide = 1.96 * float(np.sqrt(max(0.0, size @ self.covariance @ size)))
+        return middle, middle - wide, middle + wide
 
 
 def shift_jumps(Ps: Array, Pt: Array, shift: Array, directions: list[Array]) -> list[Jump]:
@@ -45,11 +51,11 @@ def shift_jumps(Ps: Array, Pt: Array, shift: Array, directions: list[Array]) -> 
         whitened = cho_solve(factor, D)
         score = D.T @ weighted
         information = D.T @ whitened - whitened.T @ Pt @ whitened
-        posterior = np.linalg.inv(np.eye(D.shape[1]) + 0.5 * (information + information.T))
-        sign, logdet = np.linalg.slogdet(posterior)
-        delta = posterior @ score
+        spread = np.linalg.inv(np.eye(D.shape[1]) + 0.5 * (information + information.T))
+        sign, logdet = np.linalg.slogdet(spread)
+        delta = spread @ score
         evidence = 0.5 * float(score @ delta) + 0.5 * logdet if sign > 0 else -np.inf
-        found.append(Jump(evidence, delta, np.sqrt(np.maximum(np.diag(posterior), 0.0))))
+        found.append(Jump(evidence, delta, spread))
     return found
 
 
@@ -57,8 +63,8 @@ def jumped(Ps: Array, Pt: Array, shift: Array, D: Array) -> Jump:
     """The jump of a filter that was told of it: P_s already contains D Dᵀ."""
     whitened = cho_solve(cho_factor(Ps), D)
     delta = whitened.T @ shift
-    posterior = np.eye(D.shape[1]) - D.T @ whitened + whitened.T @ Pt @ whitened
-    return Jump(0.0, delta, np.sqrt(np.maximum(np.diag(posterior), 0.0)))
+    spread = np.eye(D.shape[1]) - D.T @ whitened + whitened.T @ Pt @ whitened
+    return Jump(0.0, delta, spread)
 
 
 def posterior(evidence: Array) -> Array:

@@ -29,9 +29,8 @@ class Hypothesis(NamedTuple):
         kind: see `FaultEvent`; also `none`.
         part: what was hit, in words.
         names: of the parameters that may have changed.
-        D: (p, d) directions of the jump of θ/scale, of standard deviation 1; the first one has the
-            size that is reported.
-        to_unit: factor from the first direction's δ to the reported size.
+        D: (p, d) directions of the jump of θ/scale, whose δ has standard deviation 1.
+        size: (d,) the reported size of the change is sizeᵀδ.
         unit: of the size; `1` for a share.
         command: index of the actuator whose command does not reach it; −1 if all do.
     """
@@ -40,23 +39,19 @@ class Hypothesis(NamedTuple):
     part: str
     names: tuple[str, ...]
     D: Array
-    to_unit: float
+    size: Array
     unit: str
     command: int = -1
 
 
 def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """All single faults of a system whose θ was θ̂ (p,) before."""
-    return [
-        *_actuators(system, theta),
-        *_frictions(system),
-        *_payload(system),
-    ]
+    return [*_actuators(system, theta), *_frictions(system), *_payload(system)]
 
 
 def nothing(system: SecondOrderSystem) -> Hypothesis:
     """No change at all."""
-    return Hypothesis("none", "", (), np.zeros((system.p, 0)), 0.0, "1")
+    return Hypothesis("none", "", (), np.zeros((system.p, 0)), np.zeros(0), "1")
 
 
 def everything(system: SecondOrderSystem, theta: Array) -> Hypothesis:
@@ -64,7 +59,9 @@ def everything(system: SecondOrderSystem, theta: Array) -> Hypothesis:
     k = system.space.actuators
     D = np.zeros((system.p, len(k)))
     D[k, np.arange(len(k))] = _GAIN * theta[k] / system.space.scale[k]
-    return Hypothesis("several", "all actuators", tuple(_named(system, k)), D, 0.0, "1")
+    return Hypothesis(
+        "several", "all actuators", tuple(_named(system, k)), D, np.zeros(len(k)), "1"
+    )
 
 
 def _named(system: SecondOrderSystem, k: Array) -> list[str]:
@@ -83,10 +80,11 @@ def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
             D[k, 1 + np.arange(len(k))] = _OWN * theta[k] / scale[k]
         part = " and ".join(system.space.labels[i] for i in k)
         names = tuple(_named(system, k))
-        found.append(Hypothesis("loss", part, names, D, -_GAIN, "1"))
+        size = D[k[0]] / (theta[k[0]] / scale[k[0]])  # relative change of the first gain
+        found.append(Hypothesis("loss", part, names, D, -size, "1"))
         if _odd(system, command, k):
-            found.append(Hypothesis("reversed", part, names, D, _GAIN, "1", command))
-        found.append(Hypothesis("stuck", part, names, D, _GAIN, "1", command))
+            found.append(Hypothesis("reversed", part, names, D, size, "1", command))
+        found.append(Hypothesis("stuck", part, names, D, size, "1", command))
     return found
 
 
@@ -116,7 +114,8 @@ def _frictions(system: SecondOrderSystem) -> list[Hypothesis]:
         D[k, np.arange(len(k))] = _FRICTION
         unit, scale = system.space.units[k[0]], float(system.space.scale[k[0]])
         names = tuple(_named(system, np.array(k)))
-        found.append(Hypothesis("friction", part, names, D, _FRICTION * scale, unit))
+        size = _FRICTION * scale * np.eye(len(k))[0]
+        found.append(Hypothesis("friction", part, names, D, size, unit))
     return found
 
 
@@ -129,8 +128,8 @@ def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
         place = bodies[name]
         D = np.zeros((system.p, 10))
         D[place] = _BODY * np.eye(10)
-        size, names = float(space.scale[place][0]), tuple(space.names[place])
-        return [Hypothesis("payload", f"mass of {name}", names, D, _BODY * size, "kg")]
+        size = _BODY * float(space.scale[place][0]) * np.eye(10)[0]
+        return [Hypothesis("payload", f"mass of {name}", tuple(space.names[place]), D, size, "kg")]
     if not submerged(space):
         return []
     mass = float(space.scale[space["mass matrix"]][0])
@@ -138,4 +137,5 @@ def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
     arms = [point_mass(space, mass, reach * e) - own for e in np.eye(3)]
     D = _BODY * np.stack([own, *arms], axis=1) / space.scale[:, None]
     names = tuple(space.names[i] for i in np.flatnonzero(np.abs(D).any(axis=1)))
-    return [Hypothesis("payload", "mass of the body", names, D, _BODY * mass, "kg")]
+    size = _BODY * mass * np.eye(4)[0]
+    return [Hypothesis("payload", "mass of the body", names, D, size, "kg")]

@@ -162,11 +162,11 @@ def verdict(law: Law, trials: tuple[Trial, ...], t: float) -> Verdict | None:
 def size_of(trial: Trial, scale: Array) -> tuple[float, float, float]:
     """The size of a trial's change and its 95 % interval."""
     hypothesis, kalman = trial.hypothesis, trial.filter
-    if not hypothesis.to_unit:
+    if not hypothesis.size.any():
         return 0.0, 0.0, 0.0
     jump = jumped(trial.P, kalman.Ptt, (kalman.theta - trial.theta) / scale, hypothesis.D)
-    size, wide = hypothesis.to_unit * jump.delta[0], abs(hypothesis.to_unit) * jump.deviation[0]
-    if hypothesis.kind == "stuck":  # the command of which the sound actuator would do as much
-        held = float(trial.commands.held[hypothesis.command])
-        size, wide = held * (1 + size), abs(held) * wide
-    return size, size - 1.96 * wide, size + 1.96 * wide
+    if hypothesis.kind != "stuck":
+        return jump.interval(hypothesis.size)
+    held = float(trial.commands.held[hypothesis.command])  # a sound actuator would do as much at
+    size, *ends = (held * (1 + x) for x in jump.interval(hypothesis.size))
+    return size, min(ends), max(ends)

@@ -82,13 +82,11 @@ def slow_change(
         k = int(np.argmax(evidence))
         if evidence[k] > max(_SURE, best.evidence if best else 0.0):
             hypothesis, jump = hypotheses[k], jumps[k]
-            size = hypothesis.to_unit * float(jump.delta[0])
-            wide = 1.96 * abs(hypothesis.to_unit) * float(jump.deviation[0])
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
             best = Found(
                 hypothesis,
                 float(posterior(evidence)[k]),
-                (size, size - wide, size + wide),
+                jump.interval(hypothesis.size),
                 theta + scale * new,
                 new_P,
                 float(evidence[k]),

@@ -1,0 +1,91 @@
+"""What is noted of a fault, and the gain of an actuator that may go on failing.
+
+A small loss may be the beginning of a slow one. For some time after it the gain stays loose: it
+follows a random walk, and the event grows with what is lost.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....parameters import Array
+from ...faults import FaultEvent
+from ..kalman import Filter
+from .hypotheses import Hypothesis
+
+_SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one
+_WALK = 0.006  # of a loose gain, relative, in a second [1/√s]
+_LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
+_GROWN = 0.01  # change of the share that is lost which is noted
+
+
+class Loose(NamedTuple):
+    """A gain that may go on falling.
+
+    Attributes:
+        part: the actuator, in words.
+        gains: indices of its gains in θ.
+        before: θ̂ of the first of them before the loss.
+        until: when it is taken for constant again [s].
+    """
+
+    part: str
+    gains: Array
+    before: float
+    until: float
+
+    def walked(self, kalman: Filter, scale: Array, seconds: float) -> None:
+        """Adds the random walk of some seconds to the filter's P_θθ."""
+        D = np.zeros(len(scale))
+        D[self.gains] = _WALK * kalman.theta[self.gains] / scale[self.gains]
+        kalman.Ptt[:] += seconds * np.outer(D, D)
+
+    def lost(self, kalman: Filter) -> float:
+        """The share of its gain that it has lost so far."""
+        return float(1 - kalman.theta[self.gains[0]] / self.before)
+
+
+def loosened(
+    loose: Loose | None, hypothesis: Hypothesis, gains: Array, before: Array, size: float, t: float
+) -> Loose | None:
+    """What is loose after an isolated fault, given θ̂ (p,) before it, its size and the time."""
+    if hypothesis.kind != "loss":
+        return None
+    if loose is not None and loose.part == hypothesis.part:
+        return loose._replace(until=t + _LOOSE)
+    if abs(size) > _SMALL:
+        return None
+    return Loose(hypothesis.part, gains, float(before[gains[0]]), t + _LOOSE)
+
+
+def event_of(
+    hypothesis: Hypothesis,
+    begin: float,
+    t: float,
+    size: tuple[float, float, float],
+    confidence: float,
+    slow: bool = False,
+) -> FaultEvent:
+    """A fault isolated at time t."""
+    names, unit = hypothesis.names, hypothesis.unit
+    return FaultEvent(
+        begin, t, hypothesis.kind, hypothesis.part, names, *size, unit, confidence, slow
+    )
+
+
+def grown(
+    events: tuple[FaultEvent, ...], loose: Loose, kalman: Filter, t: float
+) -> tuple[tuple[FaultEvent, ...], Loose]:
+    """The events with what a loose gain has lost since."""
+    place = [i for i, e in enumerate(events) if (e.kind, e.part) == ("loss", loose.part)]
+    if not place:
+        return events, loose
+    last, lost = events[place[-1]], loose.lost(kalman)
+    if abs(lost - last.size) < _GROWN:
+        return events, loose
+    wide = (last.high - last.low) / 2
+    new = last._replace(size=lost, low=lost - wide, high=lost + wide, slow=True)
+    changed = (*events[: place[-1]], new, *events[place[-1] + 1 :])
+    return changed, loose._replace(until=t + _LOOSE)
