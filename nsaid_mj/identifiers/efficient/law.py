@@ -77,6 +77,7 @@ class Guarded(NamedTuple):
         trials: filters under hypotheses, of which one will be chosen; empty where there is none.
         events: the faults found so far.
         loose: a gain that may go on falling; None if there is none.
+        stale: whether the memory's data are of the robot before a fault.
     """
 
     filter: Filter
@@ -93,6 +94,7 @@ class Guarded(NamedTuple):
     trials: tuple[Trial, ...] = ()
     events: tuple[FaultEvent, ...] = ()
     loose: Loose | None = None
+    stale: bool = False
 
     @property
     def theta(self) -> Array:
@@ -172,6 +174,7 @@ class EfficientIdentifier(Identifier):
             inside = inside._replace(guard=self._memory.absorb(inside.guard, acting))
         inside = inside._replace(step=inside.step + count - 1)
         if inside.step % self._every == 0 and count > 1:
+            inside = self._renewed(inside, log.at(-1)) if inside.stale else inside
             inside = self._watched(self._judged(inside, log.at(-1)), float(log.t[-1]))
             best = inside.filter.theta if inside.handed else inside.guard.theta_hat
             best = best * inside.factors
@@ -182,6 +185,15 @@ class EfficientIdentifier(Identifier):
             State(float(log.t[-1]), *last, pivot, status, filter=inside, faults=inside.events),
             estimates,
         )
+
+    def _renewed(self, inside: Guarded, here: Measurement) -> Guarded:
+        """Begins the memory again at the filter's estimate, without data from before a fault."""
+        guard = inside.guard._replace(
+            v_hat=here.v.copy(),
+            theta_hat=inside.filter.theta.copy(),
+            memory=self._memory.begin(here),
+        )
+        return inside._replace(guard=guard, pause=0, stale=False)
 
     def _judged(self, inside: Guarded, here: Measurement) -> Guarded:
         """At an interval's end: which estimate is handed out, and how long the memory pauses."""
@@ -237,11 +249,13 @@ class EfficientIdentifier(Identifier):
         if inside.calm < _MATURE and inside.loose is None:
             return self._started_again(inside, here)
         kalman, system = inside.filter, self.system
-        theta = kalman.safe[0].copy()
+        kalman.theta[:], kalman.Ptt[:] = inside.watch.before(here.t, kalman)
+        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+        if inside.loose is not None:
+            inside.loose.freed(kalman, self._scale)
+        theta = kalman.theta.copy()
         what = [nothing(system), *hypotheses_of(system, theta), everything(system, theta)]
         trials = begin_trials(kalman, here, inside.commands, what)
-        kalman.theta[:], kalman.Ptt[:] = theta, kalman.safe_P[0]
-        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         return inside._replace(trials=trials, watch=Watch())
 
     def _tried(self, inside: Guarded, log: Log) -> Guarded:
@@ -286,11 +300,11 @@ class EfficientIdentifier(Identifier):
             events, loose = grown(inside.events, loose, kalman, t)
             inside = inside._replace(events=events)
         inside = inside._replace(loose=loose)
-        if inside.calm < _SETTLED or inside.trials or loose is not None:
-            return inside._replace(watch=Watch())
         watch = inside.watch
-        if watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9):
+        if inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
             return inside
+        if inside.calm < _SETTLED or loose is not None:
+            return inside._replace(watch=watch.with_snapshot(t, kalman))
         what = [h for h in hypotheses_of(self.system, kalman.theta) if h.command < 0]
         found = slow_change(watch, kalman, self._scale, what)
         if found is None or found.confidence < _ISOLATED:
@@ -312,7 +326,7 @@ class EfficientIdentifier(Identifier):
         gains = np.array([self.system.space.index(name) for name in hypothesis.names])
         loose = loosened(inside.loose, hypothesis, gains, before, size[0], t)
         known = inside.loose is not None and loose is not None and loose.part == inside.loose.part
-        inside = inside._replace(loose=loose)
+        inside = inside._replace(loose=loose, stale=True)
         if known:
             return inside
         event = event_of(hypothesis, begin, t, size, confidence, *slow)

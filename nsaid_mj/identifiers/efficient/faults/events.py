@@ -17,6 +17,7 @@ from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one
 _WALK = 0.006  # of a loose gain, relative, in a second [1/√s]
+_ON = 0.05  # relative change of a loose gain that goes unnoticed
 _LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
 _GROWN = 0.01  # change of the share that is lost which is noted
 
@@ -41,6 +42,10 @@ class Loose(NamedTuple):
         D = np.zeros(len(scale))
         D[self.gains] = _WALK * kalman.theta[self.gains] / scale[self.gains]
         kalman.Ptt[:] += seconds * np.outer(D, D)
+
+    def freed(self, kalman: Filter, scale: Array) -> None:
+        """Lets a filter from before find out how far the loss has gone on meanwhile."""
+        self.walked(kalman, scale, (_ON / _WALK) ** 2)
 
     def lost(self, kalman: Filter) -> float:
         """The share of its gain that it has lost so far."""

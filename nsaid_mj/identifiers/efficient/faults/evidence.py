@@ -1,15 +1,14 @@
 """How strongly data speak for a jump of θ, from the estimates before and after alone.
 
-A filter at (θ̂_s, P_s) that is not told of a jump reaches (θ̂_t, P_t). The data in between then hold
-the information J = P_t⁻¹ − P_s⁻¹ on θ/scale, and without a jump the shift Δ = θ̂_t − θ̂_s has the
-covariance P_s − P_t. With a jump D δ at time s, δ ~ N(0, 1),
+A filter at (θ̂_s, P_s) that is not told of a jump reaches (θ̂_t, P_t). Without a jump, the shift
+Δ = θ̂_t − θ̂_s has the covariance V = P_s − P_t; a jump D δ at time s, δ ~ N(0, 1), adds A δ to it:
 
-    score       g = Dᵀ P_s⁻¹ Δ,
-    information I = Dᵀ P_s⁻¹ (P_s − P_t) P_s⁻¹ D,
+    A = (1 − P_t P_s⁻¹) D,    score g = Aᵀ V⁻¹ Δ,    information I = Aᵀ V⁻¹ A,
     likelihood ratio, maximised over δ:  exp(½ gᵀ I⁻¹ g),
     and averaged over its prior:         exp(½ gᵀ (1 + I)⁻¹ g) / √det(1 + I).
 
-The average is the maximum with the penalty for the number and the range of free directions.
+The average is the maximum with the penalty for the number and the range of free directions. To V is
+added what a sound robot's parameters may differ by from constants, and the filter from linearity.
 """
 
 from __future__ import annotations
@@ -42,15 +41,24 @@ class Jump(NamedTuple):
         return middle, middle - wide, middle + wide
 
 
-def shift_jumps(Ps: Array, Pt: Array, shift: Array, directions: list[Array]) -> list[Jump]:
-    """The jumps that explain a shift (p,) of θ̂/scale, for each of several D (p, d)."""
-    factor = cho_factor(Ps)
-    weighted = cho_solve(factor, shift)
+def shift_jumps(
+    Ps: Array, Pt: Array, shift: Array, tolerance: Array, directions: list[Array]
+) -> list[Jump]:
+    """The jumps that explain a shift (p,) of θ̂/scale, for each of several D (p, d).
+
+    Args:
+        Ps: (p, p) P_θθ before.
+        Pt: (p, p) P_θθ after.
+        shift: (p,) of θ̂/scale.
+        tolerance: (p,) standard deviation of θ/scale where nothing has failed.
+        directions: D (p, d) of each hypothesis.
+    """
+    V = cho_factor(Ps - Pt + np.diag(tolerance**2))
+    before, weighted = cho_factor(Ps), cho_solve(V, shift)
     found = []
     for D in directions:
-        whitened = cho_solve(factor, D)
-        score = D.T @ weighted
-        information = D.T @ whitened - whitened.T @ Pt @ whitened
+        A = D - Pt @ cho_solve(before, D)
+        score, information = A.T @ weighted, A.T @ cho_solve(V, A)
         spread = np.linalg.inv(np.eye(D.shape[1]) + 0.5 * (information + information.T))
         sign, logdet = np.linalg.slogdet(spread)
         delta = spread @ score

@@ -29,6 +29,7 @@ from .hypotheses import Hypothesis
 
 _DROPPED = 1e-9  # probability below which a hypothesis is tried no longer
 _CERTAIN = 0.995  # probability at which a hypothesis is accepted
+_WALK = 0.012  # of δ in a second, as a fault may still grow [1/√s]
 _LONGEST = 1.0  # time after which the most probable one is accepted [s]
 
 
@@ -93,12 +94,11 @@ class Trial(NamedTuple):
 def begin_trials(
     kalman: Filter, here: Measurement, commands: Commands, hypotheses: list[Hypothesis]
 ) -> tuple[Trial, ...]:
-    """Trials from the filter's safe estimate at a measurement, one for each hypothesis."""
+    """Trials from a filter at a measurement, one for each hypothesis."""
     trials = []
     for hypothesis in hypotheses:
         own = deepcopy(kalman)
-        own.theta[:] = kalman.safe[0]
-        own.Ptt[:] = kalman.safe_P[0] + hypothesis.D @ hypothesis.D.T
+        own.Ptt[:] += hypothesis.D @ hypothesis.D.T
         restart_state(own, here.q, here.v, noise_variance(own.noise))
         acting = commands.under(hypothesis, here.u)
         P, theta = own.Ptt.copy(), own.theta.copy()
@@ -113,7 +113,8 @@ def follow_trials(law: Law, trials: tuple[Trial, ...], log: Log) -> tuple[Trial,
     out = np.empty((count, p)), np.empty((count, n)), np.empty(count)
     followed = []
     for trial in trials:
-        own = trial._replace(filter=deepcopy(trial.filter))
+        own, D = trial._replace(filter=deepcopy(trial.filter)), trial.hypothesis.D
+        own.filter.Ptt[:] += _WALK**2 * float(log.t[-1] - log.t[0]) * (D @ D.T)
         row, end = follow_filter(patient, own.filter, *own.commands.acting(log), *out)
         own.filter.tally[1] += count - 1 - row
         own.filter.tally[2] += 0.0 if end == COMPLETED else np.inf

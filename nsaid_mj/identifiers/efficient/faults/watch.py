@@ -1,4 +1,4 @@
-"""Detects changes that are too slow for the innovations, from the shift of θ̂ over several seconds.
+"""The recent past of the filter, and changes that are too slow for its innovations.
 
 Where nothing changes, θ̂ shifts by no more than the decrease of its covariance explains. Snapshots
 of (θ̂, P_θθ) are kept at regular intervals, and each is compared with the present; see `evidence`.
@@ -17,7 +17,9 @@ from .hypotheses import Hypothesis
 
 PERIOD = 0.5
 """Time between two snapshots [s]."""
+_BACK = 1.0  # how long before it is noticed a fault may have begun [s]
 _SPANS = (2, 4, 8, 16, 32)  # snapshots back to those that are compared with the present
+_TOLERANCE = 1e-3  # relative change of a parameter of a sound robot
 _SURE = 25.0  # log likelihood ratio, averaged, at which a change counts: odds of 1e-11
 
 
@@ -33,6 +35,14 @@ class Watch(NamedTuple):
     times: tuple[float, ...] = ()
     thetas: tuple[Array, ...] = ()
     covariances: tuple[Array, ...] = ()
+
+    def before(self, t: float, kalman: Filter) -> tuple[Array, Array]:
+        """θ̂ and P_θθ from a while before time t [s]: a fault may have begun unnoticed."""
+        old = [i for i, time in enumerate(self.times) if t - time >= _BACK]
+        if not self.times:
+            return kalman.safe[0].copy(), kalman.safe_P[0].copy()
+        i = old[-1] if old else 0
+        return self.thetas[i].copy(), self.covariances[i].copy()
 
     def with_snapshot(self, t: float, kalman: Filter) -> Watch:
         """With the filter's estimate at time t [s], and without those that are too old."""
@@ -69,13 +79,14 @@ def slow_change(
 ) -> Found | None:
     """The most evident change since any of the snapshots; None if none is evident."""
     best: Found | None = None
+    tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
         if span > len(watch.times):
             break
         theta, P = watch.thetas[-span], watch.covariances[-span]
         shift = (kalman.theta - theta) / scale
         try:
-            jumps = shift_jumps(P, kalman.Ptt, shift, [h.D for h in hypotheses])
+            jumps = shift_jumps(P, kalman.Ptt, shift, tolerance, [h.D for h in hypotheses])
         except np.linalg.LinAlgError:
             continue  # exact data leave a covariance that rounding made indefinite
         evidence = np.array([jump.evidence for jump in jumps])
