@@ -36,11 +36,14 @@ def open_streams() -> None:
 
     Else the next file to be opened would get the number of a standard stream.
     """
-    for number in range(3):
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, which is this one
+        if getattr(sys, name) is None:
+            stream = open(number, mode, encoding="utf-8", closefd=False)  # noqa: SIM115 (it stays)
+            setattr(sys, name, stream)
 
 
 def silence() -> None:
@@ -49,7 +52,7 @@ def silence() -> None:
     Else Python would try again when it exits, and fail.
     """
     for stream in (sys.stdout, sys.stderr):
-        if stream is None or stream.closed:
+        if stream.closed:
             continue
         try:
             stream.flush()

@@ -198,7 +198,7 @@ def test_links_planted_in_a_sweeps_folder_are_not_followed(tmp_path: Path) -> No
 
 def test_what_cannot_be_written_is_a_typed_error_with_a_remedy(tmp_path: Path) -> None:
     (tmp_path / ".file.part").mkdir()
-    with pytest.raises(NotWritten, match="cannot be written.*--out"):
+    with pytest.raises(NotWritten, match=r"cannot be written.*--out"):
         write_text(tmp_path / "file", "words")
     with pytest.raises(NotWritten), atomic_write(tmp_path / "gone" / "file"):
         pass
