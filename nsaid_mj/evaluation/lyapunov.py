@@ -44,9 +44,9 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
     undefined = ~np.isfinite(rises)
     rises[undefined] = 0.0
     stepped = identifier.implicit(record["t"])
-    if run.scenario.record_every == 1:
-        slack = identifier.slacks(record.log, truth.theta)
-        bound = bound + slack + stepped * _UNSOLVED * V[0]
+    if run.scenario.record_every == 1 and stepped.any():
+        bound += identifier.slacks(record.log, truth.theta)
+        bound[stepped] += _UNSOLVED * V[0]
     else:
         rises[stepped] = 0.0  # the slack of an implicit step needs every measurement
     bound = np.where(undefined | ~np.isfinite(bound), 0.0, bound)
@@ -115,9 +115,11 @@ def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Ar
     """
     conserved = kept(identifier, record)
     defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
-    sizes = np.maximum(V[1:], conserved[1:]) + identifier.cancelling
-    rounding = 8 * np.finfo(float).eps * sizes
-    return np.diff(V), defect + rounding
+    bound = np.maximum(V[1:], conserved[1:])  # in place: there may be millions of rows
+    bound += identifier.cancelling
+    bound *= 8 * np.finfo(float).eps
+    bound += defect
+    return np.diff(V), bound
 
 
 def kept(identifier: Identifier, record: Record) -> Array:

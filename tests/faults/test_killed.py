@@ -160,10 +160,11 @@ def running(endless: Path) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_ctrl_c_ends_a_run_with_all_its_files(
-    running: subprocess.Popen[str], endless: Path
+    how: signal.Signals, running: subprocess.Popen[str], endless: Path
 ) -> None:
-    os.kill(running.pid, signal.SIGINT)
+    os.kill(running.pid, how)
     out, err = running.communicate(timeout=PATIENCE)
     folder = endless / "out"
     summary = strict((folder / finish.SUMMARY).read_text(encoding="utf-8"))

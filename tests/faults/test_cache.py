@@ -1,0 +1,88 @@
+"""Caches of compiled kernels that are damaged, full or missing, and commands that need none."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.faulty import CHECKOUT
+
+KERNEL = """
+import resource, sys, warnings
+from nsaid_mj.numerics import kernels
+from numba import njit
+{before}
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+with warnings.catch_warnings(record=True) as said:
+    warnings.simplefilter("always")
+    assert twice(2.0) == 4.0
+print(*(type(warning.message).__name__ for warning in said), kernels.compile_seconds() > 0)
+"""
+
+
+def called(script: Path, cache: Path) -> str:
+    """What a process says that calls a cached kernel: its warnings, and whether it compiled."""
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT), "NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Path:
+    path = tmp_path / "kernel.py"
+    path.write_text(KERNEL.format(before=""))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", [b"", b"\x80\x04", b"not a pickle"])
+def test_a_damaged_cache_is_told_and_compiled_anew(
+    kind: str, damage: bytes, script: Path, tmp_path: Path
+) -> None:
+    cache = tmp_path / "cache"
+    assert called(script, cache) == "True"
+    assert called(script, cache) == "False"
+    (file,) = cache.rglob(f"*.{kind}")
+    file.write_bytes(damage)
+    assert called(script, cache) == "DamagedKernelCache True"
+    assert called(script, cache) == "False"
+
+
+def test_a_full_cache_is_told_and_the_kernel_works(script: Path, tmp_path: Path) -> None:
+    full = "resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))"
+    cache, limited = tmp_path / "cache", tmp_path / "limited.py"
+    limited.write_text(KERNEL.format(before=full))
+    assert called(limited, cache) == "NoKernelCache True"
+    assert called(limited, cache) == "NoKernelCache True"
+    assert called(script, cache) == "True"
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["run", "--help"]])
+def test_commands_that_compute_nothing_never_load_numba(words: list[str]) -> None:
+    code = (
+        "import sys; from nsaid_mj.cli import commands\n"
+        f"try: commands.command({words!r})\n"
+        "except SystemExit: pass\n"
+        "print('numba' in sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert done.stderr.splitlines()[-1] == "False"
