@@ -21,12 +21,14 @@ class Tracking(NamedTuple):
         theta: (p,) the controller's model θ̂₀.
         series: the reference trajectory of the joints.
         omega: bandwidth of the tracking loop [rad/s].
+        limit: (n,) largest commands, > 0.
     """
 
     linkage: Linkage
     theta: Array
     series: Series
     omega: float
+    limit: Array
 
 
 @njit(cache=True)
@@ -41,6 +43,9 @@ def tracking_workspace(tracking):
 def computed_torque(tracking, t, q, v, workspace, u):
     """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
 
+    Like a motor's, the command is limited: a model far from the truth can make the sampled loop
+    unstable, whose motion then remains bounded.
+
     Args:
         tracking: `Tracking`.
         t: time [s].
@@ -49,7 +54,7 @@ def computed_torque(tracking, t, q, v, workspace, u):
         workspace: of `tracking_workspace`; overwritten.
         u: (n,) receives the command.
     """
-    linkage, theta, series, omega = tracking
+    linkage, theta, series, omega, limit = tracking
     desired, a, state, work = workspace
     numbers, gain = linkage.numbers, linkage.columns[3]
     fourier(series, t, desired)
@@ -64,4 +69,4 @@ def computed_torque(tracking, t, q, v, workspace, u):
     tree_place(linkage, q, v, state)
     tree_torque(linkage, state, v, a, theta, work, u)
     for i in range(v.shape[0]):
-        u[i] /= theta[gain + i]
+        u[i] = min(max(u[i] / theta[gain + i], -limit[i]), limit[i])

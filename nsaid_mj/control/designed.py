@@ -16,7 +16,7 @@ from ..systems.multibody import MotorTree
 from .driver import Driver, DriverConfig
 from .multisine import MultisineCommand
 from .signals import Series
-from .tracking import ComputedTorque
+from .tracking import LIMIT, ComputedTorque
 
 _REMEDY = "Take the excitation as `nsaid excite` wrote it, for the same robot."
 
@@ -84,7 +84,8 @@ class DesignedTracking(DriverConfig):
                 f"{type(system).__name__} with n = {system.n}",
                 _REMEDY,
             )
-        return ComputedTorque(system, prior, self.series, 2 * np.pi * self.bandwidth)
+        limit = LIMIT * system.scales.command
+        return ComputedTorque(system, prior, self.series, 2 * np.pi * self.bandwidth, limit)
 
 
 @config

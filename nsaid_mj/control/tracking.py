@@ -16,6 +16,9 @@ from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory, Series, fourier
 
+LIMIT = 5.0
+"""Largest command, as a multiple of what a joint's nominal inertia, weight and friction ask for."""
+
 
 @config
 class FourierTracking(DriverConfig):
@@ -29,6 +32,8 @@ class FourierTracking(DriverConfig):
         speed: peak speed of every joint [rad/s or m/s]; None takes `reach` of the nominal speeds.
         joints: numbers of the joints that move, from 1; the others are held at the middle of their
             range. None moves all.
+        limit: largest command, as a multiple of what the joint's nominal inertia, weight and
+            friction ask for at its nominal speed.
     """
 
     fundamental: Positive = 0.1
@@ -37,6 +42,7 @@ class FourierTracking(DriverConfig):
     bandwidth: Positive = 2.0
     speed: Positive | None = None
     joints: tuple[Annotated[int, Field(strict=True, ge=1)], ...] | None = None
+    limit: Positive = LIMIT
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver.
@@ -69,21 +75,24 @@ class FourierTracking(DriverConfig):
             rng,
         )
         trajectory.series.coefficients[~moving] = 0.0
-        return ComputedTorque(system, prior, trajectory.series, 2 * np.pi * self.bandwidth)
+        limit = self.limit * system.scales.command
+        omega = 2 * np.pi * self.bandwidth
+        return ComputedTorque(system, prior, trajectory.series, omega, limit)
 
 
 class ComputedTorque(Driver):
-    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e; θ̂₀ is the prior.
+    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e, limited.
 
     Args:
         system: an arm on a fixed base.
         prior: (p,) θ̂₀.
         series: the desired motion.
         omega: bandwidth ω of the tracking loop [rad/s].
+        limit: (n,) largest commands, > 0.
     """
 
-    def __init__(self, system: MotorTree, prior: Array, series: Series, omega: float):
-        self._tracking = Tracking(system.tree, prior, series, omega)
+    def __init__(self, system: MotorTree, prior: Array, series: Series, omega: float, limit: Array):
+        self._tracking = Tracking(system.tree, prior, series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
 
     def desired(self, t: float) -> Array:

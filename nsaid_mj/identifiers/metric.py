@@ -12,13 +12,24 @@ from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numba.extending import overload
 
 from ..errors import InvalidInput
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
 from .cone.barrier import Cone, inside
-from .cone.chart import chart_room, confine, from_chart_into, natural_rate_into, to_chart_into
+from .cone.chart import (
+    chart_room,
+    confine,
+    from_chart_into,
+    height,
+    natural_rate_into,
+    to_chart_into,
+)
+
+ACCURACY = 1e-7
+"""Largest change of the conserved quantity in one step of the cone's law, relative to μν."""
 
 
 class Flat(NamedTuple):
@@ -148,6 +159,10 @@ def sound(law, theta):
     """Whether θ̂ (p,) is inside its domain: the cone, or all of space."""
 
 
+def accurate(law, start, eta, before, theta, scratch):
+    """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate."""
+
+
 @overload(chart)
 def _chart(law):
     def flat(law):
@@ -212,6 +227,33 @@ def _sound(law, theta):
         return inside(law.cone, theta)
 
     return flat if law.instance_class is Flat else curved
+
+
+@overload(accurate)
+def _accurate(law, start, eta, before, theta, scratch):
+    def flat(law, start, eta, before, theta, scratch):
+        return True
+
+    def curved(law, start, eta, before, theta, scratch):
+        change = stored(law.stiffness, theta) - stored(law.stiffness, before)
+        b = height(law.cone, eta, theta, scratch) - height(law.cone, start, before, scratch)
+        return abs(change - 2 * law.mu * b) <= ACCURACY * law.mu * law.cone.degree
+
+    return flat if law.instance_class is Flat else curved
+
+
+@njit(cache=True)
+def stored(stiffness, theta):
+    """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p,) or (p, p)."""
+    total = 0.0
+    if stiffness.ndim == 1:
+        for i in range(theta.shape[0]):
+            total += stiffness[i] * theta[i] * theta[i]
+        return total
+    for i in range(theta.shape[0]):
+        for j in range(theta.shape[0]):
+            total += theta[i] * stiffness[i, j] * theta[j]
+    return total
 
 
 # -- gains ----------------------------------------------------------------------------------------

@@ -13,10 +13,11 @@ from ..log import Log, Measurement
 from ..parameters import Array
 from ..system import Motion, SecondOrderSystem, checked
 from .base import Confidence, DataMemory, Estimates, Identifier, State, Status
-from .metric import ConstantMetric, Flat, Metric, positive_gain
+from .metric import ConstantMetric, Curved, Flat, Metric, positive_gain
 from .rk4 import follow
 
 RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
+_DIVISIONS = 3  # times, at most, that a step is divided by four
 _FEWEST = 9  # identifiers from which on a batch, some lanes idle, is faster than a loop
 
 
@@ -171,15 +172,54 @@ class NullspaceIdentifier(Identifier):
 
     def _follow(self, log: Log, estimates: Estimates, motion: Motion | None) -> int:
         """Writes the estimates from row 1 on; returns the row that failed, or N."""
-        if motion is not None:
-            return follow(self.law, motion, *estimates[:3])
-        steps = self.system.motion_steps
+        steps = self.system.motion_steps if motion is None else len(log.t)
         for at in range(0, len(log.t) - 1, steps):
+            piece = log.part(at, at + steps + 1)
             rows = [part[at : at + steps + 1] for part in estimates[:3]]
-            failed = follow(self.law, self.motion(log.part(at, at + steps + 1)), *rows)
-            if failed < len(rows[0]):
+            stages = self.motion(piece) if motion is None else motion
+            failed = self._integrate(piece, stages, rows)
+            if failed < len(piece.t):
                 return at + failed
         return len(log.t)
+
+    def _integrate(self, log: Log, motion: Motion, rows: list[Array], divided: int = 0) -> int:
+        """RK4 steps along a log; in the cone's metric, inaccurate ones are divided.
+
+        Args:
+            log: N measurements.
+            motion: of that log.
+            rows: v̂ (N, n), θ̂ (N, p) and pivots (N,), written from row 1 on.
+            divided: how often the steps of this log have been divided.
+
+        Returns:
+            The row that failed, or N.
+        """
+        row = follow(self.law, motion, *rows, 1)
+        while row < len(log.t) and divided < _DIVISIONS and isinstance(self.law, Curved):
+            step = log.part(row - 1, row + 1)
+            if not all(np.isfinite(part).all() for part in step):
+                break
+            finer = self._halved(self._halved(step))
+            inner = [np.repeat(part[row - 1 : row], len(finer.t), axis=0) for part in rows]
+            failed = self._integrate(finer, self.motion(finer), inner, divided + 1)
+            if failed < len(finer.t):
+                rows[2][row] = inner[2][failed]
+                break
+            for part, found in zip(rows[:2], inner[:2], strict=True):
+                part[row] = found[-1]
+            rows[2][row] = inner[2][1:].min()
+            row = follow(self.law, motion, *rows, row + 1)
+        return row
+
+    def _halved(self, log: Log) -> Log:
+        """The log with the interpolated states half-way between its N samples, 2N − 1 in all."""
+        between = self.system.midpoints(log, self.hermite)
+        halves = 0.5 * (log.t[1:] + log.t[:-1]), between.q, between.v, log.u[:-1]
+        made = []
+        for part, half in zip(log, halves, strict=True):
+            made.append(np.repeat(part, 2, axis=0)[:-1])
+            made[-1][1::2] = half
+        return Log.unchecked(*made)
 
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) the metric's conserved quantity for estimates (..., p)."""
@@ -226,7 +266,10 @@ def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[Sta
     )
     if failed < len(log.t):
         finite = all(np.isfinite(part[last : last + 2]).all() for part in log)
-        status = Status.estimate_not_positive_definite if finite else Status.measurement_not_finite
+        status = Status.measurement_not_finite
+        if finite:
+            lost = not estimates.pivot[failed] > 0
+            status = Status.estimate_not_positive_definite if lost else Status.adaptation_too_fast
         state = state._replace(pivot=float(estimates.pivot[failed]), status=status)
     return state, estimates.first(failed)
 
@@ -292,7 +335,7 @@ def _batch(
     law = Flat(lanes(law.K for law in laws), lanes(law.metric.Gamma for law in laws))
     v_hat = rows_from(lanes(state.v_hat for state in states))
     theta_hat = rows_from(lanes(state.theta_hat for state in states))
-    if follow(law, batch, v_hat, theta_hat, np.empty(count)) < count:
+    if follow(law, batch, v_hat, theta_hat, np.empty(count), 1) < count:
         return None
     made = []
     for lane, state in enumerate(states):

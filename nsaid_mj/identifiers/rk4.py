@@ -7,7 +7,7 @@ from numba import njit
 
 from ..dynamics.motions import stage, stage_room
 from ..numerics.linalg import copy_into, times_into
-from .metric import adapt, chart, enter, hold, leave, sound
+from .metric import accurate, adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
 
@@ -68,24 +68,27 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 
 
 @njit(cache=True, nogil=True)
-def follow(law, motion, v_hats, theta_hats, pivots):
+def follow(law, motion, v_hats, theta_hats, pivots, first):
     """Integrates (44, 45) along a motion of N samples.
 
     Args:
         law: the gain K and the metric.
         motion: any of `dynamics.motions`.
-        v_hats: (N, n) v̂, written from row 1 on; row 0 is the initial value.
-        theta_hats: (N, p) θ̂, written from row 1 on; row 0 is the initial value.
-        pivots: (N,) M̂'s smallest pivot in the step that ends at the row; written from row 1 on.
+        v_hats: (N, n) v̂, written from row `first` on; the row before is the initial value.
+        theta_hats: (N, p) θ̂, written from row `first` on; the row before is the initial value.
+        pivots: (N,) M̂'s smallest pivot in the step that ends at the row; written from row
+            `first` on.
+        first: the first row.
 
     Returns:
-        The first row at which M̂ was not positive definite or θ̂ left its domain; N if none.
+        The first row at which M̂ was not positive definite, θ̂ left its domain, or the step was too
+        long to be accurate; N if none.
     """
     t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
     stages, work = stage_room(motion), room(law, n, p)
     a_hat, gradient = np.zeros(n), np.zeros((1, p))
     z, theta = work[1], work[4]
-    for k in range(1, t.shape[0]):
+    for k in range(first, t.shape[0]):
         dt = t[k] - t[k - 1]
         begin(law, work, v_hats[k - 1], theta_hats[k - 1])
         pivots[k] = np.inf
@@ -103,6 +106,8 @@ def follow(law, motion, v_hats, theta_hats, pivots):
             advance(law, work, v, a_hat, gradient[0], weight, reach)
         if not sound(law, theta):
             pivots[k] = np.nan
+            return k
+        if not accurate(law, work[0][n:], z[n:], theta_hats[k - 1], theta, work[5]):
             return k
         copy_into(z[:n], v_hats[k])
         copy_into(theta, theta_hats[k])

@@ -333,7 +333,7 @@ BAD = {
     FourierTracking: {
         "fundamental": NOT_POSITIVE, "harmonics": [0, -1], "reach": [0.0, 1.01, NAN],
         "bandwidth": NOT_POSITIVE, "speed": NOT_POSITIVE,
-        "joints": [(0,), (9,), (1.5,)],
+        "joints": [(0,), (9,), (1.5,)], "limit": NOT_POSITIVE,
     },
     AxisMultisine: {
         "axes": [(), ("up",)], "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF],

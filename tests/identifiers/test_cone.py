@@ -14,6 +14,7 @@ from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.cone import chart
 from nsaid_mj.identifiers.cone.law import cone_identifier
+from nsaid_mj.identifiers.metric import ACCURACY
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
@@ -486,11 +487,12 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
     """A law far too fast for dt ends with a status and the last good estimate, never in NaN."""
     cone, measured = (
         geometry.cone_of(scenario_plant("bluerov2").system.space),
-        driven("bluerov2", 5.0, seed=MOTION).rows[:60],
+        driven("bluerov2", 5.0, seed=MOTION).rows[:20],
     )
     endings = set()
     for seed in range(8):
-        law = build("bluerov2", inside("bluerov2", seed), gain=3e3, mu=1 / 3e3)
+        gain = 10.0 ** (3 + seed)
+        law = build("bluerov2", inside("bluerov2", seed), gain=gain, mu=1 / gain)
         if not compiled:
             monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
         state = law.init(measured[0])
@@ -501,32 +503,33 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
             if state.status is not Status.completed:
                 break
         endings.add(state.status)
-    assert Status.estimate_not_positive_definite in endings
+    assert endings & {Status.estimate_not_positive_definite, Status.adaptation_too_fast}
 
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch, compiled):
-    """Steps as long as the cone is wide are cut, and followed by others."""
+    """Steps as long as the cone is wide are divided, also where a tied matrix cuts them."""
     measured, system = driven("remus100", 5.0, seed=MOTION).rows, scenario_plant("remus100").system
     cone, place = geometry.cone_of(system.space), system.space["mass matrix"]
-    held = 0
-    for seed in range(4):
+    long = 0
+    for seed in range(2):
         law = build("remus100", inside("remus100", seed, 1.0), gain=700.0, mu=1e-4)
         if not compiled:
             monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
-        state, cut = law.init(measured[0]), False
-        for before, after in pairwise(measured):
+        state = law.init(measured[0])
+        for before, after in pairwise(measured[:100]):
             following = law.step(state, before, after)
             if following.status is not Status.completed:
                 break
-            held += cut
+            assert geometry.inside(cone, following.theta_hat)
+            change = law.conserved(following.theta_hat) - law.conserved(state.theta_hat)
+            assert abs(change) <= 64 * ACCURACY * law.metric.mu * cone.degree * (1 + 1e-6)
             whole = np.r_[state.theta_hat[place], np.ones(system.p - 6)]
             metric = geometry.gradient_and_hessian(cone, whole)[1][place, place]
             d = (following.theta_hat - state.theta_hat)[place]
-            length = np.sqrt(d @ metric @ d)
-            assert length <= 0.9 + 1e-6
-            state, cut = following, bool(length > 0.9 - 1e-6)
-    assert held > 0
+            long += np.sqrt(d @ metric @ d) > 0.5
+            state = following
+    assert long > 0
 
 
 def test_without_a_barrier_the_cone_law_is_the_papers_law():

@@ -199,6 +199,28 @@ def from_chart_into(cone, eta, pairing, theta, room):
 
 
 @compiled
+def height(cone, eta, theta, room):
+    """The barrier b at η (p,) and its θ (p,), from the logarithms in η; NaN outside the cone."""
+    total = 0.0
+    for j in cone.positive:
+        total -= eta[j]
+    for block in range(cone.blocks.shape[0]):
+        start, end, k, first, last = cone.blocks[block]
+        if tied(cone, block):
+            L, own = room[0][0], cone.entries[first:last]
+            matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
+            factor_in_place(L, k)
+            for i in range(k):
+                total += 2 * np.log(L[i, i])
+            continue
+        at = start - 1
+        for i in range(k):
+            at += i + 1
+            total -= 2 * eta[at]
+    return total
+
+
+@compiled
 def rate_in_place(L, rate, k):
     """Overwrites Ṗ (k, k) by η̇'s matrix, by differentiating the Cholesky recursion."""
     for i in range(k):
