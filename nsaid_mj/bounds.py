@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from dataclasses import field, fields
 from typing import Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
@@ -206,3 +207,12 @@ def shown(value: object) -> object:
     except ValueError:  # Python writes no integer of more than 4300 digits
         return "a whole number of thousands of digits"
     return value if len(text) <= 80 else f"{text[:77]}…"
+
+
+def without_nonfinite(value: Any) -> Any:
+    """A copy of JSON-like data in which NaN and infinities are None, for strict JSON."""
+    if isinstance(value, dict):
+        return {key: without_nonfinite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nonfinite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

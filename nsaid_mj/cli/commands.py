@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from . import grammar
 
 FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
+_MOST_SEEDS = 10_000  # of a comparison
 
 
 def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn:
@@ -334,11 +335,14 @@ def _seeds(text: str) -> tuple[int, ...]:
     """Parses seeds: `0,3,5`, or `0:10` for 0 to 9."""
     first, colon, last = text.partition(":")
     try:
-        if colon:
-            return tuple(range(int(first or 0), int(last)))
-        return tuple(int(part) for part in text.split(","))
+        if not colon:
+            return tuple(int(part) for part in text.split(","))
+        start, end = int(first or 0), int(last)
     except ValueError as error:
         raise InvalidInput("--seeds", "0,1,2 or 0:10", text, "0:3 is 0,1,2.") from error
+    if end - start > _MOST_SEEDS:
+        raise InvalidInput("--seeds", f"at most {_MOST_SEEDS} seeds", text, "0:3 is 0,1,2.")
+    return tuple(range(start, end))
 
 
 def _numbers(flag: str, text: str) -> tuple[float, ...]:

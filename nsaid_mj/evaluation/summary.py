@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..bounds import without_nonfinite
 from ..experiment.loop import Run
 from ..experiment.setup import Seeds
 from ..identifiers import ConventionalAID, IdentifierConfig
@@ -59,8 +60,10 @@ def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
         run: a finished run, completed or not.
         truth: of its plant. If None, the keys that need it are absent, and the unobservable
             directions are those at the last estimate.
+
+    Figures that are not finite are None, as JSON has no other word for them.
     """
-    summary = _summary(run, truth)
+    summary = without_nonfinite(_summary(run, truth))
     return summary | {"verdict": verdict(summary)}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import evaluation, recording
+from ..bounds import LARGEST
 from ..errors import BadRun
 from ..experiment.loop import Ending, Run, reopen
 from ..experiment.record import Record
@@ -24,7 +25,8 @@ SUMMARY, SCENARIO = "summary.json", "scenario.json"
 def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
 
-    A run without any row has no recording and no report. Without Rerun there is no recording.
+    A run without any row, or with figures beyond 1e15, has no recording and no report; without
+    Rerun there is no recording.
 
     Args:
         run: a finished run, completed or not.
@@ -55,13 +57,21 @@ def _finish(run: Run, say: Callable[[str], None]) -> dict[str, Any]:
         summary = evaluation.summarize(run, truth)
         write_json(run.folder / SUMMARY, summary)
         write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
-        if not len(run.record):
+        if not _drawable(run.record):
             return summary
         say("writing recording and report")
         if recording.available():
             recording.write(run, summary, truth)
         report.write(run, summary, truth, drawer)
     return summary
+
+
+def _drawable(record: Record) -> bool:
+    """Whether a record has rows, of figures that can be drawn."""
+    if not len(record):
+        return False
+    columns = (record[name] for name in ("q", "v", "u", "v_hat", "theta_hat"))
+    return all(part.min() >= -LARGEST and part.max() <= LARGEST for part in columns)
 
 
 def rebuild(folder: Path) -> dict[str, Any]:

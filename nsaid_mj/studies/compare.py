@@ -42,6 +42,10 @@ _HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "relative gains", "force residual", "tim
 FILES = ("compare.json", "compare.csv")
 
 
+MOST_LOGGED = 1e7
+"""Largest number of time steps of a log, of which every method keeps all in memory."""
+
+
 @dataclass(frozen=True)
 class Plan(Study):
     """The methods of a comparison and the logs that they get.
@@ -95,6 +99,10 @@ class Plan(Study):
         if not all(np.isfinite(d) and d >= shortest for d in self.durations):
             remedy = "Give longer durations."
             raise InvalidInput("durations", f"times ≥ {shortest:g} s", self.durations, remedy)
+        if max(self.durations) > MOST_LOGGED * self.scenario.dt:
+            expected = f"at most {MOST_LOGGED:.0e} steps of {self.scenario.dt:g} s"
+            remedy = "Logs are kept in memory: give shorter durations."
+            raise InvalidInput("durations", expected, self.durations, remedy)
 
     def names(self, noise: float) -> tuple[str, ...]:
         """The prior, the bound if there is one at this multiple of the noise, and the methods."""

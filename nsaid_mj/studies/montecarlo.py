@@ -42,7 +42,7 @@ from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..reporting.progress import announcing
 from ..system import Motion
-from .study import Study
+from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
 from .sweep_folder import opened
 from .sweep_results import MANIFEST, TABLE, Group, Row, Sweep, digits, read
@@ -59,6 +59,7 @@ QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 _PIECE = 500  # time steps in a segment, about; progress is reported after each
 _GROUP = 32  # identifiers that share a motion, at most: one batch
 _PLANTS = 32  # plants whose logs are in memory at the same time
+_JOBS = "The default is the number of processors."
 _LINES = 40  # lost runs that are printed, at most
 
 Seen = Callable[[float], object]
@@ -78,14 +79,14 @@ class Plan(Study):
             only; otherwise draw i equals `nsaid run` with its seed, including truth and motion.
 
     Raises:
-        InvalidInput: `runs` is less than 1, or a shared plant leaves nothing to draw.
+        InvalidInput: `runs` is less than 1 or too large, or a shared plant leaves nothing to draw.
     """
 
     runs: int
     shared: bool = True
 
     def __post_init__(self) -> None:
-        _at_least_one("runs", self.runs, "256 runs give distributions.")
+        check_count("runs", self.runs, "256 runs give distributions.")
         _check_sharing(self.scenario, self.shared)
 
     @property
@@ -307,10 +308,11 @@ def monte_carlo(
         estimate.
 
     Raises:
-        InvalidInput: `runs` or `jobs` is less than 1, or a shared plant leaves nothing to draw.
+        InvalidInput: `runs` or `jobs` is less than 1 or too large, or a shared plant leaves nothing
+            to draw.
         NsaidError: the scenario cannot be started.
     """
-    _at_least_one("runs", runs, "256 runs give distributions.")
+    check_count("runs", runs, "256 runs give distributions.")
     _check_sharing(scenario, shared)
     rows = [row for part in _rows(scenario, range(runs), jobs, shared) for row in part]
     return sorted(rows, key=lambda row: row["run"])
@@ -324,7 +326,7 @@ def _rows(
     If the caller does not wait for the last one, the threads stop at their next report of progress.
     """
     jobs = (os.cpu_count() or 1) if jobs is None else jobs
-    _at_least_one("jobs", jobs, "The default is the number of processors.")
+    check_count("jobs", jobs, _JOBS, MOST_JOBS)
     draws = [(k, replace(scenario, seed=seed_of(scenario.seed, k))) for k in todo]
     pool, stopped = ThreadPoolExecutor(jobs), threading.Event()
 
@@ -372,11 +374,6 @@ def _identified(
         yield done.result()
 
 
-def _at_least_one(name: str, number: int, remedy: str) -> None:
-    if number < 1:
-        raise InvalidInput(name, "a number ≥ 1", number, remedy)
-
-
 def _check_sharing(scenario: Scenario, shared: bool) -> None:
     if shared and scenario.prior == "nominal":
         raise InvalidInput(
@@ -404,7 +401,7 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
         InvalidInput: `jobs` is less than 1.
         NsaidError: the scenario cannot be started.
     """
-    _at_least_one("jobs", 1 if jobs is None else jobs, "The default is the number of processors.")
+    check_count("jobs", 1 if jobs is None else jobs, _JOBS, MOST_JOBS)
     if folder.is_dir() and not (folder / MANIFEST).is_file() and any(folder.iterdir()):
         raise BadRun(folder, "it holds something else", "Give another folder with --out")
     bar = Progress(

@@ -8,8 +8,25 @@ from functools import cached_property
 from typing import Any
 
 from .. import evaluation
+from ..bounds import shown
+from ..errors import InvalidInput
 from ..experiment.library import digest_of
 from ..experiment.scenario import Scenario
+
+MOST_RUNS = 1_000_000
+"""Largest number of runs of a study; a day has as many tenths of a second."""
+MOST_JOBS = 1024
+"""Largest number of runs at the same time."""
+
+
+def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> None:
+    """Checks a number of runs, or of runs at the same time.
+
+    Raises:
+        InvalidInput: it is less than 1, or more than `most`.
+    """
+    if not 1 <= number <= most:
+        raise InvalidInput(name, f"a number from 1 to {most}", shown(number), remedy)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ its number, not on the number of workers or on the order in which they finish. A
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -23,7 +24,7 @@ from ..experiment.fields import field_path, field_value, with_fields
 from ..experiment.scenario import Scenario
 from ..reporting.progress import COMPILING
 from ..reporting.warmup import is_warm
-from .study import Study
+from .study import Study, check_count
 from .sweep_engine import Engine
 from .sweep_folder import opened
 from .sweep_results import Row, Sweep, read
@@ -58,14 +59,15 @@ class Plan(Study):
     seeds: int = 10
 
     def __post_init__(self) -> None:
-        if self.seeds < 1:
-            raise InvalidInput("seeds", "a number ≥ 1", self.seeds, "100 seeds give distributions.")
+        check_count("seeds", self.seeds, "100 seeds give distributions.")
         for path, values in self.vary.items():
             if not values or len(set(values)) < len(values):
                 raise InvalidInput(path, "values without duplicates", values, "Give each once.")
             if path == "seed":
                 remedy = "Give --seeds, the number of draws, and --seed, the master seed."
                 raise InvalidInput("seed", "a field other than the seed", "seed", remedy)
+        runs = self.seeds * math.prod(len(values) for values in self.vary.values())
+        check_count("runs", runs, "Vary fewer fields, or take fewer values or seeds.")
         _ = self.scenarios
 
     @cached_property

@@ -16,6 +16,7 @@ import joblib
 
 from ..errors import InvalidInput, UnknownName
 from ..experiment.scenario import Scenario
+from .study import MOST_JOBS, check_count
 from .sweep_worker import Job, supervised
 
 ENGINES = ("loky", "dask")
@@ -49,8 +50,8 @@ class Engine:
         if (self.name == "loky") != (self.address is None):
             expected = "none for loky, which is local" if self.address else "a cluster's"
             raise InvalidInput("address", expected, self.address, "tcp://host:8786 is Dask's form.")
-        if self.jobs is not None and self.jobs < 1:
-            raise InvalidInput("jobs", "a number ≥ 1", self.jobs, "Omit it for all processors.")
+        if self.jobs is not None:
+            check_count("jobs", self.jobs, "Omit it for all processors.", MOST_JOBS)
         if self.timeout is not None and not (math.isfinite(self.timeout) and self.timeout > 0):
             raise InvalidInput("timeout", "seconds > 0", self.timeout, "Omit it for the default.")
 

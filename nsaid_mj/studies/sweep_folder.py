@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from ..bounds import without_nonfinite
 from ..errors import BadRun, NotWritten
 from ..resources import atomic_write, locked, told, write_json
 from .sweep_results import MANIFEST, ROWS, Row, read_manifest, read_rows, write_table
@@ -31,7 +32,9 @@ class Rows:
         Raises:
             NotWritten: the disk is full; the rows before are kept.
         """
-        line = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n").encode()
+        line = (
+            json.dumps(without_nonfinite(row), ensure_ascii=False, allow_nan=False) + "\n"
+        ).encode()
         remedy = "Make room on the disk; the same command then resumes"
         with told(self._path, remedy):
             if self._stream.write(line) < len(line):

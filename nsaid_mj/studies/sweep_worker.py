@@ -22,6 +22,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ..bounds import without_nonfinite
 from ..errors import NsaidError
 from ..experiment.library import digest_of
 
@@ -211,7 +212,7 @@ def _attempt(job: Job, folder: Path) -> str:
         if digest_of(job.script) != job.digest:
             return _failure(f"{job.script} has changed since the sweep was started")
         found = figures(run(Scenario.from_json(job.scenario), folder))
-        return json.dumps(found, ensure_ascii=False, allow_nan=False)
+        return json.dumps(without_nonfinite(found), ensure_ascii=False, allow_nan=False)
     except NsaidError as error:
         return _failure(str(error))
     except (Exception, SystemExit) as error:
