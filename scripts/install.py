@@ -68,7 +68,7 @@ def main() -> None:
     """Installs this checkout with the extras named on the command line."""
     extras = sys.argv[1] if len(sys.argv) > 1 else "arms,view"
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036 - this script runs before anything is installed
         sys.exit(f"Python 3.11 or newer is needed, this is {version}: make PYTHON=python3.12")
     print(f"Installing nsaid-mj[{extras}] for Python {version} into {VENV.name}", flush=True)
     VENV.mkdir(exist_ok=True)

@@ -17,7 +17,7 @@ from nsaid_mj.plants import BlueROV2Plant
 from tests.support.faulty import CHECKOUT, call
 
 PAGE = (CHECKOUT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+BLOCKS = re.findall(r'^```(\w+)(?: title="(\S+)")?\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
 COMMANDS = [line for kind, _, text in BLOCKS if kind == "sh" for line in text.splitlines()]
 SHORT = "--duration 3 --held-out 1 --pe-window 1 --quiet"
 

@@ -15,6 +15,7 @@ from ..experiment.loop import Run, run
 from ..experiment.scenario import Scenario
 from ..identifiers import Status
 from ..numerics.kernels import FOLDER, compile_seconds
+from . import head_start
 
 _SECONDS, _STEPS = 1.5, 50  # length of the short run, the longer of the two; a memory is in use
 
@@ -40,13 +41,26 @@ def warm_up(scenario: Scenario) -> float:
     before = compile_seconds()
     duration = min(scenario.duration, max(_SECONDS, _STEPS * scenario.dt))
     short = replace(scenario, duration=duration, held_out=min(scenario.held_out, duration))
+    if head_start.pays_off(scenario):
+        with head_start.second_process(short):
+            identifier = replace(short.identifier, law="memory")  # all but the filter
+            _run_and_judge(replace(short, identifier=identifier))
+    mark_warm(_run_and_judge(short))
+    return compile_seconds() - before
+
+
+def _run_and_judge(scenario: Scenario) -> Run:
+    """Runs and evaluates a scenario in a temporary folder.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C ended the run.
+    """
     with TemporaryDirectory(prefix="nsaid-mj-") as folder:
-        result = run(short, Path(folder))
+        result = run(scenario, Path(folder))
         if result.ending.status is Status.interrupted:
             raise KeyboardInterrupt
         evaluation.summarize(result, evaluation.truth_of(result))
-    mark_warm(result)
-    return compile_seconds() - before
+    return result
 
 
 def is_warm(scenario: Scenario) -> bool:
