@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo install test test-all bench lint screenshots store-directions wheel clean
+.PHONY: demo install test test-all bench lint docs screenshots store-directions wheel clean
 
 demo: .venv/ready  ## install what a run needs, identify a UR5 from 20 s of noisy motion, say what was found
 	$(BIN)/nsaid run ur5 --law efficient --sensors noisy --duration 20
@@ -36,8 +36,11 @@ screenshots: install  ## docs/*.png from real recordings (needs a Vulkan driver)
 store-directions: install  ## accept the directions that the scenarios now converge to
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.recovery.store
 
+docs: install  ## the site, in build/site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 wheel: install
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
 clean:
-	rm -rf .venv dist runs
+	rm -rf .venv build dist runs

@@ -57,9 +57,8 @@ TITLES = {
     75: "excitation orthogonal to P(θ)",
 }
 
-_MARK = re.compile(
-    r"(?:^|(?<=[\s,;:=]))\((\d{1,2}(?:(?:, |–)\d{1,2})*)\)(?!; |, (?!and|with|but|which)[\w·]| \[)"
-)
+_LISTED = r"; |, (?!and|with|but|which)[\w·]| \["  # what follows a size in a list of arrays
+_MARK = re.compile(rf"(?:^|(?<=[\s,;:=]))\((\d{{1,2}}(?:(?:, |–)\d{{1,2}})*)\)(?!{_LISTED})")
 
 
 class Place(NamedTuple):
