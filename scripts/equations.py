@@ -17,6 +17,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "nsaid_mj"
 LAST = 96  # the paper's last equation
 PLACES = 6  # shown for each equation, at most
+ELSEWHERE = {"calibration", "recording", "reporting", "studies", "cli"}
+"""Rooms that state no equation; a number in parentheses is the length of an array there."""
 
 TITLES = {
     2: "persistency of excitation",
@@ -85,6 +87,8 @@ def marks(package: Path = PACKAGE) -> dict[int, list[Place]]:
     """Every marked line of a package by equation, marks beside code before those in docstrings."""
     found: dict[int, list[tuple[bool, Place]]] = defaultdict(list)
     for file in sorted(package.rglob("*.py")):
+        if file.relative_to(package).parts[0] in ELSEWHERE:
+            continue
         text = file.read_text(encoding="utf-8")
         lines = text.splitlines()
         for token in tokenize.generate_tokens(io.StringIO(text).readline):
