@@ -22,7 +22,6 @@ import os
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 from nsaid_mj import ArmPlant, FourierTracking, NullspaceAID, Scenario, finish, run
 
