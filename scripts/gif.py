@@ -1,7 +1,9 @@
 """Makes docs/demo.gif: a UR5 while it is identified, from a real run.
 
-nsaid run ur5 --law efficient --sensors noisy --duration 12 --out runs/demo
-python scripts/gif.py runs/demo
+    nsaid run ur5 --law efficient --sensors noisy --duration 12 --out runs/demo
+    python scripts/gif.py runs/demo
+
+The robot is drawn from its own visual meshes; the distance needs the truth of the simulated plant.
 """
 
 import sys
@@ -18,9 +20,11 @@ from nsaid_mj.experiment.loop import SimulatedRun, reopen
 from nsaid_mj.experiment.record import Record
 
 OUT = Path(__file__).parents[1] / "docs" / "demo.gif"
-FRAMES, RATE = 72, 12  # pictures, and pictures per second
+FRAMES, RATE, LAST = 72, 12, 12.0  # pictures, pictures per second, end of the picture [s]
+MARGIN = 0.12  # around the robot [m]
 VIEW = Rotation.from_euler("zx", [-125, -65], degrees=True)  # world to screen: x right, y up
 LIGHT = np.array([0.3, 0.6, 0.75])
+TINT = np.array([0.80, 0.90, 1.0])
 INK, PAPER, BLUE, ORANGE = "#22303a", "#ffffff", "#2f6db3", "#d9742b"
 
 
@@ -30,6 +34,11 @@ class Robot:
     def __init__(self, run: SimulatedRun, rows: np.ndarray):
         self._meshes = run.plant.visuals()
         self._poses = run.plant.poses(run.record["q"][rows])
+
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner (2,) of where the links' origins ever are, with a margin."""
+        places = VIEW.apply(self._poses[0].reshape(-1, 3))[:, :2]
+        return places.min(0) - MARGIN, places.max(0) + MARGIN
 
     def draw(self, collection: PolyCollection, frame: int) -> None:
         """Sets the triangles of a picture."""
@@ -41,7 +50,7 @@ class Robot:
             normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
             shade = 0.35 + 0.65 * np.abs(normal @ LIGHT)
             corners.append(seen)
-            colors.append(np.clip(shade[:, None] * np.array(mesh.color[:3]), 0, 1))
+            colors.append(np.clip(shade[:, None] * TINT * mesh.color[:3], 0, 1))
         triangles, shades = np.concatenate(corners), np.concatenate(colors)
         order = np.argsort(triangles[:, :, 2].mean(axis=1))
         collection.set_verts(triangles[order, :, :2])
@@ -52,7 +61,8 @@ def main(folder: Path) -> None:
     """Draws robot, distance and gains of a run."""
     run = reopen(folder, Record.read(folder))
     record, space = run.record, run.system.space
-    rows = np.linspace(0, len(record) - 1, FRAMES).astype(int)
+    last = np.searchsorted(record["t"], LAST) - 1
+    rows = np.linspace(0, last, FRAMES).astype(int)
     t, theta = record["t"][rows], record["theta_hat"][rows]
     truth = truth_of(run)
     distance = truth.nullspace.ratio(theta / space.scale)
@@ -62,13 +72,14 @@ def main(folder: Path) -> None:
 
     plt.rcParams.update({"font.size": 9, "axes.edgecolor": INK, "axes.labelcolor": INK})
     figure = plt.figure(figsize=(7.2, 3.6), dpi=90, facecolor=PAPER)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.15), left=0.0, right=0.98, top=0.9,
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1), left=0.02, right=0.98, top=0.9,
                                bottom=0.13, wspace=0.22, hspace=0.55)  # fmt: skip
     view = figure.add_subplot(grid[:, 0])
-    view.set(xlim=(-0.95, 0.95), ylim=(-0.75, 1.05), aspect="equal")
+    robot = Robot(run, rows)
+    (left, low), (right, high) = robot.extent()
+    view.set(xlim=(left, right), ylim=(low - 0.1 * (high - low), high), aspect="equal")
     view.axis("off")
     collection = view.add_collection(PolyCollection([], edgecolor="none", antialiased=False))
-    robot = Robot(run, rows)
     upper, lower = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
     upper.set_title("distance of the estimate to the true set", loc="left", fontsize=9)
     upper.set(yscale="log", xlim=(0, t[-1]), ylim=(distance.min() / 2, 2 * distance.max()))

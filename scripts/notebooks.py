@@ -1,7 +1,9 @@
 """Makes examples/*.ipynb from examples/*.py and runs them.
 
-python scripts/notebooks.py            # with output, as they are committed
-python scripts/notebooks.py --check    # fails if a notebook is not made from its script
+    python scripts/notebooks.py            # with output, as they are committed
+    python scripts/notebooks.py --check    # fails if a notebook is not made from its script
+
+The scripts are the source; edit those.
 """
 
 import argparse
