@@ -16,7 +16,31 @@ import equations
 
 ROOT = Path(__file__).parents[1]
 MARKER = "<!-- the table of equations -->"
+_TEXT = re.compile(r"\[(\w+\.md)\]\((\1[^)]*)\)")
+_SUBSCRIPT = re.compile(r"(?<=[^\x00-\x7f])_|_(?=[^\x00-\x7f])")
 _SOURCE = re.compile(r"\]\(\.\./assets/(\w+)/SOURCE\.md\)")
+
+
+def escaped(markdown: str) -> str:
+    """The text with a backslash before underscores of symbols such as P̄_⊥, which are no emphasis."""
+    lines, fenced = [], False
+    for line in markdown.splitlines():
+        fenced ^= line.startswith("```")
+        if not fenced and not line.startswith("    "):
+            parts = line.split("`")
+            parts[::2] = [_SUBSCRIPT.sub(r"\\_", part) for part in parts[::2]]
+            line = "`".join(parts)
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def titles(nav: Any) -> dict[str, str]:
+    """The title of every page in the navigation, by its file."""
+    found: dict[str, str] = {}
+    for entry in nav:
+        for title, target in entry.items():
+            found |= titles(target) if isinstance(target, list) else {target: title}
+    return found
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -31,8 +55,11 @@ def on_files(files: Any, config: Any) -> Any:
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Puts in the table of equations, and leads links to SOURCE.md files to their pages."""
+def on_page_markdown(markdown: str, config: Any, **_: Any) -> str:
+    """Puts in the table of equations, page titles for file names, and links to SOURCE.md pages."""
+    known = titles(config["nav"])
+    markdown = _TEXT.sub(lambda m: f"[{known.get(m[1], m[1])}]({m[2]})", markdown)
     if MARKER in markdown:
         markdown = markdown.replace(MARKER, equations.table())
+    markdown = escaped(markdown)
     return _SOURCE.sub(r"](sources/\1.md)", markdown)

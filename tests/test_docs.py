@@ -86,6 +86,8 @@ def carry_out(page: Path, folder: Path, slow: bool) -> None:
                 code = ""
             for line in block.text.splitlines():
                 words = shlex.split(line, comments=True)
+                if not words:
+                    continue
                 assert words[:1] == ["nsaid"], f"say why this is not run: {line}"
                 done = call(*shortened(words[1:]), cwd=folder)
                 fine = {0, 1} if words[1] == "verify" else {0}  # a short run may fail a statement
