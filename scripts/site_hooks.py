@@ -22,15 +22,16 @@ _SOURCE = re.compile(r"\]\(\.\./assets/(\w+)/SOURCE\.md\)")
 
 
 def escaped(markdown: str) -> str:
-    """The text with a backslash before underscores of symbols such as P̄_⊥, which are no emphasis."""
+    """The text with underscores of symbols such as P̄_⊥ escaped, as they are no emphasis."""
     lines, fenced = [], False
     for line in markdown.splitlines():
         fenced ^= line.startswith("```")
         if not fenced and not line.startswith("    "):
             parts = line.split("`")
             parts[::2] = [_SUBSCRIPT.sub(r"\\_", part) for part in parts[::2]]
-            line = "`".join(parts)
-        lines.append(line)
+            lines.append("`".join(parts))
+        else:
+            lines.append(line)
     return "\n".join(lines) + "\n"
 
 
