@@ -72,7 +72,7 @@ for line, value in zip(lines, true, strict=True):
     axes.axhline(value, color=line.get_color(), linestyle="--", linewidth=0.8)
 axes.set(xlabel="time [s]", ylabel="gain / mean of gains [1]", title="UR5: motor gains")
 axes.legend(lines, [space.names[i] for i in space.actuators], fontsize="small", ncols=2)
-figure
+plt.show()
 
 # %% [markdown]
 # ## What can never be known

@@ -65,7 +65,7 @@ axes.set(
     title=f"thruster {weak} loses 40 % at {seconds / 2:g} s",
 )
 axes.legend()
-figure
+plt.show()
 
 # %% [markdown]
 # ## What else is known now

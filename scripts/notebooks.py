@@ -25,8 +25,12 @@ def main() -> None:
     """Makes the notebooks, or checks them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--check", action="store_true")
-    check, stale = parser.parse_args().check, []
+    parser.add_argument("names", nargs="*", help="of examples; all if left out")
+    arguments, stale = parser.parse_args(), []
+    check = arguments.check
     for script in sorted(EXAMPLES.glob("*.py")):
+        if arguments.names and script.stem not in arguments.names:
+            continue
         made, path = jupytext.read(script), script.with_suffix(".ipynb")
         if check:
             if not path.is_file() or cells(jupytext.read(path)) != cells(made):
