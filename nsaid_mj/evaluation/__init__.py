@@ -9,6 +9,8 @@ phrases it, and `verify` checks the paper's statements against a run.
 from .figures import CONVERGED as CONVERGED
 from .figures import Judge as Judge
 from .figures import converged_at as converged_at
+from .forces import Forces as Forces
+from .forces import forces_of as forces_of
 from .lyapunov import energy as energy
 from .summary import nullspace_of as nullspace_of
 from .summary import summarize as summarize
@@ -19,6 +21,8 @@ from .words import FIGURES as FIGURES
 from .words import OWN as OWN
 from .words import confidence_lines as confidence_lines
 from .words import figure as figure
+from .words import force_units as force_units
 from .words import gain_rows as gain_rows
 from .words import observable_line as observable_line
 from .words import unobservable_lines as unobservable_lines
+from .words import velocity_labels as velocity_labels

@@ -7,15 +7,18 @@ The directions span P_⊥(θ̂), the observable part of θ. Standard deviations 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..identifiers import Confidence
 from ..nullspace import Nullspace
-from ..parameters import Array, ParameterSpace
+from ..parameters import Array, Indices, ParameterSpace
 
 INTERVAL = 1.96  # half width of a 95 % interval of the normal distribution [standard deviations]
 _BELOW = 0.7  # posterior over prior standard deviation above which data count as uninformative
+
+_FIXED = 1e-6  # share of a combination along P_s(θ̂) below which the motion determines it
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,50 @@ class Known:
         spread = W_s @ (self.directions.T * self.deviation) * np.linalg.norm(theta_hat_s)
         deviation = np.linalg.norm(spread, axis=-1)
         return float(np.mean(np.abs(W_s @ theta_hat_s) <= INTERVAL * deviation))
+
+
+class Determined(NamedTuple):
+    """The parameters that the motion determines one by one, once the common scale is fixed.
+
+    The scale is fixed such that the mean of the actuators' gains is exact.
+
+    Attributes:
+        indices: (k,) in θ.
+        deviation: (k,) standard deviation of each, in its unit.
+        below_noise: (k,) whether the data are uninformative about it.
+        correlation: (k, k) of their errors.
+    """
+
+    indices: Indices
+    deviation: Array
+    below_noise: np.ndarray
+    correlation: Array
+
+
+def determined(
+    confidence: Confidence, theta_hat: Array, nullspace: Nullspace, space: ParameterSpace
+) -> Determined:
+    """Standard deviations and correlations of single parameters; arguments as of `known`.
+
+    θ̂_i − θ_i, less the common scale's share θ̂_i · mean_j(θ̂_j/θ_j − 1) over the actuators j, is
+    determined if it does not change along P_s(θ̂).
+    """
+    theta_s, k = theta_hat / space.scale, space.actuators
+    rows = np.eye(len(space))
+    if len(k):
+        rows[:, k] -= np.outer(theta_s, 1 / theta_s[k]) / len(k)
+    length = np.linalg.norm(rows, axis=1)
+    length = np.where(length > 0, length, np.inf)  # a single actuator is its own reference
+    along = np.linalg.norm(rows @ nullspace.P, axis=1) / length
+    indices = np.flatnonzero(np.isfinite(length) & (along < _FIXED))
+    rows = rows[indices]
+    scales = np.outer(space.scale, space.scale)
+    covariance, prior = (rows @ (part / scales) @ rows.T for part in confidence[:2])
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(deviation > 0, deviation, np.inf)
+    below = deviation**2 > _BELOW**2 * np.diag(prior)
+    correlation = covariance / np.outer(safe, safe)
+    return Determined(indices, deviation * space.scale[indices], below, correlation)
 
 
 def known(

@@ -15,7 +15,7 @@ from ..identifiers import ConventionalAID, IdentifierConfig
 from ..nullspace import Nullspace, directions, structural
 from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace
-from .confidence import known
+from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
@@ -24,6 +24,7 @@ from .truth import Truth
 from .verdict import residual_floor, verdict
 from .words import scientific
 
+_CORRELATED = 40  # parameters whose correlations are kept, at most
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
 
 _OF_THE_TRUTH = (
@@ -213,7 +214,9 @@ def confidence(run: Run, truth: Truth | None, contradicted: bool = False) -> dic
     if contradicted:
         stated = stated._replace(covariance=stated.prior)
     theta, space = run.record["theta_hat"][-1], run.system.space
-    found = known(stated, theta, nullspace_of(run, None), space)
+    nullspace = nullspace_of(run, None)
+    found = known(stated, theta, nullspace, space)
+    single = determined(stated, theta, nullspace, space)
     covered: dict[str, float] = {}
     if truth is not None:
         covered["covered"] = found.covered(theta / space.scale, truth.theta / space.scale)
@@ -231,6 +234,11 @@ def confidence(run: Run, truth: Truth | None, contradicted: bool = False) -> dic
         "actuators": {
             space.names[k]: float(s) for k, s in zip(space.actuators, found.actuators, strict=True)
         },
+        "parameters": {
+            space.names[i]: {"deviation": float(s), "below_noise": bool(low)}
+            for i, s, low in zip(single.indices, single.deviation, single.below_noise, strict=True)
+        },
+        "correlations": _correlations(single, space),
         "worst_known": [
             {"deviation": float(s), "below_noise": bool(low), "parameters": leading(d, space)}
             for s, low, d in zip(
@@ -241,6 +249,21 @@ def confidence(run: Run, truth: Truth | None, contradicted: bool = False) -> dic
             )
         ],
     }
+
+
+def _correlations(found: Determined, space: ParameterSpace) -> dict[str, Any]:
+    """Names and lower triangle of the correlations: actuators first, links' inertias last."""
+    inertial = {
+        i for b, s in space if b.geometry == "pseudo_inertia" for i in range(s.start, s.stop)
+    }
+    order = sorted(
+        (n for n, low in enumerate(found.below_noise) if not low and found.deviation[n] > 0),
+        key=lambda n: (found.indices[n] not in space.actuators, found.indices[n] in inertial, n),
+    )[:_CORRELATED]
+    rows = [
+        [round(float(r), 3) for r in found.correlation[n, order[:i]]] for i, n in enumerate(order)
+    ]
+    return {"parameters": [space.names[found.indices[n]] for n in order], "lower": rows}
 
 
 def leading(direction: Array, space: ParameterSpace, count: int = 3) -> dict[str, float]:

@@ -31,7 +31,9 @@ DRIFT = 1e-4  # relative drift of the conserved quantity; a tenth of what ends a
 UNEXCITED = 1e-9  # of a window's excitation, or of ‖θ̂‖; rounding error and its propagation
 BLIND = 1e-2  # bound on rises, over V(0), above which the test could not see a relevant rise
 _ROUNDING = 1e-9  # relative decrease that does not count as decay
-_ROWS = 20  # minimum length of a record: two rows in a tenth
+ROWS = 20
+"""Minimum length of a record: two rows in a tenth."""
+
 
 Word = Literal["holds", "not yet", "fails", "not applicable"]
 _COLOURS = {"holds": "green", "not yet": "yellow", "fails": "red", "not applicable": "dim"}
@@ -102,10 +104,10 @@ def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None)
 
 def _check_length(folder: Path, record: Record) -> None:
     """Raises BadRun if a record is too short to be checked."""
-    if len(record) < _ROWS:
+    if len(record) < ROWS:
         raise BadRun(
             folder,
-            f"its record has {len(record)} rows, {_ROWS} are needed",
+            f"its record has {len(record)} rows, {ROWS} are needed",
             "Run the scenario for longer, or record more rows.",
         )
 

@@ -7,13 +7,13 @@ import json
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import is_dataclass
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from .panels import Curve, Panel
+from .panels import AnyPanel, Comparison, Curve, Forest, HeatMap, Panel
 
 _TIMEOUT = 60.0  # after which the child counts as hung [s]
 
@@ -54,16 +54,16 @@ class Drawer:
             self._child.kill()
             self._child.communicate()
 
-    def draw(self, panels: Sequence[Panel]) -> list[str]:
+    def draw(self, panels: Sequence[AnyPanel]) -> list[str]:
         """Draws one SVG element per panel."""
         drawn = self._ask(panels)
         if drawn is None:
-            from .plots import over_time
+            from .drawings import draw
 
-            drawn = [over_time(panel) for panel in panels]
+            drawn = [draw(panel) for panel in panels]
         return drawn
 
-    def _ask(self, panels: Sequence[Panel]) -> list[str] | None:
+    def _ask(self, panels: Sequence[AnyPanel]) -> list[str] | None:
         """The child's drawings; None if there is no child or it fails."""
         child, self._child = self._child, None
         if child is None:
@@ -78,17 +78,16 @@ class Drawer:
             child.wait()
 
 
-def _plain(panel: Panel) -> dict[str, Any]:
-    """A panel as JSON-serialisable values."""
-    return asdict(panel) | {
-        "curves": [
-            {
-                name: value.tolist() if isinstance(value, np.ndarray) else value
-                for name, value in vars(curve).items()
-            }
-            for curve in panel.curves
-        ]
-    }
+def _plain(value: Any) -> Any:
+    """A panel as JSON-serialisable values; `kind` is the name of its class."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if is_dataclass(value):
+        fields = {name: _plain(item) for name, item in vars(value).items()}
+        return {"kind": type(value).__name__} | fields
+    return value
 
 
 # -- in the child ------------------------------------------------------------------------------
@@ -96,17 +95,21 @@ def _plain(panel: Panel) -> dict[str, Any]:
 
 def serve() -> None:
     """Reads panels from the standard input as JSON and writes their SVG to the standard output."""
-    from .plots import over_time
+    from .drawings import draw
 
-    panels = []
-    for fields in json.load(sys.stdin):
-        panel = Panel(**(fields | {"curves": []}))
-        for curve in fields["curves"]:
-            arrays = {
-                key: np.array(curve[key], dtype=np.float64)
-                for key in ("t", "values", "low", "high")
-                if curve[key] is not None
-            }
-            panel.curves.append(Curve(**(curve | arrays)))
-        panels.append(panel)
-    json.dump([over_time(panel) for panel in panels], sys.stdout)
+    json.dump([draw(_panel(fields)) for fields in json.load(sys.stdin)], sys.stdout)
+
+
+def _panel(fields: dict[str, Any]) -> Any:
+    """The panel, or curve, that `_plain` made these values from."""
+    made = dict(fields)
+    for name, value in fields.items():
+        if isinstance(value, list) and name not in {"names", "legend"}:
+            curves = name == "curves"
+            made[name] = [_panel(curve) for curve in value] if curves else np.array(value)
+    return _KINDS[made.pop("kind")](**made)
+
+
+_KINDS: dict[str, Any] = {
+    kind.__name__: kind for kind in (Comparison, Curve, Forest, HeatMap, Panel)
+}

@@ -1,4 +1,4 @@
-"""Curves over time as plain data, independent of the plotting library."""
+"""What a page's figures show, as plain data, independent of the plotting library."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..parameters import Array, Indices
-from .palette import COLOURS, INK, VARIABLES
+from .palette import BAD, COLOURS, INK, VARIABLES
 
 POINTS = 1500
 """Largest number of points drawn of one curve."""
@@ -65,6 +66,7 @@ class Panel:
     level_name: str = ""
     band_name: str = "95 % interval"
     curves: list[Curve] = field(default_factory=list)
+    wide: bool = False
 
     def add(
         self, t: Array, values: Array, name: str = "", band: tuple[Array, Array] | None = None
@@ -93,9 +95,104 @@ class Panel:
         return named
 
 
+@dataclass(frozen=True)
+class Forest:
+    """Values with intervals, one line for each name.
+
+    Attributes:
+        title: above the panel.
+        label: of the horizontal axis, with its unit.
+        names: (k) of the lines, from top to bottom.
+        values: (k,) values.
+        low: (k,) lower ends of the intervals, NaN for none.
+        high: (k,) upper ends.
+        firm: (k,) whether the value is drawn as certain, else pale and dashed.
+        reference: (k,) values to compare with, NaN for none.
+        legend: (name, colour, dash) of each entry.
+    """
+
+    title: str
+    label: str
+    names: list[str]
+    values: Array
+    low: Array
+    high: Array
+    firm: NDArray[np.bool_]
+    reference: Array
+    legend: list[tuple[str, str, str]] = field(default_factory=list)
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Correlations as a heat map, below the diagonal.
+
+    Attributes:
+        title: above the panel.
+        names: (k) of rows and columns.
+        correlation: (k, k), symmetric.
+    """
+
+    title: str
+    names: list[str]
+    correlation: Array
+    wide: bool = True
+
+    @property
+    def legend(self) -> list[tuple[str, str, str]]:
+        """(name, colour, dash) of both signs."""
+        return [("positive", BAD, "-"), ("negative", COLOURS[0], "-")]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A measured and a predicted quantity over time, and below it their difference.
+
+    Attributes:
+        title: above the panel.
+        label: of the vertical axis, without its unit.
+        unit: of all values.
+        t: (k,) times [s].
+        measured: (k,) values.
+        predicted: (k,) values.
+        half: (k,) half width of the prediction's interval; None for none.
+    """
+
+    title: str
+    label: str
+    unit: str
+    t: Array
+    measured: Array
+    predicted: Array
+    half: Array | None = None
+    wide: bool = False
+
+    @property
+    def legend(self) -> list[tuple[str, str, str]]:
+        """(name, colour, dash) of the curves."""
+        entries = [
+            ("measured", COLOURS[8], "-"),
+            ("predicted", COLOURS[0], "-"),
+            ("error, rms over short intervals", COLOURS[1], "-"),
+        ]
+        return entries + ([("95 % interval", COLOURS[0], BAND)] if self.half is not None else [])
+
+
+AnyPanel = Panel | Forest | HeatMap | Comparison
+"""What `plots.draw` draws."""
+
+
 def thin(rows: int, points: int = POINTS) -> Indices:
     """Indices of at most `points` of all rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, rows - 1, min(rows, points)).round().astype(np.intp))
+
+
+def page_figures(panels: Sequence[AnyPanel], drawings: Sequence[str]) -> list[dict[str, Any]]:
+    """Variables of drawn panels for the template `parts.html`."""
+    return [
+        template_figure(p.title, drawing, p.legend, p.wide)
+        for p, drawing in zip(panels, drawings, strict=True)
+    ]
 
 
 def template_figure(

@@ -128,8 +128,8 @@ def categories(axis: Axes, labels: Sequence[str], name: str) -> None:
     axis.set_xlabel(name)
 
 
-def logarithmic(axis: Any, which: str = "y") -> None:
-    """Makes an axis logarithmic, with ticks at round numbers over any range.
+def logarithmic(axis: Any, which: str = "y", most: int = 8) -> None:
+    """Makes an axis logarithmic, with at most `most` ticks at round numbers over any range.
 
     An axis without any value > 0 stays linear. Call this after everything is drawn.
     """
@@ -141,12 +141,13 @@ def logarithmic(axis: Any, which: str = "y") -> None:
     (axis.set_xscale if which == "x" else axis.set_yscale)("log", nonpositive="mask")
     low, high = sorted(axis.get_xlim() if which == "x" else axis.get_ylim())
     decades = np.log10(high / low)
-    if decades > 2:
-        ruler.set_major_locator(LogLocator(numticks=8))
-    elif decades > 0.8:
-        ruler.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=8))
+    if decades > (2 if most > 4 else 1.2):
+        ruler.set_major_locator(LogLocator(numticks=most))
+    elif decades > 0.8 and most > 4:
+        ruler.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=most))
     else:
-        ruler.set_major_locator(FixedLocator(MaxNLocator(5).tick_values(low, high)))
+        ticks = MaxNLocator(min(5, most - 1)).tick_values(low, high)
+        ruler.set_major_locator(FixedLocator(ticks))
     (axis.set_xlim if which == "x" else axis.set_ylim)(low, high)
     ruler.set_minor_locator(NullLocator())
     plain = decades <= 2 or (low >= 1e-3 and high < 1e4)

@@ -10,18 +10,34 @@ from typing import Any
 import numpy as np
 
 from .. import evaluation
+from ..calibration import words
 from ..evaluation import Truth
 from ..evaluation.confidence import INTERVAL
+from ..evaluation.verify import ROWS, Verdict, verify
 from ..experiment.loop import Run
-from ..parameters import Array, ParameterSpace
+from ..parameters import ParameterSpace
 from ..resources import write_text
-from . import pages
+from . import pages, report_panels
 from .drawer import Drawer
-from .panels import Panel, template_figure, thin
+from .panels import page_figures
+from .picture import picture
 
 FILE = "report.html"
 _OPEN = 12  # parameters in total, up to which no table is collapsed
-_ABSENT = "–"
+_FIRST = 5  # unobservable directions that are not folded
+_MARKS = {
+    "identified": pages.mark("good", "identified", "●"),
+    "below the noise": pages.mark("weak", "below the noise", "≈"),
+    "only in combination": pages.mark("fair", "only in combination", "◐"),
+}
+_FORCES = {
+    True: "On the held-out trajectory, which no identifier has seen. Measured: the actuators' "
+    "force at the command, under the estimated gains. Predicted: the force that the motion needs "
+    "under the estimated plant. Both are scaled by the one factor that brings the estimate "
+    "closest to the truth.",
+    False: "On the last tenth of the run. Measured: the actuators' force at the command, under "
+    "the estimated gains. Predicted: the force that the motion needs under the estimated plant.",
+}
 _SCRIPT = """\
 from pathlib import Path
 
@@ -31,7 +47,12 @@ run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
 
 
 def write(
-    run: Run, summary: dict[str, Any], truth: Truth | None, drawer: Drawer | None = None
+    run: Run,
+    summary: dict[str, Any],
+    truth: Truth | None,
+    drawer: Drawer | None = None,
+    verdicts: Sequence[Verdict] = (),
+    command: str = "",
 ) -> Path:
     """Writes a run's report.html atomically and returns its path.
 
@@ -41,40 +62,55 @@ def write(
         truth: of its plant; None if it is unknown, as on a robot's log. Comparisons with the
             truth are then left out.
         drawer: draws the curves; None draws them in this process.
+        verdicts: on the paper's statements; computed if there are none.
+        command: command line of the run, to be repeated; empty if it is not known.
     """
     path = run.folder / FILE
-    write_text(path, page(run, summary, truth, drawer))
+    write_text(path, page(run, summary, truth, drawer, verdicts, command))
     return path
 
 
 def page(
-    run: Run, summary: dict[str, Any], truth: Truth | None, drawer: Drawer | None = None
+    run: Run,
+    summary: dict[str, Any],
+    truth: Truth | None,
+    drawer: Drawer | None = None,
+    verdicts: Sequence[Verdict] = (),
+    command: str = "",
 ) -> str:
     """A run's report as HTML; see `write`."""
-    panels = [panel for panel in _panels(run, truth) if panel.curves]
-    drawings = (drawer or Drawer()).draw(panels)
-    figures = [
-        template_figure(panel.title, drawing, panel.legend)
-        for panel, drawing in zip(panels, drawings, strict=True)
-    ]
+    verdicts = verdicts or (verify(run, truth, summary) if len(run.record) >= ROWS else [])
+    made = report_panels.panels(run, summary, truth)
+    drawings = (drawer or Drawer()).draw([panel for group in made.values() for panel in group])
+    figures: dict[str, list[dict[str, Any]]] = {}
+    for name, group in made.items():
+        figures[name] = page_figures(group, drawings[: len(group)])
+        drawings = drawings[len(group) :]
+    robot = _robot(run)
+    sketch = picture(run.looks, run.record["q"][0], robot)
     return pages.render(
         "report.html",
         name=run.folder.name,
         eyebrow=f"run {run.folder.name}",
-        heading=_robot(run),
+        heading=robot,
         lead=_lead(summary),
         verdict=_verdict(summary),
-        carrying=figures[:1],
+        carrying=figures["carrying"] + ([sketch] if sketch else []),
         alarms=_alarms(summary),
         figures=_figures(summary),
         checks=_checks(summary),
-        curves=figures[1:],
+        curves=figures["curves"],
+        gains=figures["gains"],
+        forces=figures["forces"],
+        forces_note=_FORCES[truth is not None],
+        correlations=figures["correlations"],
         confidence=_confidence(summary),
+        statements=_statements(verdicts),
         observable=evaluation.observable_line(summary),
-        unobservable=evaluation.unobservable_lines(summary),
+        unobservable=_unobservable(summary),
         parameters_note=_parameters_note(summary),
         parameters=_parameters(run.system.space, summary),
-        again=_again(run, summary),
+        again=_again(run, summary, command),
     )
 
 
@@ -103,10 +139,15 @@ def _alarms(summary: dict[str, Any]) -> list[dict[str, str]]:
     return found
 
 
-def _again(run: Run, summary: dict[str, Any]) -> dict[str, Any]:
+def _again(run: Run, summary: dict[str, Any], command: str) -> dict[str, Any]:
     folder = shlex.quote(str(run.folder))
     return pages.again(
-        [_SCRIPT, f"nsaid view {folder}", f"nsaid verify --run {folder}"],
+        [
+            *([command] if command else []),
+            _SCRIPT,
+            f"nsaid view {folder}",
+            f"nsaid verify --run {folder}",
+        ],
         summary["versions"],
         f"The scenario, including seed {summary['seed']}, is in scenario.json (hash "
         f"{summary['scenario_hash']}). With the same versions of all packages the record is "
@@ -167,41 +208,30 @@ def _checks(summary: dict[str, Any]) -> str:
     return " ".join(said)
 
 
-def _panels(run: Run, truth: Truth | None) -> list[Panel]:
-    """The run's curves over time."""
-    record, space = run.record, run.system.space
-    rows = thin(len(record))
-    t, later = record["t"][rows], rows[1:]
-    names = {"": evaluation.OWN} | {name: name for name in record.rivals}
-    distance = Panel("Distance to the true set", "‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]", True)
-    error = Panel("Velocity error", "rms Δv [rad/s, m/s]", True)
-    for name, label in names.items():
-        suffix = f"_{name}" if name else ""
-        if truth is not None:
-            ratio = truth.distance(t, record[f"theta_hat{suffix}"][rows])
-            distance.add(t, ratio, label)
-        dv = record[f"v_hat{suffix}"][later] - record["v"][later]
-        error.add(record["t"][later], np.sqrt(np.mean(dv**2, axis=1)), label)
-    gains = _gains(
-        space, t, record["theta_hat"][rows], None if truth is None else truth.theta_at(t)
+def _statements(verdicts: Sequence[Verdict]) -> list[list[Any]]:
+    """The paper's statements with their verdicts, as lines of a table."""
+    kinds = {"holds": "good", "not yet": "fair", "fails": "poor", "not applicable": "weak"}
+    return [
+        [v.statement, v.claim, pages.mark(kinds[v.verdict], v.verdict), v.words] for v in verdicts
+    ]
+
+
+def _unobservable(summary: dict[str, Any]) -> dict[str, Any]:
+    """The five directions that concern most parameters, and the others by block."""
+    lines = summary["unobservable"]
+    told = evaluation.unobservable_lines(summary)
+    sizes = {line["direction"]: len(line["labels"]) for line in lines}
+    scales = [entry for entry in told if entry[0].startswith("common scale")]
+    others = sorted(
+        (entry for entry in told if entry not in scales),
+        key=lambda entry: -sizes.get(entry[0], len(lines)),
     )
-    if truth is None:
-        return [gains, error]
-    energy = Panel("Lyapunov function", "V [J]", True)
-    energy.add(t, evaluation.energy(run, truth, rows))
-    return [distance, gains, error, energy]
-
-
-def _gains(space: ParameterSpace, t: Array, theta_hat: Array, true: Array | None) -> Panel:
-    """Actuator parameters relative to the true ones, or to the prior if the truth is unknown."""
-    k = space.actuators
-    ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
-    over = "k̂/k̂(0)" if true is None else "k̂/k"
-    title = "Actuators relative to the " + ("prior" if true is None else "truth (1 is exact)")
-    panel = Panel(title, f"{over}, relative to the mean [–]", level=1.0)
-    for i, share in zip(k, (ratio / ratio.mean(axis=1, keepdims=True)).T, strict=True):
-        panel.add(t, share, space.labels[i])
-    return panel
+    ordered = scales + others
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for what, fix in ordered[_FIRST:]:
+        part = what.partition(" against ")[0].partition(" of ")[2] or "others"
+        groups.setdefault(part, []).append((what, fix))
+    return {"first": ordered[:_FIRST], "groups": list(groups.items())}
 
 
 def _confidence(summary: dict[str, Any]) -> dict[str, Any] | None:
@@ -222,43 +252,59 @@ def _confidence(summary: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _parameters_note(summary: dict[str, Any]) -> str:
-    words = "Estimates are determined up to the unobservable directions above."
+    told = "Estimates are determined up to the unobservable directions above."
     if _true(summary["parameters"]):
-        words += (
+        told += (
             " For comparison, prior and estimate are multiplied by the one factor that brings the "
             "estimate closest to the truth in θ/scale."
         )
     if summary["confidence"] is not None:
-        words += (
-            " The 95 % interval of an actuator is that of its gain relative to the mean of all; "
-            "their common scale is unobservable."
+        told += (
+            " Intervals hold the mean of the actuators' gains, since the common scale is "
+            "unobservable. What the motion reveals only in sums has none."
         )
-    return words
+    return told
 
 
 def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str, Any]]:
     """A table for each block of θ; those of actuators are expanded."""
     rows, stated = summary["parameters"], summary["confidence"]
-    shares = {} if stated is None else stated["actuators"]
+    known = (stated or {}).get("parameters", {})
     factor = _common_factor(rows) if _true(rows) else 1.0
     tables = []
     for block, place in space:
-        some = rows[place]
-        intervals = any(row["name"] in shares for row in some)
-        heads = ["parameter", "unit", "prior", "estimate"]
-        heads += ["95 % interval"] * intervals + ["true"] * _true(rows)
-        lines = []
-        for row in some:
-            estimate = factor * row["estimate"]
-            line = [row["label"], row["unit"], f"{factor * row['prior']:.4g}", f"{estimate:.4g}"]
-            if intervals:
-                line.append(_interval(estimate, shares.get(row["name"])))
-            if _true(rows):
-                line.append(f"{row['true']:.4g}")
+        heads = ["parameter", "estimate", "unit"]
+        heads += ["95 % interval", "status"] * bool(known)
+        heads += ["prior", *["true"] * _true(rows)]
+        lines, statuses = [], []
+        for row in rows[place]:
+            value, half = factor * row["estimate"], 0.0
+            if known:
+                found = known.get(row["name"])
+                statuses.append(_status(found))
+                half = INTERVAL * abs(factor) * (found["deviation"] if found else 0.0)
+            told, interval = words.estimate(value, value - half, value + half)
+            line = [row["label"], told, row["unit"]]
+            line += [interval, _MARKS[statuses[-1]]] if known else []
+            line.append(words.number(factor * row["prior"]))
+            line += [words.number(row["true"])] if "true" in row else []
             lines.append(line)
+        counts = [
+            mark | {"text": f"{statuses.count(name)} {name}"}
+            for name, mark in _MARKS.items()
+            if name in statuses
+        ]
         shown = block.actuator or len(rows) <= _OPEN
-        tables.append(pages.block(block.name, heads, lines, text=(0, 1), open=shown))
+        text = (0, 2, 4) if known else (0, 2)
+        tables.append(pages.block(block.name, heads, lines, text=text, open=shown, counts=counts))
     return tables
+
+
+def _status(found: dict[str, Any] | None) -> str:
+    """Whether a parameter is identified, from its entry of the summary's confidence."""
+    if found is None:
+        return "only in combination"
+    return "below the noise" if found["below_noise"] else "identified"
 
 
 def _true(rows: Sequence[dict[str, Any]]) -> bool:
@@ -272,12 +318,3 @@ def _common_factor(rows: Sequence[dict[str, Any]]) -> float:
         np.array([row[key] / row["scale"] for row in rows]) for key in ("true", "estimate")
     )
     return float(true @ estimate / (estimate @ estimate))
-
-
-def _interval(estimate: float, deviation: float | None) -> str:
-    """The 95 % interval of a value, from its relative standard deviation; – if that is None."""
-    if deviation is None:
-        return _ABSENT
-    half = INTERVAL * deviation
-    ends = sorted((estimate * (1 - half), estimate * (1 + half)))
-    return f"{ends[0]:.4g} … {ends[1]:.4g} (±{100 * half:.2g} %)"

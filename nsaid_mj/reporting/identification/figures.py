@@ -6,28 +6,25 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from ...calibration import words
 from ...calibration.result import Curves, Identification, Parameter
 from ...calibration.timeline import history_times, own_shifts, training_shifts
 from ...parameters import Array, Indices
-from ..palette import BAD, COLOURS, GRID, INK
-from ..panels import Panel, template_figure, thin
+from ..drawings import forest, heat_map, local_rms, named_lines
+from ..palette import COLOURS, GRID, INK
+from ..panels import Forest, HeatMap, Panel, template_figure, thin
 from ..plots import logarithmic, over_time, style, svg
 
 _WIDTH = 4.3  # of a panel [inch]
 _POINTS = 1400  # of a curve, at most
-_FAINT = 0.05  # correlations below are not drawn
 _MOST = 36  # parameters of the correlations, at most
-_BROAD = 30.0  # intervals are drawn up to this factor
 _MEASURED, _PREDICTED, _RESIDUAL = COLOURS[8], COLOURS[0], COLOURS[1]
 _LEGEND = [
     ("measured", _MEASURED, "-"),
     ("predicted", _PREDICTED, "-"),
-    ("residual", _RESIDUAL, "-"),
+    ("residual, rms over short intervals", _RESIDUAL, "-"),
 ]
 _TOLD = {"identified", "known"}
 
@@ -59,7 +56,6 @@ def _command(curves: Curves, t: Array, j: int, label: str, title: str) -> str:
         for axis, values, colour, width in (
             (upper, curves.measured[:, j], _MEASURED, 3.0),
             (upper, curves.predicted[:, j], _PREDICTED, 0.9),
-            (lower, residual, _RESIDUAL, 0.9),
         ):
             alpha = 0.45 if colour == _MEASURED else 1.0  # shows where the curves differ
             line = _line(t, values, curves.segment)
@@ -71,16 +67,16 @@ def _command(curves: Curves, t: Array, j: int, label: str, title: str) -> str:
                 transform=axis.get_xaxis_transform(), color=GRID, alpha=0.9, linewidth=0, zorder=0,
             )  # fmt: skip
             axis.grid(False, axis="x")
-        used = np.abs(residual[curves.usable[:, j]])
-        if used.size and np.isfinite(used).any() and np.nanmax(used) > 0:
-            lower.set_ylim(*(1.25 * np.nanmax(used) * np.array([-1, 1])))
-        lower.axhline(0, color=INK, linewidth=0.5)
+        for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(curves.segment)) + 1):
+            used = part[curves.usable[part, j] & np.isfinite(residual[part])]
+            if len(used):
+                lower.plot(*local_rms(t[used], residual[used]), color=_RESIDUAL, linewidth=0.9)
+        logarithmic(lower, most=4)
         upper.margins(x=0.0)
         upper.tick_params(labelbottom=False)
         upper.set_ylabel(label)
-        lower.set_ylabel(f"Δ{label}")
+        lower.set_ylabel(label.replace(label.partition(" ")[0], "error", 1))
         lower.set_xlabel("t [s]")
-        lower.locator_params(axis="y", nbins=3)
         figure.align_ylabels([upper, lower])
         return svg(figure, title)
 
@@ -122,7 +118,7 @@ def joints(result: Identification) -> dict[str, Any]:
     rows = np.arange(len(result.joints))
     legend = []
     with style():
-        figure, axis = _list([j.name for j in result.joints], least=2.4)
+        figure, axis = named_lines([j.name for j in result.joints], least=2.4)
         for name, key, marker, colour in kinds:
             values = np.array([getattr(j, key) for j in result.joints], dtype=float)
             if np.isfinite(values).any():
@@ -153,50 +149,15 @@ def forests(result: Identification, gains: bool) -> list[dict[str, Any]]:
 
 def _forest(block: str, unit: str, members: Sequence[Parameter]) -> dict[str, Any]:
     value, low, high, prior = np.array([(p.value, p.low, p.high, p.prior) for p in members]).T
-    positive = bool(((value > 0) & (low > 0)).all())
-    if positive:
-        low, high = np.maximum(low, value / _BROAD), np.minimum(high, value * _BROAD)
-    else:
-        size = _BROAD * np.nanmax(np.abs([value, prior, np.full_like(value, 1e-300)]))
-        low, high = np.maximum(low, -size), np.minimum(high, size)
-    names = [words.of_joint(p) for p in members]
     told = np.array([p.status in _TOLD for p in members])
-    with style():
-        figure, axis = _list(names)
-        rows = np.arange(len(members))
-        for chosen, colour, filled, dash in (
-            (told, COLOURS[0], COLOURS[0], "-"),
-            (~told, COLOURS[8], "none", "--"),
-        ):
-            for row in rows[chosen]:
-                axis.plot([low[row], high[row]], [row, row], dash, color=colour, linewidth=1.8)
-            axis.plot(value[chosen], rows[chosen], "o", color=colour, markerfacecolor=filled)
-        shown = (prior > 0) if positive else np.isfinite(prior)
-        axis.plot(
-            prior[shown], rows[shown], "D", color=INK, markersize=4.5, markerfacecolor="none",
-            markeredgewidth=0.8,
-        )  # fmt: skip
-        if positive:
-            logarithmic(axis, "x")
-        else:
-            axis.axvline(0, color=INK, linewidth=0.6)
-        axis.set_xlabel(f"{block} [{unit}]")
-        legend = [("identified", COLOURS[0], "-")] if told.any() else []
-        legend += [("not identified by itself", COLOURS[8], "--")] if (~told).any() else []
-        title = block[:1].upper() + block[1:]
-        return template_figure(title, svg(figure, f"{title} [{unit}]"), legend)
-
-
-def _list(names: Sequence[str], least: float = 1.3) -> tuple[Figure, Axes]:
-    """A figure with one line for each name, the first on top."""
-    height = max(least, 0.24 * len(names) + 0.75)
-    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
-    axis = figure.add_subplot()
-    short = [name if len(name) <= 24 else name[:23] + "…" for name in names]
-    axis.set_yticks(range(len(names)), short)
-    axis.set_ylim(len(names) - 0.4, -0.6)
-    axis.grid(False, axis="y")
-    return figure, axis
+    legend = [("identified", COLOURS[0], "-")] if told.any() else []
+    legend += [("not identified by itself", COLOURS[8], "--")] if (~told).any() else []
+    title = block[:1].upper() + block[1:]
+    panel = Forest(
+        title, f"{block} [{unit}]", [words.of_joint(p) for p in members],
+        value, low, high, told, prior, legend,
+    )  # fmt: skip
+    return template_figure(title, forest(panel), legend)
 
 
 def correlations(result: Identification) -> dict[str, Any] | None:
@@ -214,31 +175,8 @@ def correlations(result: Identification) -> dict[str, Any] | None:
     deviation = np.sqrt(np.diag(result.covariance)[chosen])
     r = result.covariance[np.ix_(chosen, chosen)] / np.outer(deviation, deviation)
     names = [result.parameters[k].label for k in chosen]
-    with style():
-        n = len(chosen)
-        figure = Figure(figsize=(2 * _WIDTH, 0.21 * n + 2.2), layout="constrained")
-        axis = figure.add_subplot()
-        for i in range(n):
-            for j in range(i):
-                if abs(r[i, j]) >= _FAINT:
-                    colour = BAD if r[i, j] > 0 else COLOURS[0]
-                    alpha = min(1.0, abs(float(r[i, j])))
-                    axis.add_patch(
-                        Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, alpha=alpha, lw=0)
-                    )
-                if abs(r[i, j]) >= 0.5:
-                    axis.text(
-                        j, i, f"{r[i, j]:.1f}".replace("-", "−").replace("0.", "."),
-                        ha="center", va="center", fontsize=6,
-                    )  # fmt: skip
-        axis.set_xticks(range(n - 1), names[:-1], rotation=90)
-        axis.set_yticks(range(1, n), names[1:])
-        axis.set_xlim(-0.5, n - 1.5)
-        axis.set_ylim(n - 0.5, 0.5)
-        axis.set_aspect("equal")
-        axis.grid(False)
-        legend = [("positive", BAD, "-"), ("negative", COLOURS[0], "-")]
-        return template_figure("", svg(figure, "Correlations"), legend, wide=True)
+    panel = HeatMap("", names, r)
+    return template_figure("", heat_map(panel), panel.legend, wide=True)
 
 
 def histories(result: Identification) -> list[dict[str, Any]]:

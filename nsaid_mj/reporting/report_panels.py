@@ -1,0 +1,143 @@
+"""What the figures of a run's report show."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .. import evaluation
+from ..evaluation import Truth
+from ..evaluation.confidence import INTERVAL
+from ..evaluation.verdict import CONVERGED
+from ..experiment.loop import Run
+from ..parameters import Array
+from .palette import COLOURS
+from .panels import AnyPanel, Comparison, Forest, HeatMap, Panel, thin
+
+_FORCES = 600  # points of a curve of forces
+_TAIL = 0.9  # share of the run after which the stated intervals are drawn
+
+
+def panels(run: Run, summary: dict[str, Any], truth: Truth | None) -> dict[str, list[AnyPanel]]:
+    """All panels of the page: `carrying` the verdict, `curves`, `gains`, `forces`, `correlations`.
+
+    Args:
+        run: a finished run with at least one row.
+        summary: the content of its summary.json.
+        truth: of its plant; None if it is unknown.
+    """
+    rows = thin(len(run.record))
+    curves = [panel for panel in _over_time(run, summary, truth, rows) if panel.curves]
+    forest, heat = _forest(summary), _correlations(summary)
+    return {
+        "carrying": [*curves[:1]],
+        "curves": [*curves[1:]],
+        "gains": [forest] if forest else [],
+        "forces": [*_forces(run, truth)],
+        "correlations": [heat] if heat else [],
+    }
+
+
+def _over_time(run: Run, summary: dict[str, Any], truth: Truth | None, rows: Any) -> list[Panel]:
+    """The run's curves over time; the first carries the verdict."""
+    record = run.record
+    t, later = record["t"][rows], rows[1:]
+    names = {"": evaluation.OWN} | {name: name for name in record.rivals}
+    distance = Panel(
+        "Distance to the true set", "‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]", True,
+        level=CONVERGED, level_name=f"converged: within {100 * CONVERGED:g} %",
+    )  # fmt: skip
+    error = Panel("Velocity error", "rms Δv [rad/s, m/s]", True)
+    for name, label in names.items():
+        suffix = f"_{name}" if name else ""
+        if truth is not None:
+            ratio = truth.distance(t, record[f"theta_hat{suffix}"][rows])
+            distance.add(t, ratio, label)
+        dv = record[f"v_hat{suffix}"][later] - record["v"][later]
+        error.add(record["t"][later], np.sqrt(np.mean(dv**2, axis=1)), label)
+    true = None if truth is None else truth.theta_at(t)
+    gains = _gains(run, summary, rows, true)
+    if truth is None:
+        return [error, gains]
+    energy = Panel("Lyapunov function", "V [J]", True)
+    energy.add(t, evaluation.energy(run, truth, rows))
+    return [distance, gains, error, energy]
+
+
+def _gains(run: Run, summary: dict[str, Any], rows: Any, true: Array | None) -> Panel:
+    """Actuator parameters relative to the true ones, or to the prior if the truth is unknown.
+
+    The intervals that the law states at the end are drawn over the last tenth.
+    """
+    space, t = run.system.space, run.record["t"][rows]
+    k, theta_hat = space.actuators, run.record["theta_hat"][rows]
+    ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
+    over = "k̂/k̂(0)" if true is None else "k̂/k"
+    title = "Actuators relative to the " + ("prior" if true is None else "truth (1 is exact)")
+    panel = Panel(
+        title, f"{over}, relative to the mean [–]", level=1.0,
+        band_name="95 % interval, as stated at the end",
+    )  # fmt: skip
+    stated = (summary["confidence"] or {}).get("actuators", {})
+    end = t >= t[0] + _TAIL * (t[-1] - t[0])
+    for i, share in zip(k, (ratio / ratio.mean(axis=1, keepdims=True)).T, strict=True):
+        band = None
+        if space.names[i] in stated and len(k) > 1:
+            half = INTERVAL * stated[space.names[i]] * share[-1]
+            band = np.where(end, share[-1] - half, np.nan), np.where(end, share[-1] + half, np.nan)
+        panel.add(t, share, space.labels[i], band)
+    return panel
+
+
+def _forest(summary: dict[str, Any]) -> Forest | None:
+    """Actuators' gains relative to their mean, with intervals; None if the law states none."""
+    rows = [row for row in evaluation.gain_rows(summary) if row[1] is not None]
+    if not rows:
+        return None
+    names, values, halves, true = zip(*rows, strict=True)
+    estimate = np.array(values, float)
+    half = estimate * np.array(halves)
+    known = true[0] is not None
+    legend = [("estimate and 95 % interval", COLOURS[0], "-")]
+    return Forest(
+        "Gains relative to their mean" + (", ◇ true" if known else ""),
+        "gain / mean of all [–]", list(names), estimate, estimate - half, estimate + half,
+        np.ones(len(estimate), bool), np.array(true if known else [np.nan] * len(true), float),
+        legend,
+    )  # fmt: skip
+
+
+def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
+    """Predicted against measured force along every velocity, the worst predicted first."""
+    found = evaluation.forces_of(run, truth)
+    if found is None or not found.measured.any():
+        return []
+    rows = np.unique(np.linspace(0, len(found.t) - 1, min(len(found.t), _FORCES)).astype(int))
+    labels, units = evaluation.velocity_labels(run.system), evaluation.force_units(run.system)
+    error = found.nrmse
+    order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
+    panels = []
+    for j in order:
+        told = f": error {100 * error[j]:.2g} %" if np.isfinite(error[j]) else ", not actuated"
+        kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
+        panels.append(
+            Comparison(
+                f"{labels[j]}{told}", kind, units[j], found.t[rows],
+                found.measured[rows, j], found.predicted[rows, j],
+                None if found.half is None else found.half[rows, j],
+            )
+        )  # fmt: skip
+    return panels
+
+
+def _correlations(summary: dict[str, Any]) -> HeatMap | None:
+    """Correlations of the parameters that are identified; None for fewer than two."""
+    stated = (summary["confidence"] or {}).get("correlations")
+    if not stated or len(stated["parameters"]) < 2:
+        return None
+    label = {row["name"]: row["label"] for row in summary["parameters"]}
+    r = np.eye(len(stated["lower"]))
+    for i, row in enumerate(stated["lower"]):
+        r[i, :i] = r[:i, i] = row
+    return HeatMap("", [label[name] for name in stated["parameters"]], r)
