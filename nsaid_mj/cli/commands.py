@@ -181,7 +181,7 @@ def _carry_out(
     """Runs and post-processes a scenario; returns its title, run, summary and output options."""
     from .exciting import designed, without_excitation
     from .folders import folder_for, title_of
-    from .options import parse
+    from .options import parse, repeated
 
     given, arguments = without_excitation(arguments)
     scenario, output = parse(name, default, arguments, asked)
@@ -194,26 +194,28 @@ def _carry_out(
     if output.live:
         from ..recording import Live
 
-        watchers.append(Live(title))
+        watchers.append(Live(title, output.live_speed))
     with (
         folder_for(title, scenario, output.out, output.force) as folder,
         Progress(title, quiet=output.quiet or output.json) as progress,
     ):
+        command = shlex.join(["nsaid", "run", name, *repeated(default, scenario)])
         if given:
+            command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
         compiled = warm_up(scenario)
         result = run(scenario, folder, progress, *watchers)
         result.cost.compile += compiled
-        return title, result, _finish(result, progress.say), output
+        return title, result, _finish(result, progress.say, command), output
 
 
-def _finish(result: Run, say: Callable[[str], None]) -> dict[str, Any]:
+def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     """Post-processes a run; if that is interrupted or the disk is full, says how to go on."""
     from ..reporting.finish import finish
 
     again = f"`nsaid view --rebuild {shlex.quote(str(result.folder))}` finishes the run"
     try:
-        return finish(result, say)
+        return finish(result, say, command)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(again) from None
     except NotWritten as error:

@@ -28,7 +28,8 @@ class Output:
         force: overwrite a completed run in the folder.
         quiet: print only errors.
         json: print only the summary, as JSON, to the standard output.
-        live: show the run in the Rerun viewer while it runs.
+        live: show the run in the Rerun viewer while it runs, in real time.
+        live_speed: of --live, over real time; 0 for as fast as it is computed.
     """
 
     out: Path | None = None
@@ -36,6 +37,7 @@ class Output:
     quiet: bool = False
     json: bool = False
     live: bool = False
+    live_speed: Annotated[float, arg(metavar="FACTOR")] = 1.0
 
 
 @dataclass(frozen=True)

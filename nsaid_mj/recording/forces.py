@@ -16,6 +16,8 @@ from .scene import BODY, body_axes
 from .text import drawable
 
 COMMANDED, ESTIMATED = f"{BODY}/force/commanded", f"{BODY}/force/estimated"
+FAILED = (224, 49, 49)
+"""Colour of whatever drives or carries the robot and has failed."""
 _COLORS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
 _STEEP = 0.5  # cosine of the angle to the inward normal within which a force points inwards
 _MUCH = 5.0  # ratio of force magnitudes from which the smaller force's arrow is magnified
@@ -118,7 +120,14 @@ class Arrows:
             )
             rec.log(path, style, static=True)
 
-    def log(self, rec: rr.RecordingStream, path: str, rows: Rows, theta: Array) -> None:
+    def log(
+        self,
+        rec: rr.RecordingStream,
+        path: str,
+        rows: Rows,
+        theta: Array,
+        failed: NDArray[np.bool_] | None = None,
+    ) -> None:
         """Logs forces in one batch. Arrows start at their mount, or end there if they push inwards.
 
         Args:
@@ -126,6 +135,7 @@ class Arrows:
             path: COMMANDED or ESTIMATED.
             rows: k samples.
             theta: (p,) or (k, p) parameters.
+            failed: (k, p) whether a parameter has changed by a fault; its arrow is then red.
         """
         forces = body_forces(self.system, self.parts, rows, theta)
         vectors = self.lengths * forces
@@ -133,7 +143,13 @@ class Arrows:
         origins = np.where(_pushes(self.mounts, forces)[..., None], at - vectors, at)
         arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))
         time = rr.TimeColumn("sim_time", duration=rows.t)
-        rec.send_columns(path, [time], arrows.partition([len(self.parts)] * len(rows.t)))
+        counts = [len(self.parts)] * len(rows.t)
+        rec.send_columns(path, [time], arrows.partition(counts))
+        if failed is not None and failed.any():
+            red = np.stack([failed[:, part].any(axis=1) for part in self.parts], axis=1)
+            colors = np.where(red[..., None], FAILED, _COLORS[path]).reshape(-1, 3)
+            painted = rr.Arrows3D.columns(colors=colors.astype(np.uint8))
+            rec.send_columns(path, [time], painted.partition(counts))
 
 
 def body_forces(

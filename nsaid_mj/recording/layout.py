@@ -10,20 +10,54 @@ import rerun.blueprint as rrb
 
 from ..parameters import Block, ParameterSpace
 from .scene import CENTRE, PATH, ROBOT, TRAIL, Camera
-from .series import PALETTE, path
+from .series import PALETTE, Curves, Group, groups
 from .text import drawable
 
-_LINKS_ON_A_PAGE = 6
+_LINKS_ON_A_PAGE = 3
+_RIGHT = 0.6  # share of the window that the first page's plots take
+_WINDOW, _AXIS = 1600.0, 60.0  # width that is laid out for, and of a plot's axis [pixels]
+_LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
+_CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
+_DISTANCE = "Distance to the true set [log₁₀], −2 is 1 %"
+_ERROR = "Velocity error Δv: predicted − measured"
+_RMS = "Velocity error, rms over all velocities [log₁₀ of SI]"
+_CONSERVED = "Relative drift of the conserved quantity (30) [log₁₀]"
+_EXCITATION = "Persistence of excitation over a window [N·m·s]"
 _MARK = (255, 255, 255)
+
+
+class Plots:
+    """Makes plots whose legends stand beside the curves, in an empty part of the time axis.
+
+    Args:
+        curves: of the recording, whose names are in the legends.
+        end: of the run [s]; None if it is not known, as in a running one.
+    """
+
+    def __init__(self, curves: Sequence[Curves] = (), end: float | None = None):
+        self._curves, self._end = curves, end
+
+    def __call__(
+        self, entity: str, title: str, width: float = 0.5, legend: bool = True
+    ) -> rrb.TimeSeriesView:
+        """A plot of all curves below an entity; `width` is its share of the window."""
+        names = [n for c in self._curves for n in c.names if f"{c.path}/".startswith(f"{entity}/")]
+        longest = max((len(name) for name in names), default=0)
+        legend = legend and len(set(names)) > 1
+        until = None if self._end is None else _CLEAR * self._end
+        if self._end is not None and legend:
+            share = (_LETTER * longest + _MARGIN) / (_WINDOW * width - _AXIS)
+            until = self._end / (1 - min(share, _WIDEST))
+        return plot(entity, title, legend, until)
 
 
 def blueprint(
     space: ParameterSpace,
     camera: Camera | None,
+    plots: Plots,
     *,
     survey: Camera | None = None,
-    magnified: Mapping[str, float] | None = None,
-    farthest: float,
+    drawn: str = "",
     shared: str = "",
     rivals: bool = False,
     conserves: bool = False,
@@ -33,118 +67,118 @@ def blueprint(
     Args:
         space: the parameters.
         camera: of the robot; None leaves the 3D view out.
+        plots: makes the plots.
         survey: camera on a vehicle's whole path; None leaves the path out.
-        magnified: magnification of some actuators' force arrows, by name of the kind; None if no
-            forces are drawn.
-        farthest: largest ‖θ̄_P⊥‖/‖θ̂‖ in the recording.
+        drawn: what is drawn on the robot, in words.
         shared: the kind of parameters compared by relative gain ("motor gain"); empty if none.
         rivals: whether the recording contains rivals.
         conserves: whether the law conserves θ̂ᵀ Γ⁻¹ θ̂.
     """
-    story = [
-        plot("distance", "Distance to the true set  ‖θ̄_P⊥‖ / ‖θ̂‖  [1]", (0.0, 1.05 * farthest))
-    ]
+    distance = plots("log_distance", _DISTANCE, _RIGHT)
+    story = [distance]
     if shared:
-        title = f"{shared.capitalize()}s, estimate / truth, relative to the mean  (1 = exact)"
-        story.append(plot("share", title))
+        title = f"{shared.capitalize()}s: estimate / truth, relative to the mean (1 is exact)"
+        story.append(plots("share", title, _RIGHT))
     if shared and rivals:
-        title = f"Largest error of a {shared}, relative to the mean  [%]"
-        story.append(plot("share_error", title))
-    elif len(space.actuators) > 1:
-        story.append(_estimate(max((b for b, _ in space if b.actuator), key=len).name))
-    else:
-        story.append(_log_distance())
-    story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
-    drawn = "commanded (white), estimated (orange)"
-    overview = _overview(camera, survey, drawn, magnified, story)
+        title = f"Largest error of a {shared}, relative to the mean [%]"
+        story.append(plots("share_error", title, _RIGHT))
+    story.append(plots("velocity_error", _ERROR, _RIGHT))
+    overview = _overview(camera, survey, drawn, story)
     certificates = rrb.Grid(
-        _log_distance(),
-        plot("theta_perp", "Components of  θ̄_P⊥  (40)", legend=False),
-        plot("lyapunov", "Lyapunov function  V  (66)  [J]"),
-        *([_conserved()] if conserves else []),
-        plot("velocity_rms", "Velocity error, rms over all velocities"),
-        plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
-        plot("velocity", "Measured velocity  v"),
-        plot("command", "Command  u"),
+        plots("theta_perp", "Components of the error along the observable directions", 0.5, False),
+        plots("lyapunov", "Lyapunov function [J]"),
+        *([plots("conserved", _CONSERVED)] if conserves else []),
+        plots("log_velocity_rms", _RMS),
+        plots("excitation", _EXCITATION),
+        plots("velocity", "Measured velocity"),
+        plots("command", "Command"),
         grid_columns=2,
         name="Theory and excitation",
     )
-    return whole(overview, *estimates(space), certificates)
+    return whole(overview, *estimates(space, plots), certificates, verdicts())
 
 
 def measured_blueprint(
     space: ParameterSpace,
     camera: Camera | None,
+    plots: Plots,
     *,
     survey: Camera | None = None,
-    magnified: Mapping[str, float] | None = None,
+    drawn: str = "",
     forces: bool = False,
     conserves: bool = False,
 ) -> rrb.Blueprint:
     """Layout of a finished run whose truth is unknown: predictions against measurements.
 
-    Args:
-        space: the parameters.
-        camera: of the robot; None leaves the 3D view out.
-        survey: camera on a vehicle's whole path; None leaves the path out.
-        magnified: magnification of some actuators' force arrows, by name of the kind; None if no
-            forces are drawn.
-        forces: whether the recording contains the two sides of the force balance.
-        conserves: whether the law conserves θ̂ᵀ Γ⁻¹ θ̂.
+    Arguments are those of `blueprint`; `forces` is whether the recording contains the two sides of
+    the force balance.
     """
-    story = [plot("velocity", "Velocity, measured  v and predicted  v̂ (pale)")]
+    story = [plots("velocity", "Velocity, measured and predicted (pale)", _RIGHT)]
     if forces:
-        story.append(plot("force", "Force balance under θ̂: motion, actuators (pale)"))
-    story.append(plot("velocity_error", "Velocity error  Δv = v̂ − v"))
-    story += [_estimate(block.name, False) for block, _ in space if block.actuator][:1]
+        title = "Forces that the motion needs, and of the actuators (pale)"
+        story.append(plots("force", title, _RIGHT))
+    story.append(plots("velocity_error", _ERROR, _RIGHT))
+    first = [members[0] for name, members in groups(space).items() if _actuates(space, name)]
+    story += [_estimate(plots, group, False, _RIGHT) for group in first[:1]]
     certificates = [
-        plot("velocity_rms", "Velocity error, rms over all velocities"),
-        plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
-        plot("command", "Command  u"),
+        plots("log_velocity_rms", _RMS),
+        plots("excitation", _EXCITATION),
+        plots("command", "Command"),
     ]
     if conserves:
-        certificates.insert(0, _conserved())
-    overview = _overview(camera, survey, "estimated (orange)", magnified, story)
+        certificates.insert(0, plots("conserved", _CONSERVED))
+    overview = _overview(camera, survey, drawn, story)
     theory = rrb.Grid(*certificates, grid_columns=2, name="Theory and excitation")
-    return whole(overview, *estimates(space, judged=False), theory)
+    return whole(overview, *estimates(space, plots, judged=False), theory, verdicts())
 
 
-def live_blueprint(
-    space: ParameterSpace, camera: Camera | None, magnified: Mapping[str, float] | None = None
-) -> rrb.Blueprint:
+def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = "") -> rrb.Blueprint:
     """Layout of a running run, without anything that needs the truth."""
-    plots = [
-        plot("velocity_error", "Velocity error  Δv = v̂ − v"),
-        *[_estimate(block.name, False) for block, _ in space if block.actuator][:2],
-        plot("excitation", "Persistence of excitation over a window  ε₀  [N·m·s]"),
+    plots = Plots()
+    first = [members[0] for name, members in groups(space).items() if _actuates(space, name)]
+    views: list[rrb.View | rrb.Container] = [
+        rrb.Vertical(
+            plots("velocity_error", _ERROR),
+            *[_estimate(plots, group, False, _RIGHT) for group in first[:2]],
+            plots("excitation", _EXCITATION),
+        )
     ]
-    views: list[rrb.View | rrb.Container] = [rrb.Vertical(*plots)]
     if camera is not None:
-        views.insert(0, robot(camera, _forces("estimated (orange)", magnified)))
+        views.insert(0, robot(camera, drawn))
     overview = rrb.Horizontal(*views, name="Overview")
-    return whole(overview, *estimates(space, judged=False), play_state="following")
+    pages = estimates(space, plots, judged=False)
+    return whole(overview, *pages, play_state="following")
 
 
-def estimates(space: ParameterSpace, judged: bool = True) -> list[rrb.Grid]:
+def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[rrb.Grid]:
     """Pages of θ̂: small blocks, actuators first, then a page per large block, then the links.
 
     Args:
         space: the parameters.
+        plots: makes the plots.
         judged: whether the plots also contain the true direction.
     """
     blocks = [block for block, _ in sorted(space, key=lambda item: not item[0].actuator)]
     links = [b for b in blocks if b.geometry == "pseudo_inertia"]
     links = links if len(links) > 1 else []  # a single body is an ordinary block
-    large = [b for b in blocks if len(b) > len(PALETTE)]
+    large = [b for b in blocks if len(b) > len(PALETTE) and b not in links]
     small = [b for b in blocks if b not in links + large]
-    pages = [_estimate_page("Estimate", small, judged)] if small else []
-    pages += [_estimate_page(b.name.capitalize(), [b], judged) for b in large]
+    found = groups(space)
+
+    def page(name: str, some: Sequence[Block], columns: int = 0) -> rrb.Grid:
+        members = [group for block in some for group in found[block.name]]
+        columns = columns or min(len(members), 2 if len(members) <= 6 else 3)
+        views = [_estimate(plots, group, judged, 1 / columns) for group in members]
+        return rrb.Grid(*views, grid_columns=columns, name=name)
+
+    pages = [page("Estimate", small)] if small else []
+    pages += [page(b.name.capitalize(), [b]) for b in large]
     for start in range(0, len(links), _LINKS_ON_A_PAGE):
         some = links[start : start + _LINKS_ON_A_PAGE]
         name = "Links"
         if len(links) > len(some):
             name = f"{some[0].name.capitalize()} – {some[-1].name.split()[-1]}"
-        pages.append(_estimate_page(name, some, judged))
+        pages.append(page(name, some, 3))
     return pages
 
 
@@ -154,15 +188,20 @@ _WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
 
 
 def plot(
-    entity: str, title: str, span: tuple[float, float] | None = None, legend: bool = True
+    entity: str, title: str, legend: bool = True, until: float | None = None
 ) -> rrb.TimeSeriesView:
-    """One plot over the whole run; `span` is the range of its vertical axis, None to fit it."""
+    """One plot over the whole run; its time axis ends at `until` [s] if that is given."""
+    span = _WHOLE_RUN
+    if until is not None:
+        span = rr.TimeRange(
+            start=rr.TimeRangeBoundary.absolute(seconds=0.0),
+            end=rr.TimeRangeBoundary.absolute(seconds=until),
+        )
     return rrb.TimeSeriesView(
         origin=f"/{entity}",
         name=drawable(title),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
-        axis_y=rrb.ScalarAxis(range=span) if span else None,
-        axis_x=rr.blueprint.archetypes.TimeAxis(view_range=_WHOLE_RUN),
+        axis_x=rr.blueprint.archetypes.TimeAxis(view_range=span),
     )
 
 
@@ -195,11 +234,10 @@ def way(camera: Camera) -> rrb.Spatial3DView:
     )
 
 
-def _forces(which: str, magnified: Mapping[str, float] | None) -> str:
-    if magnified is None:
-        return "Robot, simulated by MuJoCo"
-    longer = [f"{kind} magnified {times:g} ×" for kind, times in magnified.items()]
-    return drawable(f"Forces: {'; '.join([which, *longer])}")
+def words(drawn: str, magnified: Mapping[str, float] | None = None) -> str:
+    """Title of the robot's view: what is drawn, and which arrows are magnified."""
+    longer = [f"{kind} magnified {times:g} ×" for kind, times in (magnified or {}).items()]
+    return drawable("; ".join(filter(None, [drawn or "Robot, simulated by MuJoCo", *longer])))
 
 
 def _space(
@@ -236,12 +274,17 @@ def result(name: str = "Result") -> rrb.TextDocumentView:
     return rrb.TextDocumentView(origin="/result", name=name)
 
 
+def verdicts() -> rrb.Horizontal:
+    """The page with the paper's statements, and with what cannot be known."""
+    return rrb.Horizontal(
+        rrb.TextDocumentView(origin="/statements", name="The paper's statements on this run"),
+        rrb.TextDocumentView(origin="/unknown", name="What cannot be known from motion"),
+        name="Verdicts",
+    )
+
+
 def _overview(
-    camera: Camera | None,
-    survey: Camera | None,
-    drawn: str,
-    magnified: Mapping[str, float] | None,
-    story: Sequence[rrb.View],
+    camera: Camera | None, survey: Camera | None, drawn: str, story: Sequence[rrb.View]
 ) -> rrb.Horizontal:
     """The first page: robot and result on the left, the main plots on the right."""
     below: rrb.View | rrb.Container = result()
@@ -249,31 +292,22 @@ def _overview(
         below = rrb.Horizontal(way(survey), below, column_shares=[2, 3])
     left: list[rrb.View | rrb.Container] = [below]
     if camera is not None:
-        left.insert(0, robot(camera, _forces(drawn, magnified)))
+        left.insert(0, robot(camera, drawn))
     return rrb.Horizontal(
         rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
-        rrb.Grid(*story, grid_columns=2 if len(story) > 3 else 1),
-        column_shares=[2, 3],
+        rrb.Vertical(*story),
+        column_shares=[1 - _RIGHT, _RIGHT],
         name="Overview",
     )
 
 
-def _conserved() -> rrb.TimeSeriesView:
-    return plot("conserved", "Relative drift of the conserved quantity  (30)  [log₁₀]")
+def _actuates(space: ParameterSpace, name: str) -> bool:
+    return any(block.actuator for block, _ in space if block.name == name)
 
 
-def _log_distance() -> rrb.TimeSeriesView:
-    return plot("log_distance", "Distance to the true set  log₁₀ (‖θ̄_P⊥‖ / ‖θ̂‖)")
-
-
-def _estimate_page(name: str, blocks: Sequence[Block], judged: bool) -> rrb.Grid:
-    plots = [_estimate(block.name, judged) for block in blocks]
-    return rrb.Grid(*plots, grid_columns=min(len(plots), 2 if len(plots) <= 6 else 3), name=name)
-
-
-def _estimate(block: str, judged: bool = True) -> rrb.TimeSeriesView:
-    true = " and its true direction (pale)" if judged else ""
-    return plot(path("estimate", block), f"Estimate of {block}{true}, / scale")
+def _estimate(plots: Plots, group: Group, judged: bool, width: float) -> rrb.TimeSeriesView:
+    true = "; true direction (pale)" if judged else ""
+    return plots(group.path, f"Estimate of {group.title}{true}", width)
 
 
 def whole(

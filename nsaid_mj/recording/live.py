@@ -10,15 +10,16 @@ import time
 import numpy as np
 import rerun as rr
 
+from ..errors import InvalidInput
 from ..experiment.loop import Observer
 from ..experiment.scenario import Scenario
 from ..identifiers import State
 from ..log import Measurement
 from ..plants import Plant
 from .forces import ESTIMATED, Arrows, Rows
-from .layout import live_blueprint
+from .layout import live_blueprint, words
 from .scene import Scene
-from .series import Curves, estimate_names, excitation, path, velocity_names
+from .series import Curves, excitation, groups, velocity_names
 from .text import drawable
 from .viewer import GRPC_PORT, LOCAL, WEB_PORT, free_port, has_display, listening, program, serving
 
@@ -34,12 +35,20 @@ class Live(Observer):
 
     Args:
         name: of the run.
+        speed: simulated seconds per second of wall time, at most; 0 for no limit.
+
+    Raises:
+        InvalidInput: the speed is negative or not finite.
     """
 
     period = _PERIOD
 
-    def __init__(self, name: str):
-        self._name = name
+    def __init__(self, name: str, speed: float = 1.0):
+        if not 0 <= speed < np.inf:
+            remedy = "1 is real time, 0 as fast as the run is computed."
+            raise InvalidInput("live_speed", "a factor ≥ 0", speed, remedy)
+        self._name, self._speed = name, speed or np.inf
+        self._begin: float | None = None  # wall time at which t = 0 is due [s]
         self._rec: rr.RecordingStream | None = None
         self._server: subprocess.Popen[bytes] | None = None
         self._next = self._next_pose = -np.inf
@@ -56,14 +65,26 @@ class Live(Observer):
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
     ) -> None:
         """Streams Δv, θ̂ by block, excitation levels and the robot, at most 20 times a second."""
+        if self._rec is None:
+            return
+        self._wait(measurement.t)
         now = time.perf_counter()
-        if self._rec is None or now < self._next:
+        if now < self._next:
             return
         self._next = now + _PERIOD
         try:
             self._see(self._rec, measurement, states[""], levels)
         except Exception as error:
             self._give_up(error)
+
+    def _wait(self, t: float) -> None:
+        """Waits until simulated time t [s] is due; a run that is late is not made up for."""
+        now = time.perf_counter()
+        due = now if self._begin is None else self._begin + t / self._speed
+        if due > now:
+            time.sleep(due - now)
+        else:
+            self._begin = now - t / self._speed
 
     def stop(self) -> None:
         """Sends the remaining data. A window stays open; the web server is stopped."""
@@ -79,6 +100,7 @@ class Live(Observer):
 
     def _start(self, plant: Plant) -> None:
         self._space, self._scene = plant.system.space, Scene(plant.system, plant)
+        self._groups = [g for members in groups(self._space).values() for g in members]
         rng = np.random.default_rng(0)  # of random states, which set up camera and arrows
         states = [plant.system.random_state(rng) for _ in range(50)]
         q, v, u = (np.array(part) for part in zip(*states, strict=True))
@@ -90,7 +112,8 @@ class Live(Observer):
         if camera and self._scene.vehicle:
             self._arrows = Arrows.of(plant.system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
-        layout = live_blueprint(self._space, camera, magnified)
+        drawn = words("Forces: estimated (orange)" if self._arrows else "", magnified)
+        layout = live_blueprint(self._space, camera, drawn)
         address = self._open() if has_display() else self._serve()
         rec = rr.RecordingStream(drawable(f"nsaid_mj {self._name} live"))
         rec.connect_grpc(address, default_blueprint=layout)
@@ -132,9 +155,8 @@ class Live(Observer):
     ) -> None:
         rec.set_time("sim_time", duration=measurement.t)
         rec.log("velocity_error", rr.Scalars(state.v_hat - measurement.v))
-        theta_s = state.theta_hat / self._space.scale
-        for block, place in self._space:
-            rec.log(path("estimate", block.name, "estimated"), rr.Scalars(theta_s[place]))
+        for group in self._groups:
+            rec.log(f"{group.path}/estimated", rr.Scalars(state.theta_hat[group.indices]))
         rec.log("excitation/all", rr.Scalars(levels[0]))
         rec.log("excitation/perpendicular", rr.Scalars(levels[1]))
         begin = time.perf_counter()
@@ -204,10 +226,6 @@ def _curves(plant: Plant) -> list[Curves]:
     n = plant.system.n
     found = [Curves("velocity_error", velocity_names(plant.system), empty(n))]
     found += excitation(empty(1), empty(1))
-    for block, _ in plant.system.space:
-        found.append(
-            Curves(
-                path("estimate", block.name, "estimated"), estimate_names(block), empty(len(block))
-            )
-        )
+    for group in (group for members in groups(plant.system.space).values() for group in members):
+        found.append(Curves(f"{group.path}/estimated", group.names, empty(len(group.names))))
     return found

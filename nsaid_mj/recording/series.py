@@ -4,32 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..evaluation import OWN, Truth, energy
+from ..evaluation import OWN, Truth, energy, force_units, velocity_labels
+from ..evaluation.confidence import INTERVAL
 from ..evaluation.rows import midpoints
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
-from ..parameters import Array, Block, ParameterSpace
+from ..parameters import Array, ParameterSpace
 from ..system import SecondOrderSystem
 from .text import drawable
 
 Indices = NDArray[np.intp]
 
-PALETTE = (  # RGB
-    (78, 161, 255), (255, 159, 64), (80, 200, 120), (255, 99, 110), (178, 135, 255),
-    (64, 210, 210), (240, 215, 80), (255, 140, 200), (165, 140, 115), (170, 215, 110),
-    (140, 160, 190), (230, 230, 230),
+PALETTE = (  # RGB, readable on a dark and on a light background
+    (58, 134, 226), (230, 126, 34), (46, 160, 87), (229, 72, 77), (148, 103, 232),
+    (20, 164, 170), (190, 148, 20), (222, 93, 164), (150, 117, 82), (122, 160, 50),
+    (112, 132, 160), (130, 130, 130),
 )  # fmt: skip
-_TWIST = {
-    6: ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate"),
-    3: ("u", "v", "r"),
-}  # names of the components of a body's twist, by its dimension
-_FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of the generalised force, by unit of its velocity
-_PALE = 0.55  # brightness of a pale line relative to its colour
+_PALE = 0.5  # share of a pale line's colour, mixed with grey
+_GREY = 128
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,8 @@ class Curves:
         """Logs the curves' names, colours and widths."""
         colors = [PALETTE[(self.color + i) % len(PALETTE)] for i in range(len(self.names))]
         if self.pale:
-            colors = [tuple(round(_PALE * c + 20) for c in color) for color in colors]
+            grey = (1 - _PALE) * _GREY
+            colors = [tuple(round(_PALE * c + grey) for c in color) for color in colors]
         rec.log(
             self.path,
             rr.SeriesLines(
@@ -81,37 +80,71 @@ def path(*parts: str) -> str:
     )
 
 
-def estimate_names(block: Block) -> list[str]:
-    """Labels of a block's parameters, each with its scale as the unit: "gain of elbow [20 N·m]"."""
-    return [
-        f"{label} [{scale:.3g} {unit}]"
-        for label, scale, unit in zip(block.labels, block.scale, block.units, strict=True)
-    ]
+@dataclass(frozen=True)
+class Group:
+    """Parameters of one block that have the same unit, and so share a plot.
+
+    Attributes:
+        path: of the entity that their curves are below.
+        title: what they are, without the unit.
+        names: labels with units: "gain of elbow_joint [N·m/A]".
+        indices: (k,) in θ.
+    """
+
+    path: str
+    title: str
+    names: list[str]
+    indices: Indices
+
+
+def groups(space: ParameterSpace) -> dict[str, list[Group]]:
+    """The parameters by block and unit."""
+    found: dict[str, list[Group]] = {}
+    for block, place in space:
+        units = list(dict.fromkeys(block.units))
+        for number, unit in enumerate(units, 1):
+            inside = [k for k, own in enumerate(block.units) if own == unit]
+            suffix = [str(number)] if len(units) > 1 else []
+            found.setdefault(block.name, []).append(
+                Group(
+                    path("estimate", block.name, *suffix),
+                    f"{block.name} [{unit}]",
+                    [f"{block.labels[k]} [{unit}]" for k in inside],
+                    place.start + np.array(inside, dtype=np.intp),
+                )
+            )
+    return found
 
 
 def velocity_names(system: SecondOrderSystem, mark: str = "Δ") -> list[str]:
-    """Names of the velocities, or of their errors, with units.
-
-    The components of a body's twist have names (surge, sway, …) and are followed by numbered joint
-    rates; the velocities of all other systems are numbered.
+    """Names of the velocities, or of their errors, with units, after the robot's own joints.
 
     Args:
         system: whose velocities are named.
         mark: prefix of every name.
     """
-    units, twist = system.velocity_units, _TWIST.get(system.group, ())
-    other = "joint rate" if twist else "v"
-    names = [*twist, *(f"{other}_{i}" for i in range(1, len(units) - len(twist) + 1))]
-    return [f"{mark}{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+    turning = [k < system.group and u == "rad/s" for k, u in enumerate(system.velocity_units)]
+    labels = [
+        f"{label} rate" if turns else label
+        for label, turns in zip(velocity_labels(system), turning, strict=True)
+    ]
+    return [f"{mark}{a} [{unit}]" for a, unit in zip(labels, system.velocity_units, strict=True)]
+
+
+def command_names(system: SecondOrderSystem) -> list[str]:
+    """Names of the commands: those of the joints where there is one for each."""
+    if system.n_u == system.n and not system.group:
+        return [f"command of {label} [–]" for label in velocity_labels(system)]
+    return [f"command {i} [–]" for i in range(1, system.n_u + 1)]
 
 
 def excitation(everywhere: Array, perpendicular: Array) -> list[Curves]:
     """Curves of the online excitation levels (N, 1) of (2) and (75), held between windows."""
     return [
-        Curves("excitation/all", ["all of θ (2) [N·m·s]"], everywhere, steps=True),
+        Curves("excitation/all", ["all directions, (2) [N·m·s]"], everywhere, steps=True),
         Curves(
             "excitation/perpendicular",
-            ["within P⊥ (75) [N·m·s]"],
+            ["observable directions, (75) [N·m·s]"],
             perpendicular,
             steps=True,
             color=1,
@@ -161,7 +194,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
         ),
         *excitation(record["pe"][rows, None], record["pe_perp"][rows, None]),
         Curves("velocity", velocity_names(system, ""), record["v"][rows]),
-        Curves("command", [f"u_{i} [1]" for i in range(1, system.n_u + 1)], record["u"][rows]),
+        Curves("command", command_names(system), record["u"][rows]),
     ]
     found += _estimates(run, rows, truth)
     found += _conserved(run, rows)
@@ -171,32 +204,53 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
         dv = record[f"v_hat{suffix}"][rows] - record["v"][rows]
         rms = np.sqrt(np.mean(dv**2, axis=1))
         found.append(
-            Curves(path("velocity_rms", title), [f"{title} rms Δv [SI]"], rms[:, None], color=k)
+            Curves(
+                path("log_velocity_rms", title),
+                [f"{title} rms Δv [log₁₀ of SI]"],
+                np.log10(np.maximum(rms, 1e-16))[:, None],
+                color=k,
+            )
         )
     return found
 
 
 def _estimates(run: Run, rows: Indices, truth: Truth | None) -> list[Curves]:
-    """θ̂/scale by block and, if the truth is known, the true θ scaled as close as possible to θ̂."""
-    space = run.system.space
-    theta_s = run.record["theta_hat"][rows] / space.scale
-    found = [
-        Curves(path("estimate", block.name, "estimated"), estimate_names(block), theta_s[:, place])
-        for block, place in space
-    ]
-    if truth is None:
-        return found
-    true_s = truth.theta_at(run.record["t"][rows]) / space.scale
-    direction = along(theta_s, true_s)[:, None] * true_s
-    return found + [
-        Curves(
-            path("estimate", block.name, "true_direction"),
-            ["true direction"] * len(block),
-            direction[:, place],
-            pale=True,
-        )
-        for block, place in space
-    ]
+    """θ̂ by block and unit and, if the truth is known, the true θ scaled as close as possible."""
+    space, theta_hat = run.system.space, run.record["theta_hat"][rows]
+    true = None
+    if truth is not None:
+        true = truth.theta_at(run.record["t"][rows])
+        true = along(theta_hat / space.scale, true / space.scale)[:, None] * true
+    found = []
+    for group in (group for members in groups(space).values() for group in members):
+        k = group.indices
+        found.append(Curves(f"{group.path}/estimated", group.names, theta_hat[:, k]))
+        if true is not None:
+            names = ["true direction"] * len(k)
+            found.append(Curves(f"{group.path}/true_direction", names, true[:, k], pale=True))
+    return found
+
+
+def intervals(run: Run, summary: dict[str, Any], rows: Indices) -> list[Curves]:
+    """The 95 % intervals that the law states at the end, over the last tenth of the run.
+
+    There are two lines for each actuator, around its estimate in its unit.
+    """
+    stated, space = summary["confidence"], run.system.space
+    if stated is None:
+        return []
+    t, theta = run.record["t"][rows], run.record["theta_hat"][-1]
+    last = t >= t[0] + 0.9 * (t[-1] - t[0])
+    found = []
+    for group in (group for members in groups(space).values() for group in members):
+        halves = [INTERVAL * stated["actuators"].get(space.names[k], np.nan) for k in group.indices]
+        if np.isnan(halves).any():
+            continue
+        ends = theta[group.indices] * (1 + np.outer([-1, 1], halves))
+        values = np.where(last[:, None], ends.T.reshape(-1), np.nan)
+        names = ["95 % interval"] * values.shape[1]
+        found.append(Curves(f"{group.path}/interval", names, values, pale=True, color=10))
+    return found
 
 
 def _conserved(run: Run, rows: Indices) -> list[Curves]:
@@ -227,8 +281,9 @@ def _predictions(run: Run, rows: Indices) -> list[Curves]:
     t, x, v, u, a = (np.concatenate(part) for part in zip(*parts, strict=True))
     terms = system.regressor(t, x, v, a, u) * record["theta_hat"][first][:, None]
     given = terms[..., system.space.actuators].sum(axis=-1)
-    units = [_FORCE_UNITS.get(unit, "SI") for unit in system.velocity_units]
-    names = [f"{i} [{unit}]" for i, unit in enumerate(units, 1)]
+    units = force_units(system)
+    labels = velocity_labels(system)
+    names = [f"{label} [{unit}]" for label, unit in zip(labels, units, strict=True)]
     return [
         *found,
         Curves("force/motion", [f"motion {name}" for name in names], terms.sum(axis=-1) - given),
@@ -240,21 +295,21 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
     """Curves that compare the estimates with the truth."""
     record, space, t = run.record, run.system.space, run.record["t"][rows]
     theta_hat, true = record["theta_hat"][rows], truth.theta_at(t)
-    components = [f"θ̄_P⊥ {i} [1]" for i in range(1, nullspace.P_perp.shape[1] + 1)]
+    components = [f"direction {i} [–]" for i in range(1, nullspace.P_perp.shape[1] + 1)]
     found = [
         Curves("theta_perp", components, theta_hat / space.scale @ nullspace.P_perp),
-        Curves("lyapunov", ["V (66) [J]"], energy(run, truth, rows)[:, None]),
+        Curves("lyapunov", ["V of (66) [J]"], energy(run, truth, rows)[:, None]),
     ]
     chosen = shared(space, nullspace.r, truth.theta)
     if len(chosen):
-        names = [f"{space.labels[i]} [1]" for i in chosen]
+        names = [f"{space.labels[i]} [–]" for i in chosen]
         found.append(Curves("share", names, shares(theta_hat[:, chosen], true[:, chosen])))
     for k, name in enumerate(["", *record.rivals]):
         suffix, title = (f"_{name}", name) if name else ("", OWN)
         estimate = record[f"theta_hat{suffix}"][rows]
         ratio = truth.distance(t, estimate)
         of = [
-            ("distance", "[1]", ratio),
+            ("distance", "[–]", ratio),
             ("log_distance", "[log₁₀]", np.log10(np.maximum(ratio, 1e-16))),
         ]
         if len(chosen):
@@ -265,3 +320,9 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
             for what, unit, values in of
         ]
     return found
+
+
+def spread(length: int, most: int) -> Indices:
+    """Indices of at most about `most` of `length` rows, evenly spaced, including first and last."""
+    stride = max(1, -(-length // most))
+    return np.unique(np.append(np.arange(0, length, stride), length - 1))

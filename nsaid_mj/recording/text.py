@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..evaluation import FIGURES, OWN, figure, observable_line, unobservable_lines
+from ..evaluation.verify import Verdict
 from ..experiment.loop import Run
 
+_CLAIMS = {
+    "W(t, x, v, θ) P̄_⊥ θ̄_P⊥ vanishes": "the observable error excites no force any more",
+    "every window excites all of P_⊥": "every window excites all observable directions",
+    "θ̂ converges to P(θ)": "the estimate converges to the true set",
+}
+_WORDS = {
+    " ‖θ̄_P⊥‖/‖θ̂‖": "",
+    "‖θ̄_P⊥‖/‖θ̂‖": "distance to the true set",
+    "‖θ̂‖": "the estimate's size",
+    "W θ̂": "the force residual",
+    "P_⊥": "the observable directions",
+}
 _SPELLED = {"θ̄": "θ", "θ̂": "θ^", "_P⊥": "_perp", "P⊥": "P_perp", "⊥": "perp", "ᵀ": "'"}
 _FONT = (  # ranges of Inter, the viewer's font, that names and units may need
     (0x20, 0x7E), (0xA0, 0x148), (0x300, 0x31E), (0x388, 0x38A), (0x38E, 0x3A1), (0x3A3, 0x3C9),
@@ -31,22 +45,49 @@ def result(run: Run, summary: dict[str, Any]) -> str:
         f"{summary['sim_s']:.4g} s, {summary['sensors']} sensors. {observable_line(summary)}.",
         "",
         *_conditions(summary),
-        f"| | {' | '.join(identifiers)} |",
-        "|---|" + "---|" * len(identifiers),
     ]
     for label, key, unit in FIGURES:
         if any(key in s for s in identifiers.values()):
-            cells = " | ".join(figure(s.get(key), unit) for s in identifiers.values())
-            lines.append(f"| {label} | {cells} |")
+            told = [(name, figure(s.get(key), unit)) for name, s in identifiers.items()]
+            values = ", ".join(f"{n} {v}" for n, v in told) if len(told) > 1 else told[0][1]
+            lines.append(f"- {_worded(label)}: **{values}**")
     if summary["status"] != "completed":
         lines[2:2] = [
             f"**Ended at t = {summary['status_time']:.4g} s** {summary['status_signal']}. "
             f"{summary['status_remedy']}",
             "",
         ]
-    lines += ["", "### Unobservable directions, and what would fix them", ""]
+    return drawable("\n".join(lines) + "\n")
+
+
+def statements(verdicts: Sequence[Verdict]) -> str:
+    """The paper's statements with their verdicts."""
+    if not verdicts:
+        return "The run is too short for a verdict.\n"
+    lines = []
+    for v in verdicts:
+        claim = _CLAIMS.get(v.claim, v.claim)
+        lines += [
+            f"### {v.verdict.capitalize()}: {claim}",
+            "",
+            f"{v.statement}. {_worded(v.words)}.",
+            "",
+        ]
+    return drawable("\n".join(lines) + "\n")
+
+
+def unknown(summary: dict[str, Any]) -> str:
+    """What cannot be known, and which number would fix it."""
+    lines = [f"{observable_line(summary)}.", ""]
     lines += [f"- **{what}**: {fix}" for what, fix in unobservable_lines(summary)]
     return drawable("\n".join(lines) + "\n")
+
+
+def _worded(text: str) -> str:
+    """A text with symbols that the viewer's font lacks replaced by their meaning."""
+    for symbol, meaning in _WORDS.items():
+        text = text.replace(symbol, meaning)
+    return text
 
 
 def _conditions(summary: dict[str, Any]) -> list[str]:

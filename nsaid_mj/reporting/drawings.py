@@ -86,7 +86,8 @@ def heat_map(panel: HeatMap) -> str:
     """Draws correlations below the diagonal; strong ones are also written as numbers."""
     r, names, n = panel.correlation, panel.names, len(panel.names)
     with style():
-        figure = Figure(figsize=(2 * WIDTH, 0.21 * n + 2.2), layout="constrained")
+        cell = min(0.21, (2 * WIDTH - 2.0) / n)  # [inch]
+        figure = Figure(figsize=(2 * WIDTH, cell * n + 2.0), layout="constrained")
         axis = figure.add_subplot()
         for i in range(n):
             for j in range(i):

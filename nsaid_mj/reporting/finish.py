@@ -10,6 +10,7 @@ from typing import Any
 from .. import evaluation, recording
 from ..bounds import LARGEST
 from ..errors import BadRun
+from ..evaluation.verify import ROWS, verify
 from ..experiment.loop import Ending, Run, reopen
 from ..experiment.record import Record
 from ..identifiers import Status
@@ -22,7 +23,9 @@ SUMMARY, SCENARIO = "summary.json", "scenario.json"
 
 
 @single_threaded
-def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+def finish(
+    run: Run, say: Callable[[str], None] = lambda _: None, command: str = ""
+) -> dict[str, Any]:
     """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
 
     A run without any row, or with figures beyond 1e15, has no recording and no report; without
@@ -31,6 +34,7 @@ def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, A
     Args:
         run: a finished run, completed or not.
         say: called with the name of each stage, for a progress display.
+        command: command line of the run, for the report; empty if it is not known.
 
     Raises:
         FolderInUse: another run is writing into the folder.
@@ -39,7 +43,7 @@ def finish(run: Run, say: Callable[[str], None] = lambda _: None) -> dict[str, A
     """
     with locked(run.folder):
         _check_record(run)
-        return _finish(run, say)
+        return _finish(run, say, command)
 
 
 def _check_record(run: Run) -> None:
@@ -50,7 +54,7 @@ def _check_record(run: Run) -> None:
         raise BadRun(run.folder, "its record is empty", "Run the scenario again")
 
 
-def _finish(run: Run, say: Callable[[str], None]) -> dict[str, Any]:
+def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     with report.Drawer() as drawer:
         say("evaluating the estimate")
         truth = evaluation.truth_of(run)
@@ -60,9 +64,10 @@ def _finish(run: Run, say: Callable[[str], None]) -> dict[str, Any]:
         if not _drawable(run.record):
             return summary
         say("writing recording and report")
+        verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
         if recording.available():
-            recording.write(run, summary, truth)
-        report.write(run, summary, truth, drawer)
+            recording.write(run, summary, truth, verdicts)
+        report.write(run, summary, truth, drawer, verdicts, command)
     return summary
 
 

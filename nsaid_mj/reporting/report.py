@@ -15,7 +15,7 @@ from ..evaluation import Truth
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.verify import ROWS, Verdict, verify
 from ..experiment.loop import Run
-from ..parameters import ParameterSpace
+from ..parameters import Indices, ParameterSpace
 from ..resources import write_text
 from . import pages, report_panels
 from .drawer import Drawer
@@ -255,8 +255,8 @@ def _parameters_note(summary: dict[str, Any]) -> str:
     told = "Estimates are determined up to the unobservable directions above."
     if _true(summary["parameters"]):
         told += (
-            " For comparison, prior and estimate are multiplied by the one factor that brings the "
-            "estimate closest to the truth in θ/scale."
+            " For comparison, prior and estimate are multiplied by the one factor that makes the "
+            "mean of the estimated gains equal to the true one."
         )
     if summary["confidence"] is not None:
         told += (
@@ -270,7 +270,7 @@ def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str
     """A table for each block of θ; those of actuators are expanded."""
     rows, stated = summary["parameters"], summary["confidence"]
     known = (stated or {}).get("parameters", {})
-    factor = _common_factor(rows) if _true(rows) else 1.0
+    factor = _common_factor(rows, space.actuators) if _true(rows) else 1.0
     tables = []
     for block, place in space:
         heads = ["parameter", "estimate", "unit"]
@@ -312,9 +312,16 @@ def _true(rows: Sequence[dict[str, Any]]) -> bool:
     return all("true" in row for row in rows)
 
 
-def _common_factor(rows: Sequence[dict[str, Any]]) -> float:
-    """The factor that brings the estimate closest to the truth in θ/scale, by least squares."""
+def _common_factor(rows: Sequence[dict[str, Any]], actuators: Indices) -> float:
+    """The factor that makes the mean of the actuators' gains exact.
+
+    Without an actuator, or with one of the wrong sign, that which brings the estimate closest to
+    the truth in θ/scale.
+    """
     true, estimate = (
         np.array([row[key] / row["scale"] for row in rows]) for key in ("true", "estimate")
     )
+    ratio = estimate[actuators] / true[actuators]
+    if len(ratio) and (ratio > 0).all():
+        return float(1 / ratio.mean())
     return float(true @ estimate / (estimate @ estimate))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ import pytest
 import rerun as rr
 from numba import njit
 from rerun.error_utils import RerunWarning
+from scipy.spatial.transform import Rotation
 
 from nsaid_mj import (
     ArmPlant,
@@ -33,9 +35,11 @@ from nsaid_mj.errors import BadRun
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
-from nsaid_mj.recording import forces, layout, live, scene, series, viewer
-from nsaid_mj.recording.file import spread
+from nsaid_mj.plants.world.faults import Fault
+from nsaid_mj.recording import forces, inertia, layout, live, scene, series, torques, viewer
+from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.text import drawable
+from nsaid_mj.systems.joints import JointTree
 from nsaid_mj.systems.rigid_body import RigidBody
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.recordings import entities_of
@@ -94,7 +98,7 @@ def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
     entities = read(arm)
     for name in (
         "velocity_error",
-        "distance/NS-AID",
+        "log_distance/NS-AID",
         "theta_perp",
         "share",
         "lyapunov",
@@ -104,7 +108,14 @@ def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
         "result",
         "estimate/motor_gain/estimated",
         "estimate/motor_gain/true_direction",
-        "estimate/link_6/estimated",
+        "estimate/link_6/1/estimated",
+        "statements",
+        "unknown",
+        "robot/torque/commanded",
+        "robot/torque/estimated",
+        "robot/links_of_theta/5/inertia/estimated",
+        "robot/links_of_theta/5/inertia/reference",
+        "robot/links_of_theta/5/centre_of_mass/estimated",
     ):
         assert f"/{name}" in entities
     meshes = [
@@ -120,15 +131,16 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
 ) -> None:
     result: SimulatedRun = request.getfixturevalue(which)
     entities, space = read(result), result.plant.system.space
-    for block, place in space:
-        name = "".join(c if c.isalnum() else "_" for c in block.name)
-        columns = entities[f"/estimate/{name}/estimated"]
+    seen = set()
+    for group in (group for members in series.groups(space).values() for group in members):
+        columns = entities[f"/{group.path}/estimated"]
         values = [v for v in columns["Scalars:scalars"] if v]
-        expected = result.record["theta_hat"][-1, place] / space.scale[place]
-        assert values[-1] == expected.tolist()
+        assert values[-1] == result.record["theta_hat"][-1, group.indices].tolist()
+        seen |= set(group.indices.tolist())
         times = [seconds(time) for time in columns["sim_time"] if time is not None]
         assert times[-1] == pytest.approx(result.record["t"][-1], abs=1e-9)
         assert times[-1] == pytest.approx(result.scenario.duration, abs=1e-9)
+    assert seen == set(range(len(space)))
 
 
 def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
@@ -137,14 +149,16 @@ def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
         values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
         assert values[0][0] == numbers["theta_perp_ratio_initial"]
         assert values[-1][0] == numbers["theta_perp_ratio"]
-        assert f"/velocity_rms/{name}" in entities
+        assert f"/log_velocity_rms/{name}" in entities
 
 
 def test_the_true_direction_is_the_projection_of_the_estimate(rov: SimulatedRun) -> None:
     entities, space = read(rov), rov.plant.system.space
     estimate, truth = rov.record["theta_hat"][-1] / space.scale, rov.plant.truth / space.scale
-    paths = [f"/estimate/{b.name.replace(' ', '_')}/true_direction" for b, _ in space]
-    shown = np.array([entities[path]["Scalars:scalars"][-1] for path in paths]).ravel()
+    shown = np.zeros(len(space))
+    for group in (group for members in series.groups(space).values() for group in members):
+        shown[group.indices] = entities[f"/{group.path}/true_direction"]["Scalars:scalars"][-1]
+    shown /= space.scale
     assert shown @ (estimate - shown) == pytest.approx(0, abs=1e-12)
     assert np.linalg.matrix_rank(np.stack([shown, truth])) == 1
 
@@ -163,13 +177,111 @@ def test_series_have_names_with_units_that_the_viewer_can_draw(arm: SimulatedRun
     for entity, columns in read(arm).items():
         for names in columns.get("SeriesLines:names", []):
             assert all(name == drawable(name) for name in names)
-            assert all(name.endswith("]") for name in names if name != "true direction"), entity
+            plain = {"true direction", "95 % interval"}
+            assert all(name.endswith("]") for name in names if name not in plain), entity
+    assert "gain of elbow_joint [N·m/unit]" in names_of(arm)
+
+
+def names_of(result: SimulatedRun) -> set[str]:
+    """The names of all curves of a recording."""
+    return {
+        name
+        for columns in read(result).values()
+        for names in columns.get("SeriesLines:names", [])
+        for name in names
+    }
+
+
+def test_no_name_or_text_has_a_stand_in_glyph(arm: SimulatedRun) -> None:
+    texts = [read(arm)[f"/{name}"]["TextDocument:text"][0][0] for name in ("result", "statements")]
+    for words in [*names_of(arm), *texts]:
+        assert not {"?", "^"} & set(words), words
+        assert "_perp" not in words
+
+
+@pytest.mark.parametrize("background", [0.0, 1.0])
+def test_every_colour_of_a_curve_is_readable_on_dark_and_on_light(background: float) -> None:
+    for color in series.PALETTE:
+        part = np.array(color) / 255
+        linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+        luminance = linear @ [0.2126, 0.7152, 0.0722]
+        low, high = sorted([luminance, background])
+        assert (high + 0.05) / (low + 0.05) > 2.4, color
+
+
+def test_legends_stand_beside_the_curves() -> None:
+    long = series.Curves(
+        "a/b", ["gain of a joint with a rather long name [N·m/A]", "x"], np.zeros((0, 2))
+    )
+    short = series.Curves("c", ["x [–]", "y [–]"], np.zeros((0, 2)))
+    ends = []
+    for entity in ("a", "c"):
+        view = layout.Plots([long, short], 10.0)(entity, "title", 0.5)
+        ends.append(view.properties["TimeAxis"].view_range.as_arrow_array().to_pylist()[0])
+    until = [end["end"] * 1e-9 for end in ends]
+    assert until[0] > until[1] > 10.5
+    width = 0.5 * 1600 - 60
+    assert (1 - 10 / until[0]) * width > 7 * len(long.names[0])  # space for the longest name
+
+
+def test_an_ellipsoid_has_the_inertia_that_it_is_drawn_for() -> None:
+    rng = np.random.default_rng(1)
+    half, mass = np.array([0.1, 0.2, 0.35]), 3.0
+    centre = rng.normal(size=3)
+    turn = Rotation.random(random_state=1)
+    about = mass / 5 * np.diag([half[1] ** 2 + half[2] ** 2, half[0] ** 2 + half[2] ** 2,
+                                half[0] ** 2 + half[1] ** 2])  # fmt: skip
+    full = turn.as_matrix() @ about @ turn.as_matrix().T
+    full += mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    phi = np.array([mass, *(mass * centre), *full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    centres, halves, turns = inertia.ellipsoids(phi[None])
+    np.testing.assert_allclose(centres[0], centre)
+    np.testing.assert_allclose(np.sort(halves[0]), half)
+    axes = Rotation.from_quat(turns[0]).as_matrix()
+    np.testing.assert_allclose(np.abs(axes.T @ turn.as_matrix()), np.eye(3), atol=1e-9)
+
+
+def test_torques_are_arcs_about_their_axes_as_long_as_the_torque_is_large(
+    arm: SimulatedRun,
+) -> None:
+    assert isinstance(arm.system, JointTree)
+    record, rows = arm.record, np.array([5, 60])
+    some = forces.Rows(*(record[name][rows] for name in forces.Rows._fields))
+    torque = torques.joint_torques(arm.system, some, arm.plant.truth)
+    np.testing.assert_allclose(
+        torque, arm.plant.truth[arm.system.space.actuators] * some.u, rtol=1e-12
+    )
+    axis = np.array([0.0, 0.6, 0.8])
+    arcs = torques._arcs(np.array([0.5, -1.0]), 0.2, axis)
+    assert np.abs(arcs @ axis).max() < 1e-12
+    start, end = arcs[:, 0], arcs[:, torques._POINTS - 1]
+    turned = np.einsum("ki,i->k", np.cross(start, end), axis) / 0.2**2
+    np.testing.assert_allclose(turned, np.sin([0.5, -1.0]))
+
+
+def test_an_actuator_that_fails_is_red_from_then_on(tmp_path: Path) -> None:
+    scenario = replace(ARM, plant=replace(ARM.plant, fault=Fault(loss=0.5, actuator=3, time=0.15)))
+    result = recorded(scenario, tmp_path)
+    columns = read(result)["/robot/torque/estimated"]
+    times = [seconds(t) for t in columns["sim_time"] if t is not None]
+    colors = np.array([value for value in columns["LineStrips3D:colors"] if value is not None])
+    red = colors == int.from_bytes(bytes([*forces.FAILED, 255]))
+    assert (red[:, 2] == (np.array(times) >= 0.15)).all()
+    assert not np.delete(red, 2, axis=1).any()
+
+
+def test_a_minute_of_recording_is_below_20_MB(arm: SimulatedRun) -> None:
+    """What grows with time grows from nothing: the file less its meshes, per second of motion."""
+    entities = read(arm)
+    frames = len([t for t in entities["/robot/torque/estimated"]["sim_time"] if t is not None])
+    assert frames <= 15 * arm.scenario.duration + 2
+    assert (arm.folder / recording.FILE).stat().st_size < 9e6  # meshes, mostly
 
 
 def test_the_recorded_text_states_the_result(arm: SimulatedRun) -> None:
     text = read(arm)["/result"]["TextDocument:text"][0][0]
     assert "completed" in text and "57 of 84" in text
-    assert "gain of wrist_3_joint" in text
+    assert "gain of wrist_3_joint" in read(arm)["/unknown"]["TextDocument:text"][0][0]
     assert text == drawable(text)
 
 
@@ -215,7 +327,8 @@ def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureReque
     space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
     for kind in ("motor gain", ""):
-        whole = layout.blueprint(space, camera, farthest=1.0, shared=kind, conserves=True)
+        plots = layout.Plots(end=1.0)
+        whole = layout.blueprint(space, camera, plots, shared=kind, conserves=True)
         found, waiting = [], [whole.root_container]
         while waiting:
             part = waiting.pop()
@@ -246,7 +359,7 @@ def test_force_arrows_start_at_their_thrusters(vehicle: SimulatedRun) -> None:
     entities, record, space = read(vehicle), vehicle.record, vehicle.plant.system.space
     body = scene.BODY
     rows = drawn_rows(vehicle, entities, body)
-    assert len(rows) > 60
+    assert len(rows) > 50
     q, u = record["q"][rows], record["u"][rows]
     places = column(entities, body, "Transform3D:translation")[:, 0]
     attitudes = column(entities, body, "Transform3D:quaternion")[:, 0]
@@ -388,15 +501,15 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
 def test_a_bodys_velocities_have_their_names(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
     assert series.velocity_names(vehicle.system)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
     assert series.velocity_names(vehicle.system, "")[5] == "yaw rate [rad/s]"
-    assert series.velocity_names(arm.system)[0] == "Δv_1 [rad/s]"
+    assert series.velocity_names(arm.system)[0] == "Δshoulder_pan_joint [rad/s]"
 
 
 def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
     def names(result: SimulatedRun) -> list[object]:
-        return [page.name for page in layout.estimates(result.plant.system.space)]
+        return [page.name for page in layout.estimates(result.plant.system.space, layout.Plots())]
 
     assert names(vehicle) == ["Estimate", "Mass matrix"]
-    assert names(arm) == ["Estimate", "Links"]
+    assert names(arm) == ["Estimate", "Link 1 – 3", "Link 4 – 6"]
 
 
 # -- live ----------------------------------------------------------------------------------------
