@@ -3,8 +3,10 @@
     python scripts/screenshots.py                       # the default scenarios, into docs/
     python scripts/screenshots.py ur5 --duration 20
     python scripts/screenshots.py --file runs/ur5/run.rrd --page Links --out /tmp
+    python scripts/screenshots.py --report runs/ur5/report.html
 
-NAME.png is the recording's first page, NAME_close.png the robot alone.
+NAME.png is the recording's first page, NAME_close.png the robot alone. A report gives report.png,
+report_phone.png, report_dark.png and report_print.png, by Chromium and Poppler's pdftoppm.
 
 The viewer needs a Vulkan driver; without a graphics card, install Debian's mesa-vulkan-drivers.
 """
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -55,6 +58,8 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 SIZE = (1600, 1000)
 MENU = 33  # height of the viewer's own menu, which is cropped [pixels]
 CLOSE, CLOSE_SIZE = (300, 100, 1300, 850), (1024, 640)
+DESKTOP, PHONE = (1280, 2300), (390, 1900)  # sizes of a report's pictures [pixels]
+SHEETS = 6  # of a printed report that are shown, at most
 DRAWN = 1.0  # time for the viewer to redraw [s]
 LARGEST = 300_000  # size of a picture [bytes]
 PATIENCE = 60.0  # timeout of the viewer [s]
@@ -220,10 +225,69 @@ def reduce(
     share = size[0] / SIZE[0]
     if share < 1:
         image = image.resize([round(share * side) for side in image.size], Image.Resampling.LANCZOS)
+    save(image, picture)
+
+
+def save(image: Image.Image, picture: Path) -> None:
+    """Saves an image with as many colours as fit into LARGEST."""
     for colors in (256, 128, 64, 32):
         image.quantize(colors, dither=Image.Dither.NONE).save(picture, optimize=True)
         if picture.stat().st_size < LARGEST:
             return
+
+
+def photograph_report(page: Path, out: Path) -> list[Path]:
+    """Saves a report as it looks on a desktop, on a phone, on a dark screen and on paper.
+
+    Raises:
+        PhotographError: Chromium or pdftoppm is missing, or fails.
+    """
+    found = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
+    program, poppler = next(filter(None, found), None), shutil.which("pdftoppm")
+    if program is None or poppler is None:
+        raise PhotographError("it needs Chromium and Poppler (Debian: chromium, poppler-utils)")
+    pictures = [out / f"report{suffix}.png" for suffix in ("", "_phone", "_dark", "_print")]
+    with tempfile.TemporaryDirectory() as folder:
+        shot, frame = Path(folder) / "shot.png", Path(folder) / "frame.html"
+        url = page.resolve().as_uri()
+        width, height = PHONE  # a window of Chromium is wider than a phone: take a frame in it
+        frame.write_text(
+            f'<body style="margin:0"><iframe src="{url}" width="{width}" height="{height}" '
+            'style="border:0" scrolling="no"></iframe>'
+        )
+        for source, size, flags, picture in (
+            (url, DESKTOP, (), pictures[0]),
+            (frame.as_uri(), (800, height), (), pictures[1]),
+            (url, DESKTOP, ("--blink-settings=preferredColorScheme=0",), pictures[2]),
+        ):
+            chromium(program, f"--screenshot={shot}", "--window-size={},{}".format(*size), *flags,
+                     source)  # fmt: skip
+            image = Image.open(shot).convert("RGB")
+            image = image.crop((0, 0, width, height)) if picture == pictures[1] else image
+            save(image, picture)
+        paper = Path(folder) / "paper"
+        chromium(program, f"--print-to-pdf={paper}.pdf", "--no-pdf-header-footer", url)
+        subprocess.run([poppler, "-r", "50", "-png", f"{paper}.pdf", str(paper)], check=True)
+        sheets = [Image.open(sheet) for sheet in sorted(Path(folder).glob("paper*.png"))[:SHEETS]]
+        whole = Image.new("RGB", (sum(s.width + 6 for s in sheets), sheets[0].height), "gray")
+        for k, sheet in enumerate(sheets):
+            whole.paste(sheet, (k * (sheet.width + 6), 0))
+        save(whole, pictures[3])
+    return pictures
+
+
+def chromium(program: str, *flags: str) -> None:
+    """Runs Chromium without a window.
+
+    Raises:
+        PhotographError: it fails, or takes more than a minute.
+    """
+    command = [program, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
+               "--allow-file-access-from-files", *flags]  # fmt: skip
+    try:
+        subprocess.run(command, check=True, timeout=PATIENCE, capture_output=True)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise PhotographError(f"Chromium failed: {error}") from error
 
 
 def main() -> int:
@@ -241,9 +305,14 @@ def main() -> int:
     parser.add_argument("--page", default="", help="the tab to open, of a --file")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the pictures")
     parser.add_argument("--file", type=Path, help="take a screenshot of this recording instead")
+    parser.add_argument("--report", type=Path, help="take screenshots of this page instead")
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     try:
+        if chosen.report:
+            for file in photograph_report(chosen.report, chosen.out):
+                print(f"{file}  {file.stat().st_size // 1000} kB")
+            return 0
         if chosen.file:
             picture = chosen.out / f"{chosen.file.resolve().parent.name}.png"
             photograph(chosen.file, picture, chosen.at or 0.0, chosen.page, close=not chosen.page)

@@ -16,7 +16,7 @@ from ..parameters import Array
 _WIDTH, _HEIGHT, _MARGIN = 760, 540, 0.05  # of the picture [pixels], and share left empty
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(22.0)  # of the eye
 _LIGHT = np.array([0.35, -0.55, 0.76])
-_SPACING = 0.9  # between points [pixels]
+_SPACING = 0.75  # between points [pixels]
 _DARKEST = 0.35  # share of the colour in the shadow
 
 
@@ -38,10 +38,11 @@ def picture(looks: Looks | None, q: Array, name: str) -> dict[str, Any] | None:
     faces, colours = _faces(looks, q)
     if not len(faces):
         return None
-    code = base64.b64encode(png(_render(faces, colours))).decode()
+    pixels = _render(faces, colours)
+    code = base64.b64encode(png(pixels)).decode()
     alt = escape(f"{name} at the start of the run")
     image = Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
-        Markup(code), alt, _WIDTH, _HEIGHT
+        Markup(code), alt, _WIDTH, len(pixels)
     )
     return {"title": "Robot at the start of the run", "svg": image, "wide": False, "legend": []}
 
@@ -104,7 +105,9 @@ def _render(faces: Array, colours: Array) -> NDArray[np.uint8]:
     column, row = points[near, 0].astype(int), size[1] - 1 - points[near, 1].astype(int)
     image[row, column, :3] = painted[face[near]]
     image[row, column, 3] = 255
-    return image
+    used = np.flatnonzero(image[..., 3].any(axis=1))
+    edge = int(_MARGIN * _HEIGHT)
+    return image[max(0, used[0] - edge) : used[-1] + edge + 1]
 
 
 def _points(seen: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.intp]]:

@@ -18,9 +18,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
@@ -34,10 +32,9 @@ from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
 from ..reporting.progress import announcing
 from ..resources import locked, write_json, write_text
-from .cells import BOUND, DEFAULT, FIGURES, LAWS, METHODS, PRIOR, Cell, rows, sensors
+from .cells import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
+from .compare_table import print_table
 from .study import Study
-
-_HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "relative gains", "force residual", "time [s]")
 
 FILES = ("compare.json", "compare.csv")
 
@@ -281,52 +278,6 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
     write_text(folder / FILES[1], stream.getvalue())
 
 
-def print_table(cells: Sequence[Cell], console: Console) -> None:
-    """Prints a table of medians over the seeds, with the worst in brackets, and the failures."""
-    several = len({cell.seed for cell in cells}) > 1
-    wide = console.width >= 110
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("", no_wrap=True)
-    for head in _HEADS:
-        table.add_column(escape(head), justify="right", no_wrap=True)
-    if wide:
-        table.add_column("")
-    section: tuple[float, float] | None = None
-    failures = []
-    for row in rows(cells):
-        if section != (row.noise, row.duration):
-            section = row.noise, row.duration
-            table.add_row(f"[bold]{sensors(row.noise)}, {row.duration:g} s[/bold]")
-        shown = [
-            _digits(row.median[key])
-            + (f" ({_digits(row.worst[key])})" if several and key != "wall_s" else "")
-            + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else "")
-            for _, key in FIGURES
-        ]
-        table.add_row(f"  {row.method}", *shown, *(["; ".join(row.notes)] if wide else []))
-        if row.failures:
-            failures.append(
-                f"  {row.method}, {sensors(row.noise)}, {row.duration:g} s, failed on "
-                f"{len(row.failures)} {'seed' if len(row.failures) == 1 else 'seeds'}: "
-                f"{row.failures[0]}"
-            )
-    console.print(table)
-    if several:
-        console.print("Medians over the seeds, worst in brackets; – stands for a failed seed.")
-    if any(row.method == BOUND for row in rows(cells)):
-        console.print("Multiples (×) are of the Cramér–Rao bound of the same logs.")
-    for line in failures:
-        console.print(line, soft_wrap=True, markup=False)
-
-
-def _digits(value: float) -> str:
-    """Formats a figure with two digits; – if it is not finite."""
-    if not np.isfinite(value):
-        return "–"
-    digits = f"{value:.1e}" if value < 0.01 else f"{value:.2g}"
-    return digits.replace("e-0", "e-")
-
-
 @single_threaded
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
     """Runs a comparison, writes its files and plots, and prints the table.
@@ -368,12 +319,14 @@ def _run(plan: Plan, folder: Path, quiet: bool) -> list[Cell]:
                 bar.advance(task)
     finally:
         write(folder, plan, cells)
-        from .compare_plots import draw
+        from . import compare_plots, compare_report  # imported late: matplotlib
 
-        plots = draw(folder, cells)
+        drawn = compare_plots.draw(cells)
+        plots = compare_plots.write(folder, drawn)
+        page = compare_report.write(folder, cells, drawn, plan.manifest)
     if not quiet:
         console = Console(highlight=False)
         print_table(cells, console)
-        files: list[Any] = [folder / name for name in FILES] + plots
+        files: list[Any] = [page] + [folder / name for name in FILES] + plots
         console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
     return cells

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 from ..reporting import plots
 from .cells import BOUND, FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
 
-FILES = ("data_length.png", "noise.png", "wall_time.png")
 _SHOWN = FIGURES[:3]
 _STYLES = {
     "paper": ("#5f3dc4", "o"),
@@ -30,23 +29,27 @@ _STYLES = {
 }
 
 
-def draw(folder: Path, cells: Sequence[Cell]) -> list[Path]:
-    """Writes the plots for which there are enough cells, and returns their paths.
+def write(folder: Path, drawn: Mapping[str, Any]) -> list[Path]:
+    """Writes drawn plots as PNG, and returns their paths."""
+    return [plots.png(figure, folder / f"{stem}.png") for stem, figure in drawn.items()]
+
+
+def draw(cells: Sequence[Cell]) -> dict[str, Any]:
+    """The plots for which there are enough cells, by the stems of their files.
 
     Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
     that are not finite are left out.
     """
     found = rows(cells)
     noises, durations = sorted({r.noise for r in found}), sorted({r.duration for r in found})
-    drawn = []
+    drawn: dict[str, Any] = {}
     with plots.style():
         if len(durations) > 1:
-            drawn.append(plots.png(_against_length(found, noises), folder / FILES[0]))
+            drawn["data_length"] = _against_length(found, noises)
         if len(noises) > 1:
-            figure = _against_noise(found, noises, durations[-1])
-            drawn.append(plots.png(figure, folder / FILES[1]))
+            drawn["noise"] = _against_noise(found, noises, durations[-1])
         if found:
-            drawn.append(plots.png(_against_time(found, noises, durations[-1]), folder / FILES[2]))
+            drawn["wall_time"] = _against_time(found, noises, durations[-1])
     return drawn
 
 

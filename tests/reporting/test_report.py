@@ -130,6 +130,39 @@ def test_no_table_can_be_clipped(text: str) -> None:
     assert not re.findall(r"max-height|text-overflow|overflow: hidden", style + print_style)
 
 
+def test_on_a_phone_every_cell_says_which_column_it_is_in(text: str) -> None:
+    """Rows become cards there: the heads are gone, and nothing has to be scrolled sideways."""
+    phone = text[text.index("@media screen and (max-width: 40rem)") : text.index("@media print")]
+    assert re.search(r"thead \{ display: none", phone)
+    assert "content: attr(data-head)" in phone
+    for table in re.findall(r"<table>.*?</table>", text, flags=re.DOTALL):
+        heads = re.findall(r"<th[^>]*>(.*?)</th>", table)
+        for line in re.findall(r"<tr><td.*?</tr>", table):
+            assert re.findall(r'<td [^>]*data-head="(.*?)"', line) == heads
+
+
+def test_everything_is_unfolded_on_paper(summary: dict[str, Any], text: str) -> None:
+    printed = text[text.index("@media print") : text.index("</style>")]
+    assert "details::details-content { content-visibility: visible" in printed
+    assert not re.search(r"display: none|max-height|overflow: hidden", printed)
+    assert not re.search(r"\bhidden\b", text[text.index("<main>") :])
+    cells = [row[0] for table in Page.of(text).tables for row in table.rows]
+    assert all(row["label"] in cells for row in summary["parameters"])
+
+
+def test_the_verdict_comes_first_with_its_figure_and_the_robots_picture(text: str) -> None:
+    order = [
+        text.index(part)
+        for part in ('class="banner verdict', 'class="carrying"', "Distance to the true set",
+                     "data:image/png;base64,", "<h2>Figures", "Predicted against measured forces",
+                     "<h2>Parameters", "<h2>The paper's statements",
+                     "What cannot be known", "Running this again")
+    ]  # fmt: skip
+    assert order == sorted(order)
+    for verdict in ("Theorem 1 (69)", "Lemma 1 (74)", "Theorem 2"):
+        assert verdict in text
+
+
 def test_everything_from_outside_is_escaped(
     done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -14,9 +14,12 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import ConventionalAID
-from nsaid_mj.studies import compare
-from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World, print_table, rows
+from nsaid_mj.studies import compare, compare_report
+from nsaid_mj.studies.cells import rows
+from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World, print_table
 from nsaid_mj.studies.compare_plots import draw
+from nsaid_mj.studies.compare_plots import write as write_pictures
+from tests.reporting.markup import Page
 
 SCALAR = load("scalar_rov")
 
@@ -220,11 +223,29 @@ def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
             for x in noises
         ]
 
-    every = draw(tmp_path, made((1.0, 2.0), (0.0, 1.0)))
+    every = write_pictures(tmp_path, draw(made((1.0, 2.0), (0.0, 1.0))))
     assert [p.name for p in every] == ["data_length.png", "noise.png", "wall_time.png"]
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in every)
-    assert [p.name for p in draw(tmp_path, made((1.0,), (0.0,)))] == ["wall_time.png"]
-    assert draw(tmp_path, []) == []
+    assert list(draw(made((1.0,), (0.0,)))) == ["wall_time"]
+    assert not draw([])
+
+
+def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
+    cells = [Cell(m, s, 1.0, 2.0, x * 1e-3 * (1 + s), 1e-2, 1e-3, 1.0)
+             for m, x in ((PRIOR, 300), ("ols", 5), ("memory", 2)) for s in (0, 1)]  # fmt: skip
+    cells.append(Cell("tls", 0, 1.0, 2.0, failure="<b>it failed"))
+    manifest = {"script": "ur5", "methods": ["ols", "memory", "tls"], "seeds": [0, 1],
+                "durations": [2.0], "noises": [1.0], "bound": False, "versions": {"numpy": "2"},
+                "arguments": ["--dt", "0.01"]}  # fmt: skip
+    text = compare_report.write(tmp_path, cells, draw(cells), manifest).read_text("utf-8")
+    page = Page.of(text)
+    assert "memory comes closest to the true set: 0.3 % in the median, 0.4 % at worst" in text
+    assert [row[1] for row in page.tables[0].rows] == [PRIOR, "memory", "ols", "tls"]
+    assert "<b>it" not in text and "&lt;b&gt;it failed" in text
+    assert text.count('role="img"') == 1
+    assert "nsaid compare ur5 --dt 0.01 --methods ols,memory,tls --seeds 0,1" in text
+    empty = compare_report.write(tmp_path, [], {}, manifest).read_text("utf-8")
+    assert "No method has a result" in empty
 
 
 # -- the command -----------------------------------------------------------------------------
@@ -264,7 +285,8 @@ def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
         cell["theta_perp_ratio"] for cell in found["cells"]
     ]
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"compare.json", "compare.csv", "data_length.png", "noise.png", "wall_time.png"}
+    pictures = {"data_length.png", "noise.png", "wall_time.png"}
+    assert names == {"compare.json", "compare.csv", "report.html"} | pictures
 
 
 def test_as_json_it_prints_nothing_else(tmp_path, capsys):
