@@ -60,6 +60,7 @@ MENU = 33  # height of the viewer's own menu, which is cropped [pixels]
 CLOSE, CLOSE_SIZE = (300, 100, 1300, 850), (1024, 640)
 DESKTOP, PHONE = (1280, 2300), (390, 1900)  # sizes of a report's pictures [pixels]
 SHEETS = 6  # of a printed report that are shown, at most
+ROBOT = ("Forces", "Inertia", "Robot", "Torques")  # what the title of the robot's view begins with
 DRAWN = 1.0  # time for the viewer to redraw [s]
 LARGEST = 300_000  # size of a picture [bytes]
 PATIENCE = 60.0  # timeout of the viewer [s]
@@ -170,7 +171,7 @@ def show(client: ViewerClient, at: float, page: str) -> None:
 def maximize(client: ViewerClient) -> None:
     """Maximises the view of the robot."""
     parts = client.get_blueprint().blueprint
-    robot = next(v for v in client.get_state().views if v.name.startswith(("Forces", "Robot")))
+    robot = next(v for v in client.get_state().views if v.name.startswith(ROBOT))
     parts["/viewport"]["ViewportBlueprint"]["maximized"] = robot.view_id
     client.set_blueprint(parts, of="recording")
     time.sleep(DRAWN)
