@@ -1,6 +1,6 @@
 """Designed against random excitation: the tables and the picture of docs/excitation.md.
 
-    python scripts/excitation.py measure FILE.json [SYSTEM …]
+    python scripts/excitation.py measure FILE.json [SYSTEM …] [--effort 1] [--baselines]
     python scripts/excitation.py table FILE.json
     python scripts/excitation.py picture FILE.json PICTURE.svg
 
@@ -73,23 +73,23 @@ def measured(name: str, excitation: DriverConfig | None) -> list[float]:
     return errors
 
 
-def designed(experiment: Experiment, criterion: str) -> tuple[Design, float, float]:
+def designed(experiment: Experiment, criterion: str, effort: float) -> tuple[Design, float, float]:
     """A design, and the wall and processor time it took [s]."""
     wall, work = time.perf_counter(), time.process_time()
-    found = design(experiment, criterion=criterion)
+    found = design(experiment, criterion=criterion, effort=effort)
     return found, time.perf_counter() - wall, time.process_time() - work
 
 
-def measure(path: Path, names: list[str]) -> None:
+def measure(path: Path, names: list[str], effort: float, baselines: bool) -> None:
     """Designs for systems and measures, adding each result to a file as soon as it is there."""
     rows: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
     for name in names:
         experiment = Experiment.of(experiment_of(name))
         row: dict[str, Any] = rows.setdefault(name, {})
-        for criterion in ("bound", *(("condition", "d-optimal") if name in ARMS else ())):
+        for criterion in ("bound", *(("condition", "d-optimal") if baselines else ())):
             if criterion in row:
                 continue
-            found, wall, work = designed(experiment, criterion)
+            found, wall, work = designed(experiment, criterion, effort)
             row[criterion] = {
                 "predicted": found.largest,
                 "wall_s": wall,
@@ -168,7 +168,9 @@ def picture(path: Path, target: Path) -> None:
 if __name__ == "__main__":
     word, file, *rest = sys.argv[1:]
     if word == "measure":
-        measure(Path(file), rest or [*ARMS, *VEHICLES])
+        effort = float(rest[rest.index("--effort") + 1]) if "--effort" in rest else 1.0
+        names = [name for name in rest if name in (*ARMS, *VEHICLES)]
+        measure(Path(file), names or [*ARMS, *VEHICLES], effort, "--baselines" in rest)
     elif word == "table":
         table(Path(file))
     else:

@@ -27,14 +27,14 @@ from .limits import Limit, Limits, envelope, extents_of, units_of
 from .search import Found, minimise
 from .vehicles import DrivenMotions
 
-_REHEARSED = 6  # random motions from which limits are taken
+_REHEARSED = 12  # random motions from which limits are taken
 _REHEARSAL = 20.0  # longest of them [s]
 _SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the bound is asked about
 _FIRST = 0.75  # share of the search that looks at one draw of the prior only
 _STEP, _LATER = 0.3, 0.1  # first steps of its two parts
 _RESOLVED = 0.1  # relative change of the bound with the step that is accepted
 _SHRINK = 0.98  # of a joint that breaks a limit, beyond what its use says
-_ATTEMPTS = 8
+_ATTEMPTS = 8  # smaller versions of an arm's motion, or next best motions of a vehicle
 _SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
 _EFFORT = 60.0  # time of the search on one core [s]
@@ -149,11 +149,11 @@ def design(
     told("first stage: Gramian on P_⊥", None)
     _resolve(motions, asked, rng)
     start = _first_stage(motions, asked, rng)
-    found = _searched(motions, asked, criterion, start, effort, rng, told)
+    found, candidates = _searched(motions, asked, criterion, start, effort, rng, told)
     if not np.isfinite(found.cost):
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
     told("checking the motion", None)
-    driver, logs, uses = _checked(motions, found.x)
+    driver, logs, uses = _checked(motions, candidates)
     covariances = [
         predicted(experiment, _coarse(motions.stride, log), d) for d, log in enumerate(logs)
     ]
@@ -249,17 +249,24 @@ class _Costs:
         asked: what is asked for.
         criterion: what is minimised.
         draws: number of draws of the prior over which it is averaged.
+
+    Attributes:
+        seen: (cost, candidate) of all that were judged.
     """
 
     def __init__(self, motions: Motions, asked: Asked, criterion: str, draws: int = 1):
         self._motions, self._asked, self._criterion = motions, asked, criterion
         self._draws = draws
+        self.seen: list[tuple[float, Array]] = []
 
     def __call__(self, candidates: Sequence[Array]) -> Sequence[float]:
-        if not self._motions.parallel:
-            return [self._cost(candidate) for candidate in candidates]
-        with ThreadPoolExecutor(2) as pool:
-            return list(pool.map(self._cost, candidates))
+        if self._motions.parallel:
+            with ThreadPoolExecutor(2) as pool:
+                found = list(pool.map(self._cost, candidates))
+        else:
+            found = [self._cost(candidate) for candidate in candidates]
+        self.seen += zip(found, candidates, strict=True)
+        return found
 
     def _cost(self, candidate: Array) -> float:
         own = [self._under(candidate, draw) for draw in range(self._draws)]
@@ -305,8 +312,12 @@ def _searched(
     effort: float,
     rng: np.random.Generator,
     told: Told,
-) -> Found:
-    """The search: most of it under one draw of the prior, the rest averaged over two."""
+) -> tuple[Found, list[Array]]:
+    """The search: most of it under one draw of the prior, the rest averaged over two.
+
+    Returns:
+        The best candidate; and the best ones, the best first, of those tried under two draws.
+    """
 
     def share(done: float) -> None:
         told("searching", _FIRST * done)
@@ -323,7 +334,9 @@ def _searched(
         rng,
         lambda done: told("searching", _FIRST + (1 - _FIRST) * done),
     )
-    return found._replace(evaluations=first.evaluations + found.evaluations)
+    costs.seen.sort(key=lambda pair: pair[0])
+    best = [candidate for _, candidate in costs.seen[:_ATTEMPTS]]
+    return found._replace(evaluations=first.evaluations + found.evaluations), best
 
 
 def _evaluations(motions: Motions, criterion: str) -> int:
@@ -343,40 +356,55 @@ def _coarse(every: int, log: Log) -> Log:
 
 
 def _checked(
-    motions: Motions, candidate: Array
+    motions: Motions, candidates: Sequence[Array]
 ) -> tuple[DriverConfig, tuple[Log, ...], dict[str, float]]:
-    """The candidate's driver, made smaller until its simulations keep all limits.
+    """The driver of a candidate whose simulations under all draws keep all limits.
+
+    Args:
+        motions: turns candidates into motions.
+        candidates: the best one first. That of an arm is made smaller, joint by joint, until it
+            keeps the limits; of a vehicle's, the first that keeps them is taken.
 
     Raises:
-        NoMotion: it breaks one even so.
+        NoMotion: all break one.
     """
-    experiment = motions.experiment
-    share, uses = np.ones(experiment.system.n), {"stability": np.inf}
-    for _ in range(_ATTEMPTS):
-        arm = isinstance(motions, JointMotions)
-        driver = motions.driver(candidate, share) if arm else motions.driver(candidate)
-        duration = experiment.scenario.duration
-        made = [experiment.simulate(driver, draw, duration) for draw in range(DRAWS)]
-        logs = tuple(log for log in made if log is not None)
-        if len(logs) == DRAWS:
-            entries = [
-                motions.limits.entries(extents_of(experiment.system, log, theta))
-                for log, theta in zip(logs, experiment.draws, strict=True)
-            ]
-            worst = {name: np.max([own[name] for own in entries], axis=0) for name in entries[0]}
-            uses = {name: float(use.max()) for name, use in worst.items()}
-            if max(uses.values()) <= 1:
-                return driver, logs, uses
-        if not arm:
+    least = {"stability": np.inf}
+    share = np.ones(motions.experiment.system.n)
+    for attempt in range(_ATTEMPTS):
+        if isinstance(motions, JointMotions):
+            driver: DriverConfig = motions.driver(candidates[0], share)
+        elif attempt < len(candidates):
+            driver = motions.driver(candidates[attempt])
+        else:
             break
-        if len(logs) == DRAWS:
+        logs, worst = _simulated(motions, driver)
+        if worst is None:
+            share = 0.8 * share
+            continue
+        uses = {name: float(use.max()) for name, use in worst.items()}
+        if max(uses.values()) <= 1:
+            return driver, logs, uses
+        least = min(least, uses, key=lambda each: max(each.values()))
+        if isinstance(motions, JointMotions):
             joint = np.max(list(worst.values()), axis=0)
             share = share * np.where(joint > 1, _SHRINK / np.minimum(joint, 1.5), 1.0)
-        else:
-            share = 0.8 * share
-    name = max(uses, key=lambda name: uses[name])
+    name = max(least, key=lambda name: least[name])
     raise NoMotion(
-        f"the best motion found breaks the limit of {name} by {100 * (uses[name] - 1):.0f} % in "
+        f"the best motion found breaks the limit of {name} by {100 * (least[name] - 1):.0f} % in "
         "simulation",
         f"Widen the limit of {name}, give a larger margin, or more --effort.",
     )
+
+
+def _simulated(
+    motions: Motions, driver: DriverConfig
+) -> tuple[tuple[Log, ...], dict[str, Array] | None]:
+    """The motions under all draws, and the largest use of every limit; None if one diverges."""
+    experiment, logs, uses = motions.experiment, [], []
+    for draw, theta in enumerate(experiment.draws):
+        log = experiment.simulate(driver, draw, experiment.scenario.duration)
+        if log is None:
+            return tuple(logs), None
+        logs.append(log)
+        uses.append(motions.limits.entries(extents_of(experiment.system, log, theta)))
+    return tuple(logs), {name: np.max([own[name] for own in uses], axis=0) for name in uses[0]}
