@@ -1,0 +1,67 @@
+"""(E1) to (E3) of docs/theory.md, section 6: what periodic signals excite."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nsaid_mj.control import FourierTracking
+from nsaid_mj.design import Experiment, Limit, Limits
+from nsaid_mj.design.harmonics import ranks
+from nsaid_mj.experiment.library import load
+from nsaid_mj.nullspace import level, split
+
+
+@pytest.fixture(scope="module")
+def arm() -> tuple[Experiment, Limits]:
+    base = FourierTracking(fundamental=0.5, harmonics=4)
+    experiment = Experiment.of(replace(load("double_pendulum"), excitation=base, duration=4.0))
+    ends = {"position": 2.0, "speed": 6.0, "acceleration": 40.0, "torque": 20.0}
+    limits = {name: Limit(-np.full(2, x), np.full(2, x), "") for name, x in ends.items()}
+    return experiment, Limits(limits)
+
+
+def test_e1_a_periodic_motion_of_full_rank_has_a_level_that_grows_with_the_window():
+    t = np.arange(0, 1, 1e-3)
+    B = np.stack([np.sin(2 * np.pi * t), np.cos(2 * np.pi * t), np.ones_like(t)], axis=1)
+    G = np.einsum("ti,tj->ij", B, B) * 1e-3
+    expected = np.sqrt(np.linalg.eigvalsh(G)[0])
+    assert level(B[:, None, :], 1e-3) == pytest.approx(expected)
+    twice = np.tile(B[:, None, :], (2, 1, 1))
+    assert level(twice, 1e-3) >= np.sqrt(2) * expected * (1 - 1e-9)
+
+
+def test_e1_no_window_excites_a_direction_that_one_period_does_not():
+    t = np.arange(0, 3, 1e-3)
+    B = np.stack([np.sin(2 * np.pi * t), 2 * np.sin(2 * np.pi * t)], axis=1)
+    assert level(B[:, None, :], 1e-3) < 1e-12
+
+
+@pytest.mark.parametrize("lines", [1, 2, 3])
+def test_e2_lines_bound_the_rank(lines):
+    rng, t = np.random.default_rng(lines), np.arange(0, 1, 1e-3)
+    waves = [np.ones_like(t)]
+    for k in range(1, lines + 1):
+        waves += [np.sin(2 * np.pi * k * t), np.cos(2 * np.pi * k * t)]
+    rows = np.array(waves).T @ rng.standard_normal((2 * lines + 1, 12))
+    assert 12 - split(rows).r == 2 * lines + 1
+
+
+def test_e2_a_product_of_signals_has_as_many_lines_as_its_degree_allows():
+    t = np.arange(0, 1, 1e-3)
+    rng, h, degree = np.random.default_rng(0), 2, 3
+    k = 2 * np.pi * np.arange(1, h + 1)
+    signal = np.sin(np.outer(t, k) + rng.uniform(0, 6, h)) @ rng.standard_normal(h)
+    columns = np.stack([signal**power for power in range(degree + 1)], axis=1)
+    spectrum = np.abs(np.fft.rfft(columns, axis=0)).max(axis=1)
+    lines = np.flatnonzero(spectrum > 1e-9 * spectrum.max())
+    assert lines.max() <= degree * h
+
+
+def test_e3_random_motions_have_the_same_rank_and_more_harmonics_never_less(arm):
+    experiment, limits = arm
+    found = [ranks(experiment, limits, seed) for seed in range(4)]
+    assert all(each.measured == found[0].measured for each in found)
+    measured = [rank for _, rank in found[0].measured]
+    assert measured == sorted(measured)
+    assert measured[0] < measured[-1] == found[0].needed
