@@ -26,7 +26,7 @@ def track(
         raise InvalidInput("--seed", "--seeds, with one or more values", "--seed", "Give --seeds.")
     default = load(name)
     scenario, chosen = parse(Path(name).stem, default, arguments, "track", Tracking)
-    from ..studies import tracking
+    from ..studies import tracking, tracking_run
 
     plan = tracking.Plan(
         script,
@@ -36,7 +36,7 @@ def track(
         seeds=seeds(chosen.seeds),
     )
     folder = chosen.out or Path("runs") / f"{Path(name).stem}-track"
-    tracking.run(plan, folder, quiet=chosen.quiet or chosen.json)
+    tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / tracking.FILES[0]).read_text(encoding="utf-8"), end="")
     return 0

@@ -7,12 +7,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..control.adaptive import Tracker
-from ..experiment.setup import Setup
 from ..identifiers.cone.law import ConeMetric
 from ..identifiers.metric import Metric
 from ..log import Log
 from ..parameters import Array
 from ..system import SecondOrderSystem
+from .truth import Truth
 
 _ROUNDING = 64 * np.finfo(float).eps
 
@@ -113,23 +113,22 @@ def rise_bounds(
 
 
 def lyapunov_rises(
-    motion: Motion, setup: Setup, tracker: Tracker, metric: ConeMetric
+    motion: Motion, truth: Truth, tracker: Tracker, metric: ConeMetric
 ) -> tuple[int, float]:
     """Number of steps in which V rose beyond its bound, and the largest rise over V(0).
 
     Steps in which a fault changes the truth do not count.
     """
-    plant, rises, V_0 = setup.plant, [np.zeros(0)], 1.0
-    epochs = plant.epoch(motion.t)
-    violations = 0
+    epochs, system = truth.epoch(motion.t), truth.system
+    rises, violations, V_0 = [np.zeros(0)], 0, np.inf
     for epoch in np.unique(epochs):
         rows = epochs == epoch
         columns = {f.name: getattr(motion, f.name)[rows] for f in fields(motion)[:-1]}
         part = replace(motion, **columns)
-        theta = plant.truth_at(part.t[-1])
-        V = lyapunov(part, plant.system, tracker, metric, theta)
-        bounds = rise_bounds(part, plant.system, tracker, metric, theta)
-        violations += int(np.count_nonzero(np.diff(V) > bounds))
+        theta = truth.theta_at(float(part.t[-1]))
+        V = lyapunov(part, system, tracker, metric, theta)
+        bounds = rise_bounds(part, system, tracker, metric, theta)
+        violations += int(np.count_nonzero(~(np.diff(V) <= bounds)))
         rises.append(np.diff(V))
         V_0 = V[0] if epoch == 0 else V_0
     return violations, float(np.concatenate(rises).max(initial=0.0) / V_0)

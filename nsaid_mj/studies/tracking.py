@@ -15,13 +15,13 @@ from typing import Any, get_args
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from ..control.adaptive import AdaptiveTracking, Tracker
 from ..control.adaptive.config import Law
 from ..control.driver import Driver
 from ..errors import BadRun, InvalidInput, UnknownName
+from ..evaluation import Truth
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
 from ..experiment.loop import informing_steps
@@ -31,7 +31,6 @@ from ..identifiers.cone.law import ConeMetric
 from ..log import Log
 from ..parameters import Array
 from ..plants import Plant
-from ..reporting.progress import announcing
 from ..resources import write_json, write_text
 from .study import Study
 
@@ -139,7 +138,7 @@ def course(setup: Setup, last: float) -> Course:
     found = figures(motion, setup.system, tracker, last)
     metric = tracker.metric
     if isinstance(metric, ConeMetric) and scenario.sensors == "ideal":
-        rises, largest = lyapunov_rises(motion, setup, tracker, metric)
+        rises, largest = lyapunov_rises(motion, Truth(setup, scenario.duration), tracker, metric)
         found |= {"v_rises": rises, "v_largest_rise": largest}
     return Course(scenario.excitation.law, scenario.seed, found, motion, setup, tracker)
 
@@ -200,54 +199,6 @@ class _Witness(Driver):
 
 
 # -- output ----------------------------------------------------------------------------------------
-
-
-def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
-    """Runs a study, writes its files, page and recording, and prints the table.
-
-    After Ctrl-C it writes what is available.
-
-    Args:
-        plan: laws and seeds.
-        folder: of the results; created if missing.
-        quiet: print nothing.
-    """
-    done: list[Course] = []
-    bar = Progress(
-        TextColumn("{task.description:32}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True, quiet=quiet),
-        transient=True,
-        disable=quiet,
-    )
-    write(folder, plan, done)  # fails before the work if the folder cannot be written
-    try:
-        with bar, announcing(bar.console):
-            task = bar.add_task("", total=len(plan.seeds) * len(plan.laws))
-            for found in courses(plan, lambda words: bar.update(task, description=words)):
-                first = found.seed == plan.seeds[0]
-                done.append(found if first else replace(found, motion=_thinned(found.motion)))
-                bar.advance(task)
-    finally:
-        write(folder, plan, done)
-        pages = []
-        if done:
-            from .tracking_page import draw
-
-            pages = draw(folder, plan, done)
-    if not quiet:
-        console = Console(highlight=False)
-        print_table(plan, done, console)
-        files = [folder / name for name in FILES] + pages
-        console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
-    return done
-
-
-def _thinned(motion: Motion) -> Motion:
-    """A motion without its rows, which only the first seed's page needs."""
-    return replace(motion, theta_hat=motion.theta_hat[-1:])
 
 
 def write(folder: Path, plan: Plan, done: list[Course]) -> None:
@@ -327,7 +278,7 @@ def print_table(plan: Plan, done: list[Course], console: Console) -> None:
     """Prints the table, and which runs ended early."""
     heads, rows = table_rows(plan, done)
     narrow = len(heads) > 7 and console.width < 110
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     kept = [k for k, head in enumerate(heads) if not (narrow and head.startswith("peak"))]
     for k in kept:
         table.add_column(escape(heads[k]), justify="right" if k else "left", no_wrap=True)

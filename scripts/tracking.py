@@ -1,0 +1,47 @@
+"""The tables and the picture of docs/tracking.md.
+
+`python scripts/tracking.py [--scenarios track_ur5,track_bluerov2] [--seeds 0,1,2]
+[--sensors ideal,noisy] [--picture docs/tracking.png]`; the picture is of the first scenario with
+the first kind of sensors, its first seed. About half a minute for each seed of track_ur5.
+"""
+
+import argparse
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from nsaid_mj.experiment.library import load
+from nsaid_mj.studies.tracking import Plan, table_rows
+from nsaid_mj.studies.tracking_page import PICTURE
+from nsaid_mj.studies.tracking_run import run
+
+
+def main() -> None:
+    """Runs every scenario with every kind of sensors, and prints Markdown tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenarios", default="track_ur5,track_bluerov2,track_uvms,track_payload")
+    parser.add_argument("--seeds", default=",".join(map(str, range(10))))
+    parser.add_argument("--sensors", default="ideal,noisy")
+    parser.add_argument("--picture", type=Path)
+    chosen = parser.parse_args()
+    seeds = tuple(int(seed) for seed in chosen.seeds.split(","))
+    for name in chosen.scenarios.split(","):
+        for sensors in chosen.sensors.split(","):
+            plan = Plan(name, replace(load(name), sensors=sensors), seeds=seeds)
+            with tempfile.TemporaryDirectory() as folder:
+                done = run(plan, Path(folder), quiet=True)
+                if chosen.picture:
+                    shutil.copy(Path(folder) / PICTURE, chosen.picture)
+                    chosen.picture = None
+            heads, rows = table_rows(plan, done)
+            print(f"`{name}`, {sensors} sensors, {len(seeds)} seeds\n")
+            print("| " + " | ".join(heads) + " |")
+            print("|---" * len(heads) + "|")
+            for row in rows:
+                print("| " + " | ".join(row) + " |")
+            print(flush=True)
+
+
+if __name__ == "__main__":
+    main()
