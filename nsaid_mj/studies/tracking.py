@@ -296,4 +296,6 @@ def print_table(plan: Plan, done: list[Course], console: Console) -> None:
 
 
 def _digits(value: float) -> str:
-    return f"{value:.3g}" if np.isfinite(value) else "–"
+    if not np.isfinite(value):
+        return "–"
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"

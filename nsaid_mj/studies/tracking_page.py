@@ -20,6 +20,7 @@ from .tracking import Course, Plan, table_rows
 
 PICTURE, RECORDING = "tracking.png", "tracking.rrd"
 _WINDOWS = 120  # of the error over time
+_LABEL = 20  # windows below a curve's name
 
 
 def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
@@ -105,7 +106,10 @@ def _errors(shown: list[Course], unit: str, axis: Any, named: bool = False) -> N
         pieces = np.array_split(np.arange(len(c.motion.t)), min(_WINDOWS, len(c.motion.t)))
         rms = [np.sqrt(np.mean(_error(c, unit)[rows] ** 2)) for rows in pieces]
         t = [c.motion.t[rows].mean() for rows in pieces]
-        axis.plot(t, rms, color=COLOURS[k], label=c.law if named else None)
+        axis.plot(t, rms, color=COLOURS[k])
+        if named:
+            place = 1.4 * max(rms[-_LABEL:])
+            axis.text(t[-1], place, c.law, color=COLOURS[k], ha="right", va="bottom")
     for fault in shown[0].setup.plant.faults:
         for t in (fault.time, fault.until):
             if t is not None:
