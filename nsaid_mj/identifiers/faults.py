@@ -11,7 +11,7 @@ class FaultEvent(NamedTuple):
     Attributes:
         time: when the motion first contradicted the estimate from before [s].
         found: when the fault was isolated [s].
-        kind: `loss`, `reversed`, `stuck`, `friction`, `payload`, `bias`, `several` or `unknown`.
+        kind: `loss`, `reversed`, `broken`, `stuck`, `friction`, `payload`, `several` or `unknown`.
         part: what it hit, in words, such as `thrust of thruster 3`.
         names: the parameters of θ that it changed; empty for a sensor.
         size: of the change.
@@ -39,11 +39,11 @@ class FaultEvent(NamedTuple):
         """Such as `thrust of thruster 3 lost 39.8 % (39.1 … 40.5 %)`."""
         verb = {
             "loss": "lost" if self.size > 0 else "rose by",
+            "broken": "",
             "reversed": "reversed, with its gain changed by",
             "stuck": "is stuck at a command of",
             "friction": "changed by",
             "payload": "changed by",
-            "bias": "is measured wrong by",
         }.get(self.kind)
         if verb is None:
             return {"several": "several actuators changed at once"}.get(
@@ -52,6 +52,8 @@ class FaultEvent(NamedTuple):
         sign = -1 if self.kind == "loss" and self.size < 0 else 1
         low, high = sorted((sign * self.low, sign * self.high))
         slowly = "slowly " if self.slow else ""
+        if self.kind == "broken":
+            return f"{self.part} no longer exerts any force"
         if self.unit == "1" and self.kind != "stuck":
             return (
                 f"{self.part} {slowly}{verb} {100 * sign * self.size:.3g} % "

@@ -32,8 +32,8 @@ from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
 from ..nullspace_aid import NullspaceIdentifier
 from .faults.events import Loose, event_of, grown, loosened
-from .faults.hypotheses import Hypothesis, everything, hypotheses_of, nothing
-from .faults.trials import Commands, Trial, Verdict, begin_trials, follow_trials, verdict
+from .faults.hypotheses import Hypothesis, everything, hypotheses_of, nothing, unknown
+from .faults.trials import Commands, Trial, Verdict, begin_trials, follow_trials, narrowed, verdict
 from .faults.watch import PERIOD, Watch, slow_change
 from .kalman import (
     COMPLETED,
@@ -261,11 +261,18 @@ class EfficientIdentifier(Identifier):
     def _tried(self, inside: Guarded, log: Log) -> Guarded:
         """The trials along a log; goes on with the best once there is a verdict."""
         trials = follow_trials(self._law, inside.trials, log)
+        if trials[0].filter.tally[1] % self._law.window:
+            return inside._replace(trials=trials)
         found = verdict(self._law, trials, float(log.t[-1]))
         if found is None:
-            return inside._replace(trials=trials)
+            window = self._law.window * self._interval / self._every
+            return inside._replace(trials=narrowed(self._law, trials, window))
         inside = inside._replace(trials=())
         if found.trial is None:
+            if inside.calm >= _SETTLED:
+                begin, size = trials[0].begin, (0.0, 0.0, 0.0)
+                event = event_of(unknown(self.system), begin, float(log.t[-1]), size, 1.0)
+                inside = inside._replace(events=(*inside.events, event), stale=True)
             return self._started_again(inside, log.at(-1))
         return self._isolated(inside, found, found.trial, float(log.t[-1]))
 
@@ -276,7 +283,7 @@ class EfficientIdentifier(Identifier):
         kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
         factors = inside.factors.copy()
         hit = [self.system.space.index(name) for name in hypothesis.names]
-        factors[hit] *= {"reversed": -1.0, "stuck": 0.0}.get(hypothesis.kind, 1.0)
+        factors[hit] *= {"reversed": -1.0, "broken": 0.0, "stuck": 0.0}.get(hypothesis.kind, 1.0)
         inside = inside._replace(
             filter=kalman,
             commands=trial.commands,

@@ -1,8 +1,9 @@
 """What may have happened to a robot: named hypotheses about θ and about its commands.
 
 A hypothesis adds an unknown jump δ ~ N(0, 1) of each of its directions D (in θ/scale) to θ, so that
-P_θθ grows by D Dᵀ and all else stays as certain as it was. Two of them also change what reaches an
-actuator: a reversed one gets −u, a stuck one a constant command, of which its gain is the effort.
+P_θθ grows by D Dᵀ and all else stays as certain as it was. Three of them also change what reaches
+an actuator: a reversed one gets −u, a broken one 0, and a stuck one a typical command, of which its
+gain is the effort.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain
 _OWN = 0.05  # of what sets the gains of one actuator apart, as thrust and torque of a rotor
 _FRICTION = 1.0  # of the jump of a friction or drag, relative to its scale
 _BODY = 0.5  # of that of a body's inertial parameters, relative to their scale
+_LOAD = 0.1  # and at least this share of the whole robot's mass
 _DISSIPATES = ("friction", "drag", "resistance")
 
 
@@ -33,6 +35,7 @@ class Hypothesis(NamedTuple):
         size: (d,) the reported size of the change is sizeᵀδ.
         unit: of the size; `1` for a share.
         command: index of the actuator whose command does not reach it; −1 if all do.
+        held: the constant command that it executes instead; NaN if there is none.
     """
 
     kind: str
@@ -42,6 +45,7 @@ class Hypothesis(NamedTuple):
     size: Array
     unit: str
     command: int = -1
+    held: float = np.nan
 
 
 def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
@@ -52,6 +56,11 @@ def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 def nothing(system: SecondOrderSystem) -> Hypothesis:
     """No change at all."""
     return Hypothesis("none", "", (), np.zeros((system.p, 0)), np.zeros(0), "1")
+
+
+def unknown(system: SecondOrderSystem) -> Hypothesis:
+    """A change that no other hypothesis explains."""
+    return nothing(system)._replace(kind="unknown", part="the robot")
 
 
 def everything(system: SecondOrderSystem, theta: Array) -> Hypothesis:
@@ -70,7 +79,8 @@ def _named(system: SecondOrderSystem, k: Array) -> list[str]:
 
 def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """Loss, reversal and seizure of every actuator that has a gain."""
-    found, scale = [], system.space.scale
+    found, scale, rng = [], system.space.scale, np.random.default_rng(0)
+    typical = np.sqrt(np.mean([system.random_state(rng)[2] ** 2 for _ in range(20)], axis=0))
     for command, k in enumerate(gains_by_command(system)):
         if not len(k):
             continue
@@ -84,7 +94,11 @@ def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
         found.append(Hypothesis("loss", part, names, D, -size, "1"))
         if _odd(system, command, k):
             found.append(Hypothesis("reversed", part, names, D, size, "1", command))
-        found.append(Hypothesis("stuck", part, names, D, size, "1", command))
+        none = np.zeros((system.p, 0))
+        found.append(Hypothesis("broken", part, names, none, np.zeros(0), "1", command, 0.0))
+        for held in (typical[command], -typical[command]):
+            stuck = Hypothesis("stuck", part, names, D / _GAIN, size / _GAIN, "1", command, held)
+            found.append(stuck)
     return found
 
 
@@ -126,16 +140,21 @@ def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
     name = carrier(space)
     if name in bodies:
         place = bodies[name]
+        scale, total = space.scale[place], sum(space.scale[at][0] for at in bodies.values())
+        mass, length = max(_BODY * scale[0], _LOAD * total), scale[1] / scale[0]
         D = np.zeros((system.p, 10))
-        D[place] = _BODY * np.eye(10)
-        size = _BODY * float(space.scale[place][0]) * np.eye(10)[0]
+        D[place] = np.diag(mass * np.r_[1.0, [length] * 3, [length**2] * 6] / scale)
+        size = mass * np.eye(10)[0]
         return [Hypothesis("payload", f"mass of {name}", tuple(space.names[place]), D, size, "kg")]
     if not submerged(space):
         return []
     mass = float(space.scale[space["mass matrix"]][0])
     own, reach = point_mass(space, mass, np.zeros(3)), 0.3
     arms = [point_mass(space, mass, reach * e) - own for e in np.eye(3)]
-    D = _BODY * np.stack([own, *arms], axis=1) / space.scale[:, None]
+    rows, columns = np.triu_indices(6)
+    turning = space["mass matrix"].start + np.flatnonzero((rows >= 3) & (columns >= 3))
+    moments = [mass * reach**2 * np.eye(system.p)[i] for i in turning]
+    D = _BODY * np.stack([own, *arms, *moments], axis=1) / space.scale[:, None]
     names = tuple(space.names[i] for i in np.flatnonzero(np.abs(D).any(axis=1)))
-    size = _BODY * mass * np.eye(4)[0]
+    size = _BODY * mass * np.eye(10)[0]
     return [Hypothesis("payload", "mass of the body", names, D, size, "kg")]

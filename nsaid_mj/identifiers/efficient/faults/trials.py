@@ -56,13 +56,13 @@ class Commands(NamedTuple):
         u = np.where(np.isnan(self.held), self.sign * log.u, self.held)
         return Log.unchecked(log.t, log.q, log.v, u)
 
-    def under(self, hypothesis: Hypothesis, u: Array) -> Commands:
-        """The same under a hypothesis, with the command u (n_u,) at its start."""
+    def under(self, hypothesis: Hypothesis) -> Commands:
+        """The same under a hypothesis."""
         sign, held, k = self.sign.copy(), self.held.copy(), hypothesis.command
         if hypothesis.kind == "reversed":
             sign[k], held[k] = -sign[k], np.nan
-        elif hypothesis.kind == "stuck":
-            held[k] = u[k]
+        elif hypothesis.command >= 0:
+            held[k] = hypothesis.held
         return Commands(sign, held)
 
 
@@ -100,28 +100,51 @@ def begin_trials(
         own = deepcopy(kalman)
         own.Ptt[:] += hypothesis.D @ hypothesis.D.T
         restart_state(own, here.q, here.v, noise_variance(own.noise))
-        acting = commands.under(hypothesis, here.u)
+        acting = commands.under(hypothesis)
         P, theta = own.Ptt.copy(), own.theta.copy()
         trials.append(Trial(hypothesis, own, acting, theta, P, here.t))
     return tuple(trials)
 
 
 def follow_trials(law: Law, trials: tuple[Trial, ...], log: Log) -> tuple[Trial, ...]:
-    """The trials after a log, without those that have become improbable."""
+    """The trials after a log."""
     patient, count = law._replace(window=10**9), len(log.t)
     n, p = log.v.shape[1], len(trials[0].theta)
     out = np.empty((count, p)), np.empty((count, n)), np.empty(count)
     followed = []
     for trial in trials:
-        own, D = trial._replace(filter=deepcopy(trial.filter)), trial.hypothesis.D
-        own.filter.Ptt[:] += _WALK**2 * float(log.t[-1] - log.t[0]) * (D @ D.T)
-        row, end = follow_filter(patient, own.filter, *own.commands.acting(log), *out)
-        own.filter.tally[1] += count - 1 - row
+        own = trial._replace(filter=deepcopy(trial.filter))
+        _, end = follow_filter(patient, own.filter, *own.commands.acting(log), *out)
+        own.filter.tally[1] = trial.filter.tally[1] + count - 1
         own.filter.tally[2] += 0.0 if end == COMPLETED else np.inf
         followed.append(own)
-    share = posterior_of(tuple(followed))
-    kept = [trial for trial, p in zip(followed, share, strict=True) if p >= _DROPPED]
-    return tuple(kept) or tuple(followed)
+    return tuple(followed)
+
+
+def narrowed(law: Law, trials: tuple[Trial, ...], window: float) -> tuple[Trial, ...]:
+    """The trials that go on at the end of a window [s], and are free to follow a growing fault.
+
+    Improbable ones are dropped. Where not even the best explains its window, or only the one with
+    most freedom, the others have yet to learn the size of a large change: the evidence is counted
+    anew from here.
+    """
+    for trial in trials:
+        trial.filter.Ptt[:] += _WALK**2 * window * (trial.hypothesis.D @ trial.hypothesis.D.T)
+    share = posterior_of(trials)
+    if np.isnan(share).all():
+        return trials
+    best = trials[int(np.argmax(share))]
+    if not explains(law, best) or best.hypothesis.kind == "several":
+        for trial in trials:
+            trial.filter.tally[1:] = 0.0
+        return trials
+    return tuple(trial for trial, p in zip(trials, share, strict=True) if p >= _DROPPED)
+
+
+def explains(law: Law, trial: Trial) -> bool:
+    """Whether chance explains the innovations of a trial."""
+    tally = trial.filter.tally
+    return bool(tally[2] <= acceptable(law._replace(window=int(tally[1])), trial.filter))
 
 
 def posterior_of(trials: tuple[Trial, ...]) -> Array:
@@ -145,17 +168,17 @@ class Verdict(NamedTuple):
 
 
 def verdict(law: Law, trials: tuple[Trial, ...], t: float) -> Verdict | None:
-    """The outcome at time t [s]; None while it is open."""
+    """The outcome at time t [s], at the end of a window; None while it is open."""
     share = posterior_of(trials)
     late = t - trials[0].begin >= _LONGEST
     if np.isnan(share).all():
         return Verdict(None, 0.0, (0.0, 0.0, 0.0))
     best = int(np.argmax(share))
-    samples = int(trials[best].filter.tally[1])
-    if samples < law.window or (share[best] < _CERTAIN and not late):
+    trial, fits = trials[best], explains(law, trials[best])
+    sure = fits and share[best] >= _CERTAIN and trial.hypothesis.kind != "several"
+    if not late and not sure:
         return None
-    trial = trials[best]
-    if trial.filter.tally[2] > acceptable(law._replace(window=samples), trial.filter):
+    if not fits:
         return Verdict(None, 0.0, (0.0, 0.0, 0.0))
     return Verdict(trial, float(share[best]), size_of(trial, law.scale))
 
@@ -163,6 +186,8 @@ def verdict(law: Law, trials: tuple[Trial, ...], t: float) -> Verdict | None:
 def size_of(trial: Trial, scale: Array) -> tuple[float, float, float]:
     """The size of a trial's change and its 95 % interval."""
     hypothesis, kalman = trial.hypothesis, trial.filter
+    if hypothesis.kind == "broken":
+        return 1.0, 1.0, 1.0
     if not hypothesis.size.any():
         return 0.0, 0.0, 0.0
     jump = jumped(trial.P, kalman.Ptt, (kalman.theta - trial.theta) / scale, hypothesis.D)
