@@ -11,6 +11,7 @@ from ..experiment.loop import Run
 from ..experiment.record import Record
 from ..parameters import Array, Indices
 from . import inertia, torques
+from .faults import log_faults
 from .forces import COMMANDED, ESTIMATED, Arrows, Rows
 from .layout import words
 from .scene import Scene
@@ -70,6 +71,7 @@ class Robot:
         inside = self._arrows is not None or self._links is not None
         self._scene.log_shapes(rec, self.camera, ghost=inside)
         self._scene.log_poses(rec, t[frames], record["q"][frames])
+        log_faults(rec, self._run.faults, self._run.system, self._scene, self.camera)
         if self._arrows:
             _log_forces(rec, self._arrows, _rows(record, frames), theta_hat[frames], truth)
         if self._arcs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +78,11 @@ class Scene:
     def empty(self) -> bool:
         """Whether there is nothing to draw."""
         return not self._meshes and self._skeleton is None
+
+    def paths_of(self, links: Sequence[str]) -> list[str]:
+        """The entities of the meshes that belong to some links, by the meshes' names."""
+        named = zip(self._paths, self._meshes, strict=True)
+        return [path for path, mesh in named if any(mesh.name.startswith(k) for k in links)]
 
     def log_shapes(
         self, rec: rr.RecordingStream, camera: Camera | None, ghost: bool = False
