@@ -181,6 +181,10 @@ class Record:
                     here = slice(row, row + batch.num_rows)
                     for name, column in columns.items():
                         column[here] = _values(batch.column(name)).reshape(column[here].shape)
+                    if not _sound(columns, here):  # damaged; the batches before are intact
+                        complete = False
+                        columns = {name: column[:row] for name, column in columns.items()}
+                        break
                     row = here.stop
         return Record(columns, metadata, complete)
 
@@ -224,6 +228,12 @@ def _survey(file: Path) -> tuple[pa.Schema, int, int, bool]:
                 batches, rows = batches + 1, rows + batch.num_rows
             complete = _ended(file)
         return reader.schema, batches, rows, complete
+
+
+def _sound(columns: dict[str, Array], rows: slice) -> bool:
+    """Whether time increases up to the end of some rows, and all their numbers are finite."""
+    steady = (np.diff(columns["t"][max(0, rows.start - 1) : rows.stop]) > 0).all()
+    return bool(steady) and all(np.isfinite(column[rows]).all() for column in columns.values())
 
 
 def _metadata(schema: pa.Schema) -> dict[str, Any]:

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .. import evaluation, recording
 from ..bounds import LARGEST
 from ..errors import BadRun
@@ -91,7 +93,10 @@ def rebuild(folder: Path) -> dict[str, Any]:
     run = reopen(folder, record)
     _recall_ending(run)
     with Progress(folder.name) as progress:
-        return finish(run, progress.say)
+        try:
+            return finish(run, progress.say)
+        except np.linalg.LinAlgError as error:
+            raise BadRun(folder, "its record is damaged", "Run the scenario again") from error
 
 
 def _recall_ending(run: Run) -> None:

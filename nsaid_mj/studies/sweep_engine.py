@@ -17,6 +17,7 @@ import joblib
 from ..errors import InvalidInput, UnknownName
 from ..experiment.scenario import Scenario
 from .study import MOST_JOBS, check_count
+from .sweep_cluster import watched
 from .sweep_worker import Job, supervised
 
 ENGINES = ("loky", "dask")
@@ -74,7 +75,8 @@ class Engine:
             longest: largest wall time that one of them may take [s].
 
         Raises:
-            InvalidInput: the engine is not available, or its workers cannot execute any run.
+            InvalidInput: the engine is not available or has died, or its workers cannot execute any
+                run.
         """
         patience = 60.0 + 2 * longest  # without a row for so long, a worker must have died
 
@@ -132,6 +134,7 @@ class Engine:
                 self._reached(
                     lambda: distributed.Client(self.address, set_as_default=False)
                 ) as client,
+                watched(client, self.address),
                 joblib.parallel_config("dask", client=client),
             ):
                 yield (*broken, distributed.KilledWorker)
