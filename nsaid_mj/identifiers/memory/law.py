@@ -131,9 +131,23 @@ class ImplicitMemory(DataMemory):
             conserved = self.metric.conserved
             spent += float(conserved(state.theta_hat) - conserved(theta))
         elif not memory.alarmed:
-            theta, memory = self.implicit_step(theta, memory)
-            spent += self._cost(state.theta_hat, theta)
+            start = self._start(theta, memory)
+            spent += float(self.metric.conserved(theta) - self.metric.conserved(start))
+            theta, memory = self.implicit_step(start, memory)
+            spent += self._cost(start, theta)
         return state._replace(theta_hat=theta, memory=memory, spent=spent)
+
+    def _start(self, theta: Array, memory: Memory) -> Array:
+        """(p,) the estimate at which an implicit step starts: θ̂ (p,), or that of the last step.
+
+        With noisy sensors (44, 45) also follow the noise. Where that has increased the cost of the
+        remembered data since the last step, its estimate is the better one.
+        """
+        view, remembered = memory.scores.view, quotient(memory.means, self.system.space)
+        if view is None or remembered is None or self.recorder.rows.levels.exact:
+            return theta
+        cost = remembered.weighted(view.theta, memory)
+        return view.theta if cost.value(view.theta) < cost.value(theta) else theta
 
     def implicit_step(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
         """One implicit step from an estimate, by Newton's method.
@@ -224,8 +238,9 @@ class ImplicitMemory(DataMemory):
         """Bound on the rise of V in an update, under the true θ (p,).
 
         It is the sum of κh/2 R(θ) max_j θ_j/θ̂_j over the actuators j; of what the hold's form
-        gives at θ − θ̂₀; and with an anchor, of what V lacks of its value at the prior (M11).
-        Infinite where the update returned to an earlier estimate.
+        gives at θ − θ̂₀; with an anchor, of what V lacks of its value at the prior (M11); and of
+        what V gains where the step starts at the estimate of the last one. Infinite where the
+        update returned to an earlier estimate.
         """
         memory = after.memory
         remembered = None if memory is None else quotient(memory.means, self.system.space)
@@ -236,9 +251,12 @@ class ImplicitMemory(DataMemory):
         hold = self._hold(remembered, cost, before.theta_hat, memory)
         data = 0.5 * (max(0.0, cost.value(theta)) * largest + off @ hold @ off)
         divergence = self.metric.divergence
-        missing = divergence(theta, self.prior) - divergence(theta, before.theta_hat)
+        recent = memory._replace(scores=before.memory.scores) if before.memory else memory
+        start = self._start(before.theta_hat, recent)
+        missing = divergence(theta, self.prior) - divergence(theta, start)
         anchor = self.anchor * max(0.0, float(missing)) / self.metric.mu
-        return float(self.metric.mu * self._pace * (data + anchor))
+        back = divergence(theta, start) - divergence(theta, before.theta_hat)
+        return float(self.metric.mu * self._pace * (data + anchor) + max(0.0, back))
 
     def updates(self, t: Array) -> np.ndarray:
         """(N−1,) whether an implicit step lies in (t_k, t_k+1] of the times (N,) of a run."""
