@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from ..experiment.loop import Observer
+from ..experiment.loop import Observer, columns
 from ..experiment.scenario import Scenario
 from ..identifiers import State
 from ..log import Measurement
@@ -18,6 +18,8 @@ from ..numerics.kernels import clock, on_compiling
 from ..plants import Plant
 
 COMPILING = "compiling, once (about a minute)"
+_STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
+_LARGE = 1e10  # size of a record that is told beforehand [bytes]
 _PERIOD = 0.1  # smallest interval between two updates of the bar [s]
 
 
@@ -87,7 +89,9 @@ class Progress(Observer):
         self._announced = True
 
     def start(self, scenario: Scenario, plant: Plant) -> None:
-        """Shows an empty bar."""
+        """Shows an empty bar, and says beforehand what a long run will cost."""
+        if words := cost_of(scenario, plant):
+            self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
         self._begin, self._last, self._end = clock(), 0.0, scenario.duration
         self._bar.update(self._task, total=scenario.duration, description=self._name)
 
@@ -115,6 +119,20 @@ class Progress(Observer):
         if self._console.is_terminal:
             self._bar.refresh()
         self._bar.reset(self._task, total=None, description=self._name, figures="")
+
+
+def cost_of(scenario: Scenario, plant: Plant) -> str:
+    """What a run of an hour or more, or of a large record, will roughly cost; "" for others."""
+    system, rivals = plant.system, list(scenario.rivals)
+    hours = scenario.steps * _STEP * (1 + len(rivals)) / 3600
+    widths = columns(system.n, system.m, system.n_u, system.p, rivals).values()
+    size = 8 * scenario.steps / scenario.record_every * sum(max(width, 1) for width in widths)
+    if hours < 1 and size < _LARGE:
+        return ""
+    return (
+        f"{scenario.steps:.1e} steps, which takes about {hours:.0f} h and {size / 1e9:.0f} GB of "
+        "disk. --dt, --duration and --record-every make it less."
+    )
 
 
 @contextmanager

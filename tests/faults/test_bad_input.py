@@ -77,10 +77,10 @@ WORDS = {  # what is typed: expected, got, remedy
     "arm --robot no/such.urdf": ("no/such.urdf", "no such file", "Give the path"),
     "arm --robot weightless.urdf": ("link of joint", "its mass is 0 kg", "Give it an <inertial>"),
     "arm --robot impossible.urdf": ("link of joint j1", "no body has", "Correct <inertia>"),
-    "arm --robot sentence.urdf": ("sentence.urdf", "cannot read it", "Correct the URDF"),
+    "arm --robot sentence.urdf": ("sentence.urdf", "it is not XML", "Correct the file"),
     "scalar_rv": ("unknown scenario: 'scalar_rv'", "Did you mean scalar_rov", "ending in .py"),
     "sentence.urdf": ("unknown scenario: 'sentence.urdf'", "Known:", "ending in .py"),
-    "empty.py": ("defines `scenario = Scenario(…)`", "got NoneType", "See scenarios/"),
+    "empty.py": ("defines `scenario = Scenario(…)`", "got none", "See scenarios/"),
 }
 
 LINK = """<link name="l1"><inertial><mass value="1"/><origin xyz="0.1 0 0"/>

@@ -10,8 +10,8 @@ from nsaid_mj import Record
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.reporting import warmup
-from nsaid_mj.reporting.progress import COMPILING, Progress
-from tests.support.faulty import call
+from nsaid_mj.reporting.progress import COMPILING, Progress, cost_of
+from tests.support.faulty import ROV, call
 
 ROV = replace(load("scalar_rov"), duration=1.0)
 
@@ -75,3 +75,11 @@ def test_progress_observes_a_whole_run_while_shown(tmp_path: Path):
     with Progress("rov") as progress:
         assert len(run(ROV, tmp_path, progress).record) > 1
         progress.say("evaluating the estimate")
+
+
+def test_the_cost_of_a_long_run_is_told_beforehand():
+    plant = ROV.plant.build(ROV.dt, 0)
+    assert cost_of(replace(ROV, duration=60.0), plant) == ""
+    long = cost_of(replace(ROV, duration=1e7, dt=0.01), plant)
+    assert long.startswith("1.0e+09 steps, which takes about 28 h and ")
+    assert cost_of(replace(ROV, duration=1e6, dt=0.01, record_every=1000), plant)
