@@ -11,7 +11,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.reporting import warmup
 from nsaid_mj.reporting.progress import COMPILING, Progress, cost_of
-from tests.support.faulty import ROV, call
+from tests.support.faulty import call
 
 ROV = replace(load("scalar_rov"), duration=1.0)
 
