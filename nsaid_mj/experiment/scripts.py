@@ -6,6 +6,7 @@ import inspect
 import sysconfig
 import traceback
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -124,7 +125,7 @@ class CheckedDriver(Driver):
             return found
         return self._array("compiled", found, len(t), self._n_u)
 
-    def _array(self, method: str, found: object, *shape: int) -> Array:
+    def _array(self, method: str, found: Any, *shape: int) -> Array:
         """A result of a method as an array of floats, checked for its shape."""
         expected = f"an array of shape {shape}"
         try:

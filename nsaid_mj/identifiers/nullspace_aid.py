@@ -194,7 +194,8 @@ class NullspaceIdentifier(Identifier):
         Returns:
             The row that failed, or N.
         """
-        row = follow(self.law, motion, *rows, 1)
+        v_hats, theta_hats, pivots = rows
+        row = follow(self.law, motion, v_hats, theta_hats, pivots, 1)
         while row < len(log.t) and divided < _DIVISIONS and isinstance(self.law, Curved):
             step = log.part(row - 1, row + 1)
             if not all(np.isfinite(part).all() for part in step):
@@ -203,12 +204,11 @@ class NullspaceIdentifier(Identifier):
             inner = [np.repeat(part[row - 1 : row], len(finer.t), axis=0) for part in rows]
             failed = self._integrate(finer, self.motion(finer), inner, divided + 1)
             if failed < len(finer.t):
-                rows[2][row] = inner[2][failed]
+                pivots[row] = inner[2][failed]
                 break
-            for part, found in zip(rows[:2], inner[:2], strict=True):
-                part[row] = found[-1]
-            rows[2][row] = inner[2][1:].min()
-            row = follow(self.law, motion, *rows, row + 1)
+            v_hats[row], theta_hats[row] = inner[0][-1], inner[1][-1]
+            pivots[row] = inner[2][1:].min()
+            row = follow(self.law, motion, v_hats, theta_hats, pivots, row + 1)
         return row
 
     def _halved(self, log: Log) -> Log:
