@@ -81,7 +81,7 @@ plt.show()
 
 # %%
 for direction in summary["unobservable"][:5]:
-    print("-", direction)
+    print(f"- {direction['direction'][:110]}\n  {direction['fix'][:110]}")
 
 # %% [markdown]
 # `nsaid view runs/example-arm` shows the run in three dimensions; `runs/example-arm/report.html` is a page to send.

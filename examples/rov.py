@@ -35,6 +35,7 @@ scenario = Scenario(
     initial_error=0.3,
     duration=seconds,
     dt=0.01,
+    sensors="noisy",
 )
 result = run(scenario, Path("runs/example-rov"))
 summary = finish(result)
@@ -78,4 +79,4 @@ print(
     f"largest error of a thruster's gain relative to the others: {summary['actuator_ratio_error']:.2e}"
 )
 for direction in summary["unobservable"]:
-    print("-", direction)
+    print(f"- {direction['direction'][:110]}\n  {direction['fix'][:110]}")
