@@ -36,6 +36,7 @@ scenario = Scenario(
     duration=seconds,
     dt=0.01,
     sensors="noisy",
+    record_every=2,
 )
 result = run(scenario, Path("runs/example-rov"))
 summary = finish(result)
