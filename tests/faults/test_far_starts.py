@@ -15,7 +15,9 @@ from nsaid_mj.identifiers.metric import ACCURACY
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 
 
-def followed(name: str, law: str, error: float, seed: int, seconds: float) -> tuple[Setup, Following]:
+def followed(
+    name: str, law: str, error: float, seed: int, seconds: float
+) -> tuple[Setup, Following]:
     """A run from a prior within e^{±error}: the setup, and its identifier at the end."""
     scenario = load(name)
     assert isinstance(scenario.identifier, NullspaceAID)
