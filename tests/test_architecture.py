@@ -233,7 +233,7 @@ def test_identifiers_are_numpy_numba_and_declared_configurations():
     for module, path in FILES.items():
         if part(module) == "identifiers":
             foreign = written(path) - set(sys.stdlib_module_names) - {"."}
-            assert foreign <= {"numpy", "numba", "pydantic"}, module
+            assert foreign <= {"numpy", "numba", "pydantic", "scipy"}, module
 
 
 SYSID = {"baselines.sysid": {"mujoco", "pinocchio", "numba"}}
@@ -324,4 +324,5 @@ def test_a_truth_object_is_made_only_after_a_run():
         "studies.compare",
         "studies.montecarlo",
         "studies.sweep_worker",
+        "studies.tracking",
     }

@@ -13,8 +13,9 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from ..experiment.fields import field_at, field_paths, same_end, with_fields
+from ..experiment.fields import REGISTRY, field_at, field_paths, same_end, with_fields
 from ..experiment.scenario import Scenario
+from ..plants import Fault, fault_text
 from .grammar import Output
 
 MAIN = {
@@ -63,6 +64,7 @@ def parse(
         description=f"Flags of `nsaid {command} {name}`; the defaults are those of the scenario.",
         args=[_spelled(argument, paths, main, own) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
+        registry=REGISTRY,
     )
     given = {path: getattr(filled, flag) for path, flag in main.items()}
     given |= {path: field_at(filled, path) for path in paths if path not in main}
@@ -83,7 +85,10 @@ def repeated(default: Scenario, scenario: Scenario) -> tuple[str, ...]:
             found.append(f"--{parent}{'.' if parent else ''}{'' if value else 'no-'}{last}")
         else:
             words = value if isinstance(value, tuple) else (value,)
-            found += [f"--{path}", *(str(word) for word in words)]
+            found += [
+                f"--{path}",
+                *(fault_text(w) if isinstance(w, Fault) else str(w) for w in words),
+            ]
     return tuple(found)
 
 

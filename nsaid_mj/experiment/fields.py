@@ -8,9 +8,30 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
 import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from ..errors import InvalidInput, UnknownName
+from ..plants import Fault, fault_text, parse_faults
 from .scenario import Scenario
+
+REGISTRY = ConstructorRegistry()
+"""How tyro reads and writes a scenario's fields, beyond the types that it knows."""
+
+
+@REGISTRY.primitive_rule
+def _faults(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[tuple[Fault, ...]] | None:
+    """Faults are given as text: "loss 0.4 of 2 at 5 s; payload 1 at 10 s"."""
+    if info.type != tuple[Fault, ...]:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar='"KIND NUMBER of WHICH at TIME s; …"',
+        instance_from_str=lambda words: parse_faults(" ; ".join(words)),
+        is_instance=lambda value: (
+            isinstance(value, tuple) and all(isinstance(fault, Fault) for fault in value)
+        ),
+        str_from_instance=lambda value: [fault_text(fault) for fault in value],
+    )
 
 
 def field_paths(value: Any, prefix: str = "") -> list[str]:
@@ -67,7 +88,7 @@ def field_value(path: str, text: str, scenario: Scenario) -> Any:
         words = shlex.split(text)
         args = [f"--value={words[0]}"] if len(words) == 1 else ["--value", *words]
         with contextlib.redirect_stderr(io.StringIO()):
-            return tyro.cli(parsed, args=args, console_outputs=False)
+            return tyro.cli(parsed, args=args, console_outputs=False, registry=REGISTRY)
     except (SystemExit, ValueError) as error:
         kind = hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "")
         remedy = "`nsaid run NAME --help` lists the types of all fields."

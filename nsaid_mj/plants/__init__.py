@@ -16,6 +16,7 @@ from .world.faults.kinds import Loss as Loss
 from .world.faults.kinds import Payload as Payload
 from .world.faults.kinds import Reversed as Reversed
 from .world.faults.kinds import Stuck as Stuck
+from .world.faults.text import fault_text as fault_text
 from .world.faults.text import parse_faults as parse_faults
 from .world.mismatch import Mismatch as Mismatch
 from .world.plant import ParametricPlantConfig as ParametricPlantConfig

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 import rerun as rr
 
 from ..parameters import Array, ParameterSpace
 from ..system import SecondOrderSystem
 from ..systems.joints import JointTree
+from ..systems.optional import pin
 from .scene import BODY, ROBOT, body_axes
 
 LINKS = f"{ROBOT}/links_of_theta"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import rerun as rr
 from numpy.typing import NDArray
 
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.joints import JointTree
+from ..systems.optional import pin
 from .forces import FAILED, Rows
 from .inertia import frames
 from .scene import ROBOT

@@ -115,7 +115,7 @@ class Plant(ABC):
         self.dt = self.model.opt.timestep
         self.delay = mismatch.steps(self.dt)
         self.mismatches = (*self.mismatches, *mismatch.in_words(self.dt))
-        self._variants = {(): Variant.of(self)}
+        self._variants = {(): Variant.of(self.model, self.data, self.gain_places)}
         self.failing(())
 
     @property
@@ -151,7 +151,7 @@ class Plant(ABC):
                 raise InvalidInput("faults", expected, "a change of its body", remedy)
             theta = self.truth + schedule.added(which)
             changed = replace(config, faults=()).simulating(self.dt, theta)
-            self._variants[which] = Variant.of(changed)
+            self._variants[which] = Variant.of(changed.model, changed.data, changed.gain_places)
         return self
 
     def refined(self, substeps: int) -> Self:
@@ -178,7 +178,7 @@ class Plant(ABC):
         self._delayed_commands = deque([np.zeros(self.system.n_u)] * self.delay)
         self._place(position, velocity)
         self.model.actuator_gainprm[:] = sound.gainprm
-        self._variants[()] = Variant.of(self)
+        self._variants[()] = Variant.of(self.model, self.data, self.gain_places)
         self._held, self._biases, self._next_edge = {}, None, self._schedule.next_edge(-np.inf)
         if as_at is not None:
             self._fail(as_at)
@@ -189,7 +189,7 @@ class Plant(ABC):
         schedule = self._schedule
         variant = self._variants[schedule.carried(t)]
         if variant.data is not self.data:
-            variant.enter(Variant.of(self))
+            variant.enter(Variant.of(self.model, self.data, self.gain_places))
             self.model, self.data = variant.model, variant.data
         variant.scale_gains(schedule.factors(t))
         held = {k: float(self.data.ctrl[k]) if x is None else x for k, x in schedule.stuck(t)}

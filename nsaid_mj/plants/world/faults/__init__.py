@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import tyro
 from pydantic import BeforeValidator
 
 from .kinds import Fault
-from .text import fault_text, parse_faults
+from .text import parse_faults
 
 
 def _read(value: Any) -> Any:
@@ -21,15 +20,5 @@ def _read(value: Any) -> Any:
     return value
 
 
-_SPEC = tyro.constructors.PrimitiveConstructorSpec(
-    nargs="*",
-    metavar='"KIND NUMBER of WHICH at TIME s; …"',
-    instance_from_str=lambda words: parse_faults(" ; ".join(words)),
-    is_instance=lambda value: (
-        isinstance(value, tuple) and all(isinstance(fault, Fault) for fault in value)
-    ),
-    str_from_instance=lambda value: [fault_text(fault) for fault in value],
-)
-
-Faults = Annotated[tuple[Fault, ...], BeforeValidator(_read), _SPEC]
+Faults = Annotated[tuple[Fault, ...], BeforeValidator(_read)]
 """Any number of faults; also as text, see `text`."""

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from ....parameters import Array
-
-if TYPE_CHECKING:
-    from ..plant import Plant
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS  # time, positions, velocities, activations
 
@@ -36,11 +33,10 @@ class Variant:
     userdata: Array
 
     @staticmethod
-    def of(plant: Plant) -> Variant:
-        """A plant's present model and data."""
-        model, data = plant.model, plant.data
+    def of(model: Any, data: Any, gain_places: Sequence[Sequence[int]]) -> Variant:
+        """A plant's model and data as they are now."""
         gains = model.actuator_gainprm.copy()
-        return Variant(model, data, plant.gain_places, gains, data.userdata.copy())
+        return Variant(model, data, gain_places, gains, data.userdata.copy())
 
     def enter(self, other: Variant) -> None:
         """Continues from the state of another variant of the same plant."""
