@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -31,7 +32,7 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.dynamics.forward import force_law
-from nsaid_mj.errors import BadRun
+from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
@@ -510,6 +511,20 @@ def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: Simulat
 
     assert names(vehicle) == ["Estimate", "Mass matrix"]
     assert names(arm) == ["Estimate", "Link 1 – 3", "Link 4 – 6"]
+
+
+@pytest.mark.parametrize(("speed", "least", "most"), [(10.0, 0.1, 5.0), (0.0, 0.0, 0.09)])
+def test_a_live_run_waits_until_its_time_is_due(speed: float, least: float, most: float) -> None:
+    observer, begin = recording.Live("x", speed), time.perf_counter()
+    for t in (0.0, 0.5, 1.0):
+        observer._wait(t)
+    assert least <= time.perf_counter() - begin < most
+
+
+@pytest.mark.parametrize("speed", [-1.0, np.inf, np.nan])
+def test_a_live_speed_that_is_none_is_told(speed: float) -> None:
+    with pytest.raises(InvalidInput, match="live_speed"):
+        recording.Live("x", speed)
 
 
 # -- live ----------------------------------------------------------------------------------------
