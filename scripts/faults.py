@@ -1,6 +1,6 @@
 """Faults found by the law `efficient`: how soon, how rightly, how often wrongly.
 
-`python scripts/faults.py loss|slow|kinds|matched [--scenarios ur5,bluerov2,crazyflie]
+`python scripts/faults.py loss|slow|kinds|matched|picture [--scenarios ur5,bluerov2,crazyflie]
 [--seeds 10:30] [--seconds 180]`, under noisy sensors and with the scenario's own time step.
 
 - `loss`: an actuator loses 40 % at 6 s; which one goes round with the seed. Delay of the isolated
@@ -8,6 +8,7 @@
   largest of the others, all relative to the mean of the healthy ones, over the same before.
 - `slow`: an actuator loses 1 %/s from 12 s on, up to 30 %; what it has lost when that is found.
 - `kinds`: every kind of fault at 6 s; what it was taken for.
+- `picture`: docs/faults.png.
 - `matched`: no fault, for `--seconds` on every seed; the events are false alarms.
 
 The seeds 0 to 9 served for development. Printed figures are of all seeds given, none left out.
@@ -16,8 +17,10 @@ The seeds 0 to 9 served for development. Printed figures are of all seeds given,
 import argparse
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from nsaid_mj.evaluation import Truth
@@ -230,10 +233,38 @@ def matched(names: list[str], seeds: list[int], seconds: float) -> None:
     print("\n| | noisy matched motion | false alarms |\n|---|---|---|\n" + "\n".join(rows))
 
 
+def picture(path: Path) -> None:
+    """Draws the gains of a run with a sudden and a slow loss and a load, and what was found."""
+    weight = "payload 2 kg place 0.1 0 -0.1 at 20 s"
+    text = f"loss 0.4 of 3 at 10 s; {weight}; loss 0.3 of 6 rate 1 %/s at 30 s"
+    found = followed("bluerov2", 10, text, 60.0)
+    system, t = found.setup.system, found.log.t
+    k, truth = system.space.actuators, Truth(found.setup, float(t[-1]))
+    scale = truth.initial[k]
+    figure, axes = plt.subplots(figsize=(9, 4.6), layout="constrained")
+    colours = plt.get_cmap("tab10").colors  # type: ignore[attr-defined]  # a listed map has them
+    healthy = np.delete(np.arange(len(k)), [2, 5])
+    for values, style in ((found.estimates.theta_hat[:, k], "-"), (truth.theta_at(t)[:, k], ":")):
+        share = values / scale
+        share = 100 * share / share[:, healthy].mean(axis=1, keepdims=True)
+        for i in range(len(k)):
+            label = system.space.labels[k[i]] if style == "-" else None
+            axes.plot(t, share[:, i], style, color=colours[i], label=label, linewidth=1.4)
+    for row, event in enumerate(found.events):
+        axes.axvline(event.found, color="#c92a2a", linewidth=0.8)
+        words = f"{event.found:.2f} s: {event.in_words}"
+        place = (event.found + 0.4, 47 + 4 * row)
+        axes.annotate(words, place, color="#c92a2a", fontsize=8)
+    axes.set(xlabel="time [s]", ylabel="gain, of that before [%]", ylim=(45, 118), xlim=(2, 60))
+    axes.legend(ncols=4, fontsize=8, loc="upper left", frameon=False)
+    figure.savefig(path, dpi=130)
+    print("\n".join(event.in_words for event in found.events))
+
+
 def main() -> None:
     """Runs a study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("study", choices=["loss", "slow", "kinds", "matched"])
+    parser.add_argument("study", choices=["loss", "slow", "kinds", "matched", "picture"])
     parser.add_argument("--scenarios", default="ur5,bluerov2,crazyflie")
     parser.add_argument("--seeds", default="10:30")
     parser.add_argument("--seconds", type=float, default=180.0, help="of each matched run [s]")
@@ -248,6 +279,8 @@ def main() -> None:
         slow(names, seeds)
     elif chosen.study == "kinds":
         kinds(names, seeds)
+    elif chosen.study == "picture":
+        picture(Path("docs/faults.png"))
     else:
         matched(names, seeds, chosen.seconds)
 

@@ -301,7 +301,7 @@ class EfficientIdentifier(Identifier):
         """At an interval's end: looks for slow changes, and follows one that is known."""
         kalman, loose = inside.filter, inside.loose
         if loose is not None and t > loose.until:
-            loose = None
+            loose, inside = None, inside._replace(stale=True)
         if loose is not None and not inside.trials:
             loose.walked(kalman, self._scale, self._interval)
             events, loose = grown(inside.events, loose, kalman, t)
@@ -330,8 +330,7 @@ class EfficientIdentifier(Identifier):
         `found` are begin, size with its interval, confidence, and whether it is slow.
         """
         begin, size, confidence, *slow = found
-        gains = np.array([self.system.space.index(name) for name in hypothesis.names])
-        loose = loosened(inside.loose, hypothesis, gains, before, size[0], t)
+        loose = loosened(inside.loose, hypothesis, self.system.space, before, size[0], t)
         known = inside.loose is not None and loose is not None and loose.part == inside.loose.part
         inside = inside._replace(loose=loose, stale=True)
         if known:
@@ -352,6 +351,8 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not kalman.tally[0]:
             return False
+        if inside.loose is not None:
+            return inside.handed  # the memory averages over what is changing
         remembered = quotient(memory.means, system.space)
         changed = inside.returns + inside.restarts > 0
         if remembered is None or memory.means.blocks * system.n < _DETERMINED * system.p:

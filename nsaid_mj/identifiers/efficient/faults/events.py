@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array
+from ....parameters import Array, Indices, ParameterSpace
 from ...faults import FaultEvent
 from ..kalman import Filter
 from .hypotheses import Hypothesis
@@ -28,13 +28,15 @@ class Loose(NamedTuple):
     Attributes:
         part: the actuator, in words.
         gains: indices of its gains in θ.
-        before: θ̂ of the first of them before the loss.
+        others: indices of all other actuators' gains.
+        before: (p,) θ̂ before the loss.
         until: when it is taken for constant again [s].
     """
 
     part: str
-    gains: Array
-    before: float
+    gains: Indices
+    others: Indices
+    before: Array
     until: float
 
     def walked(self, kalman: Filter, scale: Array, seconds: float) -> None:
@@ -48,12 +50,19 @@ class Loose(NamedTuple):
         self.walked(kalman, scale, (_ON / _WALK) ** 2)
 
     def lost(self, kalman: Filter) -> float:
-        """The share of its gain that it has lost so far."""
-        return float(1 - kalman.theta[self.gains[0]] / self.before)
+        """The share of its gain, relative to the others, that it has lost so far."""
+        ratio = kalman.theta / np.where(self.before == 0, 1.0, self.before)
+        common = np.median(ratio[self.others]) if len(self.others) else 1.0
+        return float(1 - ratio[self.gains[0]] / common)
 
 
 def loosened(
-    loose: Loose | None, hypothesis: Hypothesis, gains: Array, before: Array, size: float, t: float
+    loose: Loose | None,
+    hypothesis: Hypothesis,
+    space: ParameterSpace,
+    before: Array,
+    size: float,
+    t: float,
 ) -> Loose | None:
     """What is loose after an isolated fault, given θ̂ (p,) before it, its size and the time."""
     if hypothesis.kind != "loss":
@@ -62,7 +71,9 @@ def loosened(
         return loose._replace(until=t + _LOOSE)
     if abs(size) > _SMALL:
         return None
-    return Loose(hypothesis.part, gains, float(before[gains[0]]), t + _LOOSE)
+    gains = np.array([space.index(name) for name in hypothesis.names])
+    others = np.setdiff1d(space.actuators, gains)
+    return Loose(hypothesis.part, gains, others, before.copy(), t + _LOOSE)
 
 
 def event_of(
