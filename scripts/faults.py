@@ -40,7 +40,7 @@ KINDS = {
         "broken {k}",
         "stuck {k}",
         "friction 10 of viscous_{k}",
-        "friction 10 of coulomb_{k}",
+        "friction 1 of coulomb_{k}",
         "payload 2 kg place 0 0.1 0",
         "bias 0.05 of velocity {k}",
         "bias 0.01 of position {k}",
