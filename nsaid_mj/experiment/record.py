@@ -231,9 +231,18 @@ def _survey(file: Path) -> tuple[pa.Schema, int, int, bool]:
 
 
 def _sound(columns: dict[str, Array], rows: slice) -> bool:
-    """Whether time increases up to the end of some rows, and all their numbers are finite."""
-    steady = (np.diff(columns["t"][max(0, rows.start - 1) : rows.stop]) > 0).all()
-    return bool(steady) and all(np.isfinite(column[rows]).all() for column in columns.values())
+    """Whether some rows are finite, time increases up to their end, and no estimate is zero.
+
+    A disk that lost power leaves zeros where data were to come.
+    """
+    t = columns.get("t", np.arange(rows.stop))
+    steady = (np.diff(t[max(0, rows.start - 1) : rows.stop]) > 0).all()
+    estimates = [column[rows] for name, column in columns.items() if name.startswith("theta_hat")]
+    return (
+        bool(steady)
+        and all(np.isfinite(column[rows]).all() for column in columns.values())
+        and all(estimate.any(axis=-1).all() for estimate in estimates if estimate.ndim == 2)
+    )
 
 
 def _metadata(schema: pa.Schema) -> dict[str, Any]:

@@ -65,6 +65,18 @@ def test_a_corrupt_summary_is_ignored(summary: str, tmp_path: Path) -> None:
     assert finish.rebuild(tmp_path)["status"] == "completed"
 
 
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_a_record_that_ends_in_zeros_is_cut_where_they_begin(share: float, tmp_path: Path) -> None:
+    whole = run(replace(SHORT, duration=8.0), tmp_path).record
+    data = (tmp_path / FILE).read_bytes()
+    at = int(share * len(data))
+    (tmp_path / FILE).write_bytes(data[:at] + bytes(len(data) - at))
+    found = Record.read(tmp_path)
+    assert 0 < len(found) < len(whole) and not found.complete
+    assert all(np.array_equal(found[key], whole[key][: len(found)]) for key in found.columns)
+    assert finish.rebuild(tmp_path)["status"] == "interrupted"
+
+
 @pytest.mark.parametrize("seed", [0, 7])
 def test_an_earlier_runs_summary_is_not_taken_for_this_runs(seed: int, tmp_path: Path) -> None:
     finish.finish(run(replace(SHORT, seed=seed, duration=2.0), tmp_path))
