@@ -181,7 +181,7 @@ class Record:
                     here = slice(row, row + batch.num_rows)
                     for name, column in columns.items():
                         column[here] = _values(batch.column(name)).reshape(column[here].shape)
-                    if "scenario" in metadata and not _sound(columns, here):  # damaged here
+                    if "theta_hat" in columns and not _sound(columns, here):  # damaged here
                         complete = False
                         columns = {name: column[:row] for name, column in columns.items()}
                         break
