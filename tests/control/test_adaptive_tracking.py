@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -25,6 +26,7 @@ from nsaid_mj.identifiers.cone.law import ConeMetric
 from nsaid_mj.identifiers.metric import ConstantMetric
 from nsaid_mj.parameters import Array
 from nsaid_mj.studies.tracking import Plan, courses, drive
+from nsaid_mj.studies.tracking_run import run as run_study
 from tests.support.plants import config_of, plant
 
 ACTUATED = ["double_pendulum", "ur5", "bluerov2", "astrobee", "uvms"]
@@ -250,6 +252,23 @@ def test_a_study_needs_a_scenario_that_tracks_and_known_laws():
     tracking = Scenario(excitation=AdaptiveTracking())
     with pytest.raises(NsaidError, match="nullspace"):
         Plan("track_ur5", tracking, laws=("sliding",))
+
+
+def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
+    scenario = Scenario(
+        plant=config_of("double_pendulum"),
+        excitation=AdaptiveTracking(fundamental=0.3),
+        identifier=NullspaceAID(K=20.0, gain=8.0, law="cone"),
+        duration=0.3,
+    )
+    laws = ("nullspace", "conventional")
+    run_study(Plan("double_pendulum", scenario, laws=laws, seeds=(0, 1)), tmp_path)
+    rows = json.loads((tmp_path / "tracking.json").read_text())["rows"]
+    assert [(row["law"], row["seed"]) for row in rows] == [(k, i) for i in (0, 1) for k in laws]
+    assert all(row["v_rises"] == 0 for row in rows if row["law"] == "nullspace")
+    assert "conventional" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "tracking.rrd").stat().st_size > 0
+    assert "rms [mrad]" in capsys.readouterr().out
 
 
 def test_adaptation_of_the_gains_beats_gains_taken_as_known():
