@@ -279,7 +279,8 @@ def print_table(plan: Plan, done: list[Course], console: Console) -> None:
     heads, rows = table_rows(plan, done)
     narrow = len(heads) > 7 and console.width < 110
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    kept = [k for k, head in enumerate(heads) if not (narrow and head.startswith("peak"))]
+    spared = ("peak", "effort", "at limit") if narrow else ()
+    kept = [k for k, head in enumerate(heads) if not head.startswith(spared)]
     for k in kept:
         table.add_column(escape(heads[k]), justify="right" if k else "left", no_wrap=True)
     for row in rows:
