@@ -37,13 +37,19 @@ def excite(chosen: Excite) -> int:
     from ..reporting import design as design_page
     from ..reporting.progress import Progress
 
+    def limited(own: room.Limits) -> room.Limits:
+        """The limits of the file; a real robot must not touch itself or the ground either."""
+        if chosen.model is not None:
+            own = replace(own, contacts=experiment.contacts is not None)
+        return room.read_limits(chosen.limits, own) if chosen.limits else own
+
     with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
         experiment = room.Experiment.of(scenario, chosen.seed)
         found = room.design(
             experiment,
             wanted=chosen.want,
             criterion=chosen.criterion,
-            limits=lambda own: room.read_limits(chosen.limits, own) if chosen.limits else own,
+            limits=limited,
             seed=chosen.seed,
             effort=chosen.effort,
             told=progress.tell,

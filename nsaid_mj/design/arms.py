@@ -3,7 +3,8 @@
 A candidate is a vector of numbers, (n, 2h + 1): for every joint the weights of its sines and
 cosines, and where in its range the motion is centred. The weights are divided by k, which favours
 low harmonics, and scaled until the joint's position, speed or acceleration reaches its limit; so
-every candidate is as strong as the limits allow. Only torque is left to a penalty.
+every candidate is as strong as the limits allow. Torque is left to a penalty, and so are contacts,
+for which there is one more number per joint: the share of its swing that is used.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ from ..log import Log
 from ..parameters import Array
 from ..systems.multibody import MotorTree
 from .experiment import Experiment
-from .limits import Limits
+from .limits import Limits, coordinates_of
 
 _STEP = 0.04  # longest step at which the search computes information [s]
 _SEARCHED = 10.0  # longest motion that the search looks at [s]
 _FINE = 24  # samples in the period of the highest harmonic, for peaks
 _REPORTED = 0.01  # longest step at which the information of a simulated motion is computed [s]
+_POSES, _TOUCHED = 60, 30.0  # poses tried for contacts, and cost per share of them that touch
 _PENALTY = 3.0  # cost per unit of torque beyond the limit
 
 
@@ -61,6 +63,15 @@ class JointMotions:
         self._fine = _basis(self._omega, np.arange(0, period, 1 / (_FINE * top)))
         self._t = np.zeros(0)
         self.take_step(min(_STEP, 1 / (12 * top)))
+        self.contacts = experiment.contacts if limits.contacts else None
+        if limits.contacts and self.contacts is None:
+            raise InvalidInput(
+                "limits.contacts",
+                "a robot with meshes",
+                "none",
+                "Leave contacts out, or add meshes.",
+            )
+        self._columns = 2 * len(self._omega) + (1 if self.contacts is None else 2)
         self.moving = np.isin(np.arange(1, self._n + 1), base.joints or np.arange(1, self._n + 1))
 
     def take_step(self, longest: float) -> None:
@@ -75,18 +86,21 @@ class JointMotions:
     @property
     def size(self) -> int:
         """Length of a candidate."""
-        return self._n * (2 * len(self._omega) + 1)
+        return self._n * self._columns
 
     def random(self, rng: np.random.Generator) -> Array:
         """A random candidate, centred in the joints' ranges."""
-        numbers = rng.standard_normal((self._n, 2 * len(self._omega) + 1))
-        numbers[:, -1] = 0.0
+        numbers = rng.standard_normal((self._n, self._columns))
+        if self.contacts is None:
+            numbers[:, -1] = 0.0
         return numbers.ravel()
 
     def series(self, candidate: Array, share: Array | float = 1.0) -> Series:
         """The trajectory of a candidate, with the swing of every joint times its share (n,)."""
         numbers = candidate.reshape(self._n, -1)
-        weights = numbers[:, :-1] / np.tile(self._harmonics, 2)
+        weights = numbers[:, : 2 * len(self._omega)] / np.tile(self._harmonics, 2)
+        if self.contacts is not None:  # what nearly reaches the limits would touch everything
+            share = share / (1 + np.exp(2 - numbers[:, -2]))
         limits, free = self.limits.limits, 1 - self.limits.margin
         place, speed, acceleration = (part @ weights.T for part in self._fine)
         low, high = limits["position"].low, limits["position"].high
@@ -114,9 +128,15 @@ class JointMotions:
     def candidate(self, candidate: Array, draw: int) -> tuple[Log, float]:
         """The motion of a candidate under a draw, and its penalty, 0 inside the limits."""
         log, torque = self.motion(self.series(candidate), draw)
+        system = self.experiment.system
         top = (1 - self.limits.margin) * self.limits.limits["torque"].high
         excess = np.maximum(np.abs(torque).max(axis=0) / top - 1, 0.0)
-        return log, _PENALTY * float(excess.sum())
+        penalty = _PENALTY * float(excess.sum())
+        if self.contacts is not None:
+            poses = coordinates_of(system, self.period(log).q)
+            poses = poses[:: max(1, len(poses) // _POSES)]
+            penalty += _TOUCHED * float(np.mean([bool(w) for w in self.contacts.touching(poses)]))
+        return log, penalty
 
     def period(self, log: Log) -> Log:
         """One period of a motion, in which a Gramian repeats."""

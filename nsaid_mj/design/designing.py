@@ -23,7 +23,7 @@ from .arms import JointMotions
 from .asked import GAINS, Asked, asked_for
 from .experiment import DRAWS, Experiment
 from .information import bound_cost, check_criterion, gramian_cost, predicted, rms
-from .limits import Limit, Limits, envelope, extents_of, units_of
+from .limits import Limit, Limits, coordinates_of, envelope, extents_of, units_of
 from .search import Found, minimise
 from .vehicles import DrivenMotions
 
@@ -382,18 +382,39 @@ def _checked(
             share = 0.8 * share
             continue
         uses = {name: float(use.max()) for name, use in worst.items()}
-        if max(uses.values()) <= 1:
+        touched = _touched(motions, logs)
+        if max(uses.values()) <= 1 and not touched:
             return driver, logs, uses
+        if touched:
+            uses["contacts"] = np.inf
+            share = 0.9 * share
         least = min(least, uses, key=lambda each: max(each.values()))
         if isinstance(motions, JointMotions):
             joint = np.max(list(worst.values()), axis=0)
             share = share * np.where(joint > 1, _SHRINK / np.minimum(joint, 1.5), 1.0)
     name = max(least, key=lambda name: least[name])
+    if not np.isfinite(least[name]):
+        raise NoMotion(
+            f"every motion that was checked breaks the limit of {name}",
+            "Restrict the positions to a pose with more room around it, or give more --effort.",
+        )
     raise NoMotion(
         f"the best motion found breaks the limit of {name} by {100 * (least[name] - 1):.0f} % in "
         "simulation",
         f"Widen the limit of {name}, give a larger margin, or more --effort.",
     )
+
+
+def _touched(motions: Motions, logs: Sequence[Log]) -> str:
+    """The first contact along simulated motions, in words; "" if there is none to look for."""
+    if not isinstance(motions, JointMotions) or motions.contacts is None:
+        return ""
+    system, every = motions.experiment.system, motions.stride
+    for log in logs:
+        words = motions.contacts.touching(coordinates_of(system, log.q[::every]))
+        if any(words):
+            return next(filter(None, words))
+    return ""
 
 
 def _simulated(

@@ -20,7 +20,9 @@ from ..identifiers.cone.barrier import drawn_inside
 from ..log import Log, SensorLevels
 from ..nullspace import Nullspace, structural
 from ..parameters import Array
-from ..plants import ParametricPlantConfig, Plant, Sensors
+from ..plants import ArmPlant, ParametricPlantConfig, Plant, Sensors
+from ..plants.world.contacts import Contacts
+from ..plants.world.robots import load_robot
 from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
 
@@ -117,6 +119,15 @@ class Experiment:
         with plant.running():
             log = trajectory(plant, made, max(2, round(duration / dt)), sensors)
         return log if is_sound(plant, log) else None
+
+    @cached_property
+    def contacts(self) -> Contacts | None:
+        """Collision detection of an arm; None if its shape is not known."""
+        config = self.scenario.plant
+        if not isinstance(config, ArmPlant) or self.system.group:
+            return None
+        found = Contacts(load_robot(config.robot), self.system.limits)  # type: ignore[attr-defined]
+        return found if found.known else None
 
     @cached_property
     def _plants(self) -> dict[int, Plant]:

@@ -95,7 +95,7 @@ def predict(found: Design, told: Told = lambda _words, _share: None) -> Predicti
     """
     experiment = found.experiment
     space, covariances = experiment.system.space, found.covariances
-    weak, count = weak_directions(found, covariances)
+    weak, count = weak_directions(found, list(covariances))
     told("what would help", None)
     return Prediction(
         _intervals(found),
@@ -136,7 +136,8 @@ def weak_directions(found: Design, covariances: Sequence[Array]) -> tuple[tuple[
         found: the design.
         covariances: predicted, one for each draw; the words are those of the first.
     """
-    labels, described, counts = found.experiment.system.space.labels, [], []
+    labels = found.experiment.system.space.labels
+    described, counts = [], []
     for draw, P in enumerate(covariances):
         basis = found.experiment.bases[draw]
         variance, vectors = np.linalg.eigh(basis.T @ P @ basis)

@@ -78,5 +78,5 @@ def tried(found: Design, seed: int = 0) -> Trial | None:
         error = np.abs(asked.rows(truth) @ off)
         predicted = asked.deviations(found.covariance(log.first(end + 1), _DRAW), truth)
         rows.append((float(log.t[end]), predicted, stated, error))
-    t, *parts = zip(*rows, strict=True)
-    return Trial(np.array(t), *(np.array(part) for part in parts), found.logs[_DRAW])
+    t, predicted, stated, error = (np.array(part) for part in zip(*rows, strict=True))
+    return Trial(t, predicted, stated, error, found.logs[_DRAW])

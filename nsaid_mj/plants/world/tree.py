@@ -35,7 +35,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
         name, placement = model.names[i], model.jointPlacements[i]
         body = bodies[model.parents[i]].add_body(name="joint world" if name == "world" else name)
         bodies[i] = body
-        body.pos, body.quat = placement.translation, _wxyz(placement.rotation)
+        body.pos, body.quat = placement.translation, wxyz(placement.rotation)
         _give_inertia(body, model.inertias[i])
         if model.joints[i].nv == 6:
             body.add_freejoint(name=name)
@@ -58,7 +58,7 @@ def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
     body.mass, body.ipos = inertia.mass, inertia.lever
     moments, axes = np.linalg.eigh(inertia.inertia)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
-    body.iquat, body.inertia = _wxyz(axes), moments
+    body.iquat, body.inertia = wxyz(axes), moments
 
 
 def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
@@ -98,7 +98,7 @@ class RobotVisuals:
     @cached_property
     def _meshes(self) -> dict[int, VisualMesh]:
         """The meshes by their index in Pinocchio's visual geometry; other shapes are left out."""
-        meshes = ((i, _mesh(g)) for i, g in enumerate(self._robot.visual.geometryObjects))
+        meshes = ((i, mesh_of(g)) for i, g in enumerate(self._robot.visual.geometryObjects))
         return {i: mesh for i, mesh in meshes if mesh is not None}
 
     def poses(self, q: Array) -> tuple[Array, Array]:
@@ -160,13 +160,13 @@ class GeomVisuals:
         return translations, quaternions
 
 
-def _wxyz(rotation: Array) -> Array:
+def wxyz(rotation: Array) -> Array:
     """MuJoCo's quaternion (w, x, y, z) of a rotation matrix."""
     x, y, z, w = pin.Quaternion(rotation).normalized().coeffs()
     return np.array([w, x, y, z])
 
 
-def _mesh(geometry: Any) -> VisualMesh | None:
+def mesh_of(geometry: Any) -> VisualMesh | None:
     """The triangle mesh of a Pinocchio geometry object, None for other shapes."""
     shape = geometry.geometry
     if not hasattr(shape, "vertices") or not hasattr(shape, "num_tris"):
