@@ -2,7 +2,7 @@
 
     python scripts/excitation.py measure FILE.json [SYSTEM …] [--effort 1] [--baselines]
     python scripts/excitation.py table FILE.json
-    python scripts/excitation.py picture FILE.json PICTURE.svg
+    python scripts/excitation.py picture FILE.json PICTURE.png
 
 `measure` designs an excitation for every system from its published values alone and then runs the
 law `efficient` for 20 s with noisy sensors, with the scenario's own random excitation and with the
@@ -122,9 +122,11 @@ def table(path: Path) -> None:
         )
     print("\n| system | random | condition | d-optimal | bound |\n|---|---|---|---|---|")
     for name, row in rows.items():
-        if "condition" in row and "d-optimal" in row:
-            kinds = ("random", "condition", "d-optimal", "bound")
-            cells = (f"{np.median(row[kind]['errors']):.2g}" for kind in kinds)
+        kinds = ("random", "condition", "d-optimal", "bound")
+        if "condition" in row or "d-optimal" in row:
+            cells = (
+                f"{np.median(row[kind]['errors']):.2g}" if kind in row else "–" for kind in kinds
+            )
             print(f"| `{name}` | {' | '.join(cells)} |")
     print("\n| system | p − r | rank by number of harmonics or tones |\n|---|---|---|")
     for name, row in rows.items():
@@ -153,8 +155,9 @@ def picture(path: Path, target: Path) -> None:
                 axes.plot([x - 0.07, x + 0.07], [np.median(errors)] * 2, color=colour, lw=2.5)
         x = place + 0.27
         axes.plot([x - 0.1, x + 0.1], [row["bound"]["predicted"]] * 2, "k", lw=1.2, ls="--")
-    for label, colour, mark in kinds.values():
-        axes.plot([], [], mark, color=colour, label=label)
+    for kind, (label, colour, mark) in kinds.items():
+        if any(kind in row for row in rows.values()):
+            axes.plot([], [], mark, color=colour, label=label)
     axes.plot([], [], "k--", lw=1.2, label="predicted before the run")
     axes.set_yscale("log")
     axes.set_xticks(range(len(rows)), list(rows))
@@ -162,7 +165,7 @@ def picture(path: Path, target: Path) -> None:
     axes.grid(axis="y", alpha=0.3)
     axes.set_title("After 20 s with noisy sensors; each mark is another robot", fontsize=10)
     axes.legend(fontsize=8, frameon=False, ncols=2)
-    figure.savefig(target)
+    figure.savefig(target, dpi=130)
 
 
 if __name__ == "__main__":
