@@ -23,13 +23,13 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from nsaid_mj import BlueROV2Plant, Fault, MultisineCommand, NullspaceAID, Scenario, finish, run
+from nsaid_mj import BlueROV2Plant, Loss, MultisineCommand, NullspaceAID, Scenario, finish, run
 
 seconds = float(os.environ.get("NSAID_EXAMPLE_SECONDS", "60"))  # tests make it short
 weak = 3
 
 scenario = Scenario(
-    plant=BlueROV2Plant(fault=Fault(actuator=weak, loss=0.4, time=seconds / 2)),
+    plant=BlueROV2Plant(faults=(Loss(actuator=weak, share=0.4, time=seconds / 2),)),
     excitation=MultisineCommand(low=0.1, high=1.0, tones=8, amplitude=0.8),
     identifier=NullspaceAID(K=6.0, gain=0.6, law="memory"),
     initial_error=0.3,

@@ -65,7 +65,7 @@ class Experiment:
             InvalidInput: the plant cannot be made with a given θ, its structure has no compiled
                 forward dynamics, or the scenario's noise is zero.
         """
-        healthy = replace(scenario.plant, fault=type(scenario.plant.fault)())
+        healthy = replace(scenario.plant, faults=())
         scenario = replace(scenario, plant=healthy, prior="nominal")
         plant, known = published(scenario.plant, scenario.dt)
         system = plant.system

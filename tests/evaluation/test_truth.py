@@ -15,8 +15,8 @@ from nsaid_mj import (
     ArmPlant,
     BlueROV2Plant,
     ConventionalAID,
-    Fault,
     FourierTracking,
+    Loss,
     MultisineCommand,
     NullspaceAID,
     Scenario,
@@ -45,7 +45,7 @@ ARM = Scenario(
     held_out=0.2,
 )
 BOAT = Scenario(
-    BlueROV2Plant(fault=Fault(loss=0.4, actuator=3, time=2.0)),
+    BlueROV2Plant(faults=(Loss(share=0.4, actuator=3, time=2.0),)),
     MultisineCommand(0.1, 1.0),
     NullspaceAID(6.0, 0.6),
     duration=4.0,

@@ -20,8 +20,8 @@ from nsaid_mj.plants import (
     ArmPlant,
     BlueROV2Plant,
     F1TenthPlant,
-    Fault,
     FloatingBasePlant,
+    Loss,
     Mismatch,
     Plant,
     PlantConfig,
@@ -263,7 +263,7 @@ def test_delays_and_faults_are_driven_step_by_step(compiled):
     driver = excitation.build(late.system, late.truth, np.random.default_rng(2))
     driven(late, driver)
     assert not compiled
-    failing = replace(config, fault=Fault(loss=0.5, time=0.3)).build(DT, 7)
+    failing = replace(config, faults=(Loss(share=0.5, time=0.3),)).build(DT, 7)
     log = driven(failing, driver, None, (200, 200, 100))
     assert compiled == [201, 101]
     same(log, driven(failing, Interpreted(driver), None, (200, 200, 100)), 1e-12)

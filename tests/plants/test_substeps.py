@@ -17,7 +17,7 @@ from nsaid_mj.plants import (
     ArmPlant,
     BlueROV2Plant,
     F1TenthPlant,
-    Fault,
+    Loss,
     Mismatch,
     PlantConfig,
     ScalarRovPlant,
@@ -57,7 +57,7 @@ def test_a_mismatch_is_the_same_effect_at_any_number_of_substeps(mismatch):
 
 @pytest.mark.parametrize("name", ["double_pendulum", "bluerov2", "astrobee"])
 def test_a_fault_occurs_at_the_same_time_with_substeps(name):
-    config = replace(config_of(name), fault=Fault(loss=0.5, time=15 * DT))
+    config = replace(config_of(name), faults=(Loss(share=0.5, time=15 * DT),))
     assert_equal_to_finer_steps(config)
     t = DT * np.arange(31)
     struck = config.build(DT, 4).refined(FINER).struck(t)

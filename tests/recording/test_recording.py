@@ -22,6 +22,7 @@ from nsaid_mj import (
     Block,
     BlueROV2Plant,
     FourierTracking,
+    Loss,
     MultisineCommand,
     NullspaceAID,
     ParameterSpace,
@@ -36,7 +37,6 @@ from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
-from nsaid_mj.plants.world.faults import Fault
 from nsaid_mj.recording import forces, inertia, layout, live, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.text import drawable
@@ -261,7 +261,9 @@ def test_torques_are_arcs_about_their_axes_as_long_as_the_torque_is_large(
 
 
 def test_an_actuator_that_fails_is_red_from_then_on(tmp_path: Path) -> None:
-    scenario = replace(ARM, plant=replace(ARM.plant, fault=Fault(loss=0.5, actuator=3, time=0.15)))
+    scenario = replace(
+        ARM, plant=replace(ARM.plant, faults=(Loss(share=0.5, actuator=3, time=0.15),))
+    )
     result = recorded(scenario, tmp_path)
     columns = read(result)["/robot/torque/estimated"]
     times = [seconds(t) for t in columns["sim_time"] if t is not None]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj import Driving, Fault, MultisineCommand
+from nsaid_mj import Driving, Loss, MultisineCommand
 from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
@@ -96,7 +96,7 @@ def test_the_memory_law_reaches_its_accuracy_under_noise(name, tmp_path):
 @pytest.mark.parametrize("sensors", ["ideal", "noisy"])
 def test_the_memory_law_follows_a_failing_thruster(sensors, tmp_path):
     """It loses 40 % at 20 s; 10 s later, where 30 are allowed, it is known, and so are the rest."""
-    plant = replace(load("bluerov2").plant, fault=Fault(loss=0.4, actuator=3, time=20.0))
+    plant = replace(load("bluerov2").plant, faults=(Loss(share=0.4, actuator=3, time=20.0),))
     summary = memorised("bluerov2", tmp_path, plant=plant, duration=30.0, sensors=sensors)
     ratio = np.array(
         [

@@ -171,10 +171,10 @@ def test_a_method_for_arms_only_says_so_on_a_vehicle():
 
 
 def test_a_fault_changes_the_truth_that_judges():
-    from nsaid_mj import Fault
+    from nsaid_mj import Loss
 
     rover = load("bluerov2")
-    struck = replace(rover.plant, fault=Fault(actuator=1, loss=0.4, time=2.0))
+    struck = replace(rover.plant, faults=(Loss(actuator=1, share=0.4, time=2.0),))
     here = Plan(
         "bluerov2", replace(rover, plant=struck), methods=("ols",), seeds=(0,), durations=(1.5, 3.0)
     )
