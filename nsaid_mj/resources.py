@@ -12,6 +12,7 @@ import threading
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -213,3 +214,34 @@ def _flock(folder: Path) -> int | None:
             raise FolderInUse(folder) from None
         return None
     return descriptor
+
+
+# -- robots by name ----------------------------------------------------------------------------
+
+MORE_ROBOTS = "More robots by name: pip install 'nsaid-mj[robots]'."
+"""Remedy where a name is unknown and example-robot-data is not installed."""
+
+
+def packed_robots() -> dict[str, Path]:
+    """The URDF files of the robots in assets/robots, by name."""
+    files = sorted((folder("assets") / "robots").glob("*/*.urdf"))
+    return {file.stem: file for file in files}
+
+
+def has_example_robots() -> bool:
+    """Whether example-robot-data and its loaders are installed."""
+    return find_spec("example_robot_data") is not None
+
+
+def example_robots() -> dict[str, Any]:
+    """The loaders of example-robot-data by name; empty if it is not installed."""
+    if not has_example_robots():
+        return {}
+    from example_robot_data.robots_loader import ROBOTS
+
+    return ROBOTS
+
+
+def known_robots() -> list[str]:
+    """The names of all robots that are packed or, if it is installed, in example-robot-data."""
+    return sorted({*packed_robots(), *example_robots()})

@@ -16,8 +16,7 @@ import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.plants.world.robots import known_robots
-from nsaid_mj.resources import scenarios
+from nsaid_mj.resources import known_robots, scenarios
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

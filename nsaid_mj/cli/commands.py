@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from .. import __version__
 from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName
 from ..experiment.library import load
-from ..resources import scenarios
+from ..resources import MORE_ROBOTS, has_example_robots, known_robots, scenarios
 from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
@@ -356,8 +356,6 @@ def _numbers(flag: str, text: str) -> tuple[float, ...]:
 
 
 def _list() -> int:
-    from ..plants.world.robots import MORE_ROBOTS, has_example_robots, known_robots
-
     print("Scenarios, for `nsaid run NAME`:")
     for name, path in scenarios().items():
         title = path.read_text(encoding="utf-8").split('"""')[1].strip().splitlines()[0]

@@ -17,8 +17,7 @@ from nsaid_mj.cli.folders import folder_for, title_of
 from nsaid_mj.cli.options import MAIN, Output, parse, repeated
 from nsaid_mj.experiment.fields import field_paths
 from nsaid_mj.experiment.library import load
-from nsaid_mj.plants.world.robots import known_robots
-from nsaid_mj.resources import scenarios
+from nsaid_mj.resources import known_robots, scenarios
 from tests.support.faulty import FILES, NSAID, Heard, flat, shell, strict
 
 HEAVY = (

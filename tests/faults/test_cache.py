@@ -69,7 +69,7 @@ def test_a_full_cache_is_told_and_the_kernel_works(script: Path, tmp_path: Path)
     assert called(script, cache) == "True"
 
 
-@pytest.mark.parametrize("words", [["--help"], ["--version"], ["run", "--help"]])
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["run", "--help"], ["list"]])
 def test_commands_that_compute_nothing_never_load_numba(words: list[str]) -> None:
     code = (
         "import sys; from nsaid_mj.cli import commands\n"

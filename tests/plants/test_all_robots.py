@@ -4,7 +4,7 @@ import pytest
 
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.plants import ArmPlant
-from nsaid_mj.plants.world.robots import known_robots
+from nsaid_mj.resources import known_robots
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ def load_robot_model(
     known = example_robots()
     if model in known:
         return example_robot(model, lock, joints)
-    from ...plants.world.robots import MORE_ROBOTS, has_example_robots
+    from ...resources import MORE_ROBOTS, has_example_robots
 
     remedy = _REMEDY if has_example_robots() else f"{_REMEDY} {MORE_ROBOTS}"
     raise UnknownName("robot", model, [*known, *_packed_vehicles(), *_packed_robots()], remedy)

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import BadRobot
-from ...plants.world.robots import known_robots, packed_robots
-from ...resources import asset
+from ...resources import asset, known_robots, packed_robots
 from ..data import RobotModel
 from ..findings import Finding
 from .urdf import load_urdf

@@ -14,9 +14,15 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import BadRobot, UnknownName
-from ...resources import folder
+from ...resources import (
+    MORE_ROBOTS,
+    example_robots,
+    has_example_robots,
+    known_robots,
+    packed_robots,
+)
 from ...systems.joints import floats
-from ...systems.optional import coal, installed, pin
+from ...systems.optional import coal, pin
 from .urdf import check_masses, check_urdf, parse, read_text, tell_of_mimics
 
 Base = Literal["held", "free"]
@@ -43,35 +49,6 @@ class Robot:
     def visual(self) -> Any:
         """Pinocchio's visual geometry, loaded on first access: a UR5's meshes take 0.3 s."""
         return _described(self.name, self.base, meshes=True)[1]
-
-
-MORE_ROBOTS = "More robots by name: pip install 'nsaid-mj[robots]'."
-"""Remedy where a name is unknown and example-robot-data is not installed."""
-
-
-def packed_robots() -> dict[str, Path]:
-    """The URDF files of the robots in assets/robots, by name."""
-    files = sorted((folder("assets") / "robots").glob("*/*.urdf"))
-    return {file.stem: file for file in files}
-
-
-def has_example_robots() -> bool:
-    """Whether example-robot-data and its loaders are installed."""
-    return installed("example_robot_data")
-
-
-def example_robots() -> dict[str, Any]:
-    """The loaders of example-robot-data by name; empty if it is not installed."""
-    if not has_example_robots():
-        return {}
-    from example_robot_data.robots_loader import ROBOTS
-
-    return ROBOTS
-
-
-def known_robots() -> list[str]:
-    """The names of all robots that are packed or, if it is installed, in example-robot-data."""
-    return sorted({*packed_robots(), *example_robots()})
 
 
 def load_robot(name: str, base: Base = "held") -> Robot:
