@@ -31,7 +31,7 @@ from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
 
 ARMS, VEHICLES = ("ur5", "panda", "kinova"), ("bluerov2", "crazyflie", "remus100")
-SEEDS = range(100, 110)  # none was used while the design was developed
+SEEDS = range(200, 210)  # none was used while the design was developed
 DURATION = 20.0
 
 

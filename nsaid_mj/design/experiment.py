@@ -1,8 +1,11 @@
 """The experiment that is designed: structure, prior, sensors and time; nothing of it is true.
 
 The prior is the plant's published values. A design must serve robots that differ from them, so that
-it is judged under several draws about the prior, as an engineer who does not know better would draw
-them. The truth of a scenario's plant is never drawn, let alone read.
+it is judged under the published values themselves and under several draws about them, as an
+engineer who does not know better would draw them. Published values alone would be too special, and
+draws alone too generic: a last link whose centre of mass lies on its axis, as most are built, tells
+far less about its motor than one drawn at random. The truth of a scenario's plant is never drawn,
+let alone read.
 """
 
 from __future__ import annotations
@@ -27,7 +30,8 @@ from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
 
 DRAWS = 4
-"""Draws of the prior under which a design is judged; the search itself uses the first two."""
+"""Values of θ under which a design is judged, the first of them the prior itself; the search itself
+uses the first two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +43,7 @@ class Experiment:
             excitation is what the design is compared with and takes its limits from.
         system: the structure.
         prior: (p,) θ̂(0), the published values.
-        draws: (DRAWS, p) other values that θ may have.
+        draws: (DRAWS, p) values that θ may have: the prior, and others drawn about it.
         bases: an orthonormal basis (p, p−r) of P_⊥ for each draw.
         nullspace: P_s of the prior.
         levels: standard deviations of the sensors' noise.
@@ -83,7 +87,8 @@ class Experiment:
         rng = np.random.default_rng(seed)
         prior = drawn_inside(system.space, known, 0.0, rng)
         error = scenario.initial_error
-        draws = np.array([drawn_inside(system.space, known, error, rng) for _ in range(DRAWS)])
+        others = [drawn_inside(system.space, known, error, rng) for _ in range(DRAWS - 1)]
+        draws = np.array([prior, *others])
         spaces = [
             structural(system, theta, np.random.default_rng(seed)) for theta in (prior, *draws)
         ]

@@ -18,7 +18,7 @@ from ..plants import Sensors
 from .designing import Design
 
 _PARTS = 20  # times at which intervals are compared
-_DRAW = 0
+_DRAW = 1  # the first one is the prior itself
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Trial:
 
 
 def tried(found: Design, seed: int = 0) -> Trial | None:
-    """Tries a design on the first draw of the prior.
+    """Tries a design on a draw about the prior.
 
     Returns:
         None if the law `efficient` does not suit the scenario, or the trial fails.

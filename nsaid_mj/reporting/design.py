@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ from rich.table import Table
 
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
+from ..evaluation.summary import versions
 from ..resources import write_text
-from .pages import render
+from . import pages
 from .panels import Panel, template_figure
 
 HALVES = ("half", "before")
@@ -29,11 +31,11 @@ def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> 
         files: that were written.
     """
     console = Console(highlight=False)
-    own, random = document["predicted_deviation"], document["predicted_deviation_of_random_motions"]
+    own, random = document["predicted_deviation"], _of_random_motions(document)
     console.print(f"[bold]{name}[/]: {document['duration']:g} s for {document['asked']}")
     console.print(
         f"  predicted rms deviation {own:.2g}; random motions of the same limits "
-        f"{np.median(random):.2g} (median), a factor {np.median(random) / own:.2g}"
+        f"{random:.2g}, a factor {random / own:.2g}"
     )
     console.print(_intervals(document))
     console.print(_limits(document))
@@ -41,6 +43,11 @@ def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> 
         console.print(f"  {line}")
     for path in files:
         console.print(f"  {path}")
+
+
+def _of_random_motions(document: dict[str, Any]) -> float:
+    """The predicted deviation of random motions, rms over draws as that of the design is."""
+    return float(np.sqrt(np.mean(np.square(document["predicted_deviation_of_random_motions"]))))
 
 
 def statements(document: dict[str, Any]) -> list[str]:
@@ -75,19 +82,32 @@ def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> P
         trial: of the design on a draw of the prior, or None.
         folder: an existing folder.
     """
-    own, random = document["predicted_deviation"], document["predicted_deviation_of_random_motions"]
-    lead = (
-        f"{document['duration']:g} s for {document['asked']}: predicted rms deviation {own:.2g}, "
-        f"of random motions {np.median(random):.2g} (median)."
+    own, random = document["predicted_deviation"], _of_random_motions(document)
+    better = random / own
+    told = (
+        f"Predicted rms deviation of the {document['asked']}: {own:.2g}, {better:.2g} times "
+        f"smaller than with random motions of the same limits ({random:.2g})."
+        if better > 1
+        else f"No better than random motions: predicted rms deviation of the {document['asked']} "
+        f"{own:.2g}, of random motions {random:.2g}."
     )
-    page = render(
+    page = pages.render(
         "design.html",
-        title=document["title"],
-        lead=lead,
+        eyebrow="design of an experiment",
+        heading=document["title"],
+        lead=f"{document['duration']:g} s of motion, before anything moves.",
+        verdict=pages.verdict("good" if better > 1 else "fair", told),
+        carrying=_figures(document, trial),
+        alarms=[],
         lines=statements(document),
-        figures=_figures(document, trial),
         intervals=_interval_rows(document),
         limits=_limit_rows(document),
+        again=pages.again(
+            [f"nsaid run {shlex.quote(str(folder / 'scenario.py'))}"],
+            versions(),
+            "motion.csv is the motion; scenario.py makes it in MuJoCo; all figures are in "
+            "design.json.",
+        ),
     )
     path = folder / "report.html"
     write_text(path, page)

@@ -11,12 +11,14 @@ import atexit
 import contextlib
 import faulthandler
 import json
+import multiprocessing
 import os
 import queue
 import signal
 import subprocess
 import sys
 import threading
+import time
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 
 _START = 300.0  # timeout for a child's imports [s]
 _STARTS = 3  # children that may be killed in their imports before their run counts as lost
+_WATCH = 0.5  # time between two looks at the engine's process [s]
 _GRACE = 10.0  # after a run's timeout, at which a child without a worker exits by itself [s]
 _LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary that are equal for many runs
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -62,6 +65,7 @@ def supervised(job: Job) -> dict[str, Any]:
         The run's number and figures by key, or its number and the reason of a `failure`. If a
         child process cannot import this package, the number, the reason as `failure`, and `unfit`.
     """
+    _end_with_the_engine()
     child = _child_for(job)
     if child.fault:
         unfit = {} if child.killed else {"unfit": True}
@@ -82,6 +86,25 @@ def _child_for(job: Job) -> _Child:
         if not child.killed:
             return child
     return _mine.child
+
+
+@cache
+def _end_with_the_engine() -> None:
+    """Makes a worker process end, and its child with it, when the process that started it is gone.
+
+    A killed engine can tell nobody, and a worker that waits for a long run would not notice. In
+    the engine's own process there is nothing to watch.
+    """
+    if multiprocessing.current_process().name == "MainProcess":
+        return
+    engine = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == engine:
+            time.sleep(_WATCH)
+        os._exit(1)  # closes the child's standard input, at which it ends
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 _mine = threading.local()  # a worker on a cluster may have several threads, each with a child

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,7 @@ import numpy as np
 
 from ..parameters import Array
 from ..recording.tracking import record
-from ..reporting import plots
-from ..reporting.pages import render
+from ..reporting import pages, plots
 from ..reporting.palette import COLOURS
 from ..reporting.report import FILE
 from ..resources import write_text
@@ -36,28 +36,64 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     figures = [plots.page_figure(name, panels[name], len(names) == 1) for name in names]
     for figure in figures:
         figure["legend"] = _legend(shown)
-    versions = plan.manifest["versions"].items()
-    page = render(
+    page = pages.render(
         "tracking.html",
-        name=folder.name,
-        script=plan.script,
+        eyebrow=f"tracking laws on {plan.script}",
+        heading=folder.name,
         lead=f"{len(plan.laws)} laws on {len(plan.seeds)} plants, {plan.scenario.duration:g} s, "
         f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
         "bandwidth of adaptation.",
-        missing=len(plan.laws) * len(plan.seeds) - len(done),
+        verdict=_verdict(heads, lines),
+        alarms=_alarms(plan, done),
+        carrying=figures[:1],
         heads=heads,
         lines=lines,
         note=f"Medians over the seeds, worst in brackets, of the last {plan.last:g} s, from true "
         "positions. “Better by” is the median over the seeds of the conventional law's rms error "
         "over this law's. “V rises” counts the steps in which the Lyapunov function rose by more "
         "than its discretisation explains.",
-        figures=figures,
-        window=f"{plan.scenario.duration / _WINDOWS:.2g}",
-        seed=shown[0].seed,
-        versions=", ".join(f"{key} {value}" for key, value in versions),
+        figures=figures[1:],
+        drawn=f"Root mean square over the coordinates and over windows of "
+        f"{plan.scenario.duration / _WINDOWS:.2g} s; seed {shown[0].seed}.",
+        again=pages.again(
+            [_command(plan)],
+            plan.manifest["versions"],
+            "All figures are in tracking.json and tracking.csv; `nsaid view` opens tracking.rrd.",
+        ),
     )
     write_text(folder / FILE, page)
     return [folder / FILE, picture, _record(folder, shown)]
+
+
+def _verdict(heads: list[str], lines: list[list[str]]) -> dict[str, str] | None:
+    """How much better than the conventional law each adaptive law tracks."""
+    column = heads.index("better by")
+    ratios = {
+        line[0]: line[column].removesuffix("×")
+        for line in lines
+        if line[0] in ("nullspace", "composite") and line[column]
+    }
+    if not ratios:
+        return None
+    told = ", ".join(f"{law} {ratio} times" for law, ratio in ratios.items())
+    words = f"Tracking error smaller than the conventional law's: {told} ({heads[1]})."
+    better = all(float(ratio) > 1 for ratio in ratios.values())
+    return pages.verdict("good" if better else "fair", words)
+
+
+def _alarms(plan: Plan, done: list[Course]) -> list[dict[str, str]]:
+    missing = len(plan.laws) * len(plan.seeds) - len(done)
+    if not missing:
+        return []
+    words = f"{missing} {'run is' if missing == 1 else 'runs are'} missing."
+    return [pages.alarm(words, "poor", "not finished:", "✘")]
+
+
+def _command(plan: Plan) -> str:
+    """The command line that repeats a study."""
+    laws, seeds = ",".join(plan.laws), ",".join(map(str, plan.seeds))
+    words = ["nsaid", "track", plan.script, "--laws", laws, "--seeds", seeds, *plan.arguments]
+    return shlex.join(words)
 
 
 def _record(folder: Path, shown: list[Course]) -> Path:
