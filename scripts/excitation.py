@@ -89,7 +89,11 @@ def measure(path: Path, names: list[str], effort: float, baselines: bool) -> Non
         for criterion in ("bound", *(("condition", "d-optimal") if baselines else ())):
             if criterion in row:
                 continue
-            found, wall, work = designed(experiment, criterion, effort)
+            try:
+                found, wall, work = designed(experiment, criterion, effort)
+            except NsaidError as error:
+                print(f"{name}, {criterion}: {error}", flush=True)
+                continue
             row[criterion] = {
                 "predicted": found.largest,
                 "wall_s": wall,

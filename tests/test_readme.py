@@ -255,6 +255,8 @@ def test_every_flag_named_in_the_docs_exists(page: str) -> None:
         *map(flags, VERBS),
         flags("identify"),
         flags("inspect"),
+        flags("excite"),
+        flags("track"),
         flags("run", "ur5"),
         flags("run", "bluerov2"),
     )

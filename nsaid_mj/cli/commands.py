@@ -88,7 +88,7 @@ def _telling(action: Callable[[], int]) -> int:
     except NsaidError:
         raise
     except (Exception, SystemExit) as error:
-        from ..experiment.scripts import blame
+        from ..experiment.blame import blame
 
         if found := blame(error):
             raise found from error

@@ -29,6 +29,10 @@ MAIN = {
 """Fields at the top of every command's help, and their flags."""
 _ORDER = ("law", "robot", "duration", "sensors", "seed", "out", "force", "backend")
 
+_EXCITATION = """
+--excitation designed designs the motion first, --excitation designed:FOLDER takes one that
+`nsaid excite` has designed."""
+
 _Options = TypeVar("_Options")
 
 
@@ -61,7 +65,8 @@ def parse(
     filled = tyro.cli(
         form,
         prog=f"nsaid {command} {name}",
-        description=f"Flags of `nsaid {command} {name}`; the defaults are those of the scenario.",
+        description=f"Flags of `nsaid {command} {name}`; the defaults are those of the scenario."
+        + (_EXCITATION if options is Output else ""),
         args=[_spelled(argument, paths, main, own) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
         registry=REGISTRY,

@@ -37,7 +37,7 @@ def load(name: str) -> Scenario:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses of the script resolve their annotations here
     from ..experiment.scenario import Scenario
-    from .scripts import blame
+    from .blame import blame
 
     try:
         spec.loader.exec_module(module)

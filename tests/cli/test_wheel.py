@@ -92,7 +92,7 @@ def test_the_wheel_has_scenarios_and_assets_and_nothing_made_by_running(wheel: P
     }
     assert {n.removeprefix("nsaid_mj/_assets/") for n in names if "/_assets/" in n} == here
     assert here
-    pages = {path.name for path in (CHECKOUT / "nsaid_mj/reporting/templates").glob("*.html")}
+    pages = {path.name for path in (CHECKOUT / "nsaid_mj/reporting/templates").glob("*.*")}
     assert {Path(name).name for name in names if "/templates/" in name} == pages
     assert "report.html" in pages
     assert all(name.startswith(("nsaid_mj/", "nsaid_mj-")) for name in names)
