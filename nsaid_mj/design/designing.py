@@ -34,7 +34,9 @@ _FIRST = 0.75  # share of the search that looks at one draw of the prior only
 _STEP, _LATER = 0.3, 0.1  # first steps of its two parts
 _RESOLVED = 0.1  # relative change of the bound with the step that is accepted
 _SHRINK = 0.98  # of a joint that breaks a limit, beyond what its use says
-_ATTEMPTS = 8  # smaller versions of an arm's motion, or next best motions of a vehicle
+_MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limits
+_ATTEMPTS = 8  # smaller versions of an arm's motion
+_NEXT = 40  # next best motions of a vehicle
 _SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
 _EFFORT = 60.0  # time of the search on one core [s]
@@ -143,7 +145,8 @@ def design(
     base = experiment.scenario.excitation
     told("rehearsing random motions", None)
     rehearsals = _rehearsals(experiment, base)
-    chosen = limits(_default_limits(experiment, base, rehearsals))
+    chosen = limits(_default_limits(experiment, base, rehearsals, _MEDIAN))
+    largest = limits(_default_limits(experiment, base, rehearsals, _ALL))
     motions = _family(experiment, chosen, base)
     rng = np.random.default_rng(seed)
     told("first stage: Gramian on P_⊥", None)
@@ -153,7 +156,7 @@ def design(
     if not np.isfinite(found.cost):
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
     told("checking the motion", None)
-    driver, logs, uses = _checked(motions, candidates)
+    driver, logs, uses = _checked(motions, candidates, largest)
     covariances = [
         predicted(experiment, _coarse(motions.stride, log), d) for d, log in enumerate(logs)
     ]
@@ -163,7 +166,7 @@ def design(
         for theta in experiment.draws[d : d + 1]
     ]
     return Design(
-        experiment, chosen, asked, criterion, driver, logs, uses, np.array(covariances),
+        experiment, largest, asked, criterion, driver, logs, uses, np.array(covariances),
         np.array(random), found.evaluations, motions.stride,
     )  # fmt: skip
 
@@ -199,15 +202,17 @@ def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, L
 
 
 def _default_limits(
-    experiment: Experiment, base: DriverConfig, rehearsals: Sequence[tuple[int, Log]]
+    experiment: Experiment, base: DriverConfig, rehearsals: Sequence[tuple[int, Log]], share: float
 ) -> Limits:
-    """What the scenario's own excitation keeps: an arm's median motion, any motion of a vehicle.
+    """What a share of the scenario's own random motions keep; all of them, for a vehicle.
 
-    An arm's positions may use the range that the excitation is given.
+    An arm's positions may use the range that the excitation is given. An arm's motion is planned
+    within what the median keeps, so that it is no larger than a random one, and checked against
+    what all keep: a light joint is moved by the others' motion, however little it moves itself.
     """
     system, units = experiment.system, units_of(experiment.system)
     extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in rehearsals]
-    found = envelope(extents, 1.0 if system.group else 0.5)
+    found = envelope(extents, _ALL if system.group else share)
     limits = {name: Limit(*_apart(*ends), units[name]) for name, ends in found.items()}
     if isinstance(base, FourierTracking):
         low, high = system.limits  # type: ignore[attr-defined]  # a MotorTree
@@ -335,7 +340,7 @@ def _searched(
         lambda done: told("searching", _FIRST + (1 - _FIRST) * done),
     )
     costs.seen.sort(key=lambda pair: pair[0])
-    best = [candidate for _, candidate in costs.seen[:_ATTEMPTS]]
+    best = [candidate for _, candidate in costs.seen[:_NEXT]]
     return found._replace(evaluations=first.evaluations + found.evaluations), best
 
 
@@ -356,7 +361,7 @@ def _coarse(every: int, log: Log) -> Log:
 
 
 def _checked(
-    motions: Motions, candidates: Sequence[Array]
+    motions: Motions, candidates: Sequence[Array], limits: Limits
 ) -> tuple[DriverConfig, tuple[Log, ...], dict[str, float]]:
     """The driver of a candidate whose simulations under all draws keep all limits.
 
@@ -364,20 +369,21 @@ def _checked(
         motions: turns candidates into motions.
         candidates: the best one first. That of an arm is made smaller, joint by joint, until it
             keeps the limits; of a vehicle's, the first that keeps them is taken.
+        limits: that must not be broken.
 
     Raises:
         NoMotion: all break one.
     """
     least = {"stability": np.inf}
     share = np.ones(motions.experiment.system.n)
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(_ATTEMPTS if isinstance(motions, JointMotions) else _NEXT):
         if isinstance(motions, JointMotions):
             driver: DriverConfig = motions.driver(candidates[0], share)
         elif attempt < len(candidates):
             driver = motions.driver(candidates[attempt])
         else:
             break
-        logs, worst = _simulated(motions, driver)
+        logs, worst = _simulated(motions.experiment, driver, limits)
         if worst is None:
             share = 0.8 * share
             continue
@@ -418,14 +424,14 @@ def _touched(motions: Motions, logs: Sequence[Log]) -> str:
 
 
 def _simulated(
-    motions: Motions, driver: DriverConfig
+    experiment: Experiment, driver: DriverConfig, limits: Limits
 ) -> tuple[tuple[Log, ...], dict[str, Array] | None]:
     """The motions under all draws, and the largest use of every limit; None if one diverges."""
-    experiment, logs, uses = motions.experiment, [], []
+    logs, uses = [], []
     for draw, theta in enumerate(experiment.draws):
         log = experiment.simulate(driver, draw, experiment.scenario.duration)
         if log is None:
             return tuple(logs), None
         logs.append(log)
-        uses.append(motions.limits.entries(extents_of(experiment.system, log, theta)))
+        uses.append(limits.entries(extents_of(experiment.system, log, theta)))
     return tuple(logs), {name: np.max([own[name] for own in uses], axis=0) for name in uses[0]}
