@@ -85,7 +85,10 @@ def axes(system: JointTree, q: Array) -> Array:
     pin.computeJointJacobians(system.model, data, q)
     return np.array(
         [
-            pin.getJointJacobian(system.model, data, j + 1, pin.LOCAL)[3:, joint.idx_v]
+            # pinocchio gives the only column of a single joint's Jacobian as (6,)
+            pin.getJointJacobian(system.model, data, j + 1, pin.LOCAL).reshape(6, -1)[
+                3:, joint.idx_v
+            ]
             for j, joint in enumerate(system.joints)
         ]
     )

@@ -470,10 +470,10 @@ def body(mass: float, xx: float, yy: float, zz: float) -> str:
     "urdf,part,reason",
     [
         (chain(inertial=""), "link of joint second", "mass is 0"),
-        (chain(inertial=body(-1, 0.1, 0.1, 0.1)), "link of joint second", "mass is -1"),
+        (chain(inertial=body(-1, 0.1, 0.1, 0.1)), "link two", "mass is -1"),
         (chain(inertial=body(1, 0.1, 0.1, 0.3)), "link of joint second", "principal moments"),
         (chain(inertial=body(1, 0, 0, 0)), "link of joint second", "principal moments"),
-        (chain(inertial=body(1, -0.1, 0.1, 0.1)), "link of joint second", "principal moments"),
+        (chain(inertial=body(1, -0.1, 0.1, 0.1)), "link two", "moments of inertia are -0.1"),
         (chain("floating"), "joint second", "6 degrees of freedom"),
         (chain("planar"), "joint second", "3 degrees of freedom"),
         ('<robot name="rock"><link name="base"/></robot>', "", "no moving joint"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import shutil
 from dataclasses import fields, replace
 from typing import Any
 
@@ -25,6 +26,7 @@ from nsaid_mj import (
 from nsaid_mj.evaluation import converged_at, summarize, truth_of
 from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import Run, SimulatedRun, run
+from nsaid_mj.experiment.record import FILE as RECORD
 from nsaid_mj.nullspace import structural
 from nsaid_mj.reporting import finish, report
 from tests.support.faulty import ROV
@@ -154,6 +156,7 @@ def test_a_run_without_rows_has_null_figures(tmp_path):
 
 
 def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
+    shutil.copy(done.folder / RECORD, tmp_path)  # results are written beside their own record only
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
     summary = finish.finish(bare)
     assert json.loads((tmp_path / finish.SUMMARY).read_text(encoding="utf-8")) == summary

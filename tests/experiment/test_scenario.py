@@ -12,8 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.control import (
+    AdaptiveTracking,
     AxisMultisine,
     DepthHeadingAutopilot,
+    DesignedSignals,
+    DesignedTracking,
     DriverConfig,
     Driving,
     FourierTracking,
@@ -32,18 +35,24 @@ from nsaid_mj.identifiers import ConventionalAID, EfficientConfig, MemoryConfig,
 from nsaid_mj.plants import (
     ArmPlant,
     AstrobeePlant,
+    Bias,
     BlueROV2Plant,
     BMW320iPlant,
+    Broken,
     F1TenthPlant,
-    Fault,
     FloatingBasePlant,
     FlyingArmPlant,
+    Friction,
+    Loss,
     Mismatch,
+    Payload,
     QuadrotorPlant,
     REMUS100Plant,
+    Reversed,
     RoverPlant,
     ScalarRovPlant,
     SensorNoise,
+    Stuck,
     UvmsPlant,
 )
 from nsaid_mj.plants.arm import Backend
@@ -132,6 +141,10 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         for key, item in value.items():
             yield {k: v for k, v in value.items() if k != key}
             yield from (value | {key: other} for other in changed(item, key))
+    elif isinstance(value, tuple) and name == "faults":
+        yield (Loss(),) if not value else ()
+        for i, item in enumerate(value):
+            yield from ((*value[:i], other, *value[i + 1 :]) for other in changed(item, ""))
     elif isinstance(value, tuple) and name == "flow":
         yield (0.1, 0.0, 0.0)
     elif isinstance(value, tuple):
@@ -261,15 +274,21 @@ def test_fields_of_a_class_defined_in_a_script_are_checked(values):
 # -- the schema -------------------------------------------------------------------------------
 
 
+def options(definition: dict, definitions: dict) -> dict[str, dict]:
+    """The schemas of an abstract class's kinds, by `$type`."""
+    found = [
+        definitions[part["$ref"].rpartition("/")[2]] if "$ref" in part else part
+        for part in definition["oneOf"]
+    ]
+    return {option["properties"]["$type"]["const"]: option for option in found}
+
+
 def test_the_schema_offers_every_class_by_its_type():
     definitions = Scenario.json_schema()["$defs"]
     offered = {
-        option["properties"]["$type"]["const"]
-        for name in ("PlantConfig", "DriverConfig", "IdentifierConfig")
-        for option in (
-            definitions[part["$ref"].rpartition("/")[2]] if "$ref" in part else part
-            for part in definitions[name]["oneOf"]
-        )
+        kind
+        for name in ("PlantConfig", "DriverConfig", "IdentifierConfig", "Fault")
+        for kind in options(definitions[name], definitions)
     }
     parts = {
         type(part).__name__
@@ -277,13 +296,13 @@ def test_the_schema_offers_every_class_by_its_type():
         for s in (load(name),)
         for part in (s.plant, s.excitation, s.identifier)
     }
-    assert parts | {"Gentle"} <= offered
+    assert parts | {"Gentle"} | {part.__name__ for part in FAULTS} <= offered
 
 
 def test_the_schema_states_the_bounds():
     definitions = Scenario.json_schema()["$defs"]
-    assert definitions["Fault"]["properties"]["loss"]["minimum"] == 0
-    assert definitions["Fault"]["properties"]["loss"]["exclusiveMaximum"] == 1
+    share = options(definitions["Fault"], definitions)["Loss"]["properties"]["share"]
+    assert share["exclusiveMinimum"] == 0 and share["exclusiveMaximum"] == 1
 
 
 # -- bad fields ------------------------------------------------------------------------------
@@ -295,7 +314,20 @@ BAD_ARM = {
     "backend": ["fortran", ""],
 }  # fmt: skip
 NO_SHARE = [0.0, -0.1, 1.01, NAN]
-BAD = {
+TIMES = {"time": [-1.0, NAN, INF], "until": [-1.0, 0.0, NAN]}
+BROKEN = TIMES | {"actuator": [0, -1, 1.5]}
+FAULTS = {
+    Loss: BROKEN | {"share": [0.0, -0.1, 1.0, NAN], "rate": NOT_POSITIVE},
+    Reversed: BROKEN,
+    Broken: BROKEN,
+    Stuck: BROKEN | {"holding": [NAN, INF, "last"]},
+    Friction: TIMES | {"by": NOT_POSITIVE, "parameter": [1, None]},
+    Payload: TIMES | {
+        "mass": NOT_POSITIVE, "place": [(0.0, 0.0), (0.0, 0.0, NAN), 1.0], "link": [6, None],
+    },
+    Bias: TIMES | {"by": [NAN, INF], "sensor": ["force", ""], "channel": [0, -1, 1.5]},
+}  # fmt: skip
+BAD = FAULTS | {
     Scenario: {
         "dt": NOT_POSITIVE, "duration": [*NOT_POSITIVE, 1.9e-3], "pe_window": NOT_POSITIVE,
         "held_out": NOT_POSITIVE, "initial_error": [-0.1, NAN, INF],
@@ -335,6 +367,18 @@ BAD = {
         "bandwidth": NOT_POSITIVE, "speed": NOT_POSITIVE,
         "joints": [(0,), (9,), (1.5,)], "limit": NOT_POSITIVE,
     },
+    DesignedTracking: {
+        "fundamental": NOT_POSITIVE, "centre": [(), (NAN,)], "sines": [(), (0.1, 0.2), (INF,)],
+        "cosines": [(), (0.1, 0.2), (NAN,)], "bandwidth": NOT_POSITIVE,
+    },
+    DesignedSignals: {"driver": [None, 1], "shares": [(0.5,), (1.1,), (NAN,)]},
+    AdaptiveTracking: {
+        "law": ["pid"], "rate": NOT_POSITIVE, "damping": NOT_POSITIVE, "adaptation": NOT_POSITIVE,
+        "floor": NO_SHARE, "barrier": NOT_POSITIVE, "period": NOT_POSITIVE,
+        "fundamental": NOT_POSITIVE, "harmonics": [0, -1], "reach": NO_SHARE,
+        "speed": NOT_POSITIVE, "travel": [-1.0, NAN, INF], "tilt": [-1.0, NAN, INF],
+        "heading": [-1.0, NAN, INF],
+    },
     AxisMultisine: {
         "axes": [(), ("up",)], "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF],
         "tones": [0, -1], "amplitude": [-1.0, NAN, INF],
@@ -362,9 +406,6 @@ BAD = {
     Mismatch: {
         "lag": [-1.0, NAN, INF], "delay": [-1.0, NAN, INF], "fluid": ["honey"],
         "flow": [(1.0, 2.0), (0.0, 0.0, NAN), ("a", "b", "c")],
-    },
-    Fault: {
-        "loss": [-0.1, 1.0, NAN], "actuator": [0, -1, 1.5], "time": [-1.0, NAN, INF],
     },
     BlueROV2Plant: {"spread": [-0.1, 1.0, NAN]},
     AstrobeePlant: {"spread": [-0.1, 1.0, NAN]},
@@ -401,8 +442,15 @@ ALSO = {
     "low": "band",
     "high": "band",
     **dict.fromkeys(("pace_low", "pace_high", "steer_low", "steer_high"), "band"),
+    **dict.fromkeys(("centre", "cosines"), "sines"),
     "dither": "amplitude",
-}  # the paper's letter; one field, two ends
+}  # the paper's letter; one field, two ends; one series, three parts
+# Some need data that only another part of the scenario tells.
+VALID = {
+    ConventionalAID: {"known": ("mass",)},
+    DesignedTracking: {"centre": (0.0, 0.0), "sines": (0.5, 0.5), "cosines": (0.0, 0.0)},
+    DesignedSignals: {"shares": (0.5,) * 32},
+}
 
 
 DRIVEN = {
@@ -455,13 +503,12 @@ def test_every_field_has_bad_values_listed_and_a_valid_default(part):
         "robot",
         "vehicle",
         "mismatch",
-        "fault",
+        "faults",
         "memory",
         "efficient",
     }
     assert {f.name for f in fields(part)} - set(BAD[part]) <= parts
-    default = part(known=("mass",)) if part is ConventionalAID else part()
-    use(default)
+    use(part(**VALID.get(part, {})))
 
 
 def test_an_unknown_name_in_known_is_refused_with_near_names():

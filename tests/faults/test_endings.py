@@ -110,7 +110,7 @@ FAULTS = {
     ),
     "gain too large": Fault(gained(300.0), Status.estimate_not_positive_definite, signal="pivot -"),
     "prior too wrong": Fault(
-        replace(PENDULUM, initial_error=3.0),
+        replace(PENDULUM, initial_error=3.0, identifier=NullspaceAID(K=20.0, gain=30.0)),
         Status.estimate_not_positive_definite,
         signal="pivot -",
     ),
