@@ -141,10 +141,14 @@ class ImplicitMemory(DataMemory):
         """(p,) the estimate at which an implicit step starts: θ̂ (p,), or that of the last step.
 
         With noisy sensors (44, 45) also follow the noise. Where that has increased the cost of the
-        remembered data since the last step, its estimate is the better one.
+        remembered data since the last step, its estimate is the better one. Not so after a change
+        of the actuators: that estimate may fit the first few new data alone, and confirm itself
+        by the weights, which are taken at it.
         """
+        if memory.kept is not None or self.recorder.rows.levels.exact:
+            return theta
         view, remembered = memory.scores.view, quotient(memory.means, self.system.space)
-        if view is None or remembered is None or self.recorder.rows.levels.exact:
+        if view is None or remembered is None:
             return theta
         cost = remembered.weighted(view.theta, memory)
         return view.theta if cost.value(view.theta) < cost.value(theta) else theta
