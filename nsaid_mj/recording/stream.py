@@ -38,6 +38,7 @@ def recording(name: str, blueprint: Any, file: Path) -> Iterator[rr.RecordingStr
         with atomic_write(file) as partial, partial.open("wb") as stream:
             stream.write(memory.drain_as_bytes())
     finally:
+        memory.drain_as_bytes()  # of data that are left after a failure, Rerun warns on stderr
         rec.disconnect()
         del rec, memory  # the last references, so that Rerun can end its threads
         rerun_bindings.flush_and_cleanup_orphaned_recordings()

@@ -17,6 +17,7 @@ from nsaid_mj.control.adaptive.config import command_range
 from nsaid_mj.control.adaptive.estimate import Adapted
 from nsaid_mj.errors import InvalidInput, NsaidError
 from nsaid_mj.evaluation.tracking import lyapunov, rise_bounds
+from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
@@ -25,6 +26,7 @@ from nsaid_mj.identifiers.cone.barrier import drawn_inside
 from nsaid_mj.identifiers.cone.law import ConeMetric
 from nsaid_mj.identifiers.metric import ConstantMetric
 from nsaid_mj.parameters import Array
+from nsaid_mj.resources import scenarios
 from nsaid_mj.studies.tracking import Plan, courses, drive
 from nsaid_mj.studies.tracking_run import run as run_study
 from tests.support.plants import config_of, plant
@@ -269,6 +271,30 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
     assert "conventional" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert (tmp_path / "tracking.rrd").stat().st_size > 0
     assert "rms [mrad]" in capsys.readouterr().out
+
+
+TRACKING = ["track_astrobee", "track_bluerov2", "track_payload", "track_ur5", "track_uvms"]
+
+
+def test_these_are_the_scenarios_that_track():
+    found = [n for n in scenarios() if isinstance(load(n).excitation, AdaptiveTracking)]
+    assert sorted(found) == TRACKING
+
+
+@pytest.mark.parametrize("name", TRACKING)
+def test_a_scenario_that_tracks_stays_near_its_reference(name: str):
+    """100 steps from a start on the reference, under a prior and gains that are wrong."""
+    scenario = load(name)
+    setup = Setup.of(replace(scenario, duration=100 * scenario.dt))
+    control = setup.driver()
+    assert isinstance(control, Tracker)
+    motion = drive(setup, control)
+    assert motion.status == ""
+    assert len(motion.t) == 101
+    assert np.all(np.isfinite(motion.theta_hat))
+    assert np.all(motion.theta_hat[:, setup.system.space.actuators] > 0)
+    assert np.linalg.norm(motion.error[0]) < 1e-9
+    assert np.linalg.norm(motion.error, axis=1).max() < 0.1  # [m, rad]
 
 
 def test_adaptation_of_the_gains_beats_gains_taken_as_known():

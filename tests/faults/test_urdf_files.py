@@ -8,6 +8,7 @@ from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import BadRobot, MimicIgnored
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.world.robots import load_robot
+from nsaid_mj.resources import packed_robots
 
 _LIMIT = 'lower="-1" upper="1" effort="1" velocity="1"'
 
@@ -125,6 +126,12 @@ def test_the_links_of_a_good_urdf_are_merged(tmp_path):
 def test_a_simulation_tells_of_joints_that_should_follow_others(tmp_path):
     with pytest.warns(MimicIgnored, match="j2"):
         assert load_robot(written(tmp_path, robot(ONE, MIMIC))).model.nv == 2
+
+
+def test_a_packed_robot_says_nothing_of_its_mimics(recwarn):
+    assert "mimic" in packed_robots()["panda"].read_text(encoding="utf-8")
+    load_robot("panda")
+    assert not [w for w in recwarn if issubclass(w.category, MimicIgnored)]
 
 
 @pytest.mark.parametrize("codec", ["latin-1", "utf-8", "utf-8-sig", "utf-16"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import rerun as rr
+import rerun.blueprint as rrb
 from numba import njit
 from rerun.error_utils import RerunWarning
 from scipy.spatial.transform import Rotation
@@ -33,16 +35,18 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.dynamics.forward import force_law
-from nsaid_mj.errors import BadRun, InvalidInput
+from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.recording import forces, inertia, layout, live, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
+from nsaid_mj.recording.stream import recording as stream
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.systems.joints import JointTree
 from nsaid_mj.systems.rigid_body import RigidBody
 from tests.support.faulty import WITH_RIVAL as ROV
+from tests.support.faulty import heard
 from tests.support.recordings import entities_of
 
 ARM = Scenario(
@@ -318,10 +322,29 @@ def test_decimation_keeps_both_ends(length: int, most: int) -> None:
     assert np.all(np.diff(rows) > 0)
 
 
-def test_reruns_warnings_are_errors() -> None:
-    rec = rr.RecordingStream("nsaid_mj test")
-    with pytest.raises(RerunWarning):
+def test_reruns_warnings_are_errors(tmp_path: Path) -> None:
+    with (
+        stream("test", rrb.Blueprint(), tmp_path / "test.rrd") as rec,
+        pytest.raises(RerunWarning),
+    ):
         rec.log("x", rr.Scalars("no number"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("folder", ["missing", "."])
+def test_a_recording_that_fails_says_nothing_on_stderr(folder: str, tmp_path: Path) -> None:
+    """Rerun warns of data that its streams still hold when they end, or when the next one does."""
+    with heard() as said:
+        for _ in range(2):
+            with (
+                pytest.raises(NotWritten if folder == "missing" else ZeroDivisionError),
+                stream("test", rrb.Blueprint(), tmp_path / folder / "test.rrd") as rec,
+            ):
+                rec.log("x", rr.Scalars(1.0))
+                if folder == ".":
+                    raise ZeroDivisionError
+            del rec
+            gc.collect()
+    assert said.err == ""
 
 
 @pytest.mark.parametrize("which", ["arm", "rov", "vehicle"])

@@ -9,12 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
+from nsaid_mj.control.adaptive import AdaptiveTracking
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import Run, run
+from nsaid_mj.resources import scenarios
 
 FOLDER = Path(__file__).parent / "directions"
 TOLERANCE = 1e-6
 """Largest change of an entry that is not seen as one. Rounding differs between machines."""
+
+
+def names() -> list[str]:
+    """The packed scenarios that identify.
+
+    Those that track are judged by the errors of their motion (tests/control): they follow a
+    reference that need not tell the parameters apart, and adaptive tracking does not need it.
+    """
+    return [n for n in scenarios() if not isinstance(load(n).excitation, AdaptiveTracking)]
 
 
 def of(estimate: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -7,13 +7,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from nsaid_mj.resources import scenarios
 from tests.recovery import direction
 
 
 def main(names: list[str]) -> None:
     """Runs the scenarios, prints names, old and new values, stores the new ones."""
-    for name in names or list(scenarios()):
+    for name in names or direction.names():
         with tempfile.TemporaryDirectory() as folder:
             _, new = direction.converge(name, Path(folder))
         moved = direction.changes(direction.stored(name), new)

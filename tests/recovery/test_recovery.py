@@ -7,7 +7,6 @@ accuracy stated there is that of the force on another trajectory, not the distan
 import pytest
 
 from nsaid_mj.evaluation import summarize, truth_of
-from nsaid_mj.resources import scenarios
 from tests.recovery import direction
 
 BARS = {
@@ -42,7 +41,8 @@ LONG = {"uvms", "borinot", "panda", "crazyflie", "hummingbird", "kinova", "z1"}
 @pytest.fixture(
     scope="module",
     params=[
-        pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in scenarios()
+        pytest.param(name, marks=pytest.mark.slow) if name in LONG else name
+        for name in direction.names()
     ],
 )
 def recovered(request, tmp_path_factory):
@@ -51,8 +51,8 @@ def recovered(request, tmp_path_factory):
     return name, found, summarize(result, truth_of(result))
 
 
-def test_every_scenario_has_its_accuracy_stated():
-    assert set(BARS) == set(scenarios())
+def test_every_scenario_that_identifies_has_its_accuracy_stated():
+    assert set(BARS) == set(direction.names())
 
 
 def test_the_estimate_reaches_the_scenarios_accuracy(recovered):

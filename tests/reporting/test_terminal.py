@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from nsaid_mj import recording
 from nsaid_mj.evaluation import FIGURES, observable_line
 from nsaid_mj.reporting.terminal import print_summary
 
@@ -21,6 +22,7 @@ def summary(**changes: Any) -> dict[str, Any]:
         "real_time_factor": 10.0,
         "mismatch": [],
         "fault": "",
+        "faults": [],
         "sensor_noise": "",
         "confidence": None,
         "rivals": {},
@@ -55,6 +57,12 @@ def test_the_count_of_directions_is_grammatical(p: int, r: int, words: str) -> N
     assert observable_line({"p": p, "r": r}) == words
 
 
+def test_a_fault_found_is_printed_with_its_time_and_confidence(capsys) -> None:
+    found = {"found": 12.5, "words": "thruster 3 lost 40 %", "confidence": 0.99}
+    said = printed(capsys, faults=[found])
+    assert "found at 12.5 s: thruster 3 lost 40 %, 99 % sure" in said
+
+
 def test_the_line_ends_in_a_colon_only_if_directions_follow(capsys) -> None:
     assert "1 is not:\n" in printed(capsys)
     assert "0 are not\n" in printed(capsys, r=0, unobservable=[])
@@ -80,8 +88,13 @@ def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:
     assert "sensors:" not in printed(capsys)
 
 
-def test_the_view_command_can_be_pasted_into_a_shell(capsys) -> None:
-    assert "(nsaid view 'runs/my [red] run')" in printed(capsys, "runs/my [red] run")
+def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = Path("runs/my [red] run")
+    folder.mkdir(parents=True)
+    assert "nsaid view" not in printed(capsys, str(folder))  # there is nothing to view
+    (folder / recording.FILE).touch()
+    assert "(nsaid view 'runs/my [red] run')" in printed(capsys, str(folder))
     assert "(nsaid view runs/a)" in printed(capsys)
 
 

@@ -103,7 +103,8 @@ def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
     root = parse(path, read_text(path)[0])
     check_urdf(path, root)
     check_masses(path, root)
-    tell_of_mimics(path, root)
+    if path not in packed_robots().values():  # whose mimics are known
+        tell_of_mimics(path, root)
     try:
         joint = (pin.JointModelFreeFlyer(),) if base == "free" else ()
         model = build(ElementTree.tostring(root, encoding="unicode"), *joint)
