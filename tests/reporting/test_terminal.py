@@ -90,12 +90,12 @@ def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:
 
 def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    folder = Path("runs/my [red] run")
-    folder.mkdir(parents=True)
-    assert "nsaid view" not in printed(capsys, str(folder))  # there is nothing to view
-    (folder / recording.FILE).touch()
-    assert "(nsaid view 'runs/my [red] run')" in printed(capsys, str(folder))
-    assert "(nsaid view runs/a)" in printed(capsys)
+    assert "nsaid view" not in printed(capsys)  # there is nothing to view
+    for name, words in {"my [red] run": "'runs/my [red] run'", "a": "runs/a"}.items():
+        file = Path("runs") / name / recording.FILE
+        file.parent.mkdir(parents=True)
+        file.touch()
+        assert f"(nsaid view {words})" in printed(capsys, f"runs/{name}")
 
 
 def test_every_figure_has_a_label_of_its_own() -> None:
