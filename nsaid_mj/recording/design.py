@@ -12,11 +12,10 @@ from ..design.designing import Design
 from ..design.files import velocity_names
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
-from ..resources import atomic_write
 from .layout import plot, robot, whole
 from .scene import Scene
 from .series import Curves, path
-from .text import drawable
+from .stream import recording
 
 FILE = "design.rrd"
 _RATE = 30.0  # frames of the robot per second
@@ -44,9 +43,7 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     left: list[rrb.View] = [] if camera is None else [robot(camera, "Motion, under a draw of θ")]
     page = rrb.Horizontal(*left, rrb.Vertical(*views), name="Motion")
     pages = [page] if trial is None else [_intervals(trial, found), page]
-    with atomic_write(file) as partial:
-        rec = rr.RecordingStream(drawable(f"nsaid_mj {title}"))
-        rec.save(partial, default_blueprint=whole(*pages))
+    with recording(title, whole(*pages), file) as rec:
         if camera is not None:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
@@ -55,8 +52,6 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
             each.log_values(rec, t)
         if trial is not None:
             _log_intervals(rec, trial, found)
-        rec.flush()
-        rec.disconnect()  # writes the end of the file
     return file
 
 

@@ -11,13 +11,12 @@ import rerun.blueprint as rrb
 
 from ..experiment.loop import Looks
 from ..parameters import Array
-from ..resources import atomic_write
 from ..system import SecondOrderSystem
 from ..systems.joints import JointTree, bones
 from .layout import plot, robot
 from .scene import Scene
 from .series import Curves, path
-from .text import drawable
+from .stream import recording
 
 _FRAMES, _POINTS = 2000, 4000  # at most
 _REFERENCE = "reference"
@@ -56,9 +55,8 @@ def record(
         rrb.Horizontal(*views, name="Tracking"),
         rrb.Grid(*(plot(path("command", law), law) for law in commands), name="Commands"),
     ]
-    with atomic_write(file) as partial:
-        rec = rr.RecordingStream(drawable(f"nsaid_mj {file.parent.name}"))
-        rec.save(partial, default_blueprint=rrb.Blueprint(rrb.Tabs(*tabs, active_tab=0)))
+    layout = rrb.Blueprint(rrb.Tabs(*tabs, active_tab=0))
+    with recording(file.parent.name, layout, file) as rec:
         if camera is not None:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t[frames], q[frames])
@@ -69,8 +67,6 @@ def record(
         for law, share in commands.items():
             names = [f"command {i + 1} / limit" for i in range(share.shape[1])]
             _log(rec, Curves(path("command", law), names, share[rows]), t[rows])
-        rec.flush()
-        rec.disconnect()  # writes the end of the file
     return file
 
 
