@@ -509,7 +509,7 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
     arrows.log_style(rec, forces.COMMANDED)
     arrows.log(rec, forces.COMMANDED, rows, theta)
     rec.disconnect()
-    entities = entities_of(file)
+    entities = entities_of(tmp_path / "live.rrd")
     vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")
     fin = [-0.14, 0.12, 0]
     expected = np.array([[[3.0, 0, 0], [0, 8, 0], fin], [[-3.0, 0, 0], [0, -8, 0], fin]])
@@ -555,9 +555,11 @@ def test_a_live_speed_that_is_none_is_told(speed: float) -> None:
 # -- live ----------------------------------------------------------------------------------------
 
 
-def no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_connection(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Sends live data to a file; without a sink, Rerun would warn of them in a later test."""
+    file = folder / "live.rrd"
     monkeypatch.setattr(recording.Live, "_serve", lambda self: "")
-    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_, **__: None)
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
 
 
 @pytest.mark.usefixtures("no_display")
@@ -588,7 +590,7 @@ def test_a_failing_viewer_does_not_end_the_run(
 ) -> None:
     monkeypatch.setattr(live, "program", lambda: [sys.executable, "-c", "raise SystemExit(3)"])
     if where == "see":
-        no_connection(monkeypatch)
+        no_connection(monkeypatch, tmp_path)
         monkeypatch.setattr(recording.Live, "_see", lambda *_: 1 / 0)
     result = run(ROV, tmp_path, recording.Live("rov"))
     assert result.ending.status is Status.completed
@@ -598,7 +600,7 @@ def test_a_failing_viewer_does_not_end_the_run(
 
 @pytest.mark.usefixtures("no_display")
 def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_connection(monkeypatch)
+    no_connection(monkeypatch, tmp_path)
     plant = ROV.plant.build(ROV.dt, 0)
     monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
     observer = recording.Live("rov")
@@ -611,13 +613,11 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    no_connection(monkeypatch)
-    file = tmp_path / "live.rrd"
-    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
+    no_connection(monkeypatch, tmp_path)
     monkeypatch.setattr(live, "_PERIOD", 0.0)
     monkeypatch.setattr(live, "_SHARE", 0)
     result = run(VEHICLE, tmp_path / "run", recording.Live("vehicle"))
-    entities = entities_of(file)
+    entities = entities_of(tmp_path / "live.rrd")
     rows = drawn_rows(result, entities, forces.ESTIMATED)
     assert len(rows) > 20 and f"/{forces.COMMANDED}" not in entities
     assert column(entities, forces.ESTIMATED, "Arrows3D:vectors").shape == (len(rows), 8, 3)
