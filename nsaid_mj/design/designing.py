@@ -36,6 +36,7 @@ _RESOLVED = 0.1  # relative change of the bound with the step that is accepted
 _SHRINK = 0.98  # of a joint that breaks a limit, beyond what its use says
 _MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limits
 _ATTEMPTS = 8  # smaller versions of an arm's motion
+_MORE = 0.05  # of the range that a vehicle's random motions had, on both sides: they are few
 _NEXT = 40  # next best motions of a vehicle
 _SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
@@ -204,7 +205,7 @@ def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, L
 def _default_limits(
     experiment: Experiment, base: DriverConfig, rehearsals: Sequence[tuple[int, Log]], share: float
 ) -> Limits:
-    """What a share of the scenario's own random motions keep; all of them, for a vehicle.
+    """What a share of the scenario's own random motions keep; for a vehicle, all and a bit more.
 
     An arm's positions may use the range that the excitation is given. An arm's motion is planned
     within what the median keeps, so that it is no larger than a random one, and checked against
@@ -213,7 +214,11 @@ def _default_limits(
     system, units = experiment.system, units_of(experiment.system)
     extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in rehearsals]
     found = envelope(extents, _ALL if system.group else share)
-    limits = {name: Limit(*_apart(*ends), units[name]) for name, ends in found.items()}
+    more = _MORE if system.group else 0.0
+    limits = {
+        name: Limit(*_apart(low - more * (high - low), high + more * (high - low)), units[name])
+        for name, (low, high) in found.items()
+    }
     if isinstance(base, FourierTracking):
         low, high = system.limits  # type: ignore[attr-defined]  # a MotorTree
         half, middle = 0.5 * base.reach * (high - low), 0.5 * (high + low)
