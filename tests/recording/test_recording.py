@@ -509,7 +509,7 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
     arrows.log_style(rec, forces.COMMANDED)
     arrows.log(rec, forces.COMMANDED, rows, theta)
     rec.disconnect()
-    entities = entities_of(tmp_path / "live.rrd")
+    entities = entities_of(file)
     vectors = column(entities, forces.COMMANDED, "Arrows3D:vectors")
     fin = [-0.14, 0.12, 0]
     expected = np.array([[[3.0, 0, 0], [0, 8, 0], fin], [[-3.0, 0, 0], [0, -8, 0], fin]])
