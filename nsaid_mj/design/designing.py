@@ -126,7 +126,7 @@ def design(
     effort: float = 1.0,
     told: Told = lambda _words, _share: None,
 ) -> Design:
-    """Finds an excitation. The same arguments give the same bits.
+    """Finds an excitation; equal arguments give equal bits.
 
     Args:
         experiment: what is known beforehand.

@@ -156,7 +156,7 @@ def _words(direction: Array, labels: Sequence[str]) -> str:
 
 
 def _remedies(found: Design) -> list[Remedy]:
-    """The same experiment at twice and four times its duration, and with quieter sensors."""
+    """What the design would tell in twice and four times its duration, and with quieter sensors."""
     experiment, made = found.experiment, []
     for factor in (2, 4):
         duration = factor * experiment.scenario.duration

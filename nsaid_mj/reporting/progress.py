@@ -7,7 +7,13 @@ from contextlib import ExitStack, contextmanager
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TextColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.progress import Progress as Bar
 
 from ..experiment.loop import Observer, columns
@@ -132,6 +138,19 @@ def cost_of(scenario: Scenario, plant: Plant) -> str:
     return (
         f"{scenario.steps:.1e} steps, which takes about {hours:.0f} h and {size / 1e9:.0f} GB of "
         "disk. --dt, --duration and --record-every make it less."
+    )
+
+
+def counted(quiet: bool) -> Bar:
+    """A transient bar of a study that counts what is done, on the standard error."""
+    return Bar(
+        TextColumn("{task.description:48}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True, quiet=quiet),
+        transient=True,
+        disable=quiet,
     )
 
 

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
@@ -30,7 +29,7 @@ from ..experiment.setup import Setup, is_sound
 from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
-from ..reporting.progress import announcing
+from ..reporting.progress import announcing, counted
 from ..resources import locked, write_json, write_text
 from .cells import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
 from .compare_table import print_table
@@ -301,15 +300,7 @@ def _run(plan: Plan, folder: Path, quiet: bool) -> list[Cell]:
     cells: list[Cell] = []
     columns = sum(len(plan.names(noise)) for noise in plan.noises)
     total = columns * len(plan.seeds) * len(plan.durations)
-    bar = Progress(
-        TextColumn("{task.description:48}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True, quiet=quiet),
-        transient=True,
-        disable=quiet,
-    )
+    bar = counted(quiet)
     write(folder, plan, cells)  # fails before the work if the folder cannot be written
     try:
         with bar, announcing(bar.console):

@@ -6,14 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ..evaluation.tracking import Motion
-from ..reporting.progress import announcing
+from ..numerics.threads import single_threaded
+from ..reporting.progress import announcing, counted
+from ..resources import locked
 from .tracking import FILES, Course, Plan, courses, print_table, write
 from .tracking_page import draw
 
 
+@single_threaded
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
     """Runs a study, writes its files, page and recording, and prints the table.
 
@@ -23,17 +25,18 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
         plan: laws and seeds.
         folder: of the results; created if missing.
         quiet: print nothing.
+
+    Raises:
+        FolderInUse: another process is writing into the folder.
+        NotWritten: the folder cannot be written.
     """
+    with locked(folder):
+        return _run(plan, folder, quiet)
+
+
+def _run(plan: Plan, folder: Path, quiet: bool) -> list[Course]:
     done: list[Course] = []
-    bar = Progress(
-        TextColumn("{task.description:32}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True, quiet=quiet),
-        transient=True,
-        disable=quiet,
-    )
+    bar = counted(quiet)
     write(folder, plan, done)  # fails before the work if the folder cannot be written
     try:
         with bar, announcing(bar.console):

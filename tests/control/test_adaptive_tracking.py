@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from nsaid_mj.control.adaptive import AdaptiveTracking, Tracker
 from nsaid_mj.control.adaptive.actuation import Actuation
 from nsaid_mj.control.adaptive.config import command_range
 from nsaid_mj.control.adaptive.estimate import Adapted
-from nsaid_mj.errors import InvalidInput, NsaidError
+from nsaid_mj.errors import FolderInUse, InvalidInput, NsaidError
 from nsaid_mj.evaluation.tracking import lyapunov, rise_bounds
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import Observer, run
@@ -26,7 +27,7 @@ from nsaid_mj.identifiers.cone.barrier import drawn_inside
 from nsaid_mj.identifiers.cone.law import ConeMetric
 from nsaid_mj.identifiers.metric import ConstantMetric
 from nsaid_mj.parameters import Array
-from nsaid_mj.resources import scenarios
+from nsaid_mj.resources import locked, scenarios
 from nsaid_mj.studies.tracking import Plan, courses, drive
 from nsaid_mj.studies.tracking_run import run as run_study
 from tests.support.plants import config_of, plant
@@ -264,7 +265,10 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
         duration=0.3,
     )
     laws = ("nullspace", "conventional")
-    run_study(Plan("double_pendulum", scenario, laws=laws, seeds=(0, 1)), tmp_path)
+    plan = Plan("double_pendulum", scenario, laws=laws, seeds=(0, 1))
+    with locked(tmp_path), ThreadPoolExecutor(1) as other, pytest.raises(FolderInUse):
+        other.submit(run_study, plan, tmp_path).result()
+    run_study(plan, tmp_path)
     rows = json.loads((tmp_path / "tracking.json").read_text())["rows"]
     assert [(row["law"], row["seed"]) for row in rows] == [(k, i) for i in (0, 1) for k in laws]
     assert all(row["v_rises"] == 0 for row in rows if row["law"] == "nullspace")

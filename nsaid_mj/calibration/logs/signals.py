@@ -138,7 +138,7 @@ def noise(x: Array) -> float:
 
 
 def robust_noise(x: Array) -> float:
-    """The same as `noise`, from the median absolute fourth difference."""
+    """Standard deviation of a signal's noise, from the median absolute fourth difference."""
     return float(1.4826 * np.median(np.abs(np.diff(x, 4))) / np.sqrt(70)) if len(x) > 9 else 0.0
 
 

@@ -57,7 +57,7 @@ class Commands(NamedTuple):
         return Log.unchecked(log.t, log.q, log.v, u)
 
     def under(self, hypothesis: Hypothesis) -> Commands:
-        """The same under a hypothesis."""
+        """These commands, with those of a failed actuator as a hypothesis has them act."""
         sign, held, k = self.sign.copy(), self.held.copy(), hypothesis.command
         if hypothesis.kind == "reversed":
             sign[k], held[k] = -sign[k], np.nan
