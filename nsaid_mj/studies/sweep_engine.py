@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
@@ -109,12 +110,14 @@ class Engine:
         patience: float,
     ) -> Iterator[dict[str, Any]]:
         """Yields the rows of runs from joblib; appends the number of every started run."""
-        at_once = self.jobs or (joblib.cpu_count() if self.name == "loky" else -1)
+        local = self.name == "loky"
+        at_once = self.jobs or (joblib.cpu_count() if local else -1)
+        engine = os.getpid() if local else None
 
         def tasks() -> Iterator[Any]:
             for number in numbers:
                 begun.append(number)
-                yield joblib.delayed(supervised)(job(number))
+                yield joblib.delayed(supervised)(job(number), engine)
 
         in_turn = at_once == 1  # joblib then starts no worker and has no timeout
         settings: dict[str, Any] = {"n_jobs": at_once, "pre_dispatch": "n_jobs", "batch_size": 1}

@@ -11,7 +11,6 @@ import atexit
 import contextlib
 import faulthandler
 import json
-import multiprocessing
 import os
 import queue
 import signal
@@ -58,14 +57,20 @@ class Job(NamedTuple):
     timeout: float
 
 
-def supervised(job: Job) -> dict[str, Any]:
+def supervised(job: Job, engine: int | None = None) -> dict[str, Any]:
     """Executes a job in this thread's child process.
+
+    Args:
+        job: the run to execute.
+        engine: process ID of the engine, if its workers are local processes. When that process is
+            gone, the worker ends, and its child with it.
 
     Returns:
         The run's number and figures by key, or its number and the reason of a `failure`. If a
         child process cannot import this package, the number, the reason as `failure`, and `unfit`.
     """
-    _end_with_the_engine()
+    if engine not in (None, os.getpid()):
+        _end_with(engine)
     child = _child_for(job)
     if child.fault:
         unfit = {} if child.killed else {"unfit": True}
@@ -89,15 +94,12 @@ def _child_for(job: Job) -> _Child:
 
 
 @cache
-def _end_with_the_engine() -> None:
-    """Makes a worker process end, and its child with it, when the process that started it is gone.
+def _end_with(engine: int) -> None:
+    """Makes this worker process end, and its child with it, when the engine's process is gone.
 
-    A killed engine can tell nobody, and a worker that waits for a long run would not notice. In
-    the engine's own process there is nothing to watch.
+    A killed engine can tell nobody, and a worker that waits for a long run would not notice. The
+    engine may even be gone before the worker has imported this module.
     """
-    if multiprocessing.current_process().name == "MainProcess":
-        return
-    engine = os.getppid()
 
     def watch() -> None:
         while os.getppid() == engine:

@@ -87,10 +87,17 @@ def test_a_child_killed_at_every_start_loses_only_its_run(
     assert supervised(job()) == {"run": 0, "failure": "its process died: Killed"}
 
 
+def test_a_worker_whose_engine_is_gone_before_it_starts_ends_at_once() -> None:
+    code = "import time; from nsaid_mj.studies import sweep_worker as worker; worker._end_with(1)"
+    words = [sys.executable, "-c", f"{code}; time.sleep(60); raise SystemExit(0)"]
+    done = subprocess.run(words, cwd=CHECKOUT, check=False, timeout=120)
+    assert done.returncode == 1
+
+
 def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) -> None:
     unfit = {"run": 0, "failure": "its process died: exit code 1", "unfit": True}
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InvalidInput, match="can import"):
-        patch.setattr("nsaid_mj.studies.sweep_engine.supervised", lambda job: unfit)
+        patch.setattr("nsaid_mj.studies.sweep_engine.supervised", lambda *_: unfit)
         run(PLAN, tmp_path, Engine(jobs=1), quiet=True)
     assert read(tmp_path).rows == []
 
