@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
@@ -20,7 +22,7 @@ from nsaid_mj.studies.sweep import Plan, run
 from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_results import MANIFEST, ROWS, TABLE, Row, Sweep, read
 from nsaid_mj.studies.sweep_worker import Job, supervised
-from tests.support.faulty import ROV, shell
+from tests.support.faulty import CHECKOUT, ROV, shell
 
 PLAN = Plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
 
