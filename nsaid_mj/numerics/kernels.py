@@ -4,6 +4,9 @@ By default numba caches compiled kernels beside the sources and checks only the 
 kernel: after an update, a caller may run with outdated code of its callees, or the index may name
 modules that no longer exist. Here the cache is a folder in the user's cache directory, named by a
 digest of everything that kernels are compiled from, so that no stale kernel is ever loaded.
+
+numba's files also mix up kernels if two processes write one index at the same time. Here they write
+one after the other, so that any number of processes can share the folder.
 """
 
 from __future__ import annotations
@@ -28,6 +31,11 @@ import numpy as np
 from numba.core import caching, event  # the Event API is in numba's manual
 
 from ..errors import DamagedKernelCache, NoKernelCache, NotWritten
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WITHOUT_KERNELS = (
@@ -155,8 +163,28 @@ FOLDER = open_cache()
 numba.config.CACHE_DIR = str(FOLDER)
 
 
+@contextmanager
+def _turn(to_write: bool) -> Iterator[None]:
+    """Waits until no other process writes to the cache; a writer also until no other one reads.
+
+    Where the file system has no locks, nobody waits.
+    """
+    descriptor = None
+    try:
+        if fcntl is not None:
+            with suppress(OSError):
+                descriptor = os.open(FOLDER, os.O_RDONLY)
+                fcntl.flock(descriptor, fcntl.LOCK_EX if to_write else fcntl.LOCK_SH)
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)  # frees the lock
+
+
 def guard(cache: Any) -> None:
-    """Makes a class of caches survive damaged files and a full disk, with a warning.
+    """Makes a class of caches survive damaged files, a full disk and other processes.
+
+    Damage and a full disk are told with a warning.
 
     numba has no interface for that. It would raise the error of the unpickling, or of the operating
     system, at every call of a kernel whose files are damaged or cannot be written.
@@ -168,21 +196,23 @@ def guard(cache: Any) -> None:
 
     def load_overload(self: Any, sig: Any, target_context: Any) -> Any:
         try:
-            return load(self, sig, target_context)
+            with _turn(to_write=False):
+                return load(self, sig, target_context)
         except Exception as error:  # unpickling damaged bytes may raise anything
             warnings.warn(DamagedKernelCache(f"{type(error).__name__}: {error}"), stacklevel=2)
-            with suppress(OSError):
+            with suppress(OSError), _turn(to_write=True):
                 self.flush()  # else the damaged index would be read again
             return None
 
     def save_overload(self: Any, sig: Any, data: Any) -> None:
-        try:
-            save(self, sig, data)
-        except Exception as error:  # as above, of the index
-            if isinstance(error, OSError):
-                warnings.warn(NoKernelCache(error.strerror), stacklevel=2)
-            with suppress(OSError):
-                self.flush()
+        with _turn(to_write=True):
+            try:
+                save(self, sig, data)
+            except Exception as error:  # as above, of the index
+                if isinstance(error, OSError):
+                    warnings.warn(NoKernelCache(error.strerror), stacklevel=2)
+                with suppress(OSError):
+                    self.flush()
 
     cache.load_overload, cache.save_overload = load_overload, save_overload
 

@@ -1,20 +1,16 @@
 """Compiles the filter of the law `efficient` in a second process.
 
 Almost half of what a first run of this law compiles is the filter, and numba compiles in one thread
-only. The second process has a cache folder of its own, whose files are taken over where the first
-process has none: two processes must not write to one cache at the same time.
+only. Both processes share the cache of compiled kernels.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
@@ -22,7 +18,6 @@ from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
 from ..identifiers import NullspaceAID
 from ..log import Log, Measurement
-from ..numerics.kernels import FOLDER
 
 _CALL = "from nsaid_mj.reporting.head_start import compile_filter; compile_filter()"
 _SAMPLES = 12  # of the log along which the filter is compiled
@@ -37,46 +32,30 @@ def pays_off(scenario: Scenario) -> bool:
 
 @contextmanager
 def second_process(scenario: Scenario) -> Iterator[None]:
-    """Compiles a scenario's filter while the body runs, and takes over the compiled files.
+    """Compiles a scenario's filter while the body runs, and waits for the rest of it.
 
-    If it fails, as for a plant that only the running script defines, nothing is taken over.
+    If it fails, as for a plant that only the running script defines, nothing is lost but time.
 
     Args:
         scenario: the scenario that is going to be run.
     """
-    with TemporaryDirectory(prefix="nsaid-mj-") as folder:
-        process = subprocess.Popen(
-            [sys.executable, "-c", _CALL],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | {"NUMBA_CACHE_DIR": folder},
-            text=True,
-        )
-        try:
-            assert process.stdin is not None
+    process = subprocess.Popen(
+        [sys.executable, "-c", _CALL],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        assert process.stdin is not None
+        with suppress(BrokenPipeError), process.stdin:  # it may have failed already
             process.stdin.write(scenario.to_json())
-            process.stdin.close()
-            yield
-            if process.wait(_LONGEST) == 0:
-                take_over(Path(folder) / FOLDER.parent.name / FOLDER.name, FOLDER)
-        except (BrokenPipeError, subprocess.TimeoutExpired):
-            pass  # this process compiles the filter itself
-        finally:
-            process.kill()
-            process.wait()
-
-
-def take_over(source: Path, target: Path) -> None:
-    """Moves the files of kernels of which the target has none, an index after its data."""
-    for index in sorted(source.rglob("*.nbi")):
-        home = target / index.relative_to(source).parent
-        if (home / index.name).exists():
-            continue
-        home.mkdir(parents=True, exist_ok=True)
-        for data in index.parent.glob(f"{index.stem}.*.nbc"):
-            shutil.move(data, home / data.name)
-        shutil.move(index, home / index.name)
+        yield
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_LONGEST)
+    finally:
+        process.kill()
+        process.wait()
 
 
 def compile_filter() -> None:

@@ -69,6 +69,32 @@ def test_a_full_cache_is_told_and_the_kernel_works(script: Path, tmp_path: Path)
     assert called(script, cache) == "True"
 
 
+SHARED = """
+import sys
+from nsaid_mj.numerics import kernels
+from numba import njit
+@njit(cache=True)
+def count(x):
+    return len(x)
+for k in map(int, sys.argv[1:]):
+    assert count((1.0,) * k) == k
+print(kernels.compile_seconds() > 0)
+"""
+
+
+def test_processes_that_compile_for_one_cache_lose_and_mix_up_nothing(tmp_path: Path) -> None:
+    script, cache = tmp_path / "shared.py", tmp_path / "cache"
+    script.write_text(SHARED)
+    words = [sys.executable, str(script)]
+    environment = {**os.environ, "PYTHONPATH": str(CHECKOUT), "NUMBA_CACHE_DIR": str(cache)}
+    shares = [[str(k) for k in range(first, 60, 3)] for first in (1, 2, 3)]
+    at_once = [subprocess.Popen([*words, *share], env=environment) for share in shares]
+    assert [process.wait() for process in at_once] == [0, 0, 0]
+    words += [str(k) for k in range(1, 60)]
+    after = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert after.stdout.strip() == "False"
+
+
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["run", "--help"], ["list"]])
 def test_commands_that_compute_nothing_never_load_numba(words: list[str]) -> None:
     code = (
