@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import subprocess
-import sys
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -17,11 +16,11 @@ import pytest
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.resources import known_robots, scenarios
+from tests.support.faulty import shell
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 PAGES = (README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")))
-NSAID = Path(sys.executable).with_name("nsaid")
 
 FENCE = re.compile(r"^```(\w*)(?: title=\"\S+\")?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PICTURE = r"!\[[^\]]*\]\(([^)\s]+)\)"
@@ -141,9 +140,8 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
     page = ROOT / "docs" / "your_robot.md"
     for block in blocks(page, "sh"):
         for line in block.splitlines():
-            words = [str(NSAID), *shlex.split(line)[1:]]
-            done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=300)
-            assert done.returncode == 0, done.stderr
+            code, said = shell(*shlex.split(line)[1:])
+            assert code == 0, said.err
     assert (workplace / "map.toml").is_file() and (workplace / "inspection.png").is_file()
     for name in ("report.html", "identification.rrd", "my_arm.urdf", "my_arm.xml",
                  "calibrated.yaml", "identification.json", "sysid.yaml"):  # fmt: skip
@@ -174,24 +172,18 @@ def test_the_scenario_script_of_the_usage_page_defines_a_scenario() -> None:
 # -- commands ----------------------------------------------------------------------------------
 
 
-def shell(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [NSAID, *words],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-        env={**os.environ, "COLUMNS": "200", "PYTHONUTF8": "1", "PYTHONPATH": str(ROOT)},
-    )
-
-
 @cache
+def help_of(*words: str) -> str:
+    """The help of a command line, on a wide terminal."""
+    with mock.patch.dict(os.environ, COLUMNS="200"):
+        code, said = shell(*words, "--help")
+    assert code == 0, said.err
+    return said.out
+
+
 def flags(*words: str) -> frozenset[str]:
     """The flags that the help of a command line names."""
-    done = shell(*words, "--help")
-    assert done.returncode == 0, done.stderr
-    return frozenset(re.findall(r"--([A-Za-z][\w.-]*)", done.stdout))
+    return frozenset(re.findall(r"--([A-Za-z][\w.-]*)", help_of(*words)))
 
 
 def known(flag: str, offered: frozenset[str]) -> bool:
@@ -226,7 +218,7 @@ def test_every_script_in_the_docs_takes_its_flags(page: str) -> None:
 @pytest.mark.parametrize("page", COMMANDS)
 def test_every_nsaid_command_in_the_docs_takes_its_flags(page: str) -> None:
     offered = flags()
-    listed = shell("--help").stdout
+    listed = help_of()
     for program, *words in COMMANDS[page]:
         if program != "nsaid":
             continue
@@ -282,8 +274,8 @@ def test_the_readmes_commands_identify_the_users_own_urdf(workplace: Path) -> No
     assert len(runs) == 3
     for number, words in enumerate(runs):
         short = ["--duration", "0.3", "--held-out", "0.2", "--pe-window", "0.1"]
-        done = shell(*words, *short, "--out", f"out{number}", "--quiet", cwd=workplace)
-        assert done.returncode == 0, done.stderr
+        code, said = shell(*words, *short, "--out", f"out{number}", "--quiet")
+        assert code == 0, said.err
         assert (workplace / f"out{number}" / "summary.json").is_file()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import runpy
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from nsaid_mj.cli.options import MAIN, Output, parse, repeated
 from nsaid_mj.experiment.fields import field_paths
 from nsaid_mj.experiment.library import load
 from nsaid_mj.resources import known_robots, scenarios
-from tests.support.faulty import FILES, NSAID, Heard, flat, shell, strict
+from tests.support.faulty import FILES, NSAID, Heard, code_of, flat, shell, strict
 
 HEAVY = (
     "numpy",
@@ -564,30 +565,30 @@ def test_a_scenario_is_at_most_forty_lines(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_scenario_script_runs_on_its_own(path: Path, tmp_path: Path) -> None:
-    ran = subprocess.run(
-        [
-            sys.executable,
-            str(path),
-            "--duration",
-            "0.2",
-            "--held-out",
-            "0.5",
-            "--out",
-            "out",
-            "--pe-window",
-            "0.1",
-            "--json",
-        ],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (ran.returncode, ran.stderr) == (0, "")
-    summary = strict(ran.stdout)
+def test_a_scenario_script_runs_as_main(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(path), *ALONE])
+    code, said = code_of(lambda: runpy.run_path(str(path), run_name="__main__"))
+    check_alone(tmp_path, code, said.out, said.err)
+
+
+def test_a_scenario_script_runs_in_a_process_of_its_own(tmp_path: Path) -> None:
+    words = [sys.executable, str(SCRIPTS[0].with_name("scalar_rov.py")), *ALONE]
+    ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    check_alone(tmp_path, ran.returncode, ran.stdout, ran.stderr)
+
+
+ALONE = ("--duration", "0.2", "--held-out", "0.5", "--out", "out", "--pe-window", "0.1", "--json")
+
+
+def check_alone(folder: Path, code: int, out: str, err: str) -> None:
+    """What a script with the flags above says and leaves in an empty folder."""
+    assert (code, err) == (0, "")
+    summary = strict(out)
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)
-    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(FILES)
-    assert [file.name for file in tmp_path.iterdir()] == ["out"]
-    stored = Scenario.from_json((tmp_path / "out" / "scenario.json").read_text(encoding="utf-8"))
+    assert sorted(file.name for file in (folder / "out").iterdir()) == sorted(FILES)
+    assert [file.name for file in folder.iterdir()] == ["out"]
+    stored = Scenario.from_json((folder / "out" / "scenario.json").read_text(encoding="utf-8"))
     assert stored.hash == summary["scenario_hash"]

@@ -95,15 +95,16 @@ def heard() -> Iterator[Heard]:
 def shell(*arguments: object) -> tuple[int, Heard]:
     """What `nsaid …` exits with and says, in this process."""
     with mock.patch.object(sys, "argv", ["nsaid", *map(str, arguments)]):
-        return _code_of(cli.run_from_shell)
+        return code_of(cli.run_from_shell)
 
 
 def script(scenario: Scenario, *arguments: object) -> tuple[int, Heard]:
     """What a scenario's own script exits with and says, in this process."""
-    return _code_of(lambda: cli.main(scenario, [str(a) for a in arguments]))
+    return code_of(lambda: cli.main(scenario, [str(a) for a in arguments]))
 
 
-def _code_of(action: Any) -> tuple[int, Heard]:
+def code_of(action: Any) -> tuple[int, Heard]:
+    """What a program that ends by `sys.exit` exits with and says."""
     with heard() as said, pytest.raises(SystemExit) as exited:
         action()
     code = exited.value.code
