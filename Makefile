@@ -16,11 +16,14 @@ install: .venv/installed  ## everything that tests and docs need as well
 	@$(PYTHON) scripts/install.py dev,docs
 	@touch $@
 
+# Two workers, a file at a time, in the order that tests/conftest.py chooses.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
 test: install  ## everything that a change must pass
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+	$(PYTEST) -m 'not slow'
 
 test-all: install  ## with the long studies
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	$(PYTEST)
 
 bench: install  ## cost of a step as ratios inside one process
 	OMP_NUM_THREADS=1 $(BIN)/python scripts/benchmark.py

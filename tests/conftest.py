@@ -1,10 +1,39 @@
 """Fixtures and settings for all tests."""
 
 import sys
+from pathlib import Path
 
 import pytest
 
 pytest.register_assert_rewrite("tests.support", "tests.recovery.direction")
+
+DEAREST = (
+    "cli/test_cli.py",
+    "contract/test_identifiers.py",
+    "recovery/test_recovery.py",
+    "recovery/test_memory.py",
+    "studies/test_sweep.py",
+    "contract/test_fault.py",
+    "contract/test_systems.py",
+    "studies/test_montecarlo.py",
+    "identifiers/test_faults.py",
+    "identifiers/test_efficient.py",
+    "studies/test_compare.py",
+    "test_readme.py",
+    "test_docs.py",
+    "test_your_vehicle.py",
+    "test_examples.py",
+    "control/test_adaptive_tracking.py",
+    "baselines/test_baselines.py",
+    "cli/test_wheel.py",
+)
+"""Files that compile or simulate most. They are run first, so that the workers end together."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {Path(__file__).parent / name: k for k, name in enumerate(DEAREST)}
+    items.sort(key=lambda item: rank.get(item.path, len(rank)))
 
 
 @pytest.fixture
