@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,15 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
-from .folders import RUNS, check_writable
+from .folders import folder_for_design
 from .grammar import Excite
 
 if TYPE_CHECKING:
     from ..control import DriverConfig
     from ..experiment.scenario import Scenario
     from ..reporting.progress import Progress
-
-DESIGN = "design.json"
 
 
 def excite(chosen: Excite) -> int:
@@ -27,8 +24,6 @@ def excite(chosen: Excite) -> int:
         remedy = "Such as `nsaid excite ur5` or `nsaid excite --model arm.urdf`."
         raise InvalidInput("excite", "a scenario or --model", "neither", remedy)
     name = Path(chosen.model or chosen.scenario).stem
-    folder = _folder(name, chosen.out, chosen.force)
-    check_writable(folder)
     scenario = _scenario(chosen)
     from .. import design as room
     from ..design import files, harmonics, prediction
@@ -43,7 +38,10 @@ def excite(chosen: Excite) -> int:
             own = replace(own, contacts=experiment.contacts is not None)
         return room.read_limits(chosen.limits, own) if chosen.limits else own
 
-    with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
+    with (
+        folder_for_design(name, chosen.out, chosen.force) as folder,
+        Progress(name, quiet=chosen.quiet or chosen.json) as progress,
+    ):
         experiment = room.Experiment.of(scenario, chosen.seed)
         found = room.design(
             experiment,
@@ -146,15 +144,3 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
 
     return room.design(room.Experiment.of(scenario), told=progress.tell).driver
 
-
-def _folder(name: str, out: Path | None, force: bool) -> Path:
-    """The folder of the design: `out`, or runs/NAME-excite, numbered if it holds one."""
-    if out is not None:
-        if not force and (out / DESIGN).is_file():
-            raise BadRun(out, "it holds a design", "Give --force to overwrite it, or another --out")
-        return out
-    first = RUNS / f"{name}-excite"
-    if force:
-        return first
-    numbered = (RUNS / f"{name}-excite-{number}" for number in itertools.count(2))
-    return next(f for f in itertools.chain([first], numbered) if not (f / DESIGN).is_file())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ..identifiers import ConventionalAID
 from ..resources import locked
 
 RUNS = Path("runs")
+DESIGN = "design.json"
 
 
 def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
@@ -46,7 +47,36 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
         BadRun: `out` holds a completed run, and `force` is not set.
         FolderInUse: another run is writing into `out`.
     """
-    for folder in _candidates(title, scenario) if out is None else [out]:
+    conventional = isinstance(scenario.identifier, ConventionalAID)
+    law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
+    with _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run") as folder:
+        yield folder
+
+
+@contextmanager
+def folder_for_design(name: str, out: Path | None, force: bool) -> Iterator[Path]:
+    """Yields the folder of a design, locked: `out`, or runs/NAME-excite, numbered as above.
+
+    Args:
+        name: of the robot.
+        out: given on the command line; None to choose a folder.
+        force: overwrite a design.
+
+    Raises:
+        BadRun: `out` holds a design, and `force` is not set; or it cannot be written to.
+        FolderInUse: another process is writing into `out`.
+    """
+    check_writable(out or RUNS)  # before the search, which takes a minute
+    with _free(f"{name}-excite", out, force, _holds_design, "a design") as folder:
+        yield folder
+
+
+@contextmanager
+def _free(
+    name: str, out: Path | None, force: bool, holds_results: Callable[[Path], bool], results: str
+) -> Iterator[Path]:
+    """Yields `out`, or the first of runs/NAME, runs/NAME-2, … without results, locked."""
+    for folder in _numbered(name) if out is None else [out]:
         with ExitStack() as stack:
             try:
                 stack.enter_context(locked(folder))
@@ -54,23 +84,25 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
                 if force or out is not None:
                     raise
                 continue
-            if force or not holds_completed_run(folder):
+            if force or not holds_results(folder):
                 yield folder
                 return
             if out is not None:
                 raise BadRun(
                     out,
-                    "it holds a completed run",
+                    f"it holds {results}",
                     "Give --force to overwrite it, or another folder with --out",
                 )
 
 
-def _candidates(title: str, scenario: Scenario) -> Iterator[Path]:
-    """The folders runs/TITLE-LAW, runs/TITLE-LAW-2, and so on."""
-    conventional = isinstance(scenario.identifier, ConventionalAID)
-    law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
-    yield RUNS / f"{title}-{law}"
-    yield from (RUNS / f"{title}-{law}-{number}" for number in itertools.count(2))
+def _numbered(name: str) -> Iterator[Path]:
+    """The folders runs/NAME, runs/NAME-2, and so on."""
+    yield RUNS / name
+    yield from (RUNS / f"{name}-{number}" for number in itertools.count(2))
+
+
+def _holds_design(folder: Path) -> bool:
+    return (folder / DESIGN).is_file()
 
 
 def holds_completed_run(folder: Path) -> bool:

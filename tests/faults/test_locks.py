@@ -90,6 +90,22 @@ def test_a_default_folder_in_use_is_skipped(
     assert (tmp_path / "runs/scalar_rov-paper-2" / finish.SUMMARY).is_file()
 
 
+def test_a_second_design_in_a_folder_is_refused_and_a_default_folder_in_use_is_skipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ("excite", "double_pendulum", "--duration", 2, "--effort", 0.004, "--quiet")
+    first = tmp_path / "runs/double_pendulum-excite"
+    with holder(first):
+        code, said = shell(*words, "--out", first)
+        assert code == 2
+        assert "another run is writing into it" in said.err
+        assert not list(first.iterdir())
+        code, said = shell(*words)
+    assert (code, said.err) == (0, "")
+    assert (tmp_path / "runs/double_pendulum-excite-2/design.json").is_file()
+
+
 def test_two_threads_cannot_run_in_one_folder(tmp_path: Path) -> None:
     found: list[type[BaseException]] = []
 
