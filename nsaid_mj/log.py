@@ -130,6 +130,15 @@ class Log(_Columns):
         """The measurements start … end − 1."""
         return Log.unchecked(*(part[start:end] for part in self))
 
+    def last(self, count: int) -> Log:
+        """The last `count` measurements, or all if there are fewer."""
+        return self.part(max(0, len(self.t) - count), len(self.t))
+
+    def joined(self, other: Log) -> Log:
+        """The measurements of this log and then those of another, without checks."""
+        pairs = zip(self, other, strict=True)
+        return Log.unchecked(*(np.concatenate(pair) for pair in pairs))
+
     def first(self, count: int) -> Log:
         """The first `count` measurements."""
         return self.part(0, count)

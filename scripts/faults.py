@@ -31,7 +31,7 @@ from nsaid_mj.identifiers.base import Estimates, State
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.plants import parse_faults
-from nsaid_mj.plants.world.faults.kinds import ActuatorFault
+from nsaid_mj.plants.world.faults.kinds import ActuatorFault, Bias, Friction, Payload
 
 STRIKE, SLOWLY = 6.0, 12.0
 KINDS = {
@@ -56,6 +56,9 @@ KINDS = {
         "bias 0.01 of position {j}",
     ],
     "crazyflie": [
+        "reversed {k}",
+        "broken {k}",
+        "stuck {k}",
         "friction 0.01 of drag_x",
         "payload 4e-3 kg place 0 0 -0.01",
         "bias 0.05 of velocity {j}",
@@ -202,6 +205,10 @@ def kinds(names: list[str], seeds: list[int]) -> None:
     for name in names:
         for text in KINDS[name]:
             taken: Counter[str] = Counter()
+            delays: list[float] = []
+            sizes: list[float] = []
+            others: list[float] = []
+            right = 0
             for seed in seeds:
                 k = actuator(name, seed)
                 clause = text.format(k=k, j=1 + seed % 6)
@@ -211,9 +218,66 @@ def kinds(names: list[str], seeds: list[int]) -> None:
                 taken[events[0].kind if events else restarts] += 1
                 said = "; ".join(e.in_words for e in events) or restarts
                 print(f"{name}, seed {seed}, {clause}: {said}", flush=True)
+                others.append(healthy_error(found))
+                if events and isolated(found, events[0]):
+                    right += len(events) == 1
+                    delays.append(events[0].found - STRIKE)
+                    sizes += size_error(found, events[0])
             words = ", ".join(f"{kind} {count}" for kind, count in taken.most_common())
-            rows.append(f"| {name} | `{text}` | {words} |")
-    print("\n| | fault | taken for |\n|---|---|---|\n" + "\n".join(rows))
+            delay, size = median_and_worst(delays, "s"), median_and_worst(sizes)
+            rows.append(
+                f"| {name} | `{text}` | {words} | {right}/{len(seeds)} | {delay} | {size} "
+                f"| {median_and_worst(others)} |"
+            )
+    print(
+        "\n| | fault | taken for | isolated rightly | delay | error of the size "
+        "| healthy gains 4 s later |\n|" + "---|" * 7 + "\n" + "\n".join(rows)
+    )
+
+
+def isolated(found: Followed, event: FaultEvent) -> bool:
+    """Whether an event names the kind and the part of the run's first fault."""
+    fault, system = found.setup.plant.faults[0], found.setup.system
+    if event.kind != type(fault).__name__.lower():
+        return False
+    if isinstance(fault, Bias):
+        return event.names == (f"{fault.sensor} {fault.channel}",)
+    hit_names = {system.space.names[i] for i in fault.affected(system)}
+    if isinstance(fault, ActuatorFault):
+        return set(event.names) == hit_names
+    return hit_names <= set(event.names)
+
+
+def size_error(found: Followed, event: FaultEvent) -> list[float]:
+    """Relative error of the size of a load, an error of a sensor or a known coefficient.
+
+    Masses and frictions are compared in units of the estimate, whose common factor with the healthy
+    gains is unobservable.
+    """
+    fault = found.setup.plant.faults[0]
+    if isinstance(fault, Bias):
+        return [abs(event.size / fault.by - 1)]
+    ratio = float(np.median(gain_ratios(found)))
+    if isinstance(fault, Payload):
+        return [abs(event.size / (ratio * fault.mass) - 1)]
+    if isinstance(fault, Friction) and event.names[0] == fault.parameter:
+        return [abs(event.size / (ratio * fault.by) - 1)]
+    return []
+
+
+def gain_ratios(found: Followed) -> np.ndarray:
+    """Estimated over true gains at the end, of those that a fault has not set to 0."""
+    system = found.setup.system
+    k = system.space.actuators
+    if isinstance(found.setup.plant.faults[0], ActuatorFault):
+        k = np.array([i for i in k if system.space.names[i] not in hit(found)])
+    return found.estimates.theta_hat[-1][k] / found.setup.plant.truth[k]
+
+
+def healthy_error(found: Followed) -> float:
+    """Largest error of a healthy gain at the end, relative to their median."""
+    ratio = gain_ratios(found)
+    return float(np.abs(ratio / np.median(ratio) - 1).max())
 
 
 def matched(names: list[str], seeds: list[int], seconds: float) -> None:

@@ -6,6 +6,7 @@ method, `lyapunov` the paper's V, `excitation` the motion. `summary` assembles s
 phrases it, and `verify` checks the paper's statements against a run.
 """
 
+from ..systems.sensing import velocity_labels as velocity_labels
 from .figures import CONVERGED as CONVERGED
 from .figures import Judge as Judge
 from .figures import converged_at as converged_at
@@ -25,4 +26,3 @@ from .words import force_units as force_units
 from .words import gain_rows as gain_rows
 from .words import observable_line as observable_line
 from .words import unobservable_lines as unobservable_lines
-from .words import velocity_labels as velocity_labels

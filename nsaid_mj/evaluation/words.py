@@ -7,15 +7,9 @@ from typing import Any
 
 from ..parameters import phrase
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree
-from ..systems.scalar import ScalarVehicle
 from .confidence import INTERVAL
 
 _FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of a generalised force, by unit of its velocity
-_TWIST = {
-    6: ("surge", "sway", "heave", "roll", "pitch", "yaw"),
-    3: ("surge", "sway", "yaw"),
-}  # components of a body's twist, by its dimension
 
 OWN = "NS-AID"
 """Label of the scenario's own identifier in tables and plots that also show its rivals."""
@@ -29,18 +23,6 @@ FIGURES = (
     ("rms Δv over the last tenth of the run [SI]", "velocity_error_rms", ""),
 )
 """The figures shown for every identifier: label, key of the summary, unit."""
-
-
-def velocity_labels(system: SecondOrderSystem) -> list[str]:
-    """A name for each velocity: surge, sway …, then the robot's own names of its joints."""
-    twist = list(_TWIST.get(system.group, ()))
-    rest = system.n - len(twist)
-    if isinstance(system, ScalarVehicle):
-        return ["heave"]
-    names = system.joint_names if isinstance(system, JointTree) else []
-    if len(names) != rest:
-        names = [f"velocity {i}" for i in range(1, rest + 1)]
-    return twist + names
 
 
 def force_units(system: SecondOrderSystem) -> list[str]:

@@ -11,9 +11,10 @@ class FaultEvent(NamedTuple):
     Attributes:
         time: when the motion first contradicted the estimate from before [s].
         found: when the fault was isolated [s].
-        kind: `loss`, `reversed`, `broken`, `stuck`, `friction`, `payload`, `several` or `unknown`.
+        kind: `loss`, `reversed`, `broken`, `stuck`, `friction`, `payload`, `bias`,
+            `several` or `unknown`.
         part: what it hit, in words, such as `thrust of thruster 3`.
-        names: the parameters of θ that it changed; empty for a sensor.
+        names: the parameters of θ that it changed; of a sensor such as `position 2`.
         size: of the change.
         low: lower end of its 95 % interval.
         high: upper end of it.
@@ -44,6 +45,7 @@ class FaultEvent(NamedTuple):
             "stuck": "is stuck at a command of",
             "friction": "changed by",
             "payload": "changed by",
+            "bias": "is off by",
         }.get(self.kind)
         if verb is None:
             return {"several": "several actuators changed at once"}.get(

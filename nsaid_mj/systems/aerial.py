@@ -53,11 +53,12 @@ class Quadrotor(RigidBody):
 
     θ = [m, m c (3), inertia (6), lift, rotor drag (2), body drag (3), thrust (4), torque (4)], all
     about the body's origin; axes are x forward, y left, z up. The command u_i ∈ [0, 1] is a rotor's
-    speed relative to its maximum. With v_i the velocity of rotor i in the body's axes, it produces
+    speed relative to its maximum, negative if it turns backwards. With v_i the velocity of rotor i
+    in the body's axes, it produces
 
-        thrust along z   k_i u_i² + lift (v_ix² + v_iy²)
-        torque about z   s_i κ_i u_i²
-        drag             −u_i diag(d_h, d_h, d_z) v_i
+        thrust along z   k_i u_i abs(u_i) + lift (v_ix² + v_iy²)
+        torque about z   s_i κ_i u_i abs(u_i)
+        drag             −abs(u_i) diag(d_h, d_h, d_z) v_i
 
     and the body −|v| diag(c) v at its origin. The drag on the rotors grows with their speed, but is
     not an actuator's gain: it exerts no force on a vehicle at rest.
@@ -114,13 +115,13 @@ def _forces(forces, q, v, u, F):
     for k in range(4):
         at = v[:3] + cross(v[3:], rotors[k])
         sliding = at[0] * at[0] + at[1] * at[1]
-        square = u[k] * u[k]
+        square = u[k] * abs(u[k])  # a rotor that turns backwards pulls down
         for i in range(6):
             F[i, _LIFT] += sliding * lever[i, k]
             F[i, _THRUST + k] = square * lever[i, k]
         F[5, _TORQUE + k] = spin[k] * square
-        flat, axial = -u[k] * at, np.zeros(3)
-        flat[2], axial[2] = 0.0, -u[k] * at[2]
+        flat, axial = -abs(u[k]) * at, np.zeros(3)
+        flat[2], axial[2] = 0.0, -abs(u[k]) * at[2]
         for part, drag in enumerate((flat, axial)):
             turning = cross(rotors[k], drag)
             for i in range(3):

@@ -32,8 +32,17 @@ from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
 from ..nullspace_aid import NullspaceIdentifier
 from .faults.events import Loose, event_of, grown, loosened
-from .faults.hypotheses import Hypothesis, everything, hypotheses_of, nothing, unknown
-from .faults.trials import Commands, Trial, Verdict, begin_trials, follow_trials, narrowed, verdict
+from .faults.hypotheses import (
+    Hypothesis,
+    appear_slowly,
+    everything,
+    hypotheses_of,
+    nothing,
+    unknown,
+)
+from .faults.onset import LEAD, onset
+from .faults.signals import Signals
+from .faults.trials import Trials, Verdict, begin_trials, follow_trials, narrowed, verdict
 from .faults.watch import PERIOD, Watch, slow_change
 from .kalman import (
     COMPLETED,
@@ -70,11 +79,12 @@ class Guarded(NamedTuple):
         handed: whether θ̂ is handed out from the filter.
         restarts: times the filter started again at the memory's estimate.
         returns: times it returned to an earlier estimate with something set free.
-        commands: that reach the actuators.
+        signals: of failed actuators and sensors.
+        recent: the last samples, as recorded; None before the first.
         factors: (p,) of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
             reversed, 0 if it is stuck.
         watch: snapshots, for slow changes.
-        trials: filters under hypotheses, of which one will be chosen; empty where there is none.
+        trials: filters under hypotheses, of which one will be chosen; None where there are none.
         events: the faults found so far.
         loose: a gain that may go on falling; None if there is none.
         stale: whether the memory's data are of the robot before a fault.
@@ -88,10 +98,11 @@ class Guarded(NamedTuple):
     handed: bool
     restarts: int
     returns: int
-    commands: Commands
+    signals: Signals
     factors: Array
+    recent: Log | None = None
     watch: Watch = Watch()
-    trials: tuple[Trial, ...] = ()
+    trials: Trials | None = None
     events: tuple[FaultEvent, ...] = ()
     loose: Loose | None = None
     stale: bool = False
@@ -138,7 +149,7 @@ class EfficientIdentifier(Identifier):
         theta = guard.theta_hat
         q = np.asarray(first.q, dtype=np.float64)
         kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
-        sound = Commands.sound(self.system.n_u), np.ones(self.system.p)
+        sound = Signals.sound(self.system), np.ones(self.system.p)
         inside = Guarded(kalman, guard, 0, 0, 0.0, False, 0, 0, *sound)
         return guard._replace(memory=None, filter=inside)
 
@@ -170,12 +181,13 @@ class EfficientIdentifier(Identifier):
         )
         inside = self._filtered(inside, log, estimates)
         if not inside.pause and count > 1:
-            acting = inside.commands.acting(log)
+            acting = inside.signals.acting(self.system, log)
             inside = inside._replace(guard=self._memory.absorb(inside.guard, acting))
         inside = inside._replace(step=inside.step + count - 1)
         if inside.step % self._every == 0 and count > 1:
-            inside = self._renewed(inside, log.at(-1)) if inside.stale else inside
-            inside = self._watched(self._judged(inside, log.at(-1)), float(log.t[-1]))
+            here = self._here(inside, log)
+            inside = self._renewed(inside, here) if inside.stale else inside
+            inside = self._watched(self._judged(inside, here), here.t)
             best = inside.filter.theta if inside.handed else inside.guard.theta_hat
             best = best * inside.factors
             estimates.theta_hat[-1], estimates.spent[-1] = best, inside.guard.spent
@@ -185,6 +197,10 @@ class EfficientIdentifier(Identifier):
             State(float(log.t[-1]), *last, pivot, status, filter=inside, faults=inside.events),
             estimates,
         )
+
+    def _here(self, inside: Guarded, log: Log) -> Measurement:
+        """The last measurement of a log without the known errors of its signals."""
+        return inside.signals.acting(self.system, log.part(len(log.t) - 1, len(log.t))).at(0)
 
     def _renewed(self, inside: Guarded, here: Measurement) -> Guarded:
         """Begins the memory again at the filter's estimate, without data from before a fault."""
@@ -213,28 +229,29 @@ class EfficientIdentifier(Identifier):
         """The filter along a log, through contradictions; overwrites what it hands out."""
         count, at = len(log.t), 0
         thetas, v_hats = np.empty(estimates.theta_hat.shape), np.empty(log.v.shape)
-        pivots = np.full(count, np.inf)
+        pivots, past = np.full(count, np.inf), log
+        if inside.recent is not None:  # its last sample is the log's first
+            past = inside.recent.first(len(inside.recent.t) - 1).joined(log)
         while at < count - 1:
             handed = inside.handed
             if inside.trials:
-                window = self._law.window
-                done = int(inside.trials[0].filter.tally[1])
-                last = min(count - 1, at + window - done % window)
+                last = min(count - 1, at + self._law.window - inside.trials.samples)
                 thetas[at + 1 : last + 1] = inside.theta
                 v_hats[at + 1 : last + 1] = log.v[at + 1 : last + 1]
                 inside = self._tried(inside, log.part(at, last + 1))
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
                 out = thetas[at:], v_hats[at:], pivots[at:]
-                piece = inside.commands.acting(log.part(at, count))
+                piece = inside.signals.acting(self.system, log.part(at, count))
                 row, end = follow_filter(self._law, kalman, *piece, *out)
                 last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
                 thetas[at + 1 : last + 1] *= inside.factors
                 inside = inside._replace(calm=calm)
                 if end == CONTRADICTED:
-                    inside = self._contradicted(inside, log.at(last))
+                    known = past.first(len(past.t) - count + last + 1)
+                    inside = self._contradicted(inside, known.last(self._law.window + LEAD))
                 elif end == ROUNDED:
-                    mend(kalman, log.at(last))
+                    mend(kalman, self._here(inside, log.first(last + 1)))
                 if end != COMPLETED:
                     thetas[last], v_hats[last] = inside.theta, inside.filter.v
             own = slice(at + 1, last + inside.handed)
@@ -242,51 +259,58 @@ class EfficientIdentifier(Identifier):
                 estimates.theta_hat[own] = thetas[own]
             at = last
         estimates.v_hat[1:], estimates.pivot[1:] = v_hats[1:], pivots[1:]
-        return inside
+        return inside._replace(recent=past.last(self._law.window + LEAD))
 
-    def _contradicted(self, inside: Guarded, here: Measurement) -> Guarded:
-        """After a contradiction: trials of what may have failed, or a new start."""
+    def _contradicted(self, inside: Guarded, log: Log) -> Guarded:
+        """After a contradiction at a log's end: trials of what may have failed, or a new start."""
+        kalman, system, here = inside.filter, self.system, self._here(inside, log)
         if inside.calm < _MATURE and inside.loose is None:
             return self._started_again(inside, here)
-        kalman, system = inside.filter, self.system
-        kalman.theta[:], kalman.Ptt[:] = inside.watch.before(here.t, kalman)
+        inside.watch.rewind(here.t, kalman)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         if inside.loose is not None:
             inside.loose.freed(kalman, self._scale)
-        theta = kalman.theta.copy()
+        theta, signals = kalman.theta.copy(), inside.signals
         what = [nothing(system), *hypotheses_of(system, theta), everything(system, theta)]
-        trials = begin_trials(kalman, here, inside.commands, what)
+        k = onset(self._law, kalman, system, signals.acting(system, log))
+        trials = begin_trials(self._law, kalman, system, signals, what, log, k)
         return inside._replace(trials=trials, watch=Watch())
 
     def _tried(self, inside: Guarded, log: Log) -> Guarded:
         """The trials along a log; goes on with the best once there is a verdict."""
-        trials = follow_trials(self._law, inside.trials, log)
-        if trials[0].filter.tally[1] % self._law.window:
+        assert inside.trials is not None
+        trials = follow_trials(self._law, self.system, inside.trials, log)
+        if trials.samples < self._law.window:
             return inside._replace(trials=trials)
         found = verdict(self._law, trials, float(log.t[-1]))
         if found is None:
             window = self._law.window * self._interval / self._every
-            return inside._replace(trials=narrowed(self._law, trials, window))
-        inside = inside._replace(trials=())
+            trials = narrowed(self._law, self.system, trials, window)
+            return inside._replace(trials=trials)
+        inside = inside._replace(trials=None)
         if found.trial is None:
             if inside.calm >= _SETTLED:
-                begin, size = trials[0].begin, (0.0, 0.0, 0.0)
+                begin, size = trials.begin, (0.0, 0.0, 0.0)
                 event = event_of(unknown(self.system), begin, float(log.t[-1]), size, 1.0)
                 inside = inside._replace(events=(*inside.events, event), stale=True)
-            return self._started_again(inside, log.at(-1))
-        return self._isolated(inside, found, found.trial, float(log.t[-1]))
+            return self._started_again(inside, self._here(inside, log))
+        return self._isolated(inside, found, trials.begin, log)
 
-    def _isolated(self, inside: Guarded, found: Verdict, trial: Trial, t: float) -> Guarded:
+    def _isolated(self, inside: Guarded, found: Verdict, begin: float, log: Log) -> Guarded:
         """Goes on with the filter of a trial, and notes the fault if there was one."""
-        hypothesis, kalman = trial.hypothesis, trial.filter
+        trial, t = found.trial, float(log.t[-1])
+        assert trial is not None
+        hypothesis = trial.hypothesis
+        kalman, signals = trial.settled(self.system, self._scale, log)
         kalman.tally[1:] = 0.0
         kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
         factors = inside.factors.copy()
-        hit = [self.system.space.index(name) for name in hypothesis.names]
+        space = self.system.space
+        hit = [space.index(name) for name in hypothesis.names if name in space.names]
         factors[hit] *= {"reversed": -1.0, "broken": 0.0, "stuck": 0.0}.get(hypothesis.kind, 1.0)
         inside = inside._replace(
             filter=kalman,
-            commands=trial.commands,
+            signals=signals,
             factors=factors,
             calm=0.0,
             returns=inside.returns + 1,
@@ -294,7 +318,7 @@ class EfficientIdentifier(Identifier):
         if hypothesis.kind == "none":
             return inside
         return self._noted(
-            inside, hypothesis, trial.theta, t, (trial.begin, found.size, found.confidence)
+            inside, hypothesis, trial.theta, t, (begin, found.size, found.confidence)
         )
 
     def _watched(self, inside: Guarded, t: float) -> Guarded:
@@ -308,11 +332,12 @@ class EfficientIdentifier(Identifier):
             inside = inside._replace(events=events)
         inside = inside._replace(loose=loose)
         watch = inside.watch
-        if inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
+        young = inside.calm < _MATURE  # errors of linearisation are beyond what P_θθ tells
+        if young or inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
             return inside
         if inside.calm < _SETTLED or loose is not None:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
-        what = [h for h in hypotheses_of(self.system, kalman.theta) if h.command < 0]
+        what = appear_slowly(hypotheses_of(self.system, kalman.theta))
         found = slow_change(watch, kalman, self._scale, what)
         if found is None or found.confidence < _ISOLATED:
             return inside._replace(watch=watch.with_snapshot(t, kalman))

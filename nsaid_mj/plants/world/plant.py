@@ -18,6 +18,7 @@ from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
 from ...system import SecondOrderSystem
+from ...systems.sensing import displaced
 from .callbacks import installed
 from .coordinates import Reading
 from .faults import Faults
@@ -105,7 +106,7 @@ class Plant(ABC):
     _variants: dict[tuple[int, ...], Variant]  # by the faults of the plant itself that are active
     _next_edge: float = np.inf  # when a fault begins or ends next [s]; -inf while a gain falls
     _held: dict[int, float] = {}  # noqa: RUF012 (replaced, never changed): commands of stuck ones
-    _biases: Array | None = None  # (2, n) of position numbers and velocities
+    _biases: Array | None = None  # (2, n) of positions and velocities
 
     def _compile(self, spec: Any, mismatch: Mismatch) -> None:
         """Compiles MuJoCo's model and data, with the mismatch's lag and delay."""
@@ -309,9 +310,9 @@ class Plant(ABC):
     def _measure(self, t: float, driver: Driver, sensors: Sensors) -> Measurement:
         """The measurement at the current state and the driver's command for it."""
         coordinates, v = sensors(*self.coordinates())
-        if self._biases is not None:
-            coordinates, v = coordinates + self._biases[0], v + self._biases[1]
         q = self.position(coordinates)
+        if self._biases is not None:
+            q, v = displaced(self.system, q, self._biases[0]), v + self._biases[1]
         return Measurement(t, q, v, driver.command(t, q, v))
 
     def step(self, u: Array) -> None:

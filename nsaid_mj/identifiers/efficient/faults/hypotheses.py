@@ -12,15 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array
+from ....parameters import Array, Indices
 from ....system import SecondOrderSystem, gains_by_command
 from ....systems.payload import carrier, point_mass, submerged
+from ....systems.sensing import sensor_labels, sensor_units
+from ...cone.barrier import Cone, cone_of, gradient_and_hessian
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain
 _OWN = 0.05  # of what sets the gains of one actuator apart, as thrust and torque of a rotor
 _FRICTION = 1.0  # of the jump of a friction or drag, relative to its scale
 _BODY = 0.5  # of that of a body's inertial parameters, relative to their scale
 _LOAD = 0.1  # and at least this share of the whole robot's mass
+_LOADS = (0.03, 0.1, 0.2, 0.3)  # masses of loads that were picked up, over that of the whole robot
+_DENSITY = 500.0  # of such a load [kg/m³]
+_LOADED = 0.5  # standard deviation of its inertial parameters in the metric of the cone
 _DISSIPATES = ("friction", "drag", "resistance")
 
 
@@ -36,6 +41,9 @@ class Hypothesis(NamedTuple):
         unit: of the size; `1` for a share.
         command: index of the actuator whose command does not reach it; −1 if all do.
         held: the constant command that it executes instead; NaN if there is none.
+        mean: (p,) of the jump of θ/scale where it is not 0.
+        offset: part of the reported size that belongs to the mean.
+        channel: index of the sensor that has a constant error, those of position first; −1 if none.
     """
 
     kind: str
@@ -46,11 +54,20 @@ class Hypothesis(NamedTuple):
     unit: str
     command: int = -1
     held: float = np.nan
+    mean: Array | float = 0.0
+    offset: float = 0.0
+    channel: int = -1
 
 
 def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """All single faults of a system whose θ was θ̂ (p,) before."""
-    return [*_actuators(system, theta), *_frictions(system), *_payload(system)]
+    robot = [*_actuators(system, theta), *_frictions(system), *_payload(system)]
+    return [*robot, *_loads(system, theta), *_biases(system)]
+
+
+def appear_slowly(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Those that a shift of θ̂ without a contradiction can be evidence for."""
+    return [h for h in hypotheses if h.command < 0 and h.channel < 0 and not h.offset]
 
 
 def nothing(system: SecondOrderSystem) -> Hypothesis:
@@ -73,7 +90,7 @@ def everything(system: SecondOrderSystem, theta: Array) -> Hypothesis:
     )
 
 
-def _named(system: SecondOrderSystem, k: Array) -> list[str]:
+def _named(system: SecondOrderSystem, k: Indices) -> list[str]:
     return [system.space.names[i] for i in k]
 
 
@@ -102,7 +119,7 @@ def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     return found
 
 
-def _odd(system: SecondOrderSystem, command: int, k: Array) -> bool:
+def _odd(system: SecondOrderSystem, command: int, k: Indices) -> bool:
     """Whether the force of gains k changes sign with a command, so that −u is a reversed gain."""
     q, v, u = system.random_state(np.random.default_rng(0))
     other, x = u.copy(), np.concatenate([q, v])
@@ -158,3 +175,52 @@ def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
     names = tuple(space.names[i] for i in np.flatnonzero(np.abs(D).any(axis=1)))
     size = _BODY * mass * np.eye(10)[0]
     return [Hypothesis("payload", "mass of the body", names, D, size, "kg")]
+
+
+def _loads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
+    """Heavy loads on the last link, under which its inertial parameters jump far.
+
+    Linearised at the link's own parameters, the filter would not get there: its steps are at most a
+    share of what the link has. So it starts under a ball of typical mass at the joint.
+    """
+    space = system.space
+    bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
+    name = carrier(space)
+    if name not in bodies:
+        return []
+    place, cone, found = bodies[name], cone_of(space), []
+    whole = sum(float(space.scale[at][0]) for at in bodies.values())
+    for mass in whole * np.array(_LOADS):
+        square = (mass / _DENSITY) ** (2 / 3)  # of its radius
+        mean, size = np.zeros(system.p), np.zeros(10)
+        mean[place] = mass * np.r_[1.0, np.zeros(3), square * np.array([1, 0, 1, 0, 0, 1])]
+        load = Hypothesis("payload", f"mass of {name}", tuple(space.names[place]), mean, size, "kg")
+        found.append(loaded(load, cone, space.scale, theta, mean / space.scale))
+    return found
+
+
+def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array) -> Hypothesis:
+    """A load whose jump of θ/scale is about `mean` (p,), free within the cone of physical θ.
+
+    Raises:
+        LinAlgError: θ with the load is not inside the cone, or too close to its boundary.
+    """
+    place = np.flatnonzero(mean)
+    first, last = place[0], place[-1] + 1
+    _, metric = gradient_and_hessian(cone, theta + scale * mean)
+    units = np.outer(scale, scale)[first:last, first:last]
+    root = np.linalg.cholesky(metric[first:last, first:last] * units)
+    D = np.zeros((len(theta), last - first))
+    D[first:last] = _LOADED * np.linalg.inv(root).T  # D Dᵀ is the inverse of the metric
+    mass = scale[first]
+    return load._replace(mean=mean, offset=float(mass * mean[first]), D=D, size=mass * D[first])
+
+
+def _biases(system: SecondOrderSystem) -> list[Hypothesis]:
+    """A constant error of every sensor."""
+    labels, units, n = sensor_labels(system), sensor_units(system), system.n
+    found, none = [], np.zeros((system.p, 0))
+    for i, (label, unit) in enumerate(zip(labels, units, strict=True)):
+        name = f"{'position' if i < n else 'velocity'} {1 + i % n}"  # as faults are written
+        found.append(Hypothesis("bias", label, (name,), none, np.zeros(0), unit, channel=i))
+    return found

@@ -30,19 +30,26 @@ class Watch(NamedTuple):
         times: when they were taken [s].
         thetas: (p,) θ̂ of each.
         covariances: (p, p) P_θθ of each.
+        noises: (2n,) variance of the sensors' noise of each.
     """
 
     times: tuple[float, ...] = ()
     thetas: tuple[Array, ...] = ()
     covariances: tuple[Array, ...] = ()
+    noises: tuple[Array, ...] = ()
 
-    def before(self, t: float, kalman: Filter) -> tuple[Array, Array]:
-        """θ̂ and P_θθ from a while before time t [s]: a fault may have begun unnoticed."""
-        old = [i for i, time in enumerate(self.times) if t - time >= _BACK]
+    def rewind(self, t: float, kalman: Filter) -> None:
+        """Sets θ̂, P_θθ and noise back to a while before time t [s].
+
+        A fault may have begun unnoticed, and a sensor's jump looks like noise.
+        """
         if not self.times:
-            return kalman.safe[0].copy(), kalman.safe_P[0].copy()
+            kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
+            return
+        old = [i for i, time in enumerate(self.times) if t - time >= _BACK]
         i = old[-1] if old else 0
-        return self.thetas[i].copy(), self.covariances[i].copy()
+        kalman.theta[:], kalman.Ptt[:] = self.thetas[i], self.covariances[i]
+        kalman.noise.variance[:] = self.noises[i]
 
     def with_snapshot(self, t: float, kalman: Filter) -> Watch:
         """With the filter's estimate at time t [s], and without those that are too old."""
@@ -51,6 +58,7 @@ class Watch(NamedTuple):
             (*self.times, t)[last - 1 :],
             (*self.thetas, kalman.theta.copy())[last - 1 :],
             (*self.covariances, kalman.Ptt.copy())[last - 1 :],
+            (*self.noises, kalman.noise.variance.copy())[last - 1 :],
         )
 
 

@@ -128,7 +128,10 @@ class Reversed(ActuatorFault):
 
 @config
 class Broken(ActuatorFault):
-    """An actuator that exerts no force any more: a broken fin, a rotor that has come off."""
+    """An actuator that exerts no force any more: a broken fin, a rotor that has come off.
+
+    Its command reaches nothing: a rotor that has come off has no drag either.
+    """
 
     def factor(self, since: float) -> float:
         """0."""
@@ -262,6 +265,8 @@ class Payload(PlantFault):
 class Bias(Fault):
     """A constant error of one sensor.
 
+    That of a place is along a world axis, that of an attitude a turn about one of the body's own.
+
     Attributes:
         by: the error, in the unit of what it measures.
         sensor: `position` or `velocity`.
@@ -284,7 +289,7 @@ class Bias(Fault):
         return np.zeros(0, dtype=np.intp)
 
     def biases(self, n: int) -> Array:
-        """(2, n) errors of position numbers and velocities."""
+        """(2, n) errors of positions, see `systems.sensing`, and velocities."""
         found = np.zeros((2, n))
         found[int(self.sensor == "velocity"), self.channel - 1] = self.by
         return found

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....parameters import Array
 from ....system import SecondOrderSystem
-from .kinds import ActuatorFault, Bias, Fault, Loss, PlantFault, Stuck
+from .kinds import ActuatorFault, Bias, Broken, Fault, Loss, PlantFault, Stuck
 
 _NOTCH = 0.02  # share of a gain, lost slowly, after which evaluation counts the truth as another
 
@@ -84,12 +84,13 @@ class Schedule:
         return factors
 
     def stuck(self, t: float) -> list[tuple[int, float | None]]:
-        """Every stuck actuator, counted from 0, and the command it holds; None for its last."""
-        found = (fault for i in self._active(t) if isinstance(fault := self._faults[i], Stuck))
-        return [(fault.actuator - 1, fault.holding) for fault in found]
+        """Every actuator that ignores its command, from 0, and what it does; None for its last."""
+        found = [self._faults[i] for i in self._active(t)]
+        stuck = [(f.actuator - 1, f.holding) for f in found if isinstance(f, Stuck)]
+        return stuck + [(f.actuator - 1, 0.0) for f in found if isinstance(f, Broken)]
 
     def biases(self, t: float) -> Array | None:
-        """(2, n) biases of position numbers and velocities at time t [s]; None if none."""
+        """(2, n) biases of positions and velocities at time t [s]; None if none."""
         n = self._system.n
         found = [f.biases(n) for i in self._active(t) if isinstance(f := self._faults[i], Bias)]
         return np.sum(found, axis=0) if found else None

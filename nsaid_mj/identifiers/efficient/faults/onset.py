@@ -1,0 +1,54 @@
+"""When a fault began, and the filter just before.
+
+Before a fault, the normalised innovations e of a sample have eᵀe of mean 2n and variance 4n. Where
+they exceed 2n + 3 √(4n) on average from some sample on until now, the fault has begun there: the
+likelihood ratio test of Page for a change at an unknown time.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+
+from ....log import Log
+from ....parameters import Array
+from ....system import SecondOrderSystem
+from ..kalman import COMPLETED, Filter, Law, follow_filter, noise_variance, restart_state
+
+LEAD = 4
+"""Samples before the first at which a fault may begin: `started` takes increments from them."""
+_EXCESS = 3.0  # standard deviations of eᵀe that a sample must exceed on average
+
+
+def increments(system: SecondOrderSystem, log: Log) -> Array:
+    """(N−1, 2n) changes of position and velocity from sample to sample."""
+    moved = [system.difference(a, b) for a, b in zip(log.q[:-1], log.q[1:], strict=True)]
+    return np.hstack([np.array(moved), np.diff(log.v, axis=0)])
+
+
+def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filter:
+    """A copy of a filter with its state at sample k ≥ 3 of a log, as measured there."""
+    own = deepcopy(kalman)
+    own.noise.increments[:] = increments(system, log.part(k - 3, k + 1))
+    restart_state(own, log.q[k], log.v[k], noise_variance(own.noise))
+    return own
+
+
+def onset(law: Law, kalman: Filter, system: SecondOrderSystem, log: Log) -> int:
+    """The last sample of a log before a fault, given a filter's θ̂ and P_θθ from before."""
+    own, patient = started(kalman, system, log, LEAD - 1), law._replace(window=10**9)
+    size, count, n = 2.0 * system.n, len(log.t), system.n
+    level = size + _EXCESS * np.sqrt(2.0 * size)
+    out = np.empty((2, len(own.theta))), np.empty((2, n)), np.empty(2)
+    total, before = 0.0, count - 2
+    for k in range(LEAD, count):
+        squares = own.tally[2]
+        _, end = follow_filter(patient, own, *log.part(k - 1, k + 1), *out)
+        excess = own.tally[2] - squares - level if end == COMPLETED else np.inf
+        if total <= 0.0:
+            total, before = 0.0, k - 1
+        total += excess
+        if total == np.inf:
+            break
+    return before if total > 0.0 else count - 2

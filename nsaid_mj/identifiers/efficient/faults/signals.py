@@ -1,0 +1,60 @@
+"""What is known of failed actuators and sensors: how their signals differ from those recorded."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ....log import Log
+from ....parameters import Array
+from ....system import SecondOrderSystem
+from ....systems.sensing import displaced
+from .hypotheses import Hypothesis
+
+
+class Signals(NamedTuple):
+    """How the signals of actuators and sensors differ from those recorded.
+
+    Attributes:
+        sign: (n_u,) −1 for a reversed actuator, else 1.
+        held: (n_u,) the constant command of a stuck one, else NaN.
+        bias: (2n,) constant errors of the sensors of position and velocity.
+    """
+
+    sign: Array
+    held: Array
+    bias: Array
+
+    @staticmethod
+    def sound(system: SecondOrderSystem) -> Signals:
+        """Every command reaches its actuator, and every sensor is right."""
+        n, n_u = system.n, system.n_u
+        return Signals(np.ones(n_u), np.full(n_u, np.nan), np.zeros(2 * n))
+
+    def acting(self, system: SecondOrderSystem, log: Log) -> Log:
+        """The log with the commands that act and the sensors' errors removed."""
+        t, q, v, u = log
+        if not (self.sign == 1).all() or not np.isnan(self.held).all():
+            u = np.where(np.isnan(self.held), self.sign * u, self.held)
+        place, rate = np.split(self.bias, 2)
+        if place.any():
+            q = np.array([displaced(system, one, -place) for one in q])
+        if rate.any():
+            v = v - rate
+        return Log.unchecked(t, q, v, u)
+
+    def under(self, hypothesis: Hypothesis) -> Signals:
+        """These signals, with those of a failed actuator as a hypothesis has them."""
+        sign, held, k = self.sign.copy(), self.held.copy(), hypothesis.command
+        if hypothesis.kind == "reversed":
+            sign[k], held[k] = -sign[k], np.nan
+        elif k >= 0:
+            held[k] = hypothesis.held
+        return self._replace(sign=sign, held=held)
+
+    def biased(self, channel: int, by: float) -> Signals:
+        """These signals, with more of an error of one sensor."""
+        bias = self.bias.copy()
+        bias[channel] += by
+        return self._replace(bias=bias)

@@ -1,0 +1,114 @@
+"""A filter that tries one hypothesis."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import NamedTuple
+
+import numpy as np
+
+from ....log import Log
+from ....parameters import Array
+from ....system import SecondOrderSystem
+from ..kalman import COMPLETED, Filter, Law, follow_filter
+from .evidence import jumped
+from .hypotheses import Hypothesis, loaded
+from .signals import Signals
+
+_WALK = 0.012  # of δ in a second, as a fault may still grow [1/√s]
+
+
+class Trial(NamedTuple):
+    """A filter under one hypothesis; its tally counts from the start of the trial.
+
+    Attributes:
+        hypothesis: what it tries.
+        filter: at the last sample.
+        signals: that act under it.
+        theta: (p,) θ̂ at the start.
+        P: (p, p) P_θθ at the start, with the hypothesis's freedom.
+        earlier: sum of the squared normalised innovations that no longer count as evidence.
+    """
+
+    hypothesis: Hypothesis
+    filter: Filter
+    signals: Signals
+    theta: Array
+    P: Array
+    earlier: float = 0.0
+
+    @staticmethod
+    def begin(start: Filter, signals: Signals, hypothesis: Hypothesis, scale: Array) -> Trial:
+        """A trial from a filter just before the fault."""
+        own = deepcopy(start)
+        own.theta[:] += scale * hypothesis.mean
+        own.Ptt[:] += hypothesis.D @ hypothesis.D.T
+        return Trial(hypothesis, own, signals, own.theta.copy(), own.Ptt.copy())
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared normalised innovations."""
+        return float(self.filter.tally[2])
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the likelihood of the innovations."""
+        return float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
+
+    def followed(
+        self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
+    ) -> Trial:
+        """The trial after a log; `before` are the signals at its first sample if others."""
+        own, count = deepcopy(self.filter), len(log.t)
+        t, q, v, u = self.signals.acting(system, log)
+        if before is not None:
+            sound = before.acting(system, log.first(1))
+            q, v = np.concatenate([sound.q, q[1:]]), np.concatenate([sound.v, v[1:]])
+        out = np.empty((count, system.p)), np.empty((count, system.n)), np.empty(count)
+        _, end = follow_filter(law._replace(window=10**9), own, t, q, v, u, *out)
+        own.tally[1] = self.filter.tally[1] + count - 1
+        own.tally[2] += 0.0 if end == COMPLETED else np.inf
+        return self._replace(filter=own)
+
+    def freed(self, seconds: float) -> None:
+        """Lets the change grow for some seconds."""
+        D = self.hypothesis.D
+        self.filter.Ptt[:] += _WALK**2 * seconds * (D @ D.T)
+
+    def forgetting(self) -> Trial:
+        """The trial, its evidence counted anew from here."""
+        earlier = self.earlier + self.squares
+        self.filter.tally[1:] = 0.0
+        return self._replace(earlier=earlier)
+
+    def again(self, start: Filter, law: Law) -> Trial:
+        """A trial of a load from the same start, linearised where this one has come to."""
+        hit = self.hypothesis.D.any(axis=1)
+        mean = np.where(hit, (self.filter.theta - start.theta) / law.scale, 0.0)
+        hypothesis = loaded(self.hypothesis, law.cone, law.scale, start.theta, mean)
+        return Trial.begin(start, self.signals, hypothesis, law.scale)
+
+    def size(self, scale: Array) -> tuple[float, float, float]:
+        """The size of the change and its 95 % interval."""
+        hypothesis, kalman = self.hypothesis, self.filter
+        if hypothesis.kind == "broken":
+            return 1.0, 1.0, 1.0
+        if not hypothesis.size.any():
+            return 0.0, 0.0, 0.0
+        jump = jumped(self.P, kalman.Ptt, (kalman.theta - self.theta) / scale, hypothesis.D)
+        change = jump.interval(hypothesis.size)
+        if hypothesis.kind != "stuck":
+            size, low, high = (hypothesis.offset + x for x in change)
+            return size, low, high
+        held = float(self.signals.held[hypothesis.command])  # a sound actuator would do as much at
+        size, *ends = (held * (1 + x) for x in change)
+        return size, min(ends), max(ends)
+
+    def settled(
+        self,
+        system: SecondOrderSystem,
+        scale: Array,
+        log: Log,
+    ) -> tuple[Filter, Signals]:
+        """The filter that goes on after the log that ended the trials, and its signals."""
+        return self.filter, self.signals
