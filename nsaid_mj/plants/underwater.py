@@ -286,11 +286,14 @@ def with_theta(nominal: Hydrodynamics, theta: Array) -> Hydrodynamics:
 
 
 def use_mujoco_fluid(spec: Any, mismatch: Mismatch) -> None:
-    """Enables MuJoCo's own fluid forces of water in a specification, every geom as an ellipsoid."""
+    """Enables MuJoCo's own fluid forces of water in a specification: every geom is an ellipsoid.
+
+    Geoms whose names begin with "thruster" are left out: they only show where the thrust acts.
+    """
     spec.option.density, spec.option.viscosity = 1000.0, 1e-3
     spec.option.wind = mismatch.flow
     for geom in spec.body(BODY).geoms:
-        geom.fluid_ellipsoid = 1
+        geom.fluid_ellipsoid = int(not geom.name.startswith("thruster"))
 
 
 def nominal_numbers(sheet: UnderwaterSheet) -> Hydrodynamics:
