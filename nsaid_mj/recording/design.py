@@ -12,7 +12,8 @@ from ..design.designing import Design
 from ..design.files import velocity_names
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
-from .layout import plot, robot, whole
+from .layout import robot, whole
+from .plots import plot
 from .scene import Scene
 from .series import Curves, path
 from .stream import recording

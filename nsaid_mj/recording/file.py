@@ -14,7 +14,8 @@ from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import ParameterSpace
 from . import FILE
-from .layout import Plots, blueprint, measured_blueprint
+from .layout import blueprint, measured_blueprint
+from .plots import Plots
 from .robot import Robot
 from .series import Curves, Indices, curves, intervals, shared, spread
 from .stream import recording

@@ -9,7 +9,8 @@ import rerun.blueprint as rrb
 
 from ..calibration import words
 from ..calibration.result import Identification
-from .layout import plot, result, robot, whole
+from .layout import result, robot, whole
+from .plots import plot
 from .scene import Camera
 from .series import path
 

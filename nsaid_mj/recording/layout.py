@@ -9,46 +9,19 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..parameters import Block, ParameterSpace
+from .plots import Plots
 from .scene import CENTRE, PATH, ROBOT, TRAIL, Camera
-from .series import PALETTE, Curves, Group, groups
+from .series import PALETTE, Group, groups
 from .text import drawable
 
 _LINKS_ON_A_PAGE = 3
 _RIGHT = 0.6  # share of the window that the first page's plots take
-_WINDOW, _AXIS = 1600.0, 60.0  # width that is laid out for, and of a plot's axis [pixels]
-_LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
-_CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
 _DISTANCE = "Distance to the true set [log₁₀], −2 is 1 %"
 _ERROR = "Velocity error Δv: predicted − measured"
 _RMS = "Velocity error, rms over all velocities [log₁₀ of SI]"
 _CONSERVED = "Relative drift of the conserved quantity (30) [log₁₀]"
 _EXCITATION = "Persistence of excitation over a window [N·m·s]"
 _MARK = (255, 255, 255)
-
-
-class Plots:
-    """Makes plots whose legends stand beside the curves, in an empty part of the time axis.
-
-    Args:
-        curves: of the recording, whose names are in the legends.
-        end: of the run [s]; None if it is not known, as in a running one.
-    """
-
-    def __init__(self, curves: Sequence[Curves] = (), end: float | None = None):
-        self._curves, self._end = curves, end
-
-    def __call__(
-        self, entity: str, title: str, width: float = 0.5, legend: bool = True
-    ) -> rrb.TimeSeriesView:
-        """A plot of all curves below an entity; `width` is its share of the window."""
-        names = [n for c in self._curves for n in c.names if f"{c.path}/".startswith(f"{entity}/")]
-        longest = max((len(name) for name in names), default=0)
-        legend = legend and len(set(names)) > 1
-        until = None if self._end is None else _CLEAR * self._end
-        if self._end is not None and legend:
-            share = (_LETTER * longest + _MARGIN) / (_WINDOW * width - _AXIS)
-            until = self._end / (1 - min(share, _WIDEST))
-        return plot(entity, title, legend, until)
 
 
 def blueprint(
@@ -83,19 +56,18 @@ def blueprint(
         title = f"Largest error of a {shared}, relative to the mean [%]"
         story.append(plots("share_error", title, _RIGHT))
     story.append(plots("velocity_error", _ERROR, _RIGHT))
-    overview = _overview(camera, survey, drawn, story)
-    certificates = rrb.Grid(
-        plots("theta_perp", "Components of the error along the observable directions", 0.5, False),
+    overview = _overview(camera, survey, drawn, story, plots)
+    certificates = [
+        plots("theta_perp", "Components of the error along observable directions [–]", 0.5, False),
         plots("lyapunov", "Lyapunov function [J]"),
         *([plots("conserved", _CONSERVED)] if conserves else []),
         plots("log_velocity_rms", _RMS),
-        plots("excitation", _EXCITATION),
+        *([plots("excitation", _EXCITATION)] if plots.moving("excitation") else []),
         plots("velocity", "Measured velocity"),
         plots("command", "Command"),
-        grid_columns=2,
-        name="Theory and excitation",
-    )
-    return whole(overview, *estimates(space, plots), certificates, verdicts())
+    ]
+    theory = plots.grid(certificates, 2 if len(certificates) <= 6 else 3, "Theory and excitation")
+    return whole(overview, *estimates(space, plots), theory, verdicts())
 
 
 def measured_blueprint(
@@ -122,13 +94,13 @@ def measured_blueprint(
     story += [_estimate(plots, group, False, _RIGHT) for group in first[:1]]
     certificates = [
         plots("log_velocity_rms", _RMS),
-        plots("excitation", _EXCITATION),
+        *([plots("excitation", _EXCITATION)] if plots.moving("excitation") else []),
         plots("command", "Command"),
     ]
     if conserves:
         certificates.insert(0, plots("conserved", _CONSERVED))
-    overview = _overview(camera, survey, drawn, story)
-    theory = rrb.Grid(*certificates, grid_columns=2, name="Theory and excitation")
+    overview = _overview(camera, survey, drawn, story, plots)
+    theory = plots.grid(certificates, 2, "Theory and excitation")
     return whole(overview, *estimates(space, plots, judged=False), theory, verdicts())
 
 
@@ -169,7 +141,7 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
         members = [group for block in some for group in found[block.name]]
         columns = columns or min(len(members), 2 if len(members) <= 6 else 3)
         views = [_estimate(plots, group, judged, 1 / columns) for group in members]
-        return rrb.Grid(*views, grid_columns=columns, name=name)
+        return plots.grid(views, columns, name)
 
     pages = [page("Estimate", small)] if small else []
     pages += [page(b.name.capitalize(), [b]) for b in large]
@@ -180,29 +152,6 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
             name = f"{some[0].name.capitalize()} – {some[-1].name.split()[-1]}"
         pages.append(page(name, some, 3))
     return pages
-
-
-_WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
-    start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
-)
-
-
-def plot(
-    entity: str, title: str, legend: bool = True, until: float | None = None
-) -> rrb.TimeSeriesView:
-    """One plot over the whole run; its time axis ends at `until` [s] if that is given."""
-    span = _WHOLE_RUN
-    if until is not None:
-        span = rr.TimeRange(
-            start=rr.TimeRangeBoundary.absolute(seconds=0.0),
-            end=rr.TimeRangeBoundary.absolute(seconds=until),
-        )
-    return rrb.TimeSeriesView(
-        origin=f"/{entity}",
-        name=drawable(title),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
-        axis_x=rr.blueprint.archetypes.TimeAxis(view_range=span),
-    )
 
 
 def robot(camera: Camera, name: str) -> rrb.Spatial3DView:
@@ -284,7 +233,11 @@ def verdicts() -> rrb.Horizontal:
 
 
 def _overview(
-    camera: Camera | None, survey: Camera | None, drawn: str, story: Sequence[rrb.View]
+    camera: Camera | None,
+    survey: Camera | None,
+    drawn: str,
+    story: Sequence[rrb.View],
+    plots: Plots,
 ) -> rrb.Horizontal:
     """The first page: robot and result on the left, the main plots on the right."""
     below: rrb.View | rrb.Container = result()
@@ -295,7 +248,7 @@ def _overview(
         left.insert(0, robot(camera, drawn))
     return rrb.Horizontal(
         rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
-        rrb.Vertical(*story),
+        rrb.Vertical(*story, row_shares=plots.heights(*[[view] for view in story])),
         column_shares=[1 - _RIGHT, _RIGHT],
         name="Overview",
     )

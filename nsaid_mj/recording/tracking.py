@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +13,17 @@ from ..experiment.loop import Looks
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.joints import JointTree, bones
-from .layout import plot, robot
-from .scene import Scene
-from .series import Curves, path
+from .layout import result, robot, whole
+from .plots import Plots
+from .scene import ROBOT, Camera, Scene
+from .series import Curves, command_names, path
 from .stream import recording
 
 _FRAMES, _POINTS = 2000, 4000  # at most
-_REFERENCE = "reference"
+_REFERENCE = f"{ROBOT}/reference"
 _GHOST = (64, 214, 224)
 _LEAST = 1e-9  # an error of 0 has no logarithm
+_RIGHT = 0.6  # share of the window that the errors take
 
 
 def record(
@@ -30,8 +32,9 @@ def record(
     looks: Looks,
     motion: tuple[Array, Array, Array],
     desired: Array,
-    errors: Mapping[str, Array],
+    errors: Mapping[str, Mapping[str, Array]],
     commands: Mapping[str, Array],
+    told: str,
 ) -> Path:
     """Writes a recording, atomically, and returns its path.
 
@@ -39,40 +42,57 @@ def record(
         file: path of the recording, ending in .rrd.
         system: the structure.
         looks: meshes of the robot.
-        motion: (N,) times [s], (N, m) positions and (N, n) velocities of the robot that is drawn.
-        desired: (N, m) the reference's positions, drawn as a ghost.
-        errors: (N,) norms of the tracking error, by law and unit: plotted as log10.
+        motion: (N,) times [s], (N, m) positions and (N, n) velocities of the robot that is drawn,
+            the one under the first law.
+        desired: (N, m) the reference's positions, drawn in cyan.
+        errors: (N,) norms of the tracking error, by unit and law: plotted as log₁₀.
         commands: (N, n_u) commands as shares of their limits, by law.
+        told: the result in Markdown.
     """
     t, q, v = motion
     frames, rows = _spread(len(t), _FRAMES), _spread(len(t), _POINTS)
     scene = Scene(system, looks)
     camera = None if scene.empty else scene.camera(q[frames], v[frames])
-    views: list[rrb.View | rrb.Container] = [plot("error", "log10 of the tracking error")]
-    if camera is not None:
-        views.insert(0, robot(camera, "Robot, and its reference (cyan)"))
-    tabs = [
-        rrb.Horizontal(*views, name="Tracking"),
-        rrb.Grid(*(plot(path("command", law), law) for law in commands), name="Commands"),
+    curves = [
+        Curves(path("error", unit, law), [law], _logarithms(error[rows]), color=k)
+        for unit, of in errors.items()
+        for k, (law, error) in enumerate(of.items())
     ]
-    layout = rrb.Blueprint(rrb.Tabs(*tabs, active_tab=0))
+    names = command_names(system)
+    curves += [Curves(path("command", law), names, u[rows]) for law, u in commands.items()]
+    layout = _layout(Plots(curves, float(t[-1])), camera, list(errors), list(commands))
     with recording(file.parent.name, layout, file) as rec:
+        document = rr.TextDocument(told, media_type=rr.MediaType.MARKDOWN)
+        rec.log("result", document, static=True)
         if camera is not None:
-            scene.log_shapes(rec, camera)
+            scene.log_shapes(rec, camera, ghost=True)
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
-        for colour, (name, error) in enumerate(errors.items()):
-            values = np.log10(np.maximum(error[rows], _LEAST))[:, None]
-            _log(rec, Curves(path("error", name), [name], values, color=colour), t[rows])
-        for law, share in commands.items():
-            names = [f"command {i + 1} / limit" for i in range(share.shape[1])]
-            _log(rec, Curves(path("command", law), names, share[rows]), t[rows])
+        for curve in curves:
+            curve.log_style(rec)
+            curve.log_values(rec, t[rows])
     return file
 
 
-def _log(rec: rr.RecordingStream, curves: Curves, t: Array) -> None:
-    curves.log_style(rec)
-    curves.log_values(rec, t)
+def _layout(
+    plots: Plots, camera: Camera | None, units: Sequence[str], laws: Sequence[str]
+) -> rrb.Blueprint:
+    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", _RIGHT) for u in units]
+    left: list[rrb.View | rrb.Container] = [result()]
+    if camera is not None:
+        left.insert(0, robot(camera, f"Robot under {laws[0]}; its reference (cyan)"))
+    first = rrb.Horizontal(
+        rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
+        rrb.Vertical(*story),
+        column_shares=[1 - _RIGHT, _RIGHT],
+        name="Tracking",
+    )
+    efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in laws]
+    return whole(first, plots.grid(efforts, min(2, len(laws)), "Commands"))
+
+
+def _logarithms(error: Array) -> Array:
+    return np.log10(np.maximum(error, _LEAST))[:, None]
 
 
 def _log_reference(

@@ -99,23 +99,30 @@ def over_time(panel: Panel) -> str:
         return svg(figure, panel.title)
 
 
-def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> dict[str, Any]:
+def page_figure(
+    title: str,
+    draw: Callable[[Axes], None],
+    wide: bool = False,
+    legend: Sequence[tuple[str, str, str]] | None = None,
+) -> dict[str, Any]:
     """Variables of one figure for the template `parts.html`, drawn by a function of its axes.
 
     Args:
         title: above the panel.
-        draw: draws the panel; labels of bars become legend entries below it.
+        draw: draws the panel.
         wide: whether the panel takes the whole width of the page.
+        legend: (name, colour, dash) of the entries below it; by default those of labelled bars.
     """
     with style():
         size = (2 * _WIDTH if wide else _WIDTH, _HEIGHT)
         figure = Figure(figsize=size, layout="constrained")
         axis = figure.add_subplot()
         draw(axis)
-        legend = [
-            (label, to_hex(bars.patches[0].get_facecolor()), "-")
-            for bars, label in zip(*axis.get_legend_handles_labels(), strict=True)
-        ]
+        if legend is None:
+            legend = [
+                (label, to_hex(bars.patches[0].get_facecolor()), "-")
+                for bars, label in zip(*axis.get_legend_handles_labels(), strict=True)
+            ]
         return template_figure(title, svg(figure, title), legend, wide)
 
 

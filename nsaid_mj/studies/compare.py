@@ -312,7 +312,7 @@ def _run(plan: Plan, folder: Path, quiet: bool) -> list[Cell]:
         write(folder, plan, cells)
         from . import compare_plots, compare_report  # imported late: matplotlib
 
-        drawn = compare_plots.draw(cells)
+        drawn = compare_plots.lines(cells)
         plots = compare_plots.write(folder, drawn)
         page = compare_report.write(folder, cells, drawn, plan.manifest)
     if not quiet:

@@ -2,104 +2,151 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..reporting import plots
+from ..reporting.palette import BAD, COLOURS, INK
 from .cells import BOUND, FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
 
 _SHOWN = FIGURES[:3]
 _STYLES = {
-    "paper": ("#5f3dc4", "o"),
-    "cone": ("#9775fa", "s"),
-    "memory": ("#0b6e99", "D"),
-    "efficient": ("#d6336c", "h"),
-    BOUND: ("#212529", "_"),
-    "conventional": ("#868e96", "o"),
-    "ols": ("#e8590c", "^"),
-    "wls": ("#2b8a3e", "v"),
-    "tls": ("#e0a800", "<"),
-    "rls": ("#c2255c", ">"),
-    "ekf": ("#1c2733", "P"),
-    "sysid": ("#a0522d", "*"),
-    PRIOR: ("#adb5bd", "x"),
+    "paper": (COLOURS[2], "o"),
+    "cone": (COLOURS[7], "s"),
+    "memory": (COLOURS[0], "D"),
+    "efficient": (COLOURS[4], "h"),
+    BOUND: (INK, "_"),
+    "conventional": (COLOURS[8], "o"),
+    "ols": (COLOURS[1], "^"),
+    "wls": (COLOURS[3], "v"),
+    "tls": (COLOURS[5], "<"),
+    "rls": (COLOURS[9], ">"),
+    "ekf": (COLOURS[6], "P"),
+    "sysid": (BAD, "*"),
+    PRIOR: (COLOURS[8], "x"),
 }
+_REFERENCES = (PRIOR, BOUND)
+_TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
+
+Draw = Callable[[Any], None]
+"""Draws one panel into matplotlib axes."""
 
 
-def write(folder: Path, drawn: Mapping[str, Any]) -> list[Path]:
-    """Writes drawn plots as PNG, and returns their paths."""
-    return [plots.png(figure, folder / f"{stem}.png") for stem, figure in drawn.items()]
+@dataclass(frozen=True)
+class Line:
+    """A line of panels in a picture: one figure each, on the same logs.
+
+    Attributes:
+        logs: which logs, in words.
+        methods: that are drawn.
+        panels: by the figure's label.
+    """
+
+    logs: str
+    methods: Sequence[str]
+    panels: Mapping[str, Draw]
 
 
-def draw(cells: Sequence[Cell]) -> dict[str, Any]:
-    """The plots for which there are enough cells, by the stems of their files.
+def lines(cells: Sequence[Cell]) -> dict[str, list[Line]]:
+    """What there are enough cells to draw, by the stem of a picture's file.
 
     Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
     that are not finite are left out.
     """
     found = rows(cells)
     noises, durations = sorted({r.noise for r in found}), sorted({r.duration for r in found})
-    drawn: dict[str, Any] = {}
-    with plots.style():
-        if len(durations) > 1:
-            drawn["data_length"] = _against_length(found, noises)
-        if len(noises) > 1:
-            drawn["noise"] = _against_noise(found, noises, durations[-1])
-        if found:
-            drawn["wall_time"] = _against_time(found, noises, durations[-1])
+    drawn: dict[str, list[Line]] = {}
+    if not found:
+        return drawn
+    last = [r for r in found if r.duration == durations[-1]]
+    logs = f"{durations[-1]:g} s of data"
+    able = [r for r in last if r.method not in _REFERENCES]
+    drawn["wall_time"] = [
+        _line(f"{sensors(x)}, {logs}", [r for r in able if r.noise == x], _over_time)
+        for x in noises
+    ]
+    if len(durations) > 1:
+        over = partial(_over_length, durations)
+        drawn["data_length"] = [
+            _line(sensors(x), [r for r in found if r.noise == x], over) for x in noises
+        ]
+    if len(noises) > 1:
+        drawn["noise"] = [_line(logs, last, partial(_over_noise, noises))]
     return drawn
 
 
-def _against_length(found: list[Row], noises: list[float]) -> Any:
-    figure, axes = _panels(len(noises))
-    durations = sorted({row.duration for row in found})
-    for line, noise in zip(axes, noises, strict=True):
-        chosen = [row for row in found if row.noise == noise]
-        for axis, (_, key) in zip(line, _SHOWN, strict=True):
-            for method in dict.fromkeys(row.method for row in chosen):
-                _curve(
-                    axis, [r for r in chosen if r.method == method], key, lambda row: row.duration
-                )
-            axis.set_xscale("log")
-            axis.set_xticks(durations, [f"{d:g}" for d in durations])
-            axis.minorticks_off()
-        line[0].set_ylabel(sensors(noise))
-    return _finish(figure, axes, "length of the log [s]")
+def write(folder: Path, drawn: Mapping[str, Sequence[Line]]) -> list[Path]:
+    """Writes the plots as PNG, and returns their paths."""
+    with plots.style():
+        return [
+            plots.png(_picture(of), folder / f"{stem}.png") for stem, of in sorted(drawn.items())
+        ]
 
 
-def _against_noise(found: list[Row], noises: list[float], duration: float) -> Any:
-    figure, axes = _panels(1)
-    chosen = [row for row in found if row.duration == duration]
-    for axis, (_, key) in zip(axes[0], _SHOWN, strict=True):
-        for method in dict.fromkeys(row.method for row in chosen):
-            _curve(
-                axis,
-                [r for r in chosen if r.method == method],
-                key,
-                lambda row: noises.index(row.noise),
-            )
-        axis.set_xticks(range(len(noises)), ["exact" if not x else f"{x:g} ×" for x in noises])
-    axes[0][0].set_ylabel(f"{duration:g} s of data")
-    return _finish(figure, axes, "sensor noise, multiple of the scenario's")
+def figures(drawn: Mapping[str, Sequence[Line]]) -> list[dict[str, Any]]:
+    """The plots for the template `parts.html`, the noisiest logs and distances first."""
+    found = []
+    for label, _ in _SHOWN:
+        for stem, of in drawn.items():
+            for line in reversed(of):
+                title = f"{label.capitalize()} over {_TITLES[stem]}: {line.logs}"
+                legend = [(m, _look(m)[0], _look(m)[2]) for m in line.methods]
+                found.append(plots.page_figure(title, line.panels[label], legend=legend))
+    return found
 
 
-def _against_time(found: list[Row], noises: list[float], duration: float) -> Any:
-    figure, axes = _panels(len(noises))
-    for axis in axes.ravel()[1:]:
-        axis.sharex(axes[0, 0])
-    for line, noise in zip(axes, noises, strict=True):
-        chosen = [r for r in found if (r.noise, r.duration) == (noise, duration)]
-        for axis, (_, key) in zip(line, _SHOWN, strict=True):
-            for row in chosen:
-                if row.method not in {PRIOR, BOUND}:
-                    _curve(axis, [row], key, lambda row: row.median["wall_s"])
-        line[0].set_ylabel(f"{sensors(noise)}, {duration:g} s of data")
-    for axis in axes.ravel():
-        plots.logarithmic(axis, "x")
-    return _finish(figure, axes, "wall time [s]")
+def _line(logs: str, chosen: list[Row], draw: Callable[..., None]) -> Line:
+    methods = list(dict.fromkeys(row.method for row in chosen))
+    return Line(logs, methods, {label: partial(draw, chosen, key) for label, key in _SHOWN})
+
+
+def _picture(of: Sequence[Line]) -> Any:
+    figure, axes = plots.grid(len(of), len(_SHOWN), (12.5, 1.0 + 3.3 * len(of)))
+    handles: dict[str, Any] = {}
+    for row, line in zip(axes, of, strict=True):
+        for axis, draw in zip(row, line.panels.values(), strict=True):
+            draw(axis)
+            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+                handles.setdefault(label, handle)
+        row[0].set_ylabel(line.logs)
+    for axis, label in zip(axes[0], of[0].panels, strict=True):
+        axis.set_title(label)
+    figure.legend(handles.values(), handles.keys(), loc="outside right center")
+    return figure
+
+
+def _over_length(durations: list[float], chosen: list[Row], key: str, axis: Any) -> None:
+    _curves(axis, chosen, key, lambda row: row.duration)
+    axis.set_xscale("log")
+    axis.set_xticks(durations, [f"{d:g}" for d in durations])
+    axis.minorticks_off()
+    axis.set_xlabel("length of the log [s]")
+    plots.logarithmic(axis)
+
+
+def _over_noise(noises: list[float], chosen: list[Row], key: str, axis: Any) -> None:
+    _curves(axis, chosen, key, lambda row: noises.index(row.noise))
+    axis.set_xticks(range(len(noises)), ["exact" if not x else f"{x:g} ×" for x in noises])
+    axis.set_xlabel("sensor noise, multiple of the scenario's")
+    plots.logarithmic(axis)
+
+
+def _over_time(chosen: list[Row], key: str, axis: Any) -> None:
+    for row in chosen:
+        _curve(axis, [row], key, lambda row: row.median["wall_s"])
+    axis.set_xlabel("wall time [s]")
+    plots.logarithmic(axis, "x")
+    plots.logarithmic(axis)
+
+
+def _curves(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
+    for method in dict.fromkeys(row.method for row in chosen):
+        _curve(axis, [row for row in chosen if row.method == method], key, abscissa)
 
 
 def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
@@ -108,7 +155,7 @@ def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
     if not chosen:
         return
     method = chosen[0].method
-    colour, mark = _STYLES.get(method, ("#000000", "."))
+    colour, mark, dash = _look(method)
     median = np.array([row.median[key] for row in chosen])
     best, worst = (
         np.array([getattr(row, end)[key] for row in chosen]) for end in ("best", "worst")
@@ -123,27 +170,14 @@ def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
         marker=mark,
         ms=7 if ours else 5,
         lw=2.2 if ours else 1.1,
-        ls="--" if method in {PRIOR, BOUND} else "-",
+        ls=dash,
         elinewidth=0.8,
         capsize=2,
         label=method,
     )
 
 
-def _panels(lines: int) -> tuple[Any, Any]:
-    return plots.grid(lines, len(_SHOWN), (12.5, 1.0 + 3.3 * lines))
-
-
-def _finish(figure: Any, axes: Any, xlabel: str) -> Any:
-    for axis, (label, _) in zip(axes[0], _SHOWN, strict=True):
-        axis.set_title(label)
-    for axis in axes.ravel():
-        plots.logarithmic(axis)
-    for axis in axes[-1]:
-        axis.set_xlabel(xlabel)
-    handles: dict[str, Any] = {}
-    for axis in axes.ravel():
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="outside right center")
-    return figure
+def _look(method: str) -> tuple[str, str, str]:
+    """Colour, marker and dash of a method."""
+    colour, mark = _STYLES.get(method, (INK, "."))
+    return colour, mark, "--" if method in _REFERENCES else "-"

@@ -4,29 +4,24 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..evaluation import figure
-from ..reporting import pages, plots
-from ..reporting.panels import template_figure
+from ..reporting import pages
 from ..reporting.report import FILE
 from ..resources import write_text
+from . import compare_plots
 from .cells import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
 
 _DECIDES = "theta_perp_ratio"
-_TITLES = {
-    "wall_time": "Accuracy over wall time",
-    "data_length": "Accuracy over length of the log",
-    "noise": "Accuracy over sensor noise",
-}
 
 
 def write(
     folder: Path,
     cells: Sequence[Cell],
-    drawn: dict[str, Any],
+    drawn: Mapping[str, Sequence[compare_plots.Line]],
     manifest: dict[str, Any],
 ) -> Path:
     """Writes a comparison's report.html and returns its path.
@@ -34,14 +29,11 @@ def write(
     Args:
         folder: of the comparison.
         cells: its results; may be empty.
-        drawn: its plots, matplotlib figures by the stems of their files.
+        drawn: its plots, see `compare_plots.lines`.
         manifest: see `compare.Plan.manifest`.
     """
     found = rows(cells)
-    figures = [
-        template_figure(_TITLES[stem], plots.svg(picture, _TITLES[stem]), [], wide=True)
-        for stem, picture in sorted(drawn.items(), key=lambda item: list(_TITLES).index(item[0]))
-    ]
+    figures = compare_plots.figures(drawn)
     failures = [
         pages.alarm(f"{row.failures[0]}", "poor", f"{row.method} failed, {_log(row)}:", "✘")
         for row in found
@@ -56,8 +48,8 @@ def write(
         lead=f"{len(methods)} methods, {seeds} {'seed' if seeds == 1 else 'seeds'}.",
         verdict=_verdict(found),
         alarms=failures,
-        carrying=figures[:1],
-        figures=figures[1:],
+        carrying=figures[:2],
+        figures=figures[2:],
         heads=["log", "method", *(label for label, _ in FIGURES), "chosen by itself"],
         lines=[_line(row) for row in found],
         again=pages.again(
@@ -106,7 +98,10 @@ def _verdict(found: Sequence[Row]) -> dict[str, str]:
 
 
 def _log(row: Row) -> str:
-    return f"{sensors(row.noise)}, {row.duration:g} s"
+    """Which logs, with spaces that do not break between a number and its unit."""
+    return f"{sensors(row.noise)}, {row.duration:g} s".replace(
+        " × noise", "\u00a0×\u00a0noise"
+    ).replace(" s", "\u00a0s")
 
 
 def _line(row: Row) -> list[str]:

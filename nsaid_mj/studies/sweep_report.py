@@ -55,6 +55,7 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> str:
         for title, draw in line.items():
             over = f"{title}, by {field}" if field else title
             distributions.append(plots.page_figure(over, draw, wide))
+    first = 2 if "Time to converge" in lines[0] else 1
     missing = manifest["runs"] - len(sweep.rows)
     return pages.render(
         "sweep.html",
@@ -63,11 +64,11 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> str:
         lead=f"{results} of {manifest['runs']} runs have a result; {seeds} seeds from the master "
         f"seed {manifest['master_seed']}.",
         verdict=_verdict(sweep),
-        carrying=distributions[:2],
+        carrying=distributions[:first],
         alarms=[pages.alarm(f"{missing} of the runs", "poor", "not finished:", "✘")]
         if missing
         else [],
-        distributions=distributions[2:],
+        distributions=distributions[first:],
         note=_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""),
         fields=len(fields),
         heads=[*fields, *HEADS],
@@ -106,7 +107,7 @@ def _verdict(sweep: Sweep) -> dict[str, str]:
 def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
     """The panels by title, over one varied field or, if `field` is empty, over all runs.
 
-    There is a panel of failures only if any run failed.
+    There are panels of times and of failures only if some run converged, or failed.
     """
     groups = sweep.by(field) if field else sweep.by()
     labels = [str(next(iter(group.values.values()), "all runs")) for group in groups]
@@ -115,10 +116,9 @@ def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
         f"{label}\n{count}/{len(g.results)}"
         for label, count, g in zip(labels, converged, groups, strict=True)
     ]
-    panels = {
-        "Distance to the true set at the end": partial(_distances, groups, labels, field),
-        "Time to converge": partial(_times, groups, under, field),
-    }
+    panels = {"Distance to the true set at the end": partial(_distances, groups, labels, field)}
+    if any(converged):
+        panels["Time to converge"] = partial(_times, groups, under, field)
     endings = _endings(sweep)
     if sweep.lost or endings:
         panels["Share of runs that failed"] = partial(_failed, groups, labels, field, endings)

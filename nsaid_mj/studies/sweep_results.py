@@ -342,7 +342,7 @@ def cells(group: Group) -> list[str]:
     spreads = []
     for key in FIGURES:
         low, median, high = (digits(group.quantile(key, share)) for share in QUANTILES.values())
-        spreads.append(f"{median} ({low}…{high})")
+        spreads.append("–" if median == low == high == "–" else f"{median} ({low}…{high})")
     converged = int(np.isfinite(group.column("time_to_converge")).sum())
     lost = len(group.rows) - len(group.results)
     return [*spreads, f"{converged}/{len(group.results)}", str(len(group.early)), str(lost)]

@@ -13,6 +13,7 @@ from ..parameters import Array
 from ..recording.tracking import record
 from ..reporting import pages, plots
 from ..reporting.palette import COLOURS
+from ..reporting.picture import picture
 from ..reporting.report import FILE
 from ..resources import write_text
 from ..system import SecondOrderSystem
@@ -31,11 +32,9 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         f"Tracking error [{unit}]": partial(_errors, shown, unit) for unit in _units(shown[0])
     }
     named = {title: partial(panel, named=True) for title, panel in panels.items()}
-    picture = plots.png_of([named], (6.0 * len(panels), 3.4), folder / PICTURE)
-    names = tuple(panels)
-    figures = [plots.page_figure(name, panels[name], len(names) == 1) for name in names]
-    for figure in figures:
-        figure["legend"] = _legend(shown)
+    plot = plots.png_of([named], (6.0 * len(panels), 3.4), folder / PICTURE)
+    legend = [(c.law, COLOURS[k], "-") for k, c in enumerate(shown)]
+    figures = [plots.page_figure(name, panel, legend=legend) for name, panel in panels.items()]
     page = pages.render(
         "tracking.html",
         eyebrow=f"tracking laws on {plan.script}",
@@ -45,24 +44,36 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         "bandwidth of adaptation.",
         verdict=_verdict(heads, lines),
         alarms=_alarms(plan, done),
-        carrying=figures[:1],
+        carrying=[*figures[:1], *_robot(shown[0])],
         heads=heads,
         lines=lines,
         note=f"Medians over the seeds, worst in brackets, of the last {plan.last:g} s, from true "
         "positions. “Better by” is the median over the seeds of the conventional law's rms error "
-        "over this law's. “V rises” counts the steps in which the Lyapunov function rose by more "
-        "than its discretisation explains.",
+        "over this law's. Effort is the largest command over its limit. “V rises” counts the steps "
+        "in which the Lyapunov function rose by more than its discretisation explains.",
         figures=figures[1:],
         drawn=f"Root mean square over the coordinates and over windows of "
         f"{plan.scenario.duration / _WINDOWS:.2g} s; seed {shown[0].seed}.",
         again=pages.again(
             [_command(plan)],
             plan.manifest["versions"],
-            "All figures are in tracking.json and tracking.csv; `nsaid view` opens tracking.rrd.",
+            "All figures are in tracking.json and tracking.csv. The robot, its reference and all "
+            f"errors: nsaid view {folder / RECORDING}",
         ),
     )
     write_text(folder / FILE, page)
-    return [folder / FILE, picture, _record(folder, shown)]
+    return [folder / FILE, plot, _record(folder, shown, _told(plan, shown, heads, lines))]
+
+
+def _told(plan: Plan, shown: list[Course], heads: list[str], lines: list[list[str]]) -> str:
+    """The table in Markdown, for the recording."""
+    rows = [
+        f"- **{law}**: " + ", ".join(f"{h} {c}" for h, c in zip(heads[1:], cells, strict=True) if c)
+        for law, *cells in lines
+    ]
+    seeds = f"Medians over {len(plan.seeds)} seeds, worst in brackets, of the last {plan.last:g} s."
+    curves = f"Curves and robot: seed {shown[0].seed}."
+    return "\n".join([f"# {plan.script}", "", *rows, "", f"{seeds} {curves}"])
 
 
 def _verdict(heads: list[str], lines: list[list[str]]) -> dict[str, str] | None:
@@ -76,7 +87,8 @@ def _verdict(heads: list[str], lines: list[list[str]]) -> dict[str, str] | None:
     if not ratios:
         return None
     told = ", ".join(f"{law} {ratio} times" for law, ratio in ratios.items())
-    words = f"Tracking error smaller than the conventional law's: {told} ({heads[1]})."
+    measure = heads[1].replace("[", "in ").removesuffix("]")
+    words = f"Tracking error smaller than the conventional law's: {told} ({measure})."
     better = all(float(ratio) > 1 for ratio in ratios.values())
     return pages.verdict("good" if better else "fair", words)
 
@@ -96,15 +108,14 @@ def _command(plan: Plan) -> str:
     return shlex.join(words)
 
 
-def _record(folder: Path, shown: list[Course]) -> Path:
+def _record(folder: Path, shown: list[Course], told: str) -> Path:
     first = shown[0]
     tracker, system, motion = first.tracker, first.setup.system, first.motion
     aims = [tracker.reference.desired(t)[0] for t in motion.t.tolist()]
     low, high = tracker.limits
     errors = {
-        f"{c.law} [{unit}]": np.sqrt(np.mean(_error(c, unit) ** 2, axis=1))
+        unit: {c.law: np.sqrt(np.mean(_error(c, unit) ** 2, axis=1)) for c in shown}
         for unit in _units(first)
-        for c in shown
     }
     commands = {c.law: c.motion.u / np.where(c.motion.u < 0, -low, high) for c in shown}
     return record(
@@ -115,6 +126,7 @@ def _record(folder: Path, shown: list[Course]) -> Path:
         system.position(np.array(aims)),
         errors,
         commands,
+        told,
     )
 
 
@@ -131,9 +143,10 @@ def _error(c: Course, unit: str) -> Array:
     return c.motion.error[:, _columns(c.setup.system, unit)]
 
 
-def _legend(shown: list[Course]) -> list[dict[str, Any]]:
-    figure = plots.template_figure("", "", [(c.law, COLOURS[k], "-") for k, c in enumerate(shown)])
-    return figure["legend"]
+def _robot(c: Course) -> list[dict[str, Any]]:
+    """The robot's picture, if it has a shape."""
+    found = picture(c.setup.plant, c.motion.q[0], "the robot")
+    return [found] if found else []
 
 
 def _errors(shown: list[Course], unit: str, axis: Any, named: bool = False) -> None:

@@ -39,7 +39,7 @@ from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
-from nsaid_mj.recording import forces, inertia, layout, live, scene, series, torques, viewer
+from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.stream import recording as stream
 from nsaid_mj.recording.text import drawable
@@ -221,12 +221,22 @@ def test_legends_stand_beside_the_curves() -> None:
     short = series.Curves("c", ["x [–]", "y [–]"], np.zeros((0, 2)))
     ends = []
     for entity in ("a", "c"):
-        view = layout.Plots([long, short], 10.0)(entity, "title", 0.5)
+        view = plots.Plots([long, short], 10.0)(entity, "title", 0.5)
         ends.append(view.properties["TimeAxis"].view_range.as_arrow_array().to_pylist()[0])
     until = [end["end"] * 1e-9 for end in ends]
     assert until[0] > until[1] > 10.5
     width = 0.5 * 1600 - 60
     assert (1 - 10 / until[0]) * width > 7 * len(long.names[0])  # space for the longest name
+
+
+def test_a_row_is_high_enough_for_its_longest_legend_and_a_curve_of_zeros_is_none() -> None:
+    many = series.Curves("gains", [f"gain {i}" for i in range(12)], np.ones((2, 12)))
+    one = series.Curves("still", ["x"], np.zeros((2, 1)))
+    some = plots.Plots([many, one], 10.0)
+    high, low = some("gains", "many"), some("still", "one")
+    heights = some.heights([high, low], [low])
+    assert 0.75 * (heights[0] - 30) > 12 * 23 and heights[1] == 190
+    assert some.moving("gains") and not some.moving("still")
 
 
 def test_an_ellipsoid_has_the_inertia_that_it_is_drawn_for() -> None:
@@ -353,8 +363,8 @@ def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureReque
     space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
     for kind in ("motor gain", ""):
-        plots = layout.Plots(end=1.0)
-        whole = layout.blueprint(space, camera, plots, shared=kind, conserves=True)
+        some = plots.Plots(end=1.0)
+        whole = layout.blueprint(space, camera, some, shared=kind, conserves=True)
         found, waiting = [], [whole.root_container]
         while waiting:
             part = waiting.pop()
@@ -532,7 +542,7 @@ def test_a_bodys_velocities_have_their_names(vehicle: SimulatedRun, arm: Simulat
 
 def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
     def names(result: SimulatedRun) -> list[object]:
-        return [page.name for page in layout.estimates(result.plant.system.space, layout.Plots())]
+        return [page.name for page in layout.estimates(result.plant.system.space, plots.Plots())]
 
     assert names(vehicle) == ["Estimate", "Mass matrix"]
     assert names(arm) == ["Estimate", "Link 1 – 3", "Link 4 – 6"]

@@ -17,7 +17,7 @@ from nsaid_mj.identifiers import ConventionalAID
 from nsaid_mj.studies import compare, compare_report
 from nsaid_mj.studies.cells import rows
 from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World, print_table
-from nsaid_mj.studies.compare_plots import draw
+from nsaid_mj.studies.compare_plots import lines
 from nsaid_mj.studies.compare_plots import write as write_pictures
 from tests.reporting.markup import Page
 
@@ -223,11 +223,11 @@ def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
             for x in noises
         ]
 
-    every = write_pictures(tmp_path, draw(made((1.0, 2.0), (0.0, 1.0))))
+    every = write_pictures(tmp_path, lines(made((1.0, 2.0), (0.0, 1.0))))
     assert [p.name for p in every] == ["data_length.png", "noise.png", "wall_time.png"]
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in every)
-    assert list(draw(made((1.0,), (0.0,)))) == ["wall_time"]
-    assert not draw([])
+    assert list(lines(made((1.0,), (0.0,)))) == ["wall_time"]
+    assert not lines([])
 
 
 def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
@@ -237,7 +237,7 @@ def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
     manifest = {"script": "ur5", "methods": ["ols", "memory", "tls"], "seeds": [0, 1],
                 "durations": [2.0], "noises": [1.0], "bound": False, "versions": {"numpy": "2"},
                 "arguments": ["--dt", "0.01"]}  # fmt: skip
-    text = compare_report.write(tmp_path, cells, draw(cells), manifest).read_text("utf-8")
+    text = compare_report.write(tmp_path, cells, lines(cells), manifest).read_text("utf-8")
     page = Page.of(text)
     assert "memory comes closest to the true set: 0.3 % in the median, 0.4 % at worst" in text
     assert [row[1] for row in page.tables[0].rows] == [PRIOR, "memory", "ols", "tls"]

@@ -1,0 +1,88 @@
+"""Plots over time in the viewer, with space for their legends beside the curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from .series import Curves
+from .text import drawable
+
+_WINDOW, _AXIS = 1600.0, 60.0  # width that is laid out for, and of a plot's axis [pixels]
+_LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
+_CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
+_LINE, _PADDING, _HEAD = 23.0, 16.0, 30.0  # heights in a legend, and of a view's title [pixels]
+_TALLEST, _LEAST = 0.78, 190.0  # a legend's largest share of a plot; height of a view [pixels]
+_WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
+    start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
+)
+
+
+class Plots:
+    """Makes plots whose legends stand beside the curves, in an empty part of the time axis.
+
+    Args:
+        curves: of the recording, whose names are in the legends.
+        end: of the run [s]; None if it is not known, as in a running one.
+    """
+
+    def __init__(self, curves: Sequence[Curves] = (), end: float | None = None):
+        self._curves, self._end = curves, end
+        self._entries: dict[Any, int] = {}  # in the legend of a view
+
+    def __call__(
+        self, entity: str, title: str, width: float = 0.5, legend: bool = True
+    ) -> rrb.TimeSeriesView:
+        """A plot of all curves below an entity; `width` is its share of the window."""
+        names = [name for curve in self._below(entity) for name in curve.names]
+        longest = max((len(name) for name in names), default=0)
+        legend = legend and len(set(names)) > 1
+        until = None if self._end is None else _CLEAR * self._end
+        if self._end is not None and legend:
+            share = (_LETTER * longest + _MARGIN) / (_WINDOW * width - _AXIS)
+            until = self._end / (1 - min(share, _WIDEST))
+        view = plot(entity, title, legend, until)
+        self._entries[view.id] = len(set(names)) if legend else 0
+        return view
+
+    def moving(self, entity: str) -> bool:
+        """Whether some curve below an entity is anything but 0."""
+        return any(np.any(curve.values != 0) for curve in self._below(entity))
+
+    def heights(self, *rows: Sequence[rrb.View]) -> list[float]:
+        """Shares of the height of rows of views, by which their legends have space."""
+        return [max(self._height(view) for view in row) for row in rows]
+
+    def grid(self, views: Sequence[rrb.View], columns: int, name: str) -> rrb.Grid:
+        """A page of views in columns; rows with long legends are higher."""
+        rows = [views[k : k + columns] for k in range(0, len(views), columns)]
+        return rrb.Grid(*views, grid_columns=columns, row_shares=self.heights(*rows), name=name)
+
+    def _below(self, entity: str) -> list[Curves]:
+        return [c for c in self._curves if f"{c.path}/".startswith(f"{entity}/")]
+
+    def _height(self, view: rrb.View) -> float:
+        legend = _LINE * self._entries.get(view.id, 0) + _PADDING
+        return max(_LEAST, _HEAD + legend / _TALLEST)
+
+
+def plot(
+    entity: str, title: str, legend: bool = True, until: float | None = None
+) -> rrb.TimeSeriesView:
+    """One plot over the whole run; its time axis ends at `until` [s] if that is given."""
+    span = _WHOLE_RUN
+    if until is not None:
+        span = rr.TimeRange(
+            start=rr.TimeRangeBoundary.absolute(seconds=0.0),
+            end=rr.TimeRangeBoundary.absolute(seconds=until),
+        )
+    return rrb.TimeSeriesView(
+        origin=f"/{entity}",
+        name=drawable(title),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
+        axis_x=rr.blueprint.archetypes.TimeAxis(view_range=span),
+    )
