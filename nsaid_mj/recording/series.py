@@ -203,6 +203,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
         suffix, title = (f"_{name}", name) if name else ("", OWN)
         dv = record[f"v_hat{suffix}"][rows] - record["v"][rows]
         rms = np.sqrt(np.mean(dv**2, axis=1))
+        rms[0] = np.nan  # Δv starts at 0, whose logarithm would flatten the rest
         found.append(
             Curves(
                 path("log_velocity_rms", title),

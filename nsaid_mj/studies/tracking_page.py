@@ -55,10 +55,9 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         drawn=f"Root mean square over the coordinates and over windows of "
         f"{plan.scenario.duration / _WINDOWS:.2g} s; seed {shown[0].seed}.",
         again=pages.again(
-            [_command(plan)],
+            [_command(plan), shlex.join(["nsaid", "view", str(folder / RECORDING)])],
             plan.manifest["versions"],
-            "All figures are in tracking.json and tracking.csv. The robot, its reference and all "
-            f"errors: nsaid view {folder / RECORDING}",
+            "All figures are in tracking.json and tracking.csv.",
         ),
     )
     write_text(folder / FILE, page)
