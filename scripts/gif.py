@@ -53,8 +53,8 @@ class Robot:
             colors.append(np.clip(shade[:, None] * TINT * mesh.color[:3], 0, 1))
         triangles, shades = np.concatenate(corners), np.concatenate(colors)
         order = np.argsort(triangles[:, :, 2].mean(axis=1))
-        collection.set_verts(triangles[order, :, :2])
-        collection.set_facecolor(shades[order])
+        collection.set_verts(list(triangles[order, :, :2]))
+        collection.set_facecolor([tuple(shade) for shade in shades[order]])
 
 
 def main(folder: Path) -> None:
@@ -79,7 +79,8 @@ def main(folder: Path) -> None:
     (left, low), (right, high) = robot.extent()
     view.set(xlim=(left, right), ylim=(low - 0.1 * (high - low), high), aspect="equal")
     view.axis("off")
-    collection = view.add_collection(PolyCollection([], edgecolor="none", antialiased=False))
+    collection = PolyCollection([], edgecolor="none", antialiased=False)
+    view.add_collection(collection)
     upper, lower = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
     upper.set_title("distance of the estimate to the true set", loc="left", fontsize=9)
     upper.set(yscale="log", xlim=(0, t[-1]), ylim=(distance.min() / 2, 2 * distance.max()))

@@ -143,4 +143,3 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
     from .. import design as room
 
     return room.design(room.Experiment.of(scenario), told=progress.tell).driver
-

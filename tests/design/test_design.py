@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.control import DesignedSignals, DesignedTracking, FourierTracking
+from nsaid_mj.control.computed_torque import Tracking
 from nsaid_mj.design import Design, Experiment, Limit, Limits, asked_for, design, read_limits
 from nsaid_mj.design.harmonics import ranks
 from nsaid_mj.design.limits import extents_of
@@ -73,6 +74,7 @@ def test_a_motion_that_is_handed_out_keeps_its_limits_in_simulation(speed, swing
         return
     for draw, theta in enumerate(experiment.draws):
         log = experiment.simulate(found.driver, draw, ARM.duration)
+        assert log is not None
         extents = extents_of(experiment.system, log, theta)
         for name, limit in found.limits.limits.items():
             assert (extents[name][0] >= limit.low - 1e-9).all(), name
@@ -150,6 +152,7 @@ def test_a_trial_on_a_draw_reaches_what_was_predicted(found):
 def test_the_predicted_deviation_is_that_of_the_law_over_many_trials(experiment, found):
     trials = [tried(found, seed) for seed in range(24)]
     errors = np.array([trial.error[-1] for trial in trials if trial is not None])
+    assert trials[0] is not None
     predicted = trials[0].predicted[-1]
     ratio = np.sqrt(np.mean(errors**2, axis=0)) / predicted
     assert ((ratio > 0.6) & (ratio < 1.5)).all()
@@ -183,7 +186,9 @@ def test_a_designed_motion_refuses_another_arm(experiment):
 def test_a_designed_motion_is_the_series_it_was_made_of(experiment):
     rng = np.random.default_rng(0)
     random = FourierTracking().build(experiment.system, experiment.prior, rng)
-    series = random.compiled(np.zeros(1)).series
+    tracking = random.compiled(np.zeros(1))
+    assert isinstance(tracking, Tracking)
+    series = tracking.series
     made = DesignedTracking.of(series, 2.0).build(experiment.system, experiment.prior, rng)
     for t in (0.0, 0.3, 7.7):
         np.testing.assert_allclose(made.desired(t), random.desired(t), rtol=1e-12, atol=1e-12)

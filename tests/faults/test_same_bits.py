@@ -38,9 +38,9 @@ print(hashlib.sha256(product()).hexdigest())
 """
 
 
-def said(code: str, *words: str, cwd: Path, cores: bool = False, **more: str) -> str:
-    """What a process prints; with `cores`, it has one processor only."""
-    if cores:
+def said(code: str, *words: str, cwd: Path, more: dict[str, str], one_core: bool = False) -> str:
+    """What a process prints whose environment has some more variables."""
+    if one_core:
         code = f"import os; os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]); {code}"
     own = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     return subprocess.run(
@@ -59,26 +59,27 @@ def threads(count: int) -> dict[str, str]:
 
 
 def test_products_do_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
-    assert len({said(PRODUCT, cwd=tmp_path, **threads(count)) for count in (1, 2, 4)}) == 1
+    assert len({said(PRODUCT, cwd=tmp_path, more=threads(count)) for count in (1, 2, 4)}) == 1
 
 
 def test_a_run_does_not_depend_on_its_surroundings(tmp_path: Path) -> None:
     words = ("scalar_rov", "2")
-    expected = said(RUN, *words, cwd=CHECKOUT, **threads(1))
-    surroundings: list[dict] = [
+    expected = said(RUN, *words, cwd=CHECKOUT, more=threads(1))
+    surroundings = [
         {"PYTHONHASHSEED": "1", "LC_ALL": "de_DE.UTF-8", "TZ": "Asia/Tokyo", **threads(4)},
         {"PYTHONHASHSEED": "2", "LC_ALL": "C", "PYTHONUTF8": "0", "COLUMNS": "20"},
     ]
-    surroundings[1]["cores"] = hasattr(os, "sched_setaffinity")
-    assert {said(RUN, *words, cwd=tmp_path, **more) for more in surroundings} == {expected}
+    one_core = (False, hasattr(os, "sched_setaffinity"))
+    for more, one in zip(surroundings, one_core, strict=True):
+        assert said(RUN, *words, cwd=tmp_path, more=more, one_core=one) == expected
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "uvms", "ur5", "bluerov2"])
 def test_a_run_does_not_depend_on_the_number_of_threads(name: str, tmp_path: Path) -> None:
-    found = {said(RUN, name, "2", cwd=tmp_path, **threads(count)) for count in (1, 2, 4)}
+    found = {said(RUN, name, "2", cwd=tmp_path, more=threads(count)) for count in (1, 2, 4)}
     nsaid = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
     flags = ("--duration", "2", "--held-out", "0.5", "--out", "out", "--quiet")
-    said(nsaid, "run", name, *flags, cwd=tmp_path)
+    said(nsaid, "run", name, *flags, cwd=tmp_path, more={})
     record = (tmp_path / "out" / "record.arrow").read_bytes()
     assert found == {hashlib.sha256(record).hexdigest()}

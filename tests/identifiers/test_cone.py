@@ -445,7 +445,7 @@ def reference_step(law: NullspaceIdentifier, state, previous, following):
 
     def slope(sample, z):
         theta = chart.from_chart(cone, z[n:], pairing)
-        a_hat, W, _ = law.system.evaluate_at(*sample, z[:n], theta)
+        a_hat, W, _ = law.system.evaluate_at(sample.t, sample.q, sample.v, sample.u, z[:n], theta)
         dv = z[:n] - sample.v
         metric = stiffness + law.metric.mu * geometry.gradient_and_hessian(cone, theta)[1]
         theta_rate = np.linalg.solve(metric, W.T @ dv)

@@ -26,6 +26,7 @@ from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.memory.cost import Quotient, quotient
+from nsaid_mj.identifiers.memory.law import ImplicitMemory
 from nsaid_mj.identifiers.memory.statistics import Memory
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.log import EXACT, Measurement, SensorLevels
@@ -63,6 +64,12 @@ def build(
     return law
 
 
+def stepper(law: NullspaceIdentifier) -> ImplicitMemory:
+    """What takes a law's implicit steps."""
+    assert isinstance(law.memory, ImplicitMemory)
+    return law.memory
+
+
 @cache
 def nullspace(name: str) -> Nullspace:
     plant = scenario_plant(name)
@@ -80,7 +87,7 @@ def remembered(name: str, seconds: float = 3.0) -> Memory:
     law = build(name, inside(log, 1), interval=1e6)
     memory = identify(law, log.rows)[-1].memory
     assert memory is not None
-    return law.memory.recorder.absorb_blocks(memory, log.rows[-1])
+    return stepper(law).recorder.absorb_blocks(memory, log.rows[-1])
 
 
 # -- an implicit step ----------------------------------------------------------------------------
@@ -89,7 +96,7 @@ def remembered(name: str, seconds: float = 3.0) -> Memory:
 def decrement(law: NullspaceIdentifier, cost: Quotient, start: Array, theta: Array) -> float:
     """Length of Newton's step from θ, in the metric of what an implicit step makes least."""
     reach, (slope, metric) = (
-        law.memory.config.pace * law.memory.config.interval,
+        stepper(law).config.pace * stepper(law).config.interval,
         law.metric.mirror(theta),
     )
     gradient = reach * cost.gradient(theta) + slope - law.metric.mirror(start)[0]
@@ -112,12 +119,12 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
     for seed in range(3):
         law = build(name, inside(log, seed), pace=pace)
         theta, whole = law.prior, float(law.divergence(truth, law.prior))
-        reach = law.memory.config.pace * law.memory.config.interval
+        reach = stepper(law).config.pace * stepper(law).config.interval
         for k in range(4):
             found = quotient(memory.means, log.plant.system.space)
             assert found is not None
             cost = found.weighted(theta, memory)
-            ahead, seen = law.memory.implicit_step(theta, memory)
+            ahead, seen = stepper(law).implicit_step(theta, memory)
             assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
             old, new = (
                 reach * cost.value(x) + float(law.divergence(x, theta)) / law.metric.mu
@@ -146,7 +153,7 @@ def test_the_conserved_quantity_falls_by_what_the_memory_steps_cost(name):
     whole = law.conserved(theta) + spent
     assert np.abs(whole / whole[0] - 1).max() < 1e-6
     steps, cost = np.flatnonzero(np.diff(spent)), 0.0
-    assert len(steps) == round(5.0 / law.memory.config.interval)
+    assert len(steps) == round(5.0 / stepper(law).config.interval)
     for k in steps:
         # without the memory's step the sample's own step would have ended here
         plain, _ = law.along(states[k], Measured.of(log.rows[k : k + 2]))
@@ -231,9 +238,9 @@ def test_unobserved_directions_keep_their_start(levels):
     rows = log.rows if levels.exact else noisy(log, NOISE, 1).rows
     memory = identify(build("double_pendulum", law.prior, levels, interval=1e6), rows)[-1].memory
     assert memory is not None
-    memory, theta, moved = law.memory.recorder.absorb_blocks(memory, rows[-1]), law.prior, 0.0
+    memory, theta, moved = stepper(law).recorder.absorb_blocks(memory, rows[-1]), law.prior, 0.0
     for _ in range(5):
-        ahead, _ = law.memory.implicit_step(theta, memory)
+        ahead, _ = stepper(law).implicit_step(theta, memory)
         moved = max(moved, float(np.abs((ahead - theta) / space.scale).max()))
         theta = ahead
     turn = (law.metric.mirror(theta)[0] - law.metric.mirror(law.prior)[0]) @ free

@@ -30,8 +30,8 @@ _CLOSE = 1e-3  # length below which a Newton step is scaled by the gradient, not
 _DONE = 1e-6  # Newton decrement at which the iteration ends
 _SOLVED = 1e-4  # Newton decrement above which an implicit step counts as not solved
 _SHORTER, _SHORTENINGS = 0.25, 6  # factor of an unsolved step's length, and how often it is applied
-_SURE = 10.0  # information, in units of the prior's, below which noisy data say nothing: 30 %
-_FIRM = 32.0  # weight of the hold where data say as much as noise, relative to these data
+_SURE = 30.0  # information, in units of the prior's, below which noisy data say nothing: 18 %
+_FIRM = 100.0  # weight of the hold where data say as much as noise, relative to these data
 
 
 def memory_identifier(
@@ -182,9 +182,9 @@ class ImplicitMemory(DataMemory):
     def _hold(self, remembered: Quotient, cost: Quotient, theta: Array, memory: Memory) -> Array:
         """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
 
-        With A the data's information and B what noise and a measurement as good as 30 % would
-        give, directions in which B has the share s of A + B are held by 32 (2s)⁶ of A + B: far more
-        than by the data where A ≤ B, less than 0.2 % of that where A > 10 B. 0 with exact sensors.
+        With A the data's information and B what noise and a measurement as good as 18 % would
+        give, directions in which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far
+        more than by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact sensors.
         `cost` is `remembered`, weighted at θ.
         """
         noise = remembered.of_noise(theta, memory.means).information(theta)
