@@ -61,9 +61,13 @@ def misfit_of(run: Run) -> Misfit | None:
     law = getattr(scenario.identifier, "law", "")
     if law not in {"memory", "efficient"} or system.forward is None or scenario.record_every != 1:
         return None
-    log = record.log
+    log, known = record.log, [event.time for event in run.faults if event.kind != "unknown"]
+    if known:  # from then on something else moves than what the log tells
+        log = log.first(int(np.searchsorted(log.t, min(known))))
+    if len(log.t) < _FEWEST:
+        return None
+    theta = np.array(record["theta_hat"][len(log.t) - 1])
     log = log.part(int(np.searchsorted(log.t, log.t[-1] - _LONGEST)), len(log.t))
-    theta = np.array(record["theta_hat"][-1])
     if len(log.t) < _FEWEST or not inside(cone_of(system.space), theta):
         return None
     return judged(Witness(system, scenario.dt, scenario.identifier.efficient), theta, log)

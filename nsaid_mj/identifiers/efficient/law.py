@@ -300,7 +300,7 @@ class EfficientIdentifier(Identifier):
         """Goes on with the filter of a trial, and notes the fault if there was one."""
         trial, t = found.trial, float(log.t[-1])
         assert trial is not None
-        hypothesis = trial.hypothesis
+        hypothesis, size = trial.reported(self.system.space)
         kalman, signals = trial.settled(self.system, self._scale, log)
         kalman.tally[1:] = 0.0
         kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
@@ -317,9 +317,7 @@ class EfficientIdentifier(Identifier):
         )
         if hypothesis.kind == "none":
             return inside
-        return self._noted(
-            inside, hypothesis, trial.theta, t, (begin, found.size, found.confidence)
-        )
+        return self._noted(inside, hypothesis, trial.theta, t, (begin, size, found.confidence))
 
     def _watched(self, inside: Guarded, t: float) -> Guarded:
         """At an interval's end: looks for slow changes, and follows one that is known."""
@@ -338,7 +336,7 @@ class EfficientIdentifier(Identifier):
         if inside.calm < _SETTLED or loose is not None:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
         what = appear_slowly(hypotheses_of(self.system, kalman.theta))
-        found = slow_change(watch, kalman, self._scale, what)
+        found = slow_change(watch, kalman, self.system.space, what)
         if found is None or found.confidence < _ISOLATED:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
         before = kalman.theta.copy()
@@ -376,7 +374,7 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not kalman.tally[0]:
             return False
-        if inside.loose is not None:
+        if inside.loose is not None or inside.trials:
             return inside.handed  # the memory averages over what is changing
         remembered = quotient(memory.means, system.space)
         changed = inside.returns + inside.restarts > 0

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ....log import Log
-from ....parameters import Array
+from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
 from ..kalman import Filter, Law, noise_variance, restart_state
 from .hypotheses import Hypothesis
@@ -26,7 +26,7 @@ from .signals import Signals
 from .trial import Trial
 
 _WIDE = 100.0  # prior standard deviation of an error, relative to that of the sensor's noise
-_STEP = 4.0  # of the differences, relative to the same: the sensor's jump is known to less
+_STEP = 10.0  # of the differences, relative to the same: several times the error of `_jumps`
 
 
 class BiasTrial(NamedTuple):
@@ -118,11 +118,14 @@ class BiasTrial(NamedTuple):
         one, two, three = (trial.forgetting() for trial in self.trials)
         return self._replace(trials=(one, two, three))
 
-    def size(self, scale: Array) -> tuple[float, float, float]:
-        """The error and its 95 % interval."""
+    def reported(
+        self,
+        space: ParameterSpace,  # as of any trial
+    ) -> tuple[Hypothesis, tuple[float, float, float]]:
+        """The sensor, and its error with the 95 % interval."""
         change, precision, _ = self._fit()
         b, wide = self.middle + change, 1.96 * precision**-0.5
-        return b, b - wide, b + wide
+        return self.hypothesis, (b, b - wide, b + wide)
 
     def settled(self, system: SecondOrderSystem, scale: Array, log: Log) -> tuple[Filter, Signals]:
         """The filter at the estimate of b, its state as measured, and the signals without b."""

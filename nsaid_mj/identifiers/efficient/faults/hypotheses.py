@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array, Indices
+from ....parameters import Array, Indices, ParameterSpace
 from ....system import SecondOrderSystem, gains_by_command
 from ....systems.payload import carrier, point_mass, submerged
 from ....systems.sensing import sensor_labels, sensor_units
 from ...cone.barrier import Cone, cone_of, gradient_and_hessian
+from .evidence import Jump
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain
 _OWN = 0.05  # of what sets the gains of one actuator apart, as thrust and torque of a rotor
@@ -148,6 +149,17 @@ def _frictions(system: SecondOrderSystem) -> list[Hypothesis]:
         size = _FRICTION * scale * np.eye(len(k))[0]
         found.append(Hypothesis("friction", part, names, D, size, unit))
     return found
+
+
+def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hypothesis:
+    """The same friction, reported as the change of the coefficient that is the most evident."""
+    evident = np.abs(jump.delta) / np.sqrt(np.diag(jump.covariance))
+    first = int(np.argmax(evident))
+    order = [first, *(i for i in range(len(evident)) if i != first)]
+    names = tuple(friction.names[i] for i in order)
+    k = space.index(names[0])
+    size, unit = space.scale[k] * friction.D[k], space.units[k]
+    return friction._replace(names=names, part=space.labels[k], size=size, unit=unit)
 
 
 def _payload(system: SecondOrderSystem) -> list[Hypothesis]:

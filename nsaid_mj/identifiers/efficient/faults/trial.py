@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ....log import Log
-from ....parameters import Array
+from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
 from ..kalman import COMPLETED, Filter, Law, follow_filter
 from .evidence import jumped
-from .hypotheses import Hypothesis, loaded
+from .hypotheses import Hypothesis, loaded, most_changed
 from .signals import Signals
 
 _WALK = 0.012  # of δ in a second, as a fault may still grow [1/√s]
@@ -88,21 +88,24 @@ class Trial(NamedTuple):
         hypothesis = loaded(self.hypothesis, law.cone, law.scale, start.theta, mean)
         return Trial.begin(start, self.signals, hypothesis, law.scale)
 
-    def size(self, scale: Array) -> tuple[float, float, float]:
-        """The size of the change and its 95 % interval."""
+    def reported(self, space: ParameterSpace) -> tuple[Hypothesis, tuple[float, float, float]]:
+        """What has changed, and the size of the change with its 95 % interval."""
         hypothesis, kalman = self.hypothesis, self.filter
         if hypothesis.kind == "broken":
-            return 1.0, 1.0, 1.0
+            return hypothesis, (1.0, 1.0, 1.0)
         if not hypothesis.size.any():
-            return 0.0, 0.0, 0.0
-        jump = jumped(self.P, kalman.Ptt, (kalman.theta - self.theta) / scale, hypothesis.D)
+            return hypothesis, (0.0, 0.0, 0.0)
+        shift = (kalman.theta - self.theta) / space.scale
+        jump = jumped(self.P, kalman.Ptt, shift, hypothesis.D)
+        if hypothesis.kind == "friction":
+            hypothesis = most_changed(space, hypothesis, jump)
         change = jump.interval(hypothesis.size)
         if hypothesis.kind != "stuck":
             size, low, high = (hypothesis.offset + x for x in change)
-            return size, low, high
+            return hypothesis, (size, low, high)
         held = float(self.signals.held[hypothesis.command])  # a sound actuator would do as much at
         size, *ends = (held * (1 + x) for x in change)
-        return size, min(ends), max(ends)
+        return hypothesis, (size, min(ends), max(ends))
 
     def settled(
         self,

@@ -159,12 +159,10 @@ class Verdict(NamedTuple):
     Attributes:
         trial: the most probable one; None if not even that explains the data.
         confidence: its probability, with that of other trials of the same fault.
-        size: of the change, its lower and its upper end, in the hypothesis's unit.
     """
 
     trial: Trial | BiasTrial | None
-    confidence: float
-    size: tuple[float, float, float]
+    confidence: float = 0.0
 
 
 def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
@@ -172,7 +170,7 @@ def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
     share = posterior_of(trials)
     late = t - trials.begin >= _LONGEST
     if np.isnan(share).all():
-        return Verdict(None, 0.0, (0.0, 0.0, 0.0))
+        return Verdict(None)
     best = int(np.argmax(share))
     trial, fits = trials.each[best], explains(law, trials.each[best])
     alike = [(t.hypothesis.kind, t.hypothesis.part) for t in trials.each]
@@ -181,5 +179,5 @@ def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
     if not late and not sure:
         return None
     if not fits:
-        return Verdict(None, 0.0, (0.0, 0.0, 0.0))
-    return Verdict(trial, min(1.0, confidence), trial.size(law.scale))
+        return Verdict(None)
+    return Verdict(trial, min(1.0, confidence))

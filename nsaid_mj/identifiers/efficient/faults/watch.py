@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array
+from ....parameters import Array, ParameterSpace
 from ..kalman import Filter
 from .evidence import posterior, shift_jumps
-from .hypotheses import Hypothesis
+from .hypotheses import Hypothesis, most_changed
 
 PERIOD = 0.5
 """Time between two snapshots [s]."""
@@ -83,10 +83,11 @@ class Found(NamedTuple):
 
 
 def slow_change(
-    watch: Watch, kalman: Filter, scale: Array, hypotheses: list[Hypothesis]
+    watch: Watch, kalman: Filter, space: ParameterSpace, hypotheses: list[Hypothesis]
 ) -> Found | None:
     """The most evident change since any of the snapshots; None if none is evident."""
     best: Found | None = None
+    scale = space.scale
     tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
         if span > len(watch.times):
@@ -102,6 +103,8 @@ def slow_change(
         if evidence[k] > max(_SURE, best.evidence if best else 0.0):
             hypothesis, jump = hypotheses[k], jumps[k]
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
+            if hypothesis.kind == "friction":
+                hypothesis = most_changed(space, hypothesis, jump)
             best = Found(
                 hypothesis,
                 float(posterior(evidence)[k]),
