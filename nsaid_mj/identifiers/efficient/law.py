@@ -20,18 +20,17 @@ filter's estimate is handed out, it goes on from that.
 from __future__ import annotations
 
 from copy import deepcopy
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...log import Log, Measurement
 from ...parameters import Array
 from ..base import Confidence, Estimates, Identifier, State, Status
-from ..faults import FaultEvent
 from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
 from ..nullspace_aid import NullspaceIdentifier
-from .faults.events import Loose, event_of, grown, loosened
+from .faults.events import event_of, grown, loosened
 from .faults.hypotheses import (
     Hypothesis,
     appear_slowly,
@@ -42,13 +41,13 @@ from .faults.hypotheses import (
 )
 from .faults.onset import LEAD, onset
 from .faults.signals import Signals
-from .faults.trials import Trials, Verdict, begin_trials, follow_trials, narrowed, verdict
+from .faults.trials import Verdict, begin_trials, follow_trials, narrowed, verdict
 from .faults.watch import PERIOD, Watch, slow_change
+from .guarded import Guarded
 from .kalman import (
     COMPLETED,
     CONTRADICTED,
     ROUNDED,
-    Filter,
     filter_at,
     follow_filter,
     noise_variance,
@@ -65,52 +64,6 @@ _ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
-
-
-class Guarded(NamedTuple):
-    """State of the efficient law.
-
-    Attributes:
-        filter: the filter.
-        guard: the memory and its estimate.
-        step: index of the sample.
-        pause: intervals for which the memory still pauses.
-        calm: time since the filter began, or was last contradicted [s].
-        handed: whether θ̂ is handed out from the filter.
-        restarts: times the filter started again at the memory's estimate.
-        returns: times it returned to an earlier estimate with something set free.
-        signals: of failed actuators and sensors.
-        recent: the last samples, as recorded; None before the first.
-        factors: (p,) of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
-            reversed, 0 if it is stuck.
-        watch: snapshots, for slow changes.
-        trials: filters under hypotheses, of which one will be chosen; None where there are none.
-        events: the faults found so far.
-        loose: a gain that may go on falling; None if there is none.
-        stale: whether the memory's data are of the robot before a fault.
-    """
-
-    filter: Filter
-    guard: State
-    step: int
-    pause: int
-    calm: float
-    handed: bool
-    restarts: int
-    returns: int
-    signals: Signals
-    factors: Array
-    recent: Log | None = None
-    watch: Watch = Watch()
-    trials: Trials | None = None
-    events: tuple[FaultEvent, ...] = ()
-    loose: Loose | None = None
-    stale: bool = False
-
-    @property
-    def theta(self) -> Array:
-        """(p,) the filter's θ̂ in terms of the commands given."""
-        return self.filter.theta * self.factors
 
 
 def efficient_identifier(

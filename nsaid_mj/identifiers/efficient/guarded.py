@@ -1,0 +1,61 @@
+"""The state of the efficient law."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ...log import Log
+from ...parameters import Array
+from ..base import State
+from ..faults import FaultEvent
+from .faults.events import Loose
+from .faults.signals import Signals
+from .faults.trials import Trials
+from .faults.watch import Watch
+from .kalman import Filter
+
+
+class Guarded(NamedTuple):
+    """State of the efficient law.
+
+    Attributes:
+        filter: the filter.
+        guard: the memory and its estimate.
+        step: index of the sample.
+        pause: intervals for which the memory still pauses.
+        calm: time since the filter began, or was last contradicted [s].
+        handed: whether θ̂ is handed out from the filter.
+        restarts: times the filter started again at the memory's estimate.
+        returns: times it returned to an earlier estimate with something set free.
+        signals: of failed actuators and sensors.
+        recent: the last samples, as recorded; None before the first.
+        factors: (p,) of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
+            reversed, 0 if it is stuck.
+        watch: snapshots, for slow changes.
+        trials: filters under hypotheses, of which one will be chosen; None where there are none.
+        events: the faults found so far.
+        loose: a gain that may go on falling; None if there is none.
+        stale: whether the memory's data are of the robot before a fault.
+    """
+
+    filter: Filter
+    guard: State
+    step: int
+    pause: int
+    calm: float
+    handed: bool
+    restarts: int
+    returns: int
+    signals: Signals
+    factors: Array
+    recent: Log | None = None
+    watch: Watch = Watch()
+    trials: Trials | None = None
+    events: tuple[FaultEvent, ...] = ()
+    loose: Loose | None = None
+    stale: bool = False
+
+    @property
+    def theta(self) -> Array:
+        """(p,) the filter's θ̂ in terms of the commands given."""
+        return self.filter.theta * self.factors
