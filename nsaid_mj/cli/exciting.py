@@ -24,24 +24,29 @@ def excite(chosen: Excite) -> int:
         remedy = "Such as `nsaid excite ur5` or `nsaid excite --model arm.urdf`."
         raise InvalidInput("excite", "a scenario or --model", "neither", remedy)
     name = Path(chosen.model or chosen.scenario).stem
-    scenario = _scenario(chosen)
+    with folder_for_design(name, chosen.out, chosen.force) as folder:
+        return _designed_in(folder, name, chosen)
+
+
+def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
+    """Designs, and writes and prints the results."""
     from .. import design as room
     from ..design import files, harmonics, prediction
+    from ..design.models import own_limits
     from ..design.trial import tried
     from ..recording.design import FILE, record
     from ..reporting import design as design_page
     from ..reporting.progress import Progress
 
     def limited(own: room.Limits) -> room.Limits:
-        """The limits of the file; a real robot must not touch itself or the ground either."""
-        if chosen.model is not None:
+        """The limits of model and file; a real robot must not touch itself or the ground either."""
+        if chosen.model is not None and not experiment.system.group:
+            own = own_limits(experiment.system, own)
             own = replace(own, contacts=experiment.contacts is not None)
         return room.read_limits(chosen.limits, own) if chosen.limits else own
 
-    with (
-        folder_for_design(name, chosen.out, chosen.force) as folder,
-        Progress(name, quiet=chosen.quiet or chosen.json) as progress,
-    ):
+    scenario, noticed = _scenario(chosen, folder)
+    with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
         experiment = room.Experiment.of(scenario, chosen.seed)
         found = room.design(
             experiment,
@@ -66,36 +71,33 @@ def excite(chosen: Excite) -> int:
     if chosen.json:
         print(json.dumps(document, indent=2, ensure_ascii=False))
     elif not chosen.quiet:
-        design_page.print_design(name, document, written)
+        design_page.print_design(name, document, written, noticed)
     return 0
 
 
-def _scenario(chosen: Excite) -> Scenario:
-    """The experiment that is asked for, before it has a motion."""
+def _scenario(chosen: Excite, folder: Path) -> tuple[Scenario, list[str]]:
+    """The experiment that is asked for, before it has a motion; and remarks about its model."""
     from ..experiment.library import load
 
+    noticed: list[str] = []
     if chosen.model is not None:
-        from ..control import FourierTracking
-        from ..plants import ArmPlant
+        from ..design.models import scenario_of_model
 
-        excitation = FourierTracking(fundamental=0.2, harmonics=10)
-        plant = ArmPlant(robot=chosen.model)
-        found = replace(load("ur5"), plant=plant, excitation=excitation, dt=1e-3)
+        found, noticed = scenario_of_model(chosen.model, folder)
     else:
         found = load(chosen.scenario)
     found = replace(
         found, duration=chosen.duration, pe_window=min(found.pe_window, chosen.duration)
     )
     if chosen.noise is None:
-        return found
+        return found, noticed
     try:
         position, velocity = (float(part) for part in chosen.noise.split(","))
     except ValueError as error:
         expected = "two numbers, of position and velocity"
         raise InvalidInput("--noise", expected, chosen.noise, "Such as 1e-4,5e-3.") from error
-    return replace(
-        found, noise=replace(found.noise, position=position, velocity=velocity, encoder_step=0.0)
-    )
+    noise = replace(found.noise, position=position, velocity=velocity, encoder_step=0.0)
+    return replace(found, noise=noise), noticed
 
 
 def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:

@@ -22,8 +22,15 @@ from ..parameters import Array
 from .arms import JointMotions
 from .asked import GAINS, Asked, asked_for
 from .experiment import DRAWS, Experiment
-from .information import bound_cost, check_criterion, gramian_cost, predicted, rms
-from .limits import Limit, Limits, coordinates_of, envelope, extents_of, units_of
+from .information import (
+    bound_cost,
+    check_criterion,
+    gramian_cost,
+    information,
+    predicted,
+    rms,
+)
+from .limits import COMMAND, RANDOM, Limit, Limits, coordinates_of, envelope, extents_of, units_of
 from .search import Found, minimise
 from .vehicles import DrivenMotions
 
@@ -38,6 +45,7 @@ _MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limit
 _ATTEMPTS = 8  # smaller versions of an arm's motion
 _MORE = 0.05  # of the range that a vehicle's random motions had, on both sides: they are few
 _NEXT = 40  # next best motions of a vehicle
+_SMALLER = 0.9  # amplitudes of a vehicle's commands at a second attempt
 _SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
 _EFFORT = 60.0  # time of the search on one core [s]
@@ -88,6 +96,13 @@ class Design:
             experiment: with other sensors; None for the design's own.
         """
         return predicted(experiment or self.experiment, _coarse(self.stride, log), draw)
+
+    def information(
+        self, log: Log, draw: int, basis: Array, experiment: Experiment | None = None
+    ) -> Array:
+        """(d, d) of a simulated motion about Zᵀθ/scale, Z = `basis` (p, d); see `covariance`."""
+        coarse = _coarse(self.stride, log)
+        return information(experiment or self.experiment, coarse, draw, basis)
 
     @property
     def deviations(self) -> Array:
@@ -214,11 +229,10 @@ def _default_limits(
     system, units = experiment.system, units_of(experiment.system)
     extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in rehearsals]
     found = envelope(extents, _ALL if system.group else share)
-    more = _MORE if system.group else 0.0
-    limits = {
-        name: Limit(*_apart(low - more * (high - low), high + more * (high - low)), units[name])
-        for name, (low, high) in found.items()
-    }
+    limits = {}
+    for name, (low, high) in found.items():
+        more = _MORE * (high - low) if system.group and name != COMMAND else 0.0
+        limits[name] = Limit(*_apart(low - more, high + more), units[name])
     if isinstance(base, FourierTracking):
         low, high = system.limits  # type: ignore[attr-defined]  # a MotorTree
         half, middle = 0.5 * base.reach * (high - low), 0.5 * (high + low)
@@ -226,7 +240,7 @@ def _default_limits(
         limits["position"] = Limit(
             np.minimum(own.low, middle - half), np.maximum(own.high, middle + half), own.unit
         )
-    return Limits(limits)
+    return Limits(limits, sources=dict.fromkeys(limits, RANDOM))
 
 
 def _apart(low: Array, high: Array) -> tuple[Array, Array]:
@@ -373,7 +387,8 @@ def _checked(
     Args:
         motions: turns candidates into motions.
         candidates: the best one first. That of an arm is made smaller, joint by joint, until it
-            keeps the limits; of a vehicle's, the first that keeps them is taken.
+            keeps the limits; of a vehicle's, the first that keeps them is taken, as it is or
+            with smaller commands.
         limits: that must not be broken.
 
     Raises:
@@ -381,13 +396,11 @@ def _checked(
     """
     least = {"stability": np.inf}
     share = np.ones(motions.experiment.system.n)
-    for attempt in range(_ATTEMPTS if isinstance(motions, JointMotions) else _NEXT):
+    for attempt in range(_ATTEMPTS if isinstance(motions, JointMotions) else 2 * len(candidates)):
         if isinstance(motions, JointMotions):
             driver: DriverConfig = motions.driver(candidates[0], share)
-        elif attempt < len(candidates):
-            driver = motions.driver(candidates[attempt])
         else:
-            break
+            driver = motions.driver(candidates[attempt // 2], (1.0, _SMALLER)[attempt % 2])
         logs, worst = _simulated(motions.experiment, driver, limits)
         if worst is None:
             share = 0.8 * share

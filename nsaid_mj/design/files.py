@@ -19,6 +19,7 @@ from ..resources import write_json, write_text
 from ..system import SecondOrderSystem
 from .designing import Design
 from .harmonics import Ranks
+from .information import rms
 from .limits import coordinates_of
 from .prediction import Prediction
 
@@ -91,13 +92,19 @@ def document(found: Design, prediction: Prediction, ranks: Ranks, title: str) ->
         "duration": experiment.scenario.duration,
         "noise": experiment.levels._asdict(),
         "predicted_deviation": found.predicted,
+        "predicted_deviation_of_prior": rms(
+            found.asked.deviations(found.covariances[0], experiment.draws[0])
+        ),
         "predicted_deviation_of_random_motions": found.compared.tolist(),
         "predicted_deviations": dict(prediction.asked),
         "intervals": [asdict(interval) for interval in prediction.intervals],
         "weak_directions": prediction.weak_count,
-        "weak": list(prediction.weak),
+        "weak": [asdict(direction) for direction in prediction.weak],
         "unobservable": [list(pair) for pair in prediction.unobservable],
-        "remedies": [asdict(remedy) for remedy in prediction.remedies],
+        "remedies": [
+            {"words": other.words, "predicted": other.predicted, "weak": other.weak}
+            for other in prediction.remedies
+        ],
         "harmonics": {
             "dimension_of_P_perp": ranks.needed,
             "least_if_linear": ranks.bound,
@@ -105,7 +112,12 @@ def document(found: Design, prediction: Prediction, ranks: Ranks, title: str) ->
             "measured": [list(pair) for pair in ranks.measured],
         },
         "limits": {
-            name: {"low": limit.low.tolist(), "high": limit.high.tolist(), "unit": limit.unit}
+            name: {
+                "low": limit.low.tolist(),
+                "high": limit.high.tolist(),
+                "unit": limit.unit,
+                "source": found.limits.sources.get(name, ""),
+            }
             for name, limit in found.limits.limits.items()
         },
         "margin": found.limits.margin,

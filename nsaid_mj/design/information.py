@@ -32,6 +32,22 @@ def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
         log: the motion, possibly at coarser steps than the measurements.
         draw: number of the draw.
 
+    Raises:
+        NoEstimate: M is not positive definite along the motion.
+    """
+    basis = experiment.bases[draw]
+    return bound(information(experiment, log, draw, basis), basis)
+
+
+def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Array:
+    """(d, d) what a motion tells about Zᵀθ/scale under a draw, without what is known beforehand.
+
+    Args:
+        experiment: what is known beforehand.
+        log: the motion, possibly at coarser steps than the measurements.
+        draw: number of the draw.
+        basis: (p, d) Z, orthonormal; the other directions of θ/scale are taken as known.
+
     White noise of variance σ² at every dt carries as much information per second as noise of
     variance σ² dt/h at every h. So a motion given at coarser steps has nearly the same bound, as
     long as the steps resolve it.
@@ -39,13 +55,19 @@ def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
     Raises:
         NoEstimate: M is not positive definite along the motion.
     """
-    system, theta, basis = experiment.system, experiment.draws[draw], experiment.bases[draw]
+    system, theta = experiment.system, experiment.draws[draw]
     scale, h = np.array(system.space.scale), float(log.t[1] - log.t[0])
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
-    J = np.eye(basis.shape[1]) / PRIOR**2
+    J = np.zeros((basis.shape[1],) * 2)
     coarser = experiment.scenario.dt / h * R
     if not information_along(system.forward, theta, scale, basis, R, coarser, *log, J):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
+    return J
+
+
+def bound(J: Array, basis: Array) -> Array:
+    """(p, p) covariance of θ̂/scale by the information J (d, d) of motions and the prior."""
+    J = J + np.eye(len(J)) / PRIOR**2
     root = np.linalg.solve(np.linalg.cholesky(J), basis.T)
     return root.T @ root
 

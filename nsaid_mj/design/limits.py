@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..log import Log
-from ..numerics.spatial import rotation
 from ..parameters import Array
 from ..system import SecondOrderSystem
 
@@ -25,6 +24,8 @@ Extents = Mapping[str, tuple[Array, Array]]
 """The smallest and the largest values (k,) of every limited quantity along a motion."""
 
 _RANGES = ("position", "box")
+COMMAND = "command"
+"""The limit of a vehicle's commands."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +49,21 @@ class Limits:
 
     Attributes:
         limits: by quantity: position, speed, acceleration and torque of an arm's joints; box,
-            speed, rate and tilt of a vehicle.
+            speed, rate, tilt and command of a vehicle.
         margin: share of every limit that the planned motion keeps free for what a simulation of it
             adds: errors of tracking under other parameters than the planned ones.
         contacts: whether bodies must not touch one another or the ground.
+        sources: where the limits come from, in words.
     """
 
     limits: Mapping[str, Limit]
     margin: float = 0.03
     contacts: bool = False
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def margin_of(self, name: str) -> float:
+        """The margin of a limit; a vehicle's commands need none, they are as planned."""
+        return 0.0 if name == COMMAND else self.margin
 
     def uses(self, extents: Extents) -> dict[str, float]:
         """The largest use of every limit by a motion; 1 is the limit itself."""
@@ -83,6 +90,15 @@ class Limits:
                 )
         if not 0 <= self.margin < 1:
             raise InvalidInput("limits.margin", "a share in [0, 1)", self.margin, "Try 0.03.")
+
+
+RANDOM = "random motions"
+"""Source of limits that the scenario's own excitation keeps."""
+
+
+def source_of(source: str, missing: Sequence[str], other: str) -> str:
+    """Where a limit comes from; `other` for the joints that `source` has none for."""
+    return f"{source}; {other} for {', '.join(missing)}" if missing else source
 
 
 def envelope(extents: Sequence[Extents], share: float) -> dict[str, tuple[Array, Array]]:
@@ -141,16 +157,19 @@ def coordinates_of(system: SecondOrderSystem, q: Array) -> Array:
 
 
 def _vehicle(system: SecondOrderSystem, log: Log) -> dict[str, tuple[Array, Array]]:
-    """Place [m], speed [m/s], rate of turn [rad/s] and, in space, tilt [rad] of a body."""
+    """Place [m], speed [m/s], rate of turn [rad/s] and commands; in space, tilt [rad] too."""
     axes = 3 if system.group == 6 else 2
     size = np.linalg.norm
     found = {
         "box": _range(log.q[:, :axes]),
         "speed": _up_to(size(log.v[:, :axes], axis=1)),
         "rate": _up_to(size(log.v[:, axes : system.group], axis=1)),
+        COMMAND: _up_to(np.abs(log.u)),
     }
     if axes == 3:
-        upright = np.array([rotation(q[3:7])[2, 2] for q in log.q])
+        upright = 1 - 2 * (
+            log.q[:, 3] ** 2 + log.q[:, 4] ** 2
+        )  # R_33 of a unit quaternion (x, y, …)
         found["tilt"] = _up_to(np.arccos(np.clip(upright, -1, 1)))
     return found
 
@@ -164,7 +183,7 @@ def _up_to(size: Array) -> tuple[Array, Array]:
 def units_of(system: SecondOrderSystem) -> dict[str, str]:
     """The unit of every limited quantity."""
     if system.group:
-        return {"box": "m", "speed": "m/s", "rate": "rad/s", "tilt": "rad"}
+        return {"box": "m", "speed": "m/s", "rate": "rad/s", "tilt": "rad", COMMAND: "units of u"}
     return {
         "position": "rad or m",
         "speed": "rad/s or m/s",
@@ -188,18 +207,18 @@ def read_limits(path: Path, default: Limits) -> Limits:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InvalidInput("--limits", "a readable TOML file", f"{path}: {error}", _FORM) from error
-    limits = dict(default.limits)
+    limits, sources = dict(default.limits), dict(default.sources)
     for name, value in table.items():
         if name in ("margin", "contacts"):
             continue
         if name not in limits:
             raise UnknownName("limit", name, [*limits, "margin", "contacts"], _FORM)
-        limits[name] = _limit(name, value, limits[name])
+        limits[name], sources[name] = _limit(name, value, limits[name]), path.name
     contacts = table.get("contacts", default.contacts)
     if not isinstance(contacts, bool):
         raise InvalidInput("limits.contacts", "true or false", contacts, _FORM)
     margin = float(_numbers("margin", table.get("margin", default.margin), 1)[0])
-    return replace(default, limits=limits, margin=margin, contacts=contacts)
+    return replace(default, limits=limits, margin=margin, contacts=contacts, sources=sources)
 
 
 _FORM = "For example: speed = 2.0; position = {low = -1.5, high = 1.5}; contacts = true."

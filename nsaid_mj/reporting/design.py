@@ -22,15 +22,20 @@ HALVES = ("half", "before")
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
-def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> None:
+def print_design(
+    name: str, document: dict[str, Any], files: Sequence[Path], noticed: Sequence[str] = ()
+) -> None:
     """Prints what a design will tell.
 
     Args:
         name: of the robot.
         document: of `design.files.document`.
         files: that were written.
+        noticed: remarks about the model file.
     """
     console = Console(highlight=False)
+    for remark in noticed:
+        console.print(f"  {remark}")
     own, random = document["predicted_deviation"], _of_random_motions(document)
     console.print(f"[bold]{name}[/]: {document['duration']:g} s for {document['asked']}")
     console.print(
@@ -56,13 +61,14 @@ def statements(document: dict[str, Any]) -> list[str]:
     count = document["weak_directions"]
     needed = document["harmonics"]["dimension_of_P_perp"]
     lines.append(
-        f"{needed - count} of {needed} observable directions will be known; "
-        + (f"{count} stay weak, among them {document['weak'][0]}" if count else "none stays weak")
+        f"{needed - count} of {needed} observable directions will be known, "
+        + (f"{count} stay weak" if count else "none stays weak")
     )
+    lines += [_weak_line(direction) for direction in document["weak"]]
     lines += [
-        f"{words}: predicted {other['predicted']:.2g}, {other['weak']} weak directions"
+        f"With {other['words']}: predicted {other['predicted']:.2g} instead of "
+        f"{document['predicted_deviation_of_prior']:.2g}, {other['weak']} weak directions"
         for other in document["remedies"]
-        for words in (other["words"],)
     ]
     lines += [f"Not observable: {words}; {fix}" for words, fix in document["unobservable"][:3]]
     more = len(document["unobservable"]) - 3
@@ -72,6 +78,16 @@ def statements(document: dict[str, Any]) -> list[str]:
     if measured:
         lines.append(f"rank by number of harmonics: {measured}, of p − r = {needed}")
     return lines
+
+
+def _weak_line(direction: dict[str, Any]) -> str:
+    """A weak direction and what helps it most."""
+    line = (
+        f"Weak: {direction['words']}, {100 * direction['left']:.0f} % of its prior deviation left"
+    )
+    if not direction["remedy"]:
+        return f"{line}; nothing that was computed helps"
+    return f"{line}; {100 * direction['after']:.0f} % with {direction['remedy']}"
 
 
 def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
@@ -167,7 +183,7 @@ def shown(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _limits(document: dict[str, Any]) -> Table:
     table = Table(title="limits, and what the simulated motions use of them", title_justify="left")
-    for column in ("limit", "largest", "unit", "use"):
+    for column in ("limit", "largest", "unit", "use", "from"):
         table.add_column(column, justify="right" if column in ("largest", "use") else "left")
     for row in _limit_rows(document):
         table.add_row(*row)
@@ -181,6 +197,7 @@ def _limit_rows(document: dict[str, Any]) -> list[list[str]]:
             f"{np.max(np.abs([limit['low'], limit['high']])):.3g}",
             limit["unit"],
             f"{100 * document['uses'][name]:.0f} %",
+            limit["source"],
         ]
         for name, limit in document["limits"].items()
     ]

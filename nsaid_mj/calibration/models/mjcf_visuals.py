@@ -46,26 +46,30 @@ class MjcfVisuals:
                 found[g] = of_geom(mj, g)._replace(name=name)
         return found
 
+    def places(self) -> list[tuple[int, pin.SE3]]:
+        """The joint that moves each mesh, 0 for the base, and the mesh's pose in its axes."""
+        mj, tree, found = self._mj, self._tree, []
+        for g in self._meshes:
+            body = body_name(mj, mj.geom_bodyid[g])
+            frame = tree.frames[tree.getFrameId(body, pin.FrameType.BODY)]
+            own = frame.placement * pose(mj.geom_pos[g], mj.geom_quat[g])
+            found.append((int(frame.parentJoint), own))
+        return found
+
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m).
 
         Returns:
             translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
         """
-        mj, tree, data = self._mj, self._tree, self._tree.createData()
-        places = [
-            (
-                tree.getFrameId(body_name(mj, mj.geom_bodyid[g]), pin.FrameType.BODY),
-                pose(mj.geom_pos[g], mj.geom_quat[g]),
-            )
-            for g in self._meshes
-        ]
+        tree, places = self._tree, self.places()
+        data = tree.createData()
         translations = np.zeros((len(q), len(places), 3))
         quaternions = np.zeros((len(q), len(places), 4))
         for k, configuration in enumerate(q):
-            pin.framesForwardKinematics(tree, data, configuration)
-            for j, (frame, place) in enumerate(places):
-                world = data.oMf[frame] * place
+            pin.forwardKinematics(tree, data, configuration)
+            for j, (joint, place) in enumerate(places):
+                world = data.oMi[joint] * place
                 translations[k, j] = world.translation
                 quaternions[k, j] = pin.Quaternion(world.rotation).coeffs()
         return translations, quaternions

@@ -42,7 +42,7 @@ def load_vehicle(
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
-    config = load(name).plant if name in scenarios() else _family(vehicle_files(name).sheet)
+    config = load(name).plant if name in scenarios() else plant_of(vehicle_files(name).sheet)
     if not isinstance(config, ParametricPlantConfig):
         reason = "its equations of motion are not linear in known parameters"
         raise BadRobot(name, "", reason, "It can only be simulated: `nsaid run`.")
@@ -79,7 +79,7 @@ def command_names(system: SecondOrderSystem) -> tuple[str, ...]:
     return tuple(f"u_{i + 1}" for i in range(system.n_u))
 
 
-def _family(sheet: Path) -> PlantConfig:
+def plant_of(sheet: Path) -> PlantConfig:
     """The plant of the family whose data sheet a TOML file is.
 
     Raises:
