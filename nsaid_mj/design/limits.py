@@ -96,9 +96,11 @@ RANDOM = "random motions"
 """Source of limits that the scenario's own excitation keeps."""
 
 
-def source_of(source: str, missing: Sequence[str], other: str) -> str:
-    """Where a limit comes from; `other` for the joints that `source` has none for."""
-    return f"{source}; {other} for {', '.join(missing)}" if missing else source
+def source_of(names: Sequence[str], missing: Sequence[str], other: str) -> str:
+    """Where a limit of some joints comes from: the model, or `other` for joints without any."""
+    if len(missing) == len(names):
+        return f"{other}, as the model has none"
+    return f"model; {other} for {', '.join(missing)}" if missing else "model"
 
 
 def envelope(extents: Sequence[Extents], share: float) -> dict[str, tuple[Array, Array]]:

@@ -1,8 +1,9 @@
 """The experiment with a robot of one's own: a URDF, an MJCF or a vehicle's TOML file, or a name.
 
 The plants read URDF files. An MJCF file is read as `nsaid identify` reads it and written as a URDF
-into the folder of the design, which the experiment then needs alone. A vehicle's file is of a known
-family, whose scenario says how it is driven.
+into the folder of the design, which the experiment then needs alone. Nominal frictions and rotor
+inertia, of which a plant has one value for all joints, are the medians of the file's. A vehicle's
+file is of a known family, whose scenario says how it is driven.
 """
 
 from __future__ import annotations
@@ -50,13 +51,16 @@ def scenario_of_model(model: str, folder: Path) -> tuple[Scenario, list[str]]:
     if path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file()):
         return _vehicle(path), []
     noticed: list[str] = []
+    joints: dict[str, float] = {}
     if path.is_file() and _is_mjcf(path):
         own = load_robot_model(str(path))
         write_tree_urdf(own, folder / URDF)
         noticed = [str(each) for each in own.findings if each.code not in _OF_LOGS]
         path = folder / URDF
+        values = {"damping": own.damping, "friction": own.friction, "armature": own.rotor}
+        joints = {name: float(np.median(x)) for name, x in values.items() if np.median(x) > 0}
     robot = str(path.resolve()) if path.is_file() else model
-    plant = ArmPlant(robot=robot)
+    plant = ArmPlant(robot=robot, **joints)  # type: ignore[arg-type]  # three numbers
     return replace(load("ur5"), plant=plant, excitation=_EXCITATION, dt=_STEP), noticed
 
 
@@ -101,7 +105,7 @@ def own_limits(system: SecondOrderSystem, default: Limits) -> Limits:
     low, high = system.limits  # type: ignore[attr-defined]  # as above
     limits["position"] = Limit(low, high, default.limits["position"].unit)
     missing = [name for name, given in zip(names, bounded, strict=True) if not given]
-    sources["position"] = source_of("model", missing, "±π")
+    sources["position"] = source_of(names, missing, "±π")
     for name, values in (("speed", model.velocityLimit), ("torque", model.effortLimit)):
         if name not in limits:
             continue
@@ -109,5 +113,5 @@ def own_limits(system: SecondOrderSystem, default: Limits) -> Limits:
         largest = np.where(given, values, own.high)
         limits[name] = Limit(-largest, largest, own.unit)
         missing = [joint for joint, there in zip(names, given, strict=True) if not there]
-        sources[name] = source_of("model", missing, default.sources.get(name, ""))
+        sources[name] = source_of(names, missing, default.sources.get(name, ""))
     return replace(default, limits=limits, sources=sources)

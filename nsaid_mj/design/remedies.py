@@ -156,7 +156,7 @@ def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
         words = (
             f"the motion once more with a known payload, {mass:g} kg held "
             f"{100 * np.linalg.norm(place):.0f} cm off the last joint's axis"
-            f"{_smaller(swing)} (it also tells the common scale, to {100 * known:.1g} %)"
+            f"{_smaller(swing)} (also tells the common scale to {100 * known:.1g} %)"
         )
         yield _remedy(found, words, Z @ (Z.T @ P @ Z) @ Z.T)
         return

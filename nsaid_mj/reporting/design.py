@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from ..design.limits import RANDOM
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.summary import versions
@@ -19,6 +20,7 @@ from . import pages
 from .panels import Panel, template_figure
 
 HALVES = ("half", "before")
+_NONE, _LISTED = "–", 3  # no value; directions of P_s that are listed
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
@@ -36,15 +38,11 @@ def print_design(
     console = Console(highlight=False)
     for remark in noticed:
         console.print(f"  {remark}")
-    own, random = document["predicted_deviation"], _of_random_motions(document)
     console.print(f"[bold]{name}[/]: {document['duration']:g} s for {document['asked']}")
-    console.print(
-        f"  predicted rms deviation {own:.2g}; random motions of the same limits "
-        f"{random:.2g}, a factor {random / own:.2g}"
-    )
+    console.print(f"  {_compared(document)[1]}")
     console.print(_intervals(document))
     console.print(_limits(document))
-    for line in statements(document):
+    for line in [*statements(document), *_helping(document), *_unobservable(document)]:
         console.print(f"  {line}")
     for path in files:
         console.print(f"  {path}")
@@ -55,39 +53,75 @@ def _of_random_motions(document: dict[str, Any]) -> float:
     return float(np.sqrt(np.mean(np.square(document["predicted_deviation_of_random_motions"]))))
 
 
-def statements(document: dict[str, Any]) -> list[str]:
-    """What the experiment will not tell, what would help, and how many harmonics it needs."""
-    lines = []
-    count = document["weak_directions"]
-    needed = document["harmonics"]["dimension_of_P_perp"]
-    lines.append(
-        f"{needed - count} of {needed} observable directions will be known, "
-        + (f"{count} stay weak" if count else "none stays weak")
+def _compared(document: dict[str, Any]) -> tuple[bool, str]:
+    """Whether the design is better than random motions, and how much, in words."""
+    own, random = document["predicted_deviation"], _of_random_motions(document)
+    sources = {limit["source"] for limit in document["limits"].values()}
+    which = " of the same limits" if sources <= {RANDOM} else " of the usual size"
+    if random > own:
+        return True, (
+            f"Predicted rms deviation of the {document['asked']}: {own:.2g}, "
+            f"{random / own:.2g} times smaller than with random motions{which} ({random:.2g})."
+        )
+    return False, (
+        f"No better than random motions{which}: predicted rms deviation of the "
+        f"{document['asked']} {own:.2g}, of random motions {random:.2g}."
     )
-    lines += [_weak_line(direction) for direction in document["weak"]]
-    lines += [
-        f"With {other['words']}: predicted {other['predicted']:.2g} instead of "
-        f"{document['predicted_deviation_of_prior']:.2g}, {other['weak']} weak directions"
-        for other in document["remedies"]
+
+
+def statements(document: dict[str, Any]) -> list[str]:
+    """How much of θ the experiment tells, and how many harmonics that needs."""
+    count, needed = document["weak_directions"], document["harmonics"]["dimension_of_P_perp"]
+    lines = [
+        f"{needed - count} of {needed} observable directions will be known, "
+        + (f"{count} stay weak." if count else "none stays weak.")
     ]
-    lines += [f"Not observable: {words}; {fix}" for words, fix in document["unobservable"][:3]]
-    more = len(document["unobservable"]) - 3
-    if more > 0:
-        lines.append(f"and {more} more directions that are not observable, in design.json")
     measured = ", ".join(f"{h}: {rank}" for h, rank in document["harmonics"]["measured"])
     if measured:
-        lines.append(f"rank by number of harmonics: {measured}, of p − r = {needed}")
+        lines.append(f"Rank by number of harmonics: {measured}, of p − r = {needed}.")
     return lines
 
 
-def _weak_line(direction: dict[str, Any]) -> str:
-    """A weak direction and what helps it most."""
-    line = (
-        f"Weak: {direction['words']}, {100 * direction['left']:.0f} % of its prior deviation left"
-    )
-    if not direction["remedy"]:
-        return f"{line}; nothing that was computed helps"
-    return f"{line}; {100 * direction['after']:.0f} % with {direction['remedy']}"
+def _helping(document: dict[str, Any]) -> list[str]:
+    """What helps the weak directions most, and what is asked for, a line each."""
+    lines = []
+    for words, left, remedy, after in _weak_rows(document):
+        helped = f"{after} after {remedy}" if after != _NONE else "nothing tried helps"
+        lines.append(f"Weak: {words}: {left} of its deviation stays; {helped}.")
+    return lines + [
+        f"{words}: {predicted} instead of {document['predicted_deviation_of_prior']:.2g}, "
+        f"{weak} weak directions."
+        for words, predicted, weak in _remedy_rows(document)
+    ]
+
+
+def _unobservable(document: dict[str, Any]) -> list[str]:
+    """Directions that no motion reveals, the first ones."""
+    every = document["unobservable"]
+    lines = [f"Not observable: {words}; {fix}." for words, fix in every[:_LISTED]]
+    more = len(every) - _LISTED
+    return [*lines, f"{more} more such directions are in design.json."] if more > 0 else lines
+
+
+def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
+    """Weak directions, what is left of their deviation, the best remedy, and what it leaves."""
+    return [
+        [
+            direction["words"],
+            f"{100 * direction['left']:.0f} %",
+            direction["remedy"] or "nothing tried helps",
+            f"{100 * direction['after']:.2g} %" if direction["remedy"] else _NONE,
+        ]
+        for direction in document["weak"]
+    ]
+
+
+def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
+    """Other experiments, the deviation they predict, and the weak directions they leave."""
+    return [
+        [other["words"], f"{other['predicted']:.2g}", str(other["weak"])]
+        for other in document["remedies"]
+    ]
 
 
 def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
@@ -98,24 +132,26 @@ def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> P
         trial: of the design on a draw of the prior, or None.
         folder: an existing folder.
     """
-    own, random = document["predicted_deviation"], _of_random_motions(document)
-    better = random / own
-    told = (
-        f"Predicted rms deviation of the {document['asked']}: {own:.2g}, {better:.2g} times "
-        f"smaller than with random motions of the same limits ({random:.2g})."
-        if better > 1
-        else f"No better than random motions: predicted rms deviation of the {document['asked']} "
-        f"{own:.2g}, of random motions {random:.2g}."
-    )
+    better, told = _compared(document)
     page = pages.render(
         "design.html",
         eyebrow="design of an experiment",
         heading=document["title"],
         lead=f"{document['duration']:g} s of motion, before anything moves.",
-        verdict=pages.verdict("good" if better > 1 else "fair", told),
+        verdict=pages.verdict("good" if better else "fair", told),
         carrying=_figures(document, trial),
         alarms=[],
         lines=statements(document),
+        weak=_weak_rows(document),
+        remedies=[
+            [
+                "as designed",
+                f"{document['predicted_deviation_of_prior']:.2g}",
+                str(document["weak_directions"]),
+            ],
+            *_remedy_rows(document),
+        ],
+        unobservable=_unobservable(document),
         intervals=_interval_rows(document),
         limits=_limit_rows(document),
         again=pages.again(
@@ -136,7 +172,7 @@ def _figures(document: dict[str, Any], trial: Trial | None) -> list[dict[str, An
         return []
     from .plots import over_time  # imported late: matplotlib takes half a second
 
-    panel = Panel(f"Predicted and reached: {document['asked']}", "largest of all", True)
+    panel = Panel(f"Predicted and reached: {document['asked']}", "largest error, relative", True)
     for values, label in (
         (INTERVAL * trial.predicted, "predicted 95 %"),
         (INTERVAL * trial.stated, "stated by the law, 95 %"),
