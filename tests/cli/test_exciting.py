@@ -9,6 +9,15 @@ from nsaid_mj.cli.exciting import without_excitation
 from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment.library import load
 
+XML = """
+<mujoco model="two"><compiler angle="radian"/>
+  <default><joint damping="0.4" armature="0.02"/></default><worldbody><body pos="0 0 1">
+    <joint name="a" axis="0 1 0" range="-2 1"/><geom size="0.08" pos="0.2 0 0" mass="2"/>
+    <body pos="0.4 0 0"><joint name="b" axis="0 1 0"/><geom size="0.08" pos="0.2 0.02 0" mass="1"/>
+  </body></body></worldbody>
+  <actuator><motor joint="a" gear="40" ctrlrange="-1 1"/>
+    <motor joint="b" ctrlrange="-20 20"/></actuator></mujoco>"""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -39,6 +48,20 @@ def test_the_scenario_of_a_design_is_one_to_run(folder):
 def test_a_design_is_not_overwritten_silently(folder):
     with pytest.raises(BadRun, match="--force"):
         command(["excite", "double_pendulum", "--out", str(folder)])
+
+
+def test_an_mjcf_is_designed_for_within_its_own_limits(tmp_path):
+    model = tmp_path / "two.xml"
+    model.write_text(XML, encoding="utf-8")
+    out = tmp_path / "design"
+    words = ["--duration", "2", "--effort", "0.004", "--quiet", "--out", str(out)]
+    assert command(["excite", "--model", str(model), *words]) == 0
+    document = json.loads((out / "design.json").read_text(encoding="utf-8"))
+    assert document["limits"]["torque"]["high"] == [40, 20]
+    assert document["limits"]["torque"]["source"] == "model"
+    assert max(document["uses"].values()) <= 1
+    assert any("payload" in remedy["words"] for remedy in document["remedies"])
+    assert load(str(out / "scenario.py")).plant.robot == str(out / "robot.urdf")
 
 
 def test_excite_without_a_robot_says_what_to_give():

@@ -13,6 +13,7 @@ from nsaid_mj.design import Design, Experiment, Limit, Limits, asked_for, design
 from nsaid_mj.design.harmonics import ranks
 from nsaid_mj.design.limits import extents_of
 from nsaid_mj.design.prediction import predict
+from nsaid_mj.design.remedies import remedies
 from nsaid_mj.design.search import minimise
 from nsaid_mj.design.trial import tried
 from nsaid_mj.errors import InvalidInput, NoMotion, UnknownName
@@ -165,6 +166,9 @@ def test_a_vehicle_gets_given_frequencies_and_phases():
     assert max(found.uses.values()) <= 1
     again = design(Experiment.of(scenario), effort=0.03)
     assert again.driver == found.driver
+    larger = [other.words for other in remedies(found) if "larger commands" in other.words]
+    assert len(larger) == 1
+    assert "command" in larger[0].partition("beyond the limits of")[2]
 
 
 def test_a_given_driver_refuses_another_number_of_shares(experiment):

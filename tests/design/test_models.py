@@ -1,0 +1,92 @@
+"""Experiments with robots of one's own: files in, limits of the model as defaults."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nsaid_mj.control import MultisineCommand
+from nsaid_mj.design import Experiment, Limit, Limits
+from nsaid_mj.design.limits import COMMAND, RANDOM
+from nsaid_mj.design.models import own_limits, scenario_of_model
+from nsaid_mj.design.vehicles import DrivenMotions
+from nsaid_mj.errors import BadRobot
+from nsaid_mj.experiment.library import load
+from nsaid_mj.plants import ArmPlant
+from nsaid_mj.resources import vehicle_files
+
+XML = """
+<mujoco model="two"><compiler angle="radian"/>
+  <default><joint damping="0.4" armature="0.02"/></default><worldbody>
+  <body><joint name="a" axis="0 1 0" range="-2 1"/><geom size="0.1" pos="0.2 0 0" mass="2"/>
+    <body pos="0.4 0 0"><joint name="b" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0" mass="1"/>
+  </body></body></worldbody>
+  <actuator><motor joint="a" gear="30" ctrlrange="-2 2"/><motor joint="b"/></actuator></mujoco>"""
+
+
+def random_limits(n: int) -> Limits:
+    units = {"position": "rad", "speed": "rad/s", "acceleration": "rad/s²", "torque": "N·m"}
+    limits = {name: Limit(-np.full(n, 7.0), np.full(n, 7.0), unit) for name, unit in units.items()}
+    return Limits(limits, sources=dict.fromkeys(limits, RANDOM))
+
+
+def test_an_mjcf_becomes_an_arm_with_the_limits_of_its_file(tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(XML)
+    scenario, noticed = scenario_of_model(str(path), tmp_path)
+    plant = scenario.plant
+    assert isinstance(plant, ArmPlant)
+    assert plant.robot == str(tmp_path / "robot.urdf")
+    assert (plant.damping, plant.armature, plant.friction) == (0.4, 0.02, None)
+    assert noticed == []
+    limits = own_limits(Experiment.of(scenario).system, random_limits(2))
+    high = {name: limit.high.tolist() for name, limit in limits.limits.items()}
+    assert high == {"position": [1, np.pi], "speed": [7, 7], "acceleration": [7, 7],
+                    "torque": [60, 7]}  # fmt: skip
+    assert limits.sources == {
+        "position": "model; ±π for b",
+        "speed": "random motions, as the model has none",
+        "acceleration": "random motions",
+        "torque": "model; random motions for b",
+    }
+
+
+def test_a_urdf_brings_its_own_speed_and_effort(tmp_path):
+    scenario, _ = scenario_of_model("ur5", tmp_path)
+    system = Experiment.of(scenario).system
+    limits = own_limits(system, random_limits(6))
+    assert limits.limits["torque"].high.tolist() == system.model.effortLimit.tolist()
+    assert limits.limits["speed"].high.tolist() == system.model.velocityLimit.tolist()
+    assert limits.sources["torque"] == "model"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_vehicles_file_gets_the_excitation_of_its_family(tmp_path):
+    sheet = tmp_path / "mine.toml"
+    files = vehicle_files("bluerov2")
+    sheet.write_bytes(files.sheet.read_bytes())
+    (tmp_path / "model.xml").write_bytes(files.model.read_bytes())
+    scenario, _ = scenario_of_model(str(sheet), tmp_path)
+    known = load("bluerov2")
+    assert scenario.excitation == known.excitation
+    assert type(scenario.plant) is type(known.plant)
+    assert scenario.plant.vehicle == str(sheet)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(BadRobot, match="no such file"):
+        Experiment.of(scenario_of_model(str(tmp_path / "none.urdf"), tmp_path)[0])
+
+
+def test_the_amplitude_of_a_vehicle_keeps_a_given_limit_of_commands():
+    scenario = replace(load("bluerov2"), duration=2.0)
+    experiment = Experiment.of(scenario)
+    half = np.full(experiment.system.n_u, 0.5)
+    limits = Limits({COMMAND: Limit(-half, half, "")})
+    motions = DrivenMotions(experiment, limits, scenario.excitation)
+    driver = motions.driver(motions.random(np.random.default_rng(0)))
+    assert isinstance(driver.driver, MultisineCommand)
+    assert driver.driver.amplitude == 0.5
+    log = experiment.simulate(driver, 0, 2.0)
+    assert log is not None
+    assert 0.3 < np.abs(log.u).max() <= 0.5
