@@ -81,7 +81,7 @@ def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None)
         _limit(
             "Theorem 1 (70)",
             "Δv vanishes",
-            "rms Δv over a tenth of the run:",
+            "rms of Δv over a tenth of the run:",
             "velocity_error_rms",
             run,
             summary,
@@ -91,7 +91,7 @@ def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None)
         _limit(
             "Lemma 1 (74)",
             "W(t, x, v, θ) P̄_⊥ θ̄_P⊥ vanishes",
-            "rms W θ̂ over a tenth of the run:",
+            "rms of W θ̂ over a tenth of the run:",
             "excited_error_rms",
             run,
             summary,

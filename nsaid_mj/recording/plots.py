@@ -16,7 +16,7 @@ _WINDOW, _AXIS = 1600.0, 60.0  # width that is laid out for, and of a plot's axi
 _LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
 _CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
 _LINE, _PADDING, _HEAD = 23.0, 16.0, 30.0  # heights in a legend, and of a view's title [pixels]
-_TALLEST, _LEAST = 0.78, 190.0  # a legend's largest share of a plot; height of a view [pixels]
+_TALLEST, _LEAST = 0.78, 230.0  # a legend's largest share of a plot; height of a view [pixels]
 _WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
     start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
 )

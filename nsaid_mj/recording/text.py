@@ -66,11 +66,11 @@ def statements(verdicts: Sequence[Verdict]) -> str:
         return "The run is too short for a verdict.\n"
     lines = []
     for v in verdicts:
-        claim = _CLAIMS.get(v.claim, v.claim)
+        claim, told = _CLAIMS.get(v.claim, v.claim), _worded(v.words)
         lines += [
             f"### {v.verdict.capitalize()}: {claim}",
             "",
-            f"{v.statement}. {_worded(v.words)}.",
+            f"{v.statement}. {told[:1].upper()}{told[1:]}.",
             "",
         ]
     return drawable("\n".join(lines) + "\n")

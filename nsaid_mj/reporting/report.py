@@ -202,7 +202,8 @@ def _checks(summary: dict[str, Any]) -> str:
         for key, equation in (("pe_level_perp", "75"), ("pe_level", "2"))
         if summary.get(key) is not None
     ]
-    if levels:
+    measured = ("pe_level_perp", "pe_level", "pe_share_perp")  # 0 or None without a window
+    if levels and any(summary.get(key) for key in measured):
         said.append(f"Smallest level of excitation ε₀ of any window: {', '.join(levels)}.")
     return " ".join(said)
 
