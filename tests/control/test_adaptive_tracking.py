@@ -27,10 +27,12 @@ from nsaid_mj.identifiers.cone.barrier import drawn_inside
 from nsaid_mj.identifiers.cone.law import ConeMetric
 from nsaid_mj.identifiers.metric import ConstantMetric
 from nsaid_mj.parameters import Array
+from nsaid_mj.recording.scene import ROBOT
 from nsaid_mj.resources import locked, scenarios
 from nsaid_mj.studies.tracking import Plan, courses, drive
 from nsaid_mj.studies.tracking_run import run as run_study
 from tests.support.plants import config_of, plant
+from tests.support.recordings import entities_of
 
 ACTUATED = ["double_pendulum", "ur5", "bluerov2", "astrobee", "uvms"]
 UNDERACTUATED = ["crazyflie", "remus100", "f1tenth", "solo12 free"]
@@ -273,7 +275,10 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
     assert [(row["law"], row["seed"]) for row in rows] == [(k, i) for i in (0, 1) for k in laws]
     assert all(row["v_rises"] == 0 for row in rows if row["law"] == "nullspace")
     assert "conventional" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert (tmp_path / "tracking.rrd").stat().st_size > 0
+    drawn = entities_of(tmp_path / "tracking.rrd")
+    view = f"/{ROBOT}/"  # what the 3D view shows
+    assert f"{view}reference" in drawn
+    assert {f"/error/rad/{law}" for law in laws} | {f"/command/{law}" for law in laws} <= set(drawn)
     assert "rms [mrad]" in capsys.readouterr().out
 
 
