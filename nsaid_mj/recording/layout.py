@@ -147,8 +147,8 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
     pages += [page(b.name.capitalize(), [b]) for b in large]
     for start in range(0, len(links), _LINKS_ON_A_PAGE):
         some = links[start : start + _LINKS_ON_A_PAGE]
-        name = "Links"
-        if len(links) > len(some):
+        name = "Links" if len(some) > 1 else some[0].name.capitalize()
+        if 1 < len(some) < len(links):
             name = f"{some[0].name.capitalize()} – {some[-1].name.split()[-1]}"
         pages.append(page(name, some, 3))
     return pages

@@ -16,7 +16,11 @@ _WINDOW, _AXIS = 1600.0, 60.0  # width that is laid out for, and of a plot's axi
 _LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
 _CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
 _LINE, _PADDING, _HEAD = 23.0, 16.0, 30.0  # heights in a legend, and of a view's title [pixels]
-_TALLEST, _LEAST = 0.78, 230.0  # a legend's largest share of a plot; height of a view [pixels]
+_TALLEST, _HEIGHT = 0.78, 906.0  # a legend's largest share of a plot; height of all views [pixels]
+_ROOMY, _LEAST = (
+    230.0,
+    140.0,
+)  # heights of a view with a short legend, where there is space [pixels]
 _WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
     start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
 )
@@ -55,7 +59,9 @@ class Plots:
 
     def heights(self, *rows: Sequence[rrb.View]) -> list[float]:
         """Shares of the height of rows of views, by which their legends have space."""
-        return [max(self._height(view) for view in row) for row in rows]
+        legends = [max(self._legend(view) for view in row) for row in rows]
+        roomy = [max(_ROOMY, legend) for legend in legends]
+        return roomy if sum(roomy) <= _HEIGHT else [max(_LEAST, legend) for legend in legends]
 
     def grid(self, views: Sequence[rrb.View], columns: int, name: str) -> rrb.Grid:
         """A page of views in columns; rows with long legends are higher."""
@@ -65,9 +71,9 @@ class Plots:
     def _below(self, entity: str) -> list[Curves]:
         return [c for c in self._curves if f"{c.path}/".startswith(f"{entity}/")]
 
-    def _height(self, view: rrb.View) -> float:
-        legend = _LINE * self._entries.get(view.id, 0) + _PADDING
-        return max(_LEAST, _HEAD + legend / _TALLEST)
+    def _legend(self, view: rrb.View) -> float:
+        """Height of a view that its legend needs [pixels]."""
+        return _HEAD + (_LINE * self._entries.get(view.id, 0) + _PADDING) / _TALLEST
 
 
 def plot(

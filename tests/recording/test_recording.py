@@ -235,7 +235,9 @@ def test_a_row_is_high_enough_for_its_longest_legend_and_a_curve_of_zeros_is_non
     some = plots.Plots([many, one], 10.0)
     high, low = some("gains", "many"), some("still", "one")
     heights = some.heights([high, low], [low])
-    assert 0.75 * (heights[0] - 30) > 12 * 23 and heights[1] == plots._LEAST
+    assert 0.75 * (heights[0] - 30) > 12 * 23 and heights[1] == plots._ROOMY
+    heights = some.heights([high], [high], [low])
+    assert heights[2] < plots._ROOMY and sum(heights) < 1000
     assert some.moving("gains") and not some.moving("still")
 
 
