@@ -43,8 +43,7 @@ def warm_up(scenario: Scenario) -> float:
     short = replace(scenario, duration=duration, held_out=min(scenario.held_out, duration))
     if head_start.pays_off(scenario):
         with head_start.second_process(short):
-            identifier = replace(short.identifier, law="memory")  # all but the filter
-            _run_and_judge(replace(short, identifier=identifier))
+            _run_and_judge(head_start.without_filter(short))
     mark_warm(_run_and_judge(short))
     return compile_seconds() - before
 
