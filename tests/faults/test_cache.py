@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -46,14 +47,24 @@ def script(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A script, and a cache that has its kernel."""
+    folder = tmp_path_factory.mktemp("filled")
+    script, cache = folder / "kernel.py", folder / "cache"
+    script.write_text(KERNEL.format(before=""))
+    assert called(script, cache) == "True"
+    assert called(script, cache) == "False"
+    return script, cache
+
+
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", [b"", b"\x80\x04", b"not a pickle"])
 def test_a_damaged_cache_is_told_and_compiled_anew(
-    kind: str, damage: bytes, script: Path, tmp_path: Path
+    kind: str, damage: bytes, filled: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    cache = tmp_path / "cache"
-    assert called(script, cache) == "True"
-    assert called(script, cache) == "False"
+    script, cache = filled[0], tmp_path / "cache"
+    shutil.copytree(filled[1], cache)
     (file,) = cache.rglob(f"*.{kind}")
     file.write_bytes(damage)
     assert called(script, cache) == "DamagedKernelCache True"
