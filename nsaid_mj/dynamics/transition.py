@@ -56,10 +56,9 @@ def transition(structure, q, v, u, dt, theta, scale, work, q1, v1):
         (q, v) at the start and c; and (n, p) those of c with respect to θ/scale.
     """
     forward, A, B, rates, now, sums, at, F, product = work
-    a, rate = rates[0], rates[1]
-    way, speed = now[0], now[1]
-    n, group, pivot = v.shape[0], group_of(structure), np.inf
-    way[:], speed[:], sums[:], at[:] = 0.0, v, 0.0, q
+    group, pivot = group_of(structure), np.inf
+    way, speed, a = now[0], now[1], rates[0]
+    _begin(q, v, at, now, sums)
     for stage in range(4):
         if stage == 2:
             own = linearise(structure, at, speed, u, theta, scale, forward, a, A, B)
@@ -69,19 +68,41 @@ def transition(structure, q, v, u, dt, theta, scale, work, q1, v1):
         pivot = min(pivot, own)
         if not pivot > 0.0:
             return pivot, F, B
-        _way_rate(group, way, speed, rate)
-        weight = dt / 3 if stage in (1, 2) else dt / 6
-        reach = dt if stage == 2 else 0.5 * dt
-        for i in range(n):
-            sums[0, i] += weight * rate[i]
-            sums[1, i] += weight * a[i]
-            way[i], speed[i] = reach * rate[i], v[i] + reach * a[i]
+        _advance(group, stage, dt, v, rates, now, sums)
         if stage < 3:
             integrate_into(structure, q, way, at)
-    for i in range(n):
-        v1[i] = v[i] + sums[1, i]
+    _end(v, sums, v1)
     integrate_into(structure, q, sums[0], q1)
     return pivot, F, B
+
+
+# Whatever does not depend on the structure is a function of its own, which is compiled only once.
+
+
+@njit(cache=True)
+def _begin(q, v, at, now, sums):
+    """Sets the first stage (2, n), tangent step and velocity, its position and the sums (2, n)."""
+    at[:], now[0], now[1], sums[:] = q, 0.0, v, 0.0
+
+
+@njit(cache=True)
+def _advance(group, stage, dt, v, rates, now, sums):
+    """Adds a stage's rates (2, n), v̇ and ξ̇, to the sums, and moves `now` to the next stage."""
+    a, rate, way, speed = rates[0], rates[1], now[0], now[1]
+    _way_rate(group, way, speed, rate)
+    weight = dt / 3 if stage in (1, 2) else dt / 6
+    reach = dt if stage == 2 else 0.5 * dt
+    for i in range(v.shape[0]):
+        sums[0, i] += weight * rate[i]
+        sums[1, i] += weight * a[i]
+        way[i], speed[i] = reach * rate[i], v[i] + reach * a[i]
+
+
+@njit(cache=True)
+def _end(v, sums, v1):
+    """Writes the velocity at the step's end."""
+    for i in range(v.shape[0]):
+        v1[i] = v[i] + sums[1, i]
 
 
 @njit(cache=True)

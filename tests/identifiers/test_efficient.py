@@ -20,7 +20,7 @@ from nsaid_mj.identifiers.cone.barrier import (
     gradient_and_hessian,
     local_norm,
 )
-from nsaid_mj.identifiers.efficient.kalman import Noise, _add_increment
+from nsaid_mj.identifiers.efficient.noise import Noise, add_increment
 from nsaid_mj.identifiers.efficient.witness import Witness
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
@@ -112,7 +112,7 @@ def test_fourth_differences_of_a_parabola_are_zero_and_of_white_noise_have_its_v
     for signal, expected in ((smooth, 0.0), (smooth + 0.2 * rng.standard_normal((2, len(t))), 0.2)):
         noise = Noise(np.zeros((3, 2)), np.zeros(2), np.zeros(2), np.zeros(1))
         for increment in np.diff(signal, axis=1).T:
-            _add_increment(noise, increment)
+            add_increment(noise, increment)
         np.testing.assert_allclose(np.sqrt(noise.variance), expected, rtol=0.1, atol=1e-9)
 
 

@@ -11,9 +11,6 @@
 This is (44, 45) with K and Γ replaced by the gains that the data's own information implies. Both q
 and v are measured, so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for
 the error of linearisation about θ̂: a share of what the uncertainty of θ does in a step.
-
-The noise levels R come from the data: where the fourth difference of a signal at a constant rate is
-negligible, its fourth differences have C(8, 4) = 70 times the variance of the noise.
 """
 
 from __future__ import annotations
@@ -28,14 +25,13 @@ from ...dynamics.transition import transition, transition_work
 from ...numerics.linalg import cholesky
 from ...parameters import Array
 from ..cone.barrier import Cone, local_norm
+from .noise import MEMORY, Noise, add_increment, noise_variance
 
 COMPLETED, CONTRADICTED, ROUNDED = 0, 1, 2
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
 rounding errors left the covariance indefinite."""
 _REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
-_MEMORY = 2000.0  # samples over which the noise is averaged
-_SMALLEST = 1e-6  # least standard deviation of the noise [rad or m, rad/s or m/s]
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
 _FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
@@ -56,22 +52,6 @@ class Law(NamedTuple):
     scale: Array
     gamma: float
     window: int
-
-
-class Noise(NamedTuple):
-    """Running estimate of the sensors' noise.
-
-    Attributes:
-        increments: (3, 2n) the last increments of position and velocity.
-        variance: (2n,) of the noise [rad² or m², (rad/s)² or (m/s)²].
-        count: (2n,) fourth differences that entered; those of a signal that stands still do not.
-        seen: (1,) number of increments so far.
-    """
-
-    increments: Array
-    variance: Array
-    count: Array
-    seen: Array
 
 
 class Filter(NamedTuple):
@@ -117,32 +97,15 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     )  # fmt: skip
 
 
-@njit(cache=True)
-def _add_increment(noise, increment):
-    """Updates the estimate of the noise by an increment (2n,) of position and velocity."""
-    increments, variance, count, seen = noise
-    for i in range(increment.shape[0]):
-        fourth = increment[i] - 3 * increments[2, i] + 3 * increments[1, i] - increments[0, i]
-        if seen[0] >= 3 and fourth != 0.0:
-            count[i] += 1
-            share = 1.0 / min(count[i], _MEMORY)
-            variance[i] += share * (fourth * fourth / 70 - variance[i])
-        increments[0, i], increments[1, i] = increments[1, i], increments[2, i]
-        increments[2, i] = increment[i]
-    seen[0] += 1
-
-
-@njit(cache=True)
-def noise_variance(noise):
-    """(2n,) R, not below what rounding errors allow."""
-    return np.maximum(noise.variance, _SMALLEST * _SMALLEST)
-
-
-@njit(cache=True)
-def acceptable(law, filter):
+def acceptable(law: Law, filter: Filter) -> float:
     """Largest sum of squared normalised innovations in a window that chance explains."""
-    dof = 2.0 * filter.v.shape[0] * law.window
-    vague = 1.0 + 4.0 / np.sqrt(min(filter.noise.seen[0], _MEMORY))  # of R itself
+    return _acceptable(law.window, filter.v.shape[0], filter.noise.seen[0])
+
+
+@njit(cache=True)
+def _acceptable(window, n, seen):
+    dof = 2.0 * n * window
+    vague = 1.0 + 4.0 / np.sqrt(min(seen, MEMORY))  # of R itself
     return vague * (dof + _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2)
 
 
@@ -175,8 +138,8 @@ def _keep_above_rounding(P, L):
 
 
 @njit(cache=True)
-def _workspaces(structure, n, m, p):
-    """Allocates the workspaces of `transition`, `_predict` and `_update`."""
+def _workspaces(n, p):
+    """Allocates the workspaces of `_predict` and `_update`."""
     size = 2 * n
     predicting = (
         np.empty((3 * n, p)), np.empty((3 * n, n)), np.empty((3 * n, 3 * n)),
@@ -186,11 +149,11 @@ def _workspaces(structure, n, m, p):
         np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
         np.empty((size, p)), np.empty((p, p)), np.empty(size), np.empty(p),
     )  # fmt: skip
-    return transition_work(structure, n, m, p), predicting, updating
+    return predicting, updating
 
 
 @njit(cache=True)
-def _predict(law, F, B, filter, work):
+def _predict(gamma, F, B, filter, work):
     """Writes P̄, without R, from the derivatives F (2n, 3n) and B (n, p) of `transition`."""
     Pxx, Pxt, Ptt = filter.Pxx, filter.Pxt, filter.Ptt
     with_theta, with_c, both, moved = work  # covariances of (x, c) with θ/scale, c and itself
@@ -207,11 +170,11 @@ def _predict(law, F, B, filter, work):
         for j in range(n):
             for k in range(n):
                 own = F[i, size + j] * with_c[size + j, k] * F[i, size + k]
-                Pxx[i, i] += law.gamma * law.gamma * own
+                Pxx[i, i] += gamma * gamma * own
 
 
 @njit(cache=True)
-def _update(law, filter, R, y, work):
+def _update(cone, scale, filter, R, y, work):
     """Updates θ̂ and P by an innovation y (2n,); writes the step of the state into y.
 
     Returns:
@@ -239,8 +202,8 @@ def _update(law, filter, R, y, work):
     np.dot(inverse, Pxt, whitened)
     np.dot(e, whitened, step)
     for k in range(p):
-        step[k] *= law.scale[k]
-    length = local_norm(law.cone, theta, step)
+        step[k] *= scale[k]
+    length = local_norm(cone, theta, step)
     share = min(1.0, _REACH / length) if length > 0.0 else 1.0
     for k in range(p):
         theta[k] += share * step[k]
@@ -263,6 +226,34 @@ def _update(law, filter, R, y, work):
     return np.dot(e, e), spread
 
 
+# Whatever does not depend on the structure is a function of its own, which is compiled only once.
+
+
+@njit(cache=True)
+def _observe(noise, increment, R):
+    """Updates the estimate of the noise by an increment (2n,), and writes R (2n,)."""
+    add_increment(noise, increment)
+    R[:] = noise_variance(noise)
+
+
+@njit(cache=True)
+def _hand_out(theta, v, theta_row, v_row):
+    """Writes one row of the estimates."""
+    for i in range(theta.shape[0]):
+        theta_row[i] = theta[i]
+    for i in range(v.shape[0]):
+        v_row[i] = v[i]
+
+
+@njit(cache=True)
+def _begin_window(theta, Ptt, safe, safe_P, tally, factor):
+    """Begins another window of innovations; `factor` (p, p) is workspace."""
+    _keep_above_rounding(Ptt, factor)
+    safe[0], safe[1] = safe[1], theta
+    safe_P[0], safe_P[1] = safe_P[1], Ptt
+    tally[1:] = 0.0
+
+
 @njit(cache=True, nogil=True)
 def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
     """Runs the filter along a log of N samples.
@@ -283,21 +274,20 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
     """
     structure, scale, tally, totals = law.structure, law.scale, filter.tally, filter.totals
     n, m, p = v.shape[1], q.shape[1], scale.shape[0]
+    step, (predicting, updating) = transition_work(structure, n, m, p), _workspaces(n, p)
     size = 2 * n
-    step, predicting, updating = _workspaces(structure, n, m, p)
     q1, v1, y, R = np.empty(m), np.empty(n), np.empty(size), np.empty(size)
     factor = np.zeros((p, p))
     for k in range(1, t.shape[0]):
         difference_into(structure, q[k - 1], q[k], y[:n])
         for i in range(n):
             y[n + i] = v[k, i] - v[k - 1, i]
-        _add_increment(filter.noise, y)
-        R[:] = noise_variance(filter.noise)
+        _observe(filter.noise, y, R)
         pivots[k] = np.inf
         if tally[0] == 0.0:
             if filter.noise.seen[0] >= _WARM_UP + 3:
                 restart_state(filter, q[k], v[k], R)
-            thetas[k], v_hats[k] = filter.theta, v[k]
+            _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
             continue
         pivot, F, B = transition(
             structure, filter.q, filter.v, u[k - 1], t[k] - t[k - 1], filter.theta, scale, step,
@@ -306,30 +296,27 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         square, spread = np.nan, np.nan
         if pivot > 0.0:
             pivots[k] = pivot
-            _predict(law, F, B, filter, predicting)
+            _predict(law.gamma, F, B, filter, predicting)
             difference_into(structure, q1, q[k], y[:n])
             for i in range(n):
                 y[n + i] = v[k, i] - v1[i]
-            square, spread = _update(law, filter, R, y, updating)
+            square, spread = _update(law.cone, scale, filter, R, y, updating)
         if not square < np.inf:
-            thetas[k], v_hats[k] = filter.theta, v[k]
+            _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
             return k, ROUNDED if pivot > 0.0 else CONTRADICTED
         integrate_into(structure, q1, y[:n], filter.q)
         for i in range(n):
             filter.v[i] = v1[i] + y[n + i]
-        thetas[k], v_hats[k] = filter.theta, filter.v
+        _hand_out(filter.theta, filter.v, thetas[k], v_hats[k])
         tally[1] += 1
         tally[2] += square
         tally[3] += spread
         totals[0] += square
         totals[1] += size
-        if tally[2] > acceptable(law, filter):
+        if tally[2] > _acceptable(law.window, n, filter.noise.seen[0]):
             return k, CONTRADICTED
         if tally[1] >= law.window:
-            _keep_above_rounding(filter.Ptt, factor)
-            filter.safe[0], filter.safe[1] = filter.safe[1], filter.theta
-            filter.safe_P[0], filter.safe_P[1] = filter.safe_P[1], filter.Ptt
-            tally[1:] = 0.0
+            _begin_window(filter.theta, filter.Ptt, filter.safe, filter.safe_P, tally, factor)
     return t.shape[0] - 1, COMPLETED
 
 
@@ -350,7 +337,7 @@ def covariance_along(law, filter, R, t, q, v, u):
         The last row processed: N − 1, or that where M or S was not positive definite.
     """
     n, m, p = v.shape[1], q.shape[1], law.scale.shape[0]
-    step, predicting, updating = _workspaces(law.structure, n, m, p)
+    step, (predicting, updating) = transition_work(law.structure, n, m, p), _workspaces(n, p)
     q1, v1, y = np.empty(m), np.empty(n), np.empty(2 * n)
     for k in range(1, t.shape[0]):
         pivot, F, B = transition(
@@ -359,8 +346,8 @@ def covariance_along(law, filter, R, t, q, v, u):
         )  # fmt: skip
         if not pivot > 0.0:
             return k - 1
-        _predict(law, F, B, filter, predicting)
+        _predict(law.gamma, F, B, filter, predicting)
         y[:] = 0.0
-        if not _update(law, filter, R, y, updating)[0] < np.inf:
+        if not _update(law.cone, law.scale, filter, R, y, updating)[0] < np.inf:
             return k - 1
     return t.shape[0] - 1

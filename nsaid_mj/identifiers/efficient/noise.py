@@ -1,0 +1,55 @@
+"""The levels of the sensors' noise, from the data themselves.
+
+Where the fourth difference of a signal at a constant rate is negligible, its fourth differences
+have C(8, 4) = 70 times the variance of the noise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...parameters import Array
+
+MEMORY = 2000.0
+"""Samples over which the noise is averaged."""
+_SMALLEST = 1e-6  # least standard deviation of the noise [rad or m, rad/s or m/s]
+
+
+class Noise(NamedTuple):
+    """Running estimate of the sensors' noise.
+
+    Attributes:
+        increments: (3, 2n) the last increments of position and velocity.
+        variance: (2n,) of the noise [rad² or m², (rad/s)² or (m/s)²].
+        count: (2n,) fourth differences that entered; those of a signal that stands still do not.
+        seen: (1,) number of increments so far.
+    """
+
+    increments: Array
+    variance: Array
+    count: Array
+    seen: Array
+
+
+@njit(cache=True)
+def add_increment(noise, increment):
+    """Updates the estimate of the noise by an increment (2n,) of position and velocity."""
+    increments, variance, count, seen = noise
+    for i in range(increment.shape[0]):
+        fourth = increment[i] - 3 * increments[2, i] + 3 * increments[1, i] - increments[0, i]
+        if seen[0] >= 3 and fourth != 0.0:
+            count[i] += 1
+            share = 1.0 / min(count[i], MEMORY)
+            variance[i] += share * (fourth * fourth / 70 - variance[i])
+        increments[0, i], increments[1, i] = increments[1, i], increments[2, i]
+        increments[2, i] = increment[i]
+    seen[0] += 1
+
+
+@njit(cache=True)
+def noise_variance(noise):
+    """(2n,) R, not below what rounding errors allow."""
+    return np.maximum(noise.variance, _SMALLEST * _SMALLEST)
