@@ -27,7 +27,8 @@ def log_faults(
 ) -> None:
     """Logs every event at the time it was found; its part is red from then on.
 
-    A vehicle's actuator gets a red ball where its force acts, an arm's joint a red link.
+    A vehicle's actuator gets a red ball where its force acts, an arm's joint a red link; a sensor
+    of a vehicle has no place.
     """
     for number, event in enumerate(events):
         rec.set_time("sim_time", duration=event.found)
@@ -57,7 +58,7 @@ def _mounts(system: SecondOrderSystem, event: FaultEvent) -> Array:
 
 
 def _links(system: SecondOrderSystem, event: FaultEvent) -> list[str]:
-    """Names of the links whose inertia, or whose joint's gain or friction, an event names."""
+    """Names of the links whose inertia, or joint's gain, friction or sensor, an event names."""
     space, found = system.space, []
     bodies = [block for block in space.blocks if block.geometry == "pseudo_inertia"]
     links = [block.labels[0].rpartition(" of ")[2] for block in bodies]
@@ -69,4 +70,6 @@ def _links(system: SecondOrderSystem, event: FaultEvent) -> list[str]:
                 found.append(links[bodies.index(block)])
             elif system.group == 0 and len(block) == len(links):  # one for each joint of an arm
                 found.append(links[i])
+    for name in event.names if event.kind == "bias" and len(links) == system.n else ():
+        found.append(links[int(name.rpartition(" ")[2]) - 1])  # such as `position 2`
     return list(dict.fromkeys(found))

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from nsaid_mj.evaluation.misfit import misfit_of
 from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers.base import Estimates, Identifier, State
 from nsaid_mj.identifiers.efficient.faults.evidence import jumped, posterior, shift_jumps
 from nsaid_mj.identifiers.efficient.faults.hypotheses import hypotheses_of
+from nsaid_mj.identifiers.efficient.faults.onset import onset, started
+from nsaid_mj.identifiers.efficient.faults.signals import Signals
+from nsaid_mj.identifiers.efficient.faults.trial import Trial
+from nsaid_mj.identifiers.efficient.faults.trials import begin_trials, follow_trials
 from nsaid_mj.identifiers.efficient.faults.watch import with_jump
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.log import Log
@@ -95,6 +102,18 @@ def test_an_event_says_what_is_known() -> None:
     mass = event._replace(kind="payload", part="mass of body", unit="kg", size=2, low=1.5, high=2.5)
     assert mass.in_words == "mass of body changed by 2 kg (1.5 … 2.5 kg)"
     assert FaultEvent.of(event.keys()) == event
+    sensor = mass._replace(kind="bias", part="velocity of yaw", names=("velocity 6",), unit="rad/s")
+    assert sensor.in_words == "velocity of yaw is off by 2 rad/s (1.5 … 2.5 rad/s)"
+
+
+def test_a_rotor_that_turns_backwards_pulls_down_and_drags_as_before() -> None:
+    system = Setup.of(load("crazyflie")).system
+    q, v, u = system.random_state(np.random.default_rng(4))
+    back = u * np.array([1, -1, 1, 1])
+    ahead, behind = (system.F(0.0, np.concatenate([q, v]), c) for c in (u, back))
+    sign = np.ones(system.p)
+    sign[[system.space.index("thrust_2"), system.space.index("torque_2")]] = -1
+    np.testing.assert_array_equal(behind, ahead * sign)
 
 
 # -- along runs ------------------------------------------------------------------------------------
@@ -160,6 +179,80 @@ def test_other_faults_are_told_apart(text: str) -> None:
     gains = np.intersect1d(hit, setup.system.space.actuators)
     truth = setup.plant.truth_at(9.0)[gains]
     np.testing.assert_allclose(estimates.theta_hat[-1][gains], truth, rtol=0.3, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "error"),
+    [
+        ("bias 0.01 of position 2", "position 2", 0.01),
+        ("bias -0.002 of position 6", "position 6", -0.002),
+        ("bias 0.05 of velocity 5", "velocity 5", 0.05),
+        ("bias -0.02 of velocity 1", "velocity 1", -0.02),
+    ],
+)
+def test_an_error_of_a_sensor_is_found_and_undone(text: str, name: str, error: float) -> None:
+    setup, _, state, estimates = followed("bluerov2", 34, f"{text} at 6 s", 10.0)
+    (event,) = state.faults
+    assert (event.kind, event.names) == ("bias", (name,))
+    assert event.low < error < event.high and event.high - event.low < 0.2 * abs(error) + 3e-4
+    gains = setup.system.space.actuators
+    ratio = estimates.theta_hat[-1][gains] / setup.plant.truth[gains]
+    assert np.abs(ratio / ratio.mean() - 1).max() < 1e-3
+
+
+def test_the_signature_of_a_sensors_error_is_that_of_the_filter() -> None:
+    setup, log, *_ = followed("bluerov2", 34, "bias 0.05 of velocity 5 at 6 s", 10.0)
+    system, identifier = setup.system, setup.identifiers()[""]
+    before, _ = identifier.follow(identifier.init(log.at(0)), log.until(5.9))
+    law, kalman, late = identifier._law, before.filter.filter, log.part(570, 640)
+    k = onset(law, kalman, system, late)
+    assert late.t[k] == pytest.approx(6.0)  # the last sample before it
+    what = [h for h in hypotheses_of(system, kalman.theta) if h.names == ("velocity 5",)]
+    sound = Signals.sound(system)
+    trials = begin_trials(law, kalman, system, sound, what, late.first(k + 2), k)
+    (trial,) = follow_trials(law, system, trials, late.part(k + 1, 70)).each
+    _, (size, low, high) = trial.reported(system.space)
+    assert low < 0.05 < high
+    start = started(kalman, system, late, k)
+    direct = Trial.begin(start, sound.biased(10, size), what[0], law.scale)
+    squares = direct.followed(law, system, late.part(k, 70), sound).squares
+    assert trial.squares == pytest.approx(squares, abs=0.1)  # of about 470: the parabola is one
+    none = Trial.begin(start, sound, what[0], law.scale)
+    assert none.followed(law, system, late.part(k, 70), sound).squares > squares + 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [0.5, 2.0])
+def test_a_load_at_an_arms_tool_is_weighed(mass: float) -> None:
+    text = f"payload {mass} kg place 0 0.1 0 at 6 s"
+    setup, _, state, estimates = followed("ur5", 35, text, 9.0)
+    (event,) = state.faults
+    assert event.kind == "payload" and event.unit == "kg"
+    gains = setup.system.space.actuators
+    scale = np.median(estimates.theta_hat[-1][gains] / setup.plant.truth[gains])
+    assert event.size == pytest.approx(scale * mass, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("text", ["reversed 2", "stuck 3", "broken 4"])
+def test_a_rotor_that_fails_altogether_is_told_apart(text: str) -> None:
+    _, _, state, _ = followed("crazyflie", 33, f"{text} at 6 s", 7.0)
+    kind, number = text.split()
+    assert (state.faults[0].kind, state.faults[0].names) == (
+        kind,
+        (f"thrust_{number}", f"torque_{number}"),
+    )
+
+
+def test_a_found_fault_is_no_misfit_of_the_structure(tmp_path: Path) -> None:
+    scenario = load("bluerov2")
+    law = replace(scenario.identifier, law="efficient", gamma="scale")
+    plant = replace(scenario.plant, faults=parse_faults("reversed 2 at 6 s"))
+    common = {"rivals": {}, "sensors": "noisy", "duration": 9.0, "seed": 36, "held_out": 1.0}
+    result = run(replace(scenario, plant=plant, identifier=law, **common), tmp_path)
+    (event,) = result.faults
+    misfit = misfit_of(result)
+    assert event.kind == "reversed" and misfit is not None and misfit.level == "none"
 
 
 def test_a_log_in_pieces_gives_the_same_faults_and_estimates() -> None:

@@ -238,7 +238,7 @@ class EfficientIdentifier(Identifier):
         found = verdict(self._law, trials, float(log.t[-1]))
         if found is None:
             window = self._law.window * self._interval / self._every
-            trials = narrowed(self._law, self.system, trials, window)
+            trials = narrowed(self._law, trials, window)
             return inside._replace(trials=trials)
         inside = inside._replace(trials=None)
         if found.trial is None:

@@ -26,7 +26,8 @@ from .signals import Signals
 from .trial import Trial
 
 _WIDE = 100.0  # prior standard deviation of an error, relative to that of the sensor's noise
-_STEP = 10.0  # of the differences, relative to the same: several times the error of `_jumps`
+_COARSE = 10.0  # step of the differences, relative to the same: several times what `_jumps` errs
+_FINE = 2.0  # once the error is known
 
 
 class BiasTrial(NamedTuple):
@@ -37,12 +38,14 @@ class BiasTrial(NamedTuple):
         middle: error that the second one takes.
         step: between two.
         prior: standard deviation of the error.
+        coarse: whether the first one, of which the filter is not quite a linear function.
     """
 
     trials: tuple[Trial, Trial, Trial]
     middle: float
     step: float
     prior: float
+    coarse: bool = True
 
     @staticmethod
     def begin(
@@ -56,13 +59,16 @@ class BiasTrial(NamedTuple):
         """A trial from a filter at sample k of a log, after which the error begins."""
         channel = hypothesis.channel
         sigma = float(np.sqrt(noise_variance(start.noise)[channel]))
-        middle, step = float(_jumps(system, log, k)[channel]), _STEP * sigma
-        errors = [middle + i * step for i in (-1, 0, 1)]
-        scale = np.ones(system.p)  # its θ does not jump
-        one, two, three = (
-            Trial.begin(start, signals.biased(channel, b), hypothesis, scale) for b in errors
-        )
-        return BiasTrial((one, two, three), middle, step, _WIDE * sigma)
+        middle, step = float(_jumps(system, log, k)[channel]), _COARSE * sigma
+        trials = _three(start, signals, hypothesis, middle, step)
+        return BiasTrial(trials, middle, step, _WIDE * sigma)
+
+    def again(self, start: Filter) -> BiasTrial:
+        """A trial from the same start, close to where this one has come to."""
+        middle, step = self.middle + self._fit()[0], self.step * _FINE / _COARSE
+        signals = self.trials[1].signals.biased(self.hypothesis.channel, -self.middle)
+        trials = _three(start, signals, self.hypothesis, middle, step)
+        return self._replace(trials=trials, middle=middle, step=step, coarse=False)
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -138,6 +144,16 @@ class BiasTrial(NamedTuple):
         here = signals.acting(system, log.part(len(log.t) - 1, len(log.t))).at(0)
         restart_state(own, here.q, here.v, noise_variance(own.noise))
         return own, signals
+
+
+def _three(
+    start: Filter, signals: Signals, hypothesis: Hypothesis, middle: float, step: float
+) -> tuple[Trial, Trial, Trial]:
+    """Trials at three errors, from a filter and the signals before."""
+    errors = [signals.biased(hypothesis.channel, middle + i * step) for i in (-1, 0, 1)]
+    scale = np.ones(len(start.theta))  # its θ does not jump
+    one, two, three = (Trial.begin(start, biased, hypothesis, scale) for biased in errors)
+    return one, two, three
 
 
 def _jumps(system: SecondOrderSystem, log: Log, k: int) -> Array:

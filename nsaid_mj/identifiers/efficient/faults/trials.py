@@ -8,7 +8,7 @@ enough or time is up; those that have become improbable are dropped.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from .trial import Trial
 _DROPPED = 1e-9  # probability below which a hypothesis is tried no longer
 _CERTAIN = 0.995  # probability at which a hypothesis is accepted
 _LONGEST = 1.0  # time after which the most probable one is accepted [s]
+_NEAR = 200.0  # evidence that a trial of a sensor's error can gain by being repeated
 _PASSES, _BETTER = 4, 0.99  # of linearising a trial again, and what each must achieve
 _PATIENT = ("several", "bias", "payload")  # not accepted before; of the last two for their size
 
@@ -88,18 +89,24 @@ def begin_trials(
 
 
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
-    """The trials after a log."""
+    """The trials after a log; at a window's end they are repeated where that makes them exact."""
     each = tuple(trial.followed(law, system, log) for trial in trials.each)
     known = trials.log.first(len(trials.log.t) - 1).joined(log)
-    return trials._replace(each=each, log=known, samples=trials.samples + len(log.t) - 1)
+    trials = trials._replace(each=each, log=known, samples=trials.samples + len(log.t) - 1)
+    if trials.samples < law.window:
+        return trials
+    least = max(trial.evidence for trial in each) - _NEAR
+    return trials._replace(
+        each=tuple(_repeated(trial, law, system, trials, least) for trial in each)
+    )
 
 
-def narrowed(law: Law, system: SecondOrderSystem, trials: Trials, window: float) -> Trials:
+def narrowed(law: Law, trials: Trials, window: float) -> Trials:
     """The trials that go on at the end of a window [s], and are free to follow a growing fault.
 
     Improbable ones are dropped. Where not even the best explains its window, or only the one with
     most freedom, the others have yet to learn the size of a large change: the evidence is counted
-    anew from here. Those whose θ jumps far begin again, linearised where they have come to.
+    anew from here.
     """
     for trial in trials.each:
         trial.freed(window)
@@ -112,33 +119,42 @@ def narrowed(law: Law, system: SecondOrderSystem, trials: Trials, window: float)
         trials = trials._replace(counted=len(trials.log.t) - 1)
     else:
         each = tuple(trial for trial, p in zip(trials.each, share, strict=True) if p >= _DROPPED)
-    again = tuple(_relinearised(trial, law, system, trials) for trial in each)
-    return trials._replace(each=again, samples=0)
+    return trials._replace(each=each, samples=0)
 
 
-def _relinearised(
-    trial: Trial | BiasTrial, law: Law, system: SecondOrderSystem, trials: Trials
+def _repeated(
+    trial: Trial | BiasTrial, law: Law, system: SecondOrderSystem, trials: Trials, least: float
 ) -> Trial | BiasTrial:
-    """A trial whose θ jumps far along the same log, linearised where it has come to.
+    """A trial along the same log, linearised where it has come to.
 
-    It is repeated as long as that explains the log better.
+    Those of a sensor's error are, once, if their evidence is at least `least`; those whose θ jumps
+    far are as long as that explains the log better.
     """
-    if isinstance(trial, BiasTrial) or not trial.hypothesis.offset:
-        return trial
-    log, split = trials.log, trials.counted
-    for _ in range(_PASSES):
+    if isinstance(trial, BiasTrial):
+        if trial.evidence < least or not trial.coarse:
+            return trial
+        return _along(trial.again(trials.start), law, system, trials)
+    for _ in range(_PASSES if trial.hypothesis.offset else 0):
         try:
-            again = trial.again(trials.start, law)
+            again = _along(trial.again(trials.start, law), law, system, trials)
         except np.linalg.LinAlgError:  # it has gone astray
             break
-        if split:
-            again = again.followed(law, system, log.first(split + 1), trials.before).forgetting()
-        before = None if split else trials.before
-        again = again.followed(law, system, log.part(split, len(log.t)), before)
         if not again.earlier + again.squares < _BETTER * (trial.earlier + trial.squares):
             break
         trial = again
     return trial
+
+
+T = TypeVar("T", Trial, BiasTrial)
+
+
+def _along(trial: T, law: Law, system: SecondOrderSystem, trials: Trials) -> T:
+    """A trial at its start after the log of all, its evidence counted as theirs."""
+    log, split, before = trials.log, trials.counted, trials.before
+    if not split:
+        return trial.followed(law, system, log, before)
+    trial = trial.followed(law, system, log.first(split + 1), before).forgetting()
+    return trial.followed(law, system, log.part(split, len(log.t)))
 
 
 def explains(law: Law, trial: Trial | BiasTrial) -> bool:
