@@ -15,7 +15,7 @@ from .text import drawable
 
 LOG = "faults"
 _RED = (224, 49, 49)
-_MARK = 0.07  # radius of a marker, over half the vehicle's size
+_MARK = 0.1  # radius of a marker, over half the vehicle's size
 
 
 def log_faults(
@@ -45,6 +45,13 @@ def log_faults(
         for path in scene.paths_of(_links(system, event)):
             rec.log(path, rr.Mesh3D.from_fields(albedo_factor=_RED))
     rec.reset_time()
+
+
+def failed_parts(
+    events: Sequence[FaultEvent], system: SecondOrderSystem, scene: Scene
+) -> list[str]:
+    """The entities of the meshes that turn red."""
+    return [path for event in events for path in scene.paths_of(_links(system, event))]
 
 
 def _mounts(system: SecondOrderSystem, event: FaultEvent) -> Array:

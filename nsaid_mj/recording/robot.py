@@ -11,7 +11,7 @@ from ..experiment.loop import Run
 from ..experiment.record import Record
 from ..parameters import Array, Indices
 from . import inertia, torques
-from .faults import log_faults
+from .faults import failed_parts, log_faults
 from .forces import COMMANDED, ESTIMATED, Arrows, Rows
 from .layout import words
 from .scene import Scene
@@ -69,7 +69,9 @@ class Robot:
         t, theta_hat = record["t"], record["theta_hat"]
         frames = _at_rate(t, _RATE, _FRAMES)
         inside = self._arrows is not None or self._links is not None
-        self._scene.log_shapes(rec, self.camera, ghost=inside)
+        failed = failed_parts(self._run.faults, self._run.system, self._scene)
+        changing = dict.fromkeys(failed, float(t[0]))
+        self._scene.log_shapes(rec, self.camera, ghost=inside, changing=changing)
         self._scene.log_poses(rec, t[frames], record["q"][frames])
         log_faults(rec, self._run.faults, self._run.system, self._scene, self.camera)
         if self._arrows:

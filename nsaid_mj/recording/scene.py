@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +85,11 @@ class Scene:
         return [path for path, mesh in named if any(mesh.name.startswith(k) for k in links)]
 
     def log_shapes(
-        self, rec: rr.RecordingStream, camera: Camera | None, ghost: bool = False
+        self,
+        rec: rr.RecordingStream,
+        camera: Camera | None,
+        ghost: bool = False,
+        changing: Mapping[str, float] | None = None,
     ) -> None:
         """Logs everything static: axes, meshes, and a stand below an arm that is above the ground.
 
@@ -93,6 +97,8 @@ class Scene:
             rec: recording stream.
             camera: of the view; None if there is no 3D view.
             ghost: draws the meshes half transparent, to show arrows inside them.
+            changing: entities of meshes whose colour changes later, and the recording's first time
+                [s]: a static colour would hide later ones.
         """
         rec.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for path, mesh in zip(self._paths, self._meshes, strict=True):
@@ -100,16 +106,17 @@ class Scene:
             color = np.array(mesh.color)
             if ghost:
                 color = np.append(color[:3] + _LIGHT * (1 - color[:3]), _GHOST * color[3])
-            rec.log(
-                path,
-                rr.Mesh3D(
-                    vertex_positions=vertices,
-                    triangle_indices=triangles,
-                    vertex_normals=normals,
-                    albedo_factor=[round(255 * c) for c in color],
-                ),
-                static=True,
+            shape = rr.Mesh3D(
+                vertex_positions=vertices, triangle_indices=triangles, vertex_normals=normals
             )
+            rec.log(path, shape, static=True)
+            albedo = rr.Mesh3D.from_fields(albedo_factor=[round(255 * c) for c in color])
+            if path in (changing or {}):
+                rec.set_time("sim_time", duration=(changing or {})[path])
+                rec.log(path, albedo)
+                rec.reset_time()
+            else:
+                rec.log(path, albedo, static=True)
         if camera is None:
             return
         if self._rigid:

@@ -36,13 +36,15 @@ from nsaid_mj import (
 )
 from nsaid_mj.dynamics.forward import force_law
 from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
-from nsaid_mj.experiment.loop import SimulatedRun, run
+from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.identifiers import Status
+from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.stream import recording as stream
 from nsaid_mj.recording.text import drawable
+from nsaid_mj.resources import write_json
 from nsaid_mj.systems.joints import JointTree
 from nsaid_mj.systems.rigid_body import RigidBody
 from tests.support.faulty import WITH_RIVAL as ROV
@@ -667,3 +669,23 @@ def test_with_a_display_the_viewer_opens_a_window(monkeypatch: pytest.MonkeyPatc
     assert command[command.index("--bind") + 1] == "127.0.0.1"
     assert Path(command[0]).is_file() and os.access(command[0], os.X_OK)
     assert Path(command[0]).parent.name != "bin"  # the program itself, not the console script
+
+
+def test_the_link_of_a_failed_joint_turns_red_when_that_is_found(tmp_path: Path) -> None:
+    result = run(ARM, tmp_path)
+    event = FaultEvent(0.1, 0.12, "loss", "gain", ("gain_3",), 0.4, 0.3, 0.5, "1", 1.0)
+    write_json(tmp_path / FAULTS, [event.keys()])
+    truth = metrics.truth_of(result)
+    recording.write(result, metrics.summarize(result, truth), truth)
+    mesh = "Mesh3D:albedo_factor"
+    parts = {name: part for name, part in read(result).items() if mesh in part}
+    red = int.from_bytes(bytes([224, 49, 49, 255]))
+    for name, part in parts.items():
+        colours = [value[0] for value in part[mesh] if value is not None]
+        if "forearm" in name:  # a static colour would hide the later one
+            times = [seconds(t) for t in part["sim_time"] if t is not None]
+            assert 0.0 in times and times.count(0.12) == 1
+            assert len(colours) == 2 and colours[-1] == red
+        else:
+            assert red not in colours
+    assert any("forearm" in name for name in parts)
