@@ -217,15 +217,16 @@ class Excite:
     """Design the motion of an experiment, and say beforehand what it will tell.
 
     `nsaid excite NAME` designs for a scenario's robot or vehicle, `nsaid excite --model arm.urdf`
-    for a robot of your own. Writes the motion as CSV, a scenario to run it in MuJoCo, a report and
-    a recording. `nsaid run NAME --excitation designed` designs and runs at once.
+    for a robot or vehicle of your own. Writes the motion as CSV, a scenario to run it in MuJoCo, a
+    report and a recording. `nsaid run NAME --excitation designed` designs and runs at once.
 
     Attributes:
         scenario: a name from `nsaid list`, or the path of a script.
-        model: URDF file of a robot of your own, or a name of example-robot-data.
+        model: URDF, MJCF (.xml, .mjb) or vehicle's TOML file of your own, or a robot's name.
         duration: of the experiment [s].
         want: gains, all, or comma-separated names of parameters, such as mass_6; also --for.
-        limits: TOML file of limits; by default those that the scenario's own excitation keeps.
+        limits: TOML file of limits; by default those that the scenario's own excitation keeps, or
+            those of the model file.
         criterion: bound (the predicted deviation), condition or d-optimal.
         noise: standard deviations of measured positions and velocities, such as 1e-4,5e-3.
         seed: of the search.

@@ -21,6 +21,7 @@ from ..log import Log
 from ..parameters import Array
 from .arms import JointMotions
 from .asked import GAINS, Asked, asked_for
+from .checking import Motions, checked
 from .experiment import DRAWS, Experiment
 from .information import (
     bound_cost,
@@ -30,7 +31,7 @@ from .information import (
     predicted,
     rms,
 )
-from .limits import COMMAND, RANDOM, Limit, Limits, coordinates_of, envelope, extents_of, units_of
+from .limits import COMMAND, RANDOM, Limit, Limits, envelope, extents_of, units_of
 from .search import Found, minimise
 from .vehicles import DrivenMotions
 
@@ -40,12 +41,9 @@ _SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the b
 _FIRST = 0.75  # share of the search that looks at one draw of the prior only
 _STEP, _LATER = 0.3, 0.1  # first steps of its two parts
 _RESOLVED = 0.1  # relative change of the bound with the step that is accepted
-_SHRINK = 0.98  # of a joint that breaks a limit, beyond what its use says
 _MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limits
-_ATTEMPTS = 8  # smaller versions of an arm's motion
 _MORE = 0.05  # of the range that a vehicle's random motions had, on both sides: they are few
 _NEXT = 40  # next best motions of a vehicle
-_SMALLER = 0.9  # amplitudes of a vehicle's commands at a second attempt
 _SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
 _EFFORT = 60.0  # time of the search on one core [s]
@@ -172,7 +170,7 @@ def design(
     if not np.isfinite(found.cost):
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
     told("checking the motion", None)
-    driver, logs, uses = _checked(motions, candidates, largest)
+    driver, logs, uses = checked(motions, candidates, largest)
     covariances = [
         predicted(experiment, _coarse(motions.stride, log), d) for d, log in enumerate(logs)
     ]
@@ -185,9 +183,6 @@ def design(
         experiment, largest, asked, criterion, driver, logs, uses, np.array(covariances),
         np.array(random), found.evaluations, motions.stride,
     )  # fmt: skip
-
-
-Motions = JointMotions | DrivenMotions
 
 
 def _family(experiment: Experiment, limits: Limits, base: DriverConfig) -> Motions:
@@ -377,79 +372,3 @@ def _evaluations(motions: Motions, criterion: str) -> int:
 def _coarse(every: int, log: Log) -> Log:
     """A simulated motion at the steps at which its information is computed."""
     return Log.unchecked(*(np.ascontiguousarray(part[::every]) for part in log))
-
-
-def _checked(
-    motions: Motions, candidates: Sequence[Array], limits: Limits
-) -> tuple[DriverConfig, tuple[Log, ...], dict[str, float]]:
-    """The driver of a candidate whose simulations under all draws keep all limits.
-
-    Args:
-        motions: turns candidates into motions.
-        candidates: the best one first. That of an arm is made smaller, joint by joint, until it
-            keeps the limits; of a vehicle's, the first that keeps them is taken, as it is or
-            with smaller commands.
-        limits: that must not be broken.
-
-    Raises:
-        NoMotion: all break one.
-    """
-    least = {"stability": np.inf}
-    share = np.ones(motions.experiment.system.n)
-    for attempt in range(_ATTEMPTS if isinstance(motions, JointMotions) else 2 * len(candidates)):
-        if isinstance(motions, JointMotions):
-            driver: DriverConfig = motions.driver(candidates[0], share)
-        else:
-            driver = motions.driver(candidates[attempt // 2], (1.0, _SMALLER)[attempt % 2])
-        logs, worst = _simulated(motions.experiment, driver, limits)
-        if worst is None:
-            share = 0.8 * share
-            continue
-        uses = {name: float(use.max()) for name, use in worst.items()}
-        touched = _touched(motions, logs)
-        if max(uses.values()) <= 1 and not touched:
-            return driver, logs, uses
-        if touched:
-            uses["contacts"] = np.inf
-            share = 0.9 * share
-        least = min(least, uses, key=lambda each: max(each.values()))
-        if isinstance(motions, JointMotions):
-            joint = np.max(list(worst.values()), axis=0)
-            share = share * np.where(joint > 1, _SHRINK / np.minimum(joint, 1.5), 1.0)
-    name = max(least, key=lambda name: least[name])
-    if not np.isfinite(least[name]):
-        raise NoMotion(
-            f"every motion that was checked breaks the limit of {name}",
-            "Restrict the positions to a pose with more room around it, or give more --effort.",
-        )
-    raise NoMotion(
-        f"the best motion found breaks the limit of {name} by {100 * (least[name] - 1):.0f} % in "
-        "simulation",
-        f"Widen the limit of {name}, give a larger margin, or more --effort.",
-    )
-
-
-def _touched(motions: Motions, logs: Sequence[Log]) -> str:
-    """The first contact along simulated motions, in words; "" if there is none to look for."""
-    if not isinstance(motions, JointMotions) or motions.contacts is None:
-        return ""
-    system, every = motions.experiment.system, motions.stride
-    for log in logs:
-        words = motions.contacts.touching(coordinates_of(system, log.q[::every]))
-        if any(words):
-            return next(filter(None, words))
-    return ""
-
-
-def _simulated(
-    experiment: Experiment, driver: DriverConfig, limits: Limits
-) -> tuple[tuple[Log, ...], dict[str, Array] | None]:
-    """The motions under all draws, and the largest use of every limit; None if one diverges."""
-    logs, uses = [], []
-    for draw, theta in enumerate(experiment.draws):
-        log = experiment.simulate(driver, draw, experiment.scenario.duration)
-        if log is None:
-            return tuple(logs), None
-        logs.append(log)
-        uses.append(limits.entries(extents_of(experiment.system, log, theta)))
-    return tuple(logs), {name: np.max([own[name] for own in uses], axis=0) for name in uses[0]}

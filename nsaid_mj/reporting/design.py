@@ -58,6 +58,7 @@ def _compared(document: dict[str, Any]) -> tuple[bool, str]:
     own, random = document["predicted_deviation"], _of_random_motions(document)
     sources = {limit["source"] for limit in document["limits"].values()}
     which = " of the same limits" if sources <= {RANDOM} else " of the usual size"
+    which += ", which may touch themselves" if document["contacts"] else ""
     if random > own:
         return True, (
             f"Predicted rms deviation of the {document['asked']}: {own:.2g}, "

@@ -1,0 +1,99 @@
+"""The last step of a design: the motion is simulated under every draw, and must keep its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..control import DriverConfig
+from ..errors import NoMotion
+from ..log import Log
+from ..parameters import Array
+from .arms import JointMotions
+from .experiment import Experiment
+from .limits import Limits, coordinates_of, extents_of
+from .vehicles import DrivenMotions
+
+_SHRINK = 0.98  # of a joint that breaks a limit, beyond what its use says
+_ATTEMPTS = 8  # smaller versions of an arm's motion
+_SMALLER = 0.9  # amplitudes of a vehicle's commands at a second attempt
+
+Motions = JointMotions | DrivenMotions
+"""The candidates of a search."""
+
+
+def checked(
+    motions: Motions, candidates: Sequence[Array], limits: Limits
+) -> tuple[DriverConfig, tuple[Log, ...], dict[str, float]]:
+    """The driver of a candidate whose simulations under all draws keep all limits.
+
+    Args:
+        motions: turns candidates into motions.
+        candidates: the best one first. That of an arm is made smaller, joint by joint, until it
+            keeps the limits; of a vehicle's, the first that keeps them is taken, as it is or
+            with smaller commands.
+        limits: that must not be broken.
+
+    Raises:
+        NoMotion: all break one.
+    """
+    least = {"stability": np.inf}
+    share = np.ones(motions.experiment.system.n)
+    for attempt in range(_ATTEMPTS if isinstance(motions, JointMotions) else 2 * len(candidates)):
+        if isinstance(motions, JointMotions):
+            driver: DriverConfig = motions.driver(candidates[0], share)
+        else:
+            driver = motions.driver(candidates[attempt // 2], (1.0, _SMALLER)[attempt % 2])
+        logs, worst = _simulated(motions.experiment, driver, limits)
+        if worst is None:
+            share = 0.8 * share
+            continue
+        uses = {name: float(use.max()) for name, use in worst.items()}
+        touched = _touched(motions, logs)
+        if max(uses.values()) <= 1 and not touched:
+            return driver, logs, uses
+        if touched:
+            uses["contacts"] = np.inf
+            share = 0.9 * share
+        least = min(least, uses, key=lambda each: max(each.values()))
+        if isinstance(motions, JointMotions):
+            joint = np.max(list(worst.values()), axis=0)
+            share = share * np.where(joint > 1, _SHRINK / np.minimum(joint, 1.5), 1.0)
+    name = max(least, key=lambda name: least[name])
+    if not np.isfinite(least[name]):
+        raise NoMotion(
+            f"every motion that was checked breaks the limit of {name}",
+            "Restrict the positions to a pose with more room around it, or give more --effort.",
+        )
+    raise NoMotion(
+        f"the best motion found breaks the limit of {name} by {100 * (least[name] - 1):.0f} % in "
+        "simulation",
+        f"Widen the limit of {name}, give a larger margin, or more --effort.",
+    )
+
+
+def _touched(motions: Motions, logs: Sequence[Log]) -> str:
+    """The first contact along simulated motions, in words; "" if there is none to look for."""
+    if not isinstance(motions, JointMotions) or motions.contacts is None:
+        return ""
+    system, every = motions.experiment.system, motions.stride
+    for log in logs:
+        words = motions.contacts.touching(coordinates_of(system, log.q[::every]))
+        if any(words):
+            return next(filter(None, words))
+    return ""
+
+
+def _simulated(
+    experiment: Experiment, driver: DriverConfig, limits: Limits
+) -> tuple[tuple[Log, ...], dict[str, Array] | None]:
+    """The motions under all draws, and the largest use of every limit; None if one diverges."""
+    logs, uses = [], []
+    for draw, theta in enumerate(experiment.draws):
+        log = experiment.simulate(driver, draw, experiment.scenario.duration)
+        if log is None:
+            return tuple(logs), None
+        logs.append(log)
+        uses.append(limits.entries(extents_of(experiment.system, log, theta)))
+    return tuple(logs), {name: np.max([own[name] for own in uses], axis=0) for name in uses[0]}
