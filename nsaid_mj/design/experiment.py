@@ -115,15 +115,19 @@ class Experiment:
         Returns:
             The measurements; None if the plant diverges.
         """
-        config, dt = self.scenario.plant, self.scenario.dt
-        assert isinstance(config, ParametricPlantConfig)  # else there were no published values
-        plant = self._plants.get(draw)
-        if plant is None:
-            plant = self._plants[draw] = config.simulating(dt, self.draws[draw])
+        plant, dt = self.plant(draw), self.scenario.dt
         made = driver.build(self.system, self.prior, np.random.default_rng(seed))
         with plant.running():
             log = trajectory(plant, made, max(2, round(duration / dt)), sensors)
         return log if is_sound(plant, log) else None
+
+    def plant(self, draw: int) -> Plant:
+        """The plant with a draw of the prior as its θ, made on first use."""
+        config = self.scenario.plant
+        assert isinstance(config, ParametricPlantConfig)  # else there were no published values
+        if draw not in self._plants:
+            self._plants[draw] = config.simulating(self.scenario.dt, self.draws[draw])
+        return self._plants[draw]
 
     @cached_property
     def contacts(self) -> Contacts | None:

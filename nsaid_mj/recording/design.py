@@ -35,15 +35,24 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     log, system = found.logs[0], found.experiment.system
     every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
     t, q, v = (part[::every] for part in log[:3])
-    scene = Scene(system, None)
+    scene = Scene(system, found.experiment.plant(0))
     camera = None if scene.empty else scene.camera(q, v)
     names = velocity_names(system)
     curves = [Curves("motion/velocity", [f"{n}" for n in names], v)]
     commands = Curves("motion/command", [f"u {k + 1}" for k in range(system.n_u)], log.u[::every])
     views: list[rrb.View] = [plot("motion/velocity", "velocities"), plot("motion/command", "u")]
-    left: list[rrb.View] = [] if camera is None else [robot(camera, "Motion, under a draw of θ")]
-    page = rrb.Horizontal(*left, rrb.Vertical(*views), name="Motion")
-    pages = [page] if trial is None else [_intervals(trial, found), page]
+
+    def beside(*own: rrb.View, name: str) -> rrb.Container:
+        """The robot, if it can be drawn, beside plots."""
+        grid = rrb.Grid(*own, grid_columns=1 if len(own) < 4 else 2)
+        if camera is None:
+            return rrb.Horizontal(grid, name=name)
+        return rrb.Horizontal(robot(camera, "Motion, under a draw of θ"), grid, name=name)
+
+    pages = [beside(*views, name="Motion")]
+    if trial is not None:
+        own = _interval_views(trial, found)
+        pages.insert(0, beside(*own, name="Predicted and reached intervals"))
     with recording(title, whole(*pages), file) as rec:
         if camera is not None:
             scene.log_shapes(rec, camera)
@@ -61,10 +70,14 @@ def _chosen(trial: Trial) -> list[int]:
     return np.argsort(-trial.predicted[-1])[:_SHOWN].tolist()
 
 
-def _intervals(trial: Trial, found: Design) -> rrb.Container:
-    names = found.asked.names
-    views = [plot(path("interval", names[k]), names[k]) for k in _chosen(trial)]
-    return rrb.Grid(*views, name="Predicted and reached intervals")
+def _interval_views(trial: Trial, found: Design) -> list[rrb.View]:
+    space, names = found.experiment.system.space, found.asked.names
+    until = float(trial.t[-1])
+    labels = dict(zip(space.names, space.labels, strict=True))
+    return [
+        plot(path("interval", names[k]), labels[names[k]], k == _chosen(trial)[0], until)
+        for k in _chosen(trial)
+    ]
 
 
 def _log_intervals(rec: rr.RecordingStream, trial: Trial, found: Design) -> None:
