@@ -17,6 +17,7 @@ from ..system import SecondOrderSystem
 from ..systems.multibody import JointScales, Multibody
 from .identification_layout import blueprint
 from .identification_text import parameters_text, verdict_text
+from .plots import Plots
 from .scene import Scene
 from .series import Curves, path
 from .stream import recording
@@ -41,7 +42,14 @@ def record(result: Identification, file: Path) -> Path:
         some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
         camera = scene.camera(q[some], v[some])
     history = _history(result)
-    layout = blueprint(result, camera, sorted({p for p, _ in history}))
+    commands = [_commands(result, result.curves, training_shifts(result), "")]
+    if result.validation is not None:
+        checked = result.validation
+        commands.append(_commands(result, checked, own_shifts(checked), "validation/"))
+    curves = [curve for _, some in commands for curve in some] + [curve for _, curve in history]
+    ends = [float(times[-1]) for times, _ in commands if len(times)]
+    plots = Plots(curves, max(ends) if ends else None)
+    layout = blueprint(result, camera, sorted({p for p, _ in history}), plots)
     with recording(result.robot.name, layout, file) as rec:
         for entity, text in (
             ("result", verdict_text(result)),
@@ -52,13 +60,13 @@ def record(result: Identification, file: Path) -> Path:
         if scene is not None and camera is not None:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
-        _log_commands(rec, result, result.curves, training_shifts(result), "")
-        if result.validation is not None:
-            checked = result.validation
-            _log_commands(rec, result, checked, own_shifts(checked), "validation/")
-        for _, curves in history:
-            curves.log_style(rec)
-            curves.log_values(rec, history_times(result))
+        series = (
+            [*commands, (history_times(result), [c for _, c in history])] if history else commands
+        )
+        for times, some in series:
+            for curve in some:
+                curve.log_style(rec)
+                curve.log_values(rec, times)
     return file
 
 
@@ -92,21 +100,25 @@ def _motion(result: Identification) -> tuple[Array, Array, Array]:
     return np.concatenate(t), joined, np.concatenate(v)
 
 
-def _log_commands(
-    rec: rr.RecordingStream, result: Identification, commands: Commands, shifts: Array, prefix: str
-) -> None:
-    """Logs measured and predicted command and residual of every joint, with gaps between logs."""
+def _commands(
+    result: Identification, commands: Commands, shifts: Array, prefix: str
+) -> tuple[Array, list[Curves]]:
+    """Measured and predicted command and residual of every joint, with gaps between logs.
+
+    Returns:
+        (N,) times [s], and the curves.
+    """
     segment = commands.segment
     if not len(segment):
-        return
+        return np.zeros(0), []
     stride = max(1, -(-len(segment) // _POINTS))
     last = np.append(np.flatnonzero(np.diff(segment)), len(segment) - 1)
     rows = np.unique(np.concatenate([np.arange(0, len(segment), stride), last]))
     t = commands.t[rows] + shifts[segment[rows]]
     gaps = np.flatnonzero(np.diff(segment[rows])) + 1  # a NaN after each segment ends its line
     t = np.insert(t, gaps, t[gaps - 1] + 1e-6)
+    found = []
     for j, fit in enumerate(result.joints):
-        unit = words.quantity(result, j)[1]
         measured, predicted = (
             np.insert(side[rows, j], gaps, np.nan)[:, None]
             for side in (commands.measured, commands.predicted)
@@ -118,11 +130,8 @@ def _log_commands(
         ):
             kind = "residual" if name == "residual" else "command"
             entity = f"{prefix}{kind}/{path(fit.name)}" + ("" if name == "residual" else f"/{name}")
-            curves = Curves(
-                entity, [f"{label} [{unit}]" if unit else label], values, pale=pale, color=color
-            )
-            curves.log_style(rec)
-            curves.log_values(rec, t)
+            found.append(Curves(entity, [label], values, pale=pale, color=color))
+    return t, found
 
 
 def _history(result: Identification) -> list[tuple[str, Curves]]:

@@ -10,20 +10,24 @@ import rerun.blueprint as rrb
 from ..calibration import words
 from ..calibration.result import Identification
 from .layout import result, robot, whole
-from .plots import plot
+from .plots import Plots
 from .scene import Camera
 from .series import path
 
 _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other
+_RIGHT = 0.6  # share of the window that the first page's commands take
 
 
-def blueprint(found: Identification, camera: Camera | None, blocks: Sequence[str]) -> rrb.Blueprint:
+def blueprint(
+    found: Identification, camera: Camera | None, blocks: Sequence[str], plots: Plots
+) -> rrb.Blueprint:
     """Layout of a recording.
 
     Args:
         found: the identification.
         camera: of the robot; None leaves the 3D view out.
         blocks: blocks of parameters whose estimates along the log are in the recording.
+        plots: makes the plots.
     """
     left: list[rrb.View | rrb.Container] = [result("Verdict")]
     if camera is not None:
@@ -31,27 +35,41 @@ def blueprint(found: Identification, camera: Camera | None, blocks: Sequence[str
     worst = sorted(range(len(found.joints)), key=lambda j: -_error(found.joints[j].held_out))[
         :_FIRST
     ]
-    first = [_command(found, j) for j in sorted(worst)]
+    columns = 1 if len(worst) < 4 else 2
+    first = [_command(found, j, plots, _RIGHT / columns) for j in sorted(worst)]
+    joints = range(len(found.joints))
+    width = 1 / _columns(len(joints))
     overview = rrb.Horizontal(
         rrb.Vertical(*left, row_shares=[1, 1][: len(left)]),
-        rrb.Grid(*first, grid_columns=1 if len(first) < 4 else 2),
-        column_shares=[2, 3],
+        rrb.Grid(*first, grid_columns=columns),
+        column_shares=[1 - _RIGHT, _RIGHT],
         name="Overview",
     )
     pages: list[rrb.Container] = [overview]
     if len(found.joints) > _FIRST:
-        pages += _pages("Commands", [_command(found, j) for j in range(len(found.joints))])
-    pages += _pages("Residuals", [_residual(found, j) for j in range(len(found.joints))])
+        pages += _pages("Commands", [_command(found, j, plots, width) for j in joints])
+    pages += _pages("Residuals", [_residual(found, j, plots) for j in joints])
     if found.validation is not None:
-        checked = [_command(found, j, "validation/") for j in range(len(found.joints))]
+        checked = [_command(found, j, plots, width, "validation/") for j in joints]
         pages += _pages("Validation", checked)
     gains = [p for p in found.parameters if words.is_gain(p) and p.block in blocks]
     pages += _pages(
         "Gains along the log",
-        [plot(path("estimate", p.block, p.label), _title(f"{p.label}", p.unit)) for p in gains],
+        [
+            plots(
+                path("estimate", p.block, p.label),
+                _title(f"{p.label}", p.unit),
+                1 / _columns(len(gains)),
+            )
+            for p in gains
+        ],
     )
     rest = [b for b in blocks if b not in {p.block for p in gains}]
-    pages += _pages("Friction along the log", [plot(path("estimate", b), b) for b in rest])
+    width = 1 / _columns(len(rest))
+    units = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
+    titles = {b: f"{b} [{min(units[b])}]" if len(units[b]) == 1 else b for b in rest}
+    frictions = [plots(path("estimate", b), titles[b], width) for b in rest]
+    pages += _pages("Friction along the log", frictions)
     pages.append(
         rrb.Horizontal(
             rrb.TextDocumentView(origin="/parameters", name="All parameters"), name="Parameters"
@@ -60,18 +78,21 @@ def blueprint(found: Identification, camera: Camera | None, blocks: Sequence[str
     return whole(*pages)
 
 
-def _command(found: Identification, j: int, prefix: str = "") -> rrb.TimeSeriesView:
+def _command(
+    found: Identification, j: int, plots: Plots, width: float, prefix: str = ""
+) -> rrb.TimeSeriesView:
     fit = found.joints[j]
     error = fit.validation if prefix else fit.held_out
     kind = "validation" if prefix else "held out"
-    title = f"{fit.name}: NRMSE {words.nrmse(error)} {kind}"
-    return plot(f"{prefix}command/{path(fit.name)}", title)
+    unit = words.quantity(found, j)[1]
+    title = f"{fit.name}{f' [{unit}]' if unit else ''}: NRMSE {words.nrmse(error)} {kind}"
+    return plots(f"{prefix}command/{path(fit.name)}", title, width)
 
 
-def _residual(found: Identification, j: int) -> rrb.TimeSeriesView:
+def _residual(found: Identification, j: int, plots: Plots) -> rrb.TimeSeriesView:
     name, (_, unit) = found.joints[j].name, words.quantity(found, j)
     title = f"{name}: measured - predicted" + (f" [{unit}]" if unit else "")
-    return plot(f"residual/{path(name)}", title, legend=False)
+    return plots(f"residual/{path(name)}", title, legend=False)
 
 
 def _pages(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
@@ -80,9 +101,13 @@ def _pages(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
     for start in range(0, len(views), _PAGE):
         some = views[start : start + _PAGE]
         title = name if len(views) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
-        columns = 1 if len(some) < 3 else 2 if len(some) <= 6 else 3
-        pages.append(rrb.Grid(*some, grid_columns=columns, name=title))
+        pages.append(rrb.Grid(*some, grid_columns=_columns(len(some)), name=title))
     return pages
+
+
+def _columns(views: int) -> int:
+    """Columns of a page of so many views."""
+    return 1 if views < 3 else 2 if views <= 6 else 3
 
 
 def _title(label: str, unit: str) -> str:

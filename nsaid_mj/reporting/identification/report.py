@@ -109,7 +109,7 @@ def _joints(result: Identification) -> dict[str, Any]:
     checked = any(j.validation is not None for j in result.joints)
     heads = [words.rows_of(result)[0], "fit", "held out", "least squares"]
     heads += ["validation", "least squares"] * checked
-    heads += ["columns", "s", "delay"]
+    heads += ["columns", "s [rad/s, m/s]", "delay"]
     lines = []
     for j in result.joints:
         line = [j.name, *(words.nrmse(x) for x in (j.fit, j.held_out, j.least_squares))]
