@@ -236,9 +236,9 @@ class _Stopwatch(event.Listener):
         if not self.depth:
             self.begin, self.collecting = time.perf_counter(), gc.isenabled()
             gc.disable()
-            for watcher in self.watchers:
-                watcher()
         self.depth += 1
+        for watcher in self.watchers:
+            watcher()
 
     def on_end(self, _: event.Event) -> None:
         """Called by numba when a compilation ends, successfully or not."""
@@ -265,7 +265,10 @@ def clock() -> float:
 
 @contextmanager
 def on_compiling(call: Callable[[], None]) -> Iterator[None]:
-    """Within the context, calls `call` when a compilation begins, in the thread that compiles."""
+    """Within the context, calls `call` whenever the compilation of a function begins.
+
+    It is called in the thread that compiles, for functions that others call as well.
+    """
     _STOPWATCH.watchers.append(call)
     try:
         yield

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
@@ -26,6 +28,7 @@ from ..plants import Plant
 COMPILING = "compiling, once (about a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
 _LARGE = 1e10  # size of a record that is told beforehand [bytes]
+_PATIENCE = 10.0  # time between two lines where there is no terminal [s]
 _PERIOD = 0.1  # smallest interval between two updates of the bar [s]
 
 
@@ -52,7 +55,7 @@ class Progress(Observer):
         )
         self._task = self._bar.add_task(name, total=None, figures="")
         self._stack = ExitStack()
-        self._announced = False
+        self._functions, self._told = 0, -math.inf
 
     def __enter__(self) -> Progress:
         """Shows the line."""
@@ -87,12 +90,14 @@ class Progress(Observer):
         )
 
     def _compiling(self) -> None:
-        """Reports that kernels are being compiled; once only if there is no terminal."""
+        """Reports that kernels are being compiled; without a terminal a line now and then."""
+        self._functions += 1
+        words = COMPILING if self._functions == 1 else f"{COMPILING}: {self._functions} functions"
         if self._console.is_terminal:
-            self.say(COMPILING)
-        elif not self._announced:
-            self._console.print(f"{self._name}: {COMPILING}", highlight=False)
-        self._announced = True
+            self.say(words)
+        elif time.monotonic() - self._told > _PATIENCE:
+            self._told = time.monotonic()
+            self._console.print(f"{self._name}: {words}", highlight=False)
 
     def start(self, scenario: Scenario, plant: Plant) -> None:
         """Shows an empty bar, and says beforehand what a long run will cost."""

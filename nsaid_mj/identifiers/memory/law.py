@@ -184,8 +184,8 @@ class ImplicitMemory(DataMemory):
 
         With A the data's information and B what noise and a measurement as good as 18 % would
         give, directions in which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far
-        more than by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact sensors.
-        `cost` is `remembered`, weighted at θ.
+        more than by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact
+        sensors. `cost` is `remembered`, weighted at θ.
         """
         noise = remembered.of_noise(theta, memory.means).information(theta)
         if not noise.any():
