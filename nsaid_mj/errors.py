@@ -167,8 +167,8 @@ class BadScript(NsaidError):
         super().__init__("\n".join(filter(None, lines)))
 
 
-class NoEstimate(NsaidError):
-    """A method found no estimate on a log.
+class NothingFound(NsaidError):
+    """A search has found nothing that meets its conditions.
 
     Attributes:
         reason: why.
@@ -178,6 +178,14 @@ class NoEstimate(NsaidError):
     def __init__(self, reason: str, remedy: str):
         self.reason, self.remedy = reason, remedy
         super().__init__(f"{reason}. {remedy}")
+
+
+class NoEstimate(NothingFound):
+    """A method found no estimate on a log."""
+
+
+class NoMotion(NothingFound):
+    """No motion within the limits was found for an experiment."""
 
 
 class DamagedKernelCache(UserWarning):
@@ -193,19 +201,6 @@ class DamagedKernelCache(UserWarning):
             f"the cache of compiled kernels is damaged ({reason}); what cannot be loaded is "
             "compiled again, for about a minute."
         )
-
-
-class NoMotion(NsaidError):
-    """No motion within the limits was found for an experiment.
-
-    Attributes:
-        reason: why.
-        remedy: what to do about it.
-    """
-
-    def __init__(self, reason: str, remedy: str):
-        self.reason, self.remedy = reason, remedy
-        super().__init__(f"{reason}. {remedy}")
 
 
 class NoKernelCache(UserWarning):
