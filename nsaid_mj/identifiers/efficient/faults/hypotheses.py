@@ -8,6 +8,7 @@ gain is the effort.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,7 @@ class Hypothesis(NamedTuple):
         held: the constant command that it executes instead; NaN if there is none.
         mean: (p,) of the jump of θ/scale where it is not 0.
         offset: part of the reported size that belongs to the mean.
+        curve: (2, N) sizes of an actuator's command, and the efforts relative to that at `held`.
         channel: index of the sensor that has a constant error, those of position first; −1 if none.
     """
 
@@ -57,6 +59,7 @@ class Hypothesis(NamedTuple):
     held: float = np.nan
     mean: Array | float = 0.0
     offset: float = 0.0
+    curve: Array | None = None
     channel: int = -1
 
 
@@ -69,6 +72,14 @@ def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 def appear_slowly(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """Those that a shift of θ̂ without a contradiction can be evidence for."""
     return [h for h in hypotheses if h.command < 0 and h.channel < 0 and not h.offset]
+
+
+def command_of(stuck: Hypothesis, held: float, ratio: float) -> float:
+    """The command whose effort is `ratio` times that of another one, `held`, of the same sign."""
+    assert stuck.curve is not None
+    sizes, efforts = stuck.curve
+    effort = float(np.interp(abs(held), sizes, efforts)) * max(0.0, ratio)
+    return float(np.copysign(np.interp(effort, efforts, sizes), held))
 
 
 def nothing(system: SecondOrderSystem) -> Hypothesis:
@@ -116,8 +127,20 @@ def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
         found.append(Hypothesis("broken", part, names, none, np.zeros(0), "1", command, 0.0))
         for held in (typical[command], -typical[command]):
             stuck = Hypothesis("stuck", part, names, D / _GAIN, size / _GAIN, "1", command, held)
-            found.append(stuck)
+            found.append(stuck._replace(curve=_curve(system, command, tuple(k), float(held))))
     return found
+
+
+@lru_cache(maxsize=256)
+def _curve(system: SecondOrderSystem, command: int, k: tuple[int, ...], typical: float) -> Array:
+    """(2, N) sizes of a command of the sign of a typical one, and its effort over that one's."""
+    q, v, u = system.random_state(np.random.default_rng(0))
+    x, sizes = np.concatenate([q, v]), np.linspace(0.0, 4.0, 401)
+    rows = np.tile(u, (len(sizes), 1))
+    rows[:, command] = sizes * typical
+    efforts = [float(np.abs(system.F(0.0, x, row)[:, list(k)]).max()) for row in rows]
+    rising = np.maximum.accumulate(efforts)
+    return np.array([sizes * abs(typical), rising / rising[100]])
 
 
 def _odd(system: SecondOrderSystem, command: int, k: Indices) -> bool:

@@ -12,9 +12,10 @@ from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
 from ..kalman import COMPLETED, Filter, Law, follow_filter
 from .evidence import jumped
-from .hypotheses import Hypothesis, loaded, most_changed
+from .hypotheses import Hypothesis, command_of, loaded, most_changed
 from .signals import Signals
 
+_LEAST = 0.2  # command that a stuck actuator is tried at, over a typical one
 _WALK = 0.012  # of δ in a second, as a fault may still grow [1/√s]
 
 
@@ -82,8 +83,20 @@ class Trial(NamedTuple):
         return self._replace(earlier=earlier)
 
     def again(self, start: Filter, law: Law) -> Trial:
-        """A trial of a load from the same start, linearised where this one has come to."""
+        """A trial of a load or a seizure from the same start, where this one has come to.
+
+        Raises:
+            LinAlgError: θ with the load is not inside the cone, or too close to its boundary.
+        """
         hit = self.hypothesis.D.any(axis=1)
+        if self.hypothesis.kind == "stuck":
+            k = int(np.argmax(hit))
+            held, ratio = self.signals.held.copy(), self.filter.theta[k] / start.theta[k]
+            command, typical = self.hypothesis.command, self.hypothesis.held
+            better = command_of(self.hypothesis, held[command], ratio)
+            held[command] = np.copysign(max(abs(better), _LEAST * abs(typical)), typical)
+            signals = self.signals._replace(held=held)
+            return Trial.begin(start, signals, self.hypothesis, law.scale)
         mean = np.where(hit, (self.filter.theta - start.theta) / law.scale, 0.0)
         hypothesis = loaded(self.hypothesis, law.cone, law.scale, start.theta, mean)
         return Trial.begin(start, self.signals, hypothesis, law.scale)
@@ -104,7 +117,7 @@ class Trial(NamedTuple):
             size, low, high = (hypothesis.offset + x for x in change)
             return hypothesis, (size, low, high)
         held = float(self.signals.held[hypothesis.command])  # a sound actuator would do as much at
-        size, *ends = (held * (1 + x) for x in change)
+        size, *ends = (command_of(hypothesis, held, 1 + x) for x in change)
         return hypothesis, (size, min(ends), max(ends))
 
     def settled(

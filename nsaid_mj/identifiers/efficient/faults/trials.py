@@ -127,19 +127,21 @@ def _repeated(
 ) -> Trial | BiasTrial:
     """A trial along the same log, linearised where it has come to.
 
-    Those of a sensor's error are, once, if their evidence is at least `least`; those whose θ jumps
-    far are as long as that explains the log better.
+    Those of a sensor's error are, once, if their evidence is at least `least`; those of a load or
+    of a stuck actuator are as long as that explains the log better.
     """
     if isinstance(trial, BiasTrial):
         if trial.evidence < least or not trial.coarse:
             return trial
         return _along(trial.again(trials.start), law, system, trials)
-    for _ in range(_PASSES if trial.hypothesis.offset else 0):
+    far = bool(trial.hypothesis.offset) or trial.hypothesis.kind == "stuck"
+    for _ in range(_PASSES if far else 0):
         try:
             again = _along(trial.again(trials.start, law), law, system, trials)
         except np.linalg.LinAlgError:  # it has gone astray
             break
-        if not again.earlier + again.squares < _BETTER * (trial.earlier + trial.squares):
+        better = 1.0 if trial.hypothesis.kind == "stuck" else _BETTER
+        if not again.earlier + again.squares < better * (trial.earlier + trial.squares):
             break
         trial = again
     return trial
