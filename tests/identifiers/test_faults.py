@@ -221,6 +221,13 @@ def test_the_signature_of_a_sensors_error_is_that_of_the_filter() -> None:
     assert none.followed(law, system, late.part(k, 70), sound).squares > squares + 100
 
 
+def test_a_stuck_thruster_is_at_its_last_command_in_spite_of_its_dead_zone() -> None:
+    _, log, state, _ = followed("bluerov2", 33, "stuck 5 at 6 s", 9.0)
+    (event,) = state.faults
+    last = log.u[np.flatnonzero(log.t < 6.0 - 1e-9)[-1], 4]
+    assert event.kind == "stuck" and event.size == pytest.approx(last, abs=0.02)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("mass", [0.5, 2.0])
 def test_a_load_at_an_arms_tool_is_weighed(mass: float) -> None:
