@@ -72,5 +72,6 @@ class FaultEvent(NamedTuple):
     @staticmethod
     def of(keys: dict[str, Any]) -> FaultEvent:
         """The event of an entry of summary.json."""
-        parts = {name: keys[name] for name in FaultEvent._fields}
-        return FaultEvent(**parts | {"names": tuple(keys["names"])})
+        parts: dict[str, Any] = {name: keys[name] for name in FaultEvent._fields}
+        parts["names"] = tuple(keys["names"])
+        return FaultEvent(**parts)
