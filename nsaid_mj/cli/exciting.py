@@ -23,7 +23,8 @@ def excite(chosen: Excite) -> int:
     if not chosen.scenario and chosen.model is None:
         remedy = "Such as `nsaid excite ur5` or `nsaid excite --model arm.urdf`."
         raise InvalidInput("excite", "a scenario or --model", "neither", remedy)
-    name = Path(chosen.model or chosen.scenario).stem
+    path = Path(chosen.model or chosen.scenario)
+    name = path.absolute().parent.name if path.name == "vehicle.toml" else path.stem
     with folder_for_design(name, chosen.out, chosen.force) as folder:
         return _designed_in(folder, name, chosen)
 
