@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -38,7 +39,8 @@ def asked_for(text: str, space: ParameterSpace) -> Asked:
 
     `gains` are the ratios k_i/mean(k), which do not depend on the unknown common scale, and `all`
     the changes of θ/scale. Named parameters are relative to their magnitude, or to a tenth of their
-    scale if that is larger. The common scale and all else in P_s is held fixed.
+    scale if that is larger. The common scale and all else in P_s is held fixed. A link's mass m_i
+    may be written mass_i.
 
     Raises:
         UnknownName: there is no such parameter, or the system has no actuator.
@@ -51,7 +53,9 @@ def asked_for(text: str, space: ParameterSpace) -> Asked:
     if text == ALL:
         eye = np.eye(len(space))
         return Asked("all parameters", tuple(space.names), lambda _: eye)
-    names = tuple(part.strip() for part in text.split(",") if part.strip())
+    names = tuple(
+        re.sub(r"^mass(?=_\d+$)", "m", part.strip()) for part in text.split(",") if part.strip()
+    )
     for name in names or ("",):
         if name not in space.names:
             raise UnknownName("parameter", name, [GAINS, ALL, *space.names])

@@ -113,6 +113,11 @@ def test_named_parameters_are_asked_for_relative_to_their_size(experiment):
     assert np.count_nonzero(row) == 1
 
 
+def test_the_mass_of_a_link_has_its_name_in_full_too(experiment):
+    space = experiment.system.space
+    assert asked_for("mass_1,gain_1", space).names == ("m_1", "gain_1")
+
+
 def test_gains_are_asked_for_as_ratios_that_a_common_scale_leaves_alone(experiment):
     space = experiment.system.space
     rows = asked_for("gains", space).rows(experiment.prior)
