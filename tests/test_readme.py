@@ -364,7 +364,7 @@ def test_the_architecture_page_lists_every_room() -> None:
 def test_functions_named_in_the_docs_exist(page: str) -> None:
     for code in REFERENCES[page]:
         head, *rest = code.split(".")
-        if not re.fullmatch(r"[a-z_]+(\.\w+)+", code) or code.endswith(".py"):
+        if not re.fullmatch(r"[a-z_]+(\.\w+)+", code) or code.endswith((".py", ".json")):
             continue
         if not exists(head) and not exists(f"{head}.py"):
             continue

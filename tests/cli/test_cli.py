@@ -167,7 +167,7 @@ from dataclasses import dataclass
 from nsaid_mj import MultisineCommand, NullspaceAID, ScalarRovPlant, Scenario
 
 @dataclass(frozen=True)
-class Gentle(MultisineCommand):
+class Calm(MultisineCommand):
     """A multisine, gentler.
 
     Attributes:
@@ -180,7 +180,7 @@ class Gentle(MultisineCommand):
         return super().build(system, prior, rng)
 
 scenario = Scenario(
-    plant=ScalarRovPlant(), excitation=Gentle(), identifier=NullspaceAID(K=10.0, gain=0.3),
+    plant=ScalarRovPlant(), excitation=Calm(), identifier=NullspaceAID(K=10.0, gain=0.3),
     duration=0.5, dt=0.01, pe_window=0.2, held_out=0.2,
 )
 '''

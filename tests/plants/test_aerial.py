@@ -344,9 +344,8 @@ def test_the_ellipsoid_fluid_model_leaves_the_rotors_out(model):
     p = plant(model, mismatch=Mismatch(fluid="ellipsoid"))
     names = [p.model.geom(i).name for i in range(p.model.ngeom)]
     wet = p.model.geom_fluid[:, 0] > 0
-    assert [name for name, is_wet in zip(names, wet, strict=True) if not is_wet] == [
-        f"rotor_{i}" for i in range(1, 5)
-    ]
+    dry = {name for name, is_wet in zip(names, wet, strict=True) if not is_wet}
+    assert dry == {name for name in names if name.startswith("rotor_")} and len(dry) >= 4
     down = np.array([0, 0, -5.0, 0, 0, 0])
     exact = acceleration(plant(model), np.zeros(6), down, np.zeros(4))[2]
     found = acceleration(p, np.zeros(6), down, np.zeros(4))[2]

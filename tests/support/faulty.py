@@ -126,8 +126,9 @@ def call(*arguments: object, cwd: Path, **more: str) -> subprocess.CompletedProc
 
 
 def start(*arguments: object, cwd: Path, **more: str) -> subprocess.Popen[str]:
-    """A real `nsaid …` in its own process, which Ctrl-C reaches even where tests run behind."""
+    """A real `nsaid …` in its own process, which signals reach even where tests run behind."""
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # never inherit SIG_IGN
+    hangup = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as under nohup
     try:
         return subprocess.Popen(
             [str(NSAID), *map(str, arguments)],
@@ -139,6 +140,7 @@ def start(*arguments: object, cwd: Path, **more: str) -> subprocess.Popen[str]:
         )
     finally:
         signal.signal(signal.SIGINT, handler)
+        signal.signal(signal.SIGHUP, hangup)
 
 
 def flat(text: str) -> str:

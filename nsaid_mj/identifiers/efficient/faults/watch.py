@@ -96,8 +96,8 @@ def slow_change(
         shift = (kalman.theta - theta) / scale
         try:
             jumps = shift_jumps(P, kalman.Ptt, shift, tolerance, [h.D for h in hypotheses])
-        except np.linalg.LinAlgError:
-            continue  # exact data leave a covariance that rounding made indefinite
+        except (np.linalg.LinAlgError, ValueError):
+            continue  # exact data leave a covariance that rounding made indefinite, or infinite
         evidence = np.array([jump.evidence for jump in jumps])
         k = int(np.argmax(evidence))
         if evidence[k] > max(_SURE, best.evidence if best else 0.0):
