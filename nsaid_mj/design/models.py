@@ -52,8 +52,8 @@ def scenario_of_model(model: str, folder: Path) -> tuple[Scenario, list[str]]:
         return _vehicle(path), []
     noticed: list[str] = []
     joints: dict[str, float] = {}
-    if path.is_file() and _is_mjcf(path):
-        own = load_robot_model(str(path))
+    if _is_mjcf(path):
+        own = load_robot_model(str(path))  # tells if there is no such file
         write_tree_urdf(own, folder / URDF)
         noticed = [str(each) for each in own.findings if each.code not in _OF_LOGS]
         path = folder / URDF
@@ -67,7 +67,9 @@ def scenario_of_model(model: str, folder: Path) -> tuple[Scenario, list[str]]:
 def _is_mjcf(path: Path) -> bool:
     """Whether a file is an MJCF, by its content: a URDF may also be called .xml."""
     suffix = path.suffix.lower()
-    return suffix == ".mjb" or (suffix == ".xml" and root_tag(path) == "mujoco")
+    if suffix == ".xml" and path.is_file():
+        return root_tag(path) == "mujoco"
+    return suffix in (".xml", ".mjb")
 
 
 def _vehicle(path: Path) -> Scenario:

@@ -76,6 +76,8 @@ def test_a_vehicles_file_gets_the_excitation_of_its_family(tmp_path):
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(BadRobot, match="no such file"):
         Experiment.of(scenario_of_model(str(tmp_path / "none.urdf"), tmp_path)[0])
+    with pytest.raises(BadRobot, match="no such file"):
+        Experiment.of(scenario_of_model(str(tmp_path / "none.xml"), tmp_path)[0])
 
 
 def test_the_amplitude_of_a_vehicle_keeps_a_given_limit_of_commands():
