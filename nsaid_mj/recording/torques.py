@@ -112,13 +112,13 @@ def _arcs(angle: Array, radius: float, axis: Array) -> Array:
 
     def at(turn: Array, length: Array | float) -> Array:
         flat = np.cos(turn)[..., None] * first + np.sin(turn)[..., None] * second
-        return np.asarray(length, dtype=np.float64)[..., None] * flat
+        return np.asarray(np.asarray(length)[..., None] * flat, dtype=np.float64)
 
     curve = at(angle[:, None] * np.linspace(0.0, 1.0, _POINTS), radius)
     back = np.clip(angle, -_TIP, _TIP)  # angle from the arc's end to the foot of its tip
     feet = [at(angle - back, radius * (1 + 0.5 * side * np.abs(back))) for side in (1, -1)]
     tip = np.stack([feet[0], curve[:, -1], feet[1]], axis=1)
-    return np.asarray(np.concatenate([curve, tip], axis=1), dtype=np.float64)
+    return np.concatenate([curve, tip], axis=1)
 
 
 def _placed(points: Array, places: Array, quaternions: Array) -> Array:

@@ -88,8 +88,8 @@ def over_time(panel: Panel) -> str:
         for curve in panel.curves:
             values = np.where(np.abs(curve.values) < _HUGE, curve.values, np.nan)
             if curve.low is not None and curve.high is not None:
-                ends = [np.clip(end, -_HUGE, _HUGE) for end in (curve.low, curve.high)]
-                axis.fill_between(curve.t, *ends, color=curve.colour, alpha=0.18, linewidth=0)
+                low, high = (np.clip(end, -_HUGE, _HUGE) for end in (curve.low, curve.high))
+                axis.fill_between(curve.t, low, high, color=curve.colour, alpha=0.18, linewidth=0)
             axis.plot(curve.t, values, curve.dash, color=curve.colour)
         axis.margins(x=0.0)
         axis.set_xlabel("t [s]")
