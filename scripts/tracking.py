@@ -1,8 +1,9 @@
 """The tables and the picture of docs/tracking.md.
 
 `python scripts/tracking.py [--scenarios track_ur5,track_bluerov2] [--seeds 0,1,2]
-[--sensors ideal,noisy] [--picture docs/tracking.png]`; the picture is of the first scenario with
-the first kind of sensors, its first seed. About half a minute for each seed of track_ur5.
+[--sensors ideal,noisy] [--picture docs/tracking.png] [--every 1]`; the picture is of the first
+scenario with the first kind of sensors, its first seed. `--every` adds the first seed's rms error
+over intervals of so many seconds. About half a minute for each seed of track_ur5.
 """
 
 import argparse
@@ -11,10 +12,20 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from nsaid_mj.experiment.library import load
-from nsaid_mj.studies.tracking import Plan, table_rows
+from nsaid_mj.studies.tracking import Course, Plan, table_rows
 from nsaid_mj.studies.tracking_page import PICTURE
 from nsaid_mj.studies.tracking_run import run
+
+
+def over_time(course: Course, every: float) -> str:
+    """The rms error over all coordinates in intervals of a run [1e-3 rad or m]."""
+    motion = course.motion
+    interval = (motion.t // every).astype(int)
+    errors = [motion.error[interval == k] for k in range(interval[-1] + 1)]
+    return " ".join(f"{1e3 * np.sqrt((error**2).mean()):.2g}" for error in errors)
 
 
 def main() -> None:
@@ -24,6 +35,7 @@ def main() -> None:
     parser.add_argument("--seeds", default=",".join(map(str, range(10))))
     parser.add_argument("--sensors", default="ideal,noisy")
     parser.add_argument("--picture", type=Path)
+    parser.add_argument("--every", type=float)
     chosen = parser.parse_args()
     seeds = tuple(int(seed) for seed in chosen.seeds.split(","))
     for name in chosen.scenarios.split(","):
@@ -40,6 +52,10 @@ def main() -> None:
             print("|---" * len(heads) + "|")
             for row in rows:
                 print("| " + " | ".join(row) + " |")
+            for course in done if chosen.every else ():
+                if course.seed == seeds[0]:
+                    errors = over_time(course, chosen.every)
+                    print(f"\n{course.law}, every {chosen.every:g} s: {errors}")
             print(flush=True)
 
 
