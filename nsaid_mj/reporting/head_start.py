@@ -147,4 +147,4 @@ def compile_filter() -> None:
     q, v, u = setup.system.random_state(np.random.default_rng(0))
     rows = [Measurement(k * scenario.dt, q, v, u) for k in range(_SAMPLES)]  # any motion will do
     witness = Witness(setup.system, scenario.dt, identifier.efficient)
-    witness.contradictions(setup.prior, Log.unchecked_of(rows))
+    witness.replay(setup.prior, witness.covariance(setup.prior), Log.unchecked_of(rows))

@@ -36,6 +36,9 @@ class Guarded(NamedTuple):
         events: the faults found so far.
         loose: a gain that may go on falling; None if there is none.
         stale: whether the memory's data are of the robot before a fault.
+        intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from before.
+        wander: shares by which all of θ seemed to be off, as the structure is not exact: the sum of
+            their squares, and the largest square.
     """
 
     filter: Filter
@@ -48,14 +51,30 @@ class Guarded(NamedTuple):
     returns: int
     signals: Signals
     factors: Array
+    intact: Array
     recent: Log | None = None
     watch: Watch = Watch()
     trials: Trials | None = None
     events: tuple[FaultEvent, ...] = ()
     loose: Loose | None = None
     stale: bool = False
+    wander: tuple[float, float] = (0.0, 0.0)
 
     @property
     def theta(self) -> Array:
         """(p,) the filter's θ̂ in terms of the commands given."""
         return self.filter.theta * self.factors
+
+    def wandered(self, share: float) -> Guarded:
+        """With another share by which all of θ seemed to be off."""
+        total, largest = self.wander
+        return self._replace(wander=(total + share**2, max(largest, share**2)))
+
+    def walk(self, seconds: float) -> float:
+        """Variance that θ, relative to itself, gains in a second where W is not exact [1/s].
+
+        That is what was needed to explain the motion so far, matched over the whole run of some
+        seconds, but for the largest share: a single event, such as a collision, may have made it.
+        """
+        total, largest = self.wander
+        return (total - largest) / max(seconds, 1.0)

@@ -3,7 +3,12 @@
     x̄ = RK4(x̂, u held; θ̂),    F = [Φ Γ; 0 1],
     P̄ = F P Fᵀ + γ² diag(diag(Γ P_θθ Γᵀ)),
     S = P̄_xx + R,    L Lᵀ = S,    e = L⁻¹ y,    y = (difference(q̄, q), v − v̄),
-    θ̂ ← θ̂ + scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄.
+    θ̂ ← θ̂ + share scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,
+    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄,    P_θθ with the factor share (2 − share).
+
+share < 1 where the step of θ̂ would leave half of a Dikin ellipsoid of the cone: P shrinks by what
+the shorter step learns (Joseph's form with the gain that is applied). Then the error of the common
+scale is carried along with θ̂, see `_transport`.
 
 θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that of
 (x, c) carried along by [Φ F_c]. P_θθ is as before the step: only measurements change it.
@@ -24,15 +29,18 @@ from ...dynamics.forward import Structure, difference_into, integrate_into
 from ...dynamics.transition import transition, transition_work
 from ...numerics.linalg import cholesky
 from ...parameters import Array
-from ..cone.barrier import Cone, local_norm
+from ..cone.barrier import Cone, inside, local_norm
 from .noise import MEMORY, Noise, add_increment, noise_variance
 
 COMPLETED, CONTRADICTED, ROUNDED = 0, 1, 2
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
 rounding errors left the covariance indefinite."""
 _REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
+_HALVINGS = 30  # of an update that rounding takes out of the cone
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
+SMALL = 0.1
+"""Size of a parameter near 0, relative to its scale, of which a relative change is a share."""
 _FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
 
@@ -45,6 +53,7 @@ class Law(NamedTuple):
         scale: (p,) of θ.
         gamma: γ.
         window: samples over which innovations are tested.
+        walk: variance that θ, relative to itself, gains in a second [1/s]; 0 where θ is constant.
     """
 
     structure: Structure
@@ -52,6 +61,7 @@ class Law(NamedTuple):
     scale: Array
     gamma: float
     window: int
+    walk: float = 0.0
 
 
 class Filter(NamedTuple):
@@ -95,6 +105,32 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
         q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
         np.zeros(2),
     )  # fmt: skip
+
+
+class Along(NamedTuple):
+    """What `follow_filter` writes along a log of N samples, from row 1 on.
+
+    Attributes:
+        theta: (N, p) θ̂.
+        v: (N, n) v̂.
+        pivot: (N,) M̂'s smallest pivot in the step that ends at the row.
+        innovation: (N, 2n) normalised ones, of position and velocity; NaN where there are none.
+    """
+
+    theta: Array
+    v: Array
+    pivot: Array
+    innovation: Array
+
+    @staticmethod
+    def empty(count: int, n: int, p: int) -> Along:
+        """For N rows, n velocities and p parameters."""
+        rows = np.empty((count, p)), np.empty((count, n))
+        return Along(*rows, np.full(count, np.inf), np.full((count, 2 * n), np.nan))
+
+    def part(self, first: int) -> Along:
+        """The rows from `first` on, which share their memory with these."""
+        return Along(*(rows[first:] for rows in self))
 
 
 def acceptable(law: Law, filter: Filter) -> float:
@@ -147,15 +183,15 @@ def _workspaces(n, p):
     )  # fmt: skip
     updating = (
         np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
-        np.empty((size, p)), np.empty((p, p)), np.empty(size), np.empty(p),
+        np.empty((size, p)), np.empty((p, p)), np.empty(size), np.empty(p), np.empty(p), np.empty(p),
     )  # fmt: skip
     return predicting, updating
 
 
 @njit(cache=True)
-def _predict(gamma, F, B, filter, work):
+def _predict(law, dt, F, B, filter, work):
     """Writes P̄, without R, from the derivatives F (2n, 3n) and B (n, p) of `transition`."""
-    Pxx, Pxt, Ptt = filter.Pxx, filter.Pxt, filter.Ptt
+    Pxx, Pxt, Ptt, gamma = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma
     with_theta, with_c, both, moved = work  # covariances of (x, c) with θ/scale, c and itself
     size, n = Pxt.shape[0], B.shape[0]
     with_theta[:size] = Pxt
@@ -171,6 +207,66 @@ def _predict(gamma, F, B, filter, work):
             for k in range(n):
                 own = F[i, size + j] * with_c[size + j, k] * F[i, size + k]
                 Pxx[i, i] += gamma * gamma * own
+    if law.walk > 0.0:
+        for k in range(law.scale.shape[0]):
+            relative = max(abs(filter.theta[k]) / law.scale[k], SMALL)
+            Ptt[k, k] += law.walk * dt * relative * relative
+
+
+@njit(cache=True)
+def _move(cone, theta, step, trial):
+    """Moves θ̂ (p,) by a share of a step (p,), inside half of a Dikin ellipsoid; returns the share.
+
+    Inside that ellipsoid is inside the cone, but for rounding next to the boundary: there the share
+    is halved until θ̂ and its metric are sound, and is 0 if they never are. `trial` (p,) is
+    workspace.
+    """
+    length = local_norm(cone, theta, step)
+    if not length < np.inf:
+        return 0.0
+    share = min(1.0, _REACH / length) if length > 0.0 else 1.0
+    for _ in range(_HALVINGS):
+        for k in range(theta.shape[0]):
+            trial[k] = theta[k] + share * step[k]
+        if inside(cone, trial) and local_norm(cone, trial, step) < np.inf:
+            for k in range(theta.shape[0]):
+                theta[k] = trial[k]
+            return share
+        share *= 0.5
+    return 0.0
+
+
+@njit(cache=True)
+def _transport(before, after, scale, Pxt, Ptt, moved, gained):
+    """Carries the error of the common scale along with θ̂, from `before` (p,) to `after` (p,).
+
+    No motion tells the common scale: B θ̂ = 0 at the θ̂ at which the step is linearised. Linearised
+    elsewhere in the next step, the covariance would take the difference for information (Huang,
+    Mourikis, Roumeliotis, IJRR 29(5), 2010). So an error s of the scale, θ = (1 + s)(θ̂ + …), stays
+    one: P ← T P Tᵀ with T = 1 + d wᵀ, d = after − before, wᵀ before = 1, which maps `before` to
+    `after` and keeps θ̂ᵀ P⁻¹ θ̂. `moved` and `gained` (p,) are workspace.
+    """
+    p, norm = before.shape[0], 0.0
+    for k in range(p):
+        moved[k] = (after[k] - before[k]) / scale[k]
+        norm += (before[k] / scale[k]) ** 2
+    along = 0.0
+    for i in range(p):
+        gained[i] = 0.0
+        for k in range(p):
+            gained[i] += Ptt[i, k] * before[k] / (scale[k] * norm)
+        along += before[i] / (scale[i] * norm) * gained[i]
+    for i in range(p):
+        for k in range(i + 1):
+            change = moved[i] * gained[k] + gained[i] * moved[k] + along * moved[i] * moved[k]
+            Ptt[i, k] += change
+            Ptt[k, i] = Ptt[i, k]
+    for j in range(Pxt.shape[0]):
+        own = 0.0
+        for k in range(p):
+            own += Pxt[j, k] * before[k] / (scale[k] * norm)
+        for k in range(p):
+            Pxt[j, k] += own * moved[k]
 
 
 @njit(cache=True)
@@ -181,7 +277,7 @@ def _update(cone, scale, filter, R, y, work):
         The squared normalised innovation and log det S; NaN if S is not positive definite.
     """
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened, gained, e, step = work
+    S, L, inverse, whitened, gained, e, step, at, trial = work
     size, p = Pxt.shape
     for i in range(size):
         for j in range(size):
@@ -203,19 +299,19 @@ def _update(cone, scale, filter, R, y, work):
     np.dot(e, whitened, step)
     for k in range(p):
         step[k] *= scale[k]
-    length = local_norm(cone, theta, step)
-    share = min(1.0, _REACH / length) if length > 0.0 else 1.0
-    for k in range(p):
-        theta[k] += share * step[k]
+        at[k] = theta[k]
+    share = _move(cone, theta, step, trial)
+    learned = share * (2.0 - share)  # K → share K in (1 − K H) P (1 − K H)ᵀ + K R Kᵀ
     np.dot(whitened.T, whitened, gained)
     for i in range(p):  # BLAS may round the two triangles differently
         for k in range(i + 1):
-            Ptt[i, k] -= gained[i, k]
+            Ptt[i, k] -= learned * gained[i, k]
             Ptt[k, i] = Ptt[i, k]
     for i in range(size):
         for j in range(size):
             L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
     np.dot(L, whitened, Pxt)
+    _transport(at, theta, scale, Pxt, Ptt, step, trial)
     np.dot(inverse.T, e, y)
     y[:] = np.dot(Pxx, y)  # y − R S⁻¹ y would cancel
     np.dot(inverse, Pxx, S)
@@ -255,7 +351,7 @@ def _begin_window(theta, Ptt, safe, safe_P, tally, factor):
 
 
 @njit(cache=True, nogil=True)
-def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
+def follow_filter(law, filter, t, q, v, u, along):
     """Runs the filter along a log of N samples.
 
     Args:
@@ -265,14 +361,13 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         q: (N, m) positions.
         v: (N, n) velocities.
         u: (N, n_u) commands.
-        thetas: (N, p) θ̂, written from row 1 on.
-        v_hats: (N, n) v̂, written from row 1 on.
-        pivots: (N,) M̂'s smallest pivot in the step that ends at the row, written from row 1 on.
+        along: rows written.
 
     Returns:
         The last row processed, and how the loop ended.
     """
     structure, scale, tally, totals = law.structure, law.scale, filter.tally, filter.totals
+    thetas, v_hats, pivots, innovations = along
     n, m, p = v.shape[1], q.shape[1], scale.shape[0]
     step, (predicting, updating) = transition_work(structure, n, m, p), _workspaces(n, p)
     size = 2 * n
@@ -283,7 +378,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         for i in range(n):
             y[n + i] = v[k, i] - v[k - 1, i]
         _observe(filter.noise, y, R)
-        pivots[k] = np.inf
+        pivots[k], innovations[k] = np.inf, np.nan
         if tally[0] == 0.0:
             if filter.noise.seen[0] >= _WARM_UP + 3:
                 restart_state(filter, q[k], v[k], R)
@@ -296,7 +391,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         square, spread = np.nan, np.nan
         if pivot > 0.0:
             pivots[k] = pivot
-            _predict(law.gamma, F, B, filter, predicting)
+            _predict(law, t[k] - t[k - 1], F, B, filter, predicting)
             difference_into(structure, q1, q[k], y[:n])
             for i in range(n):
                 y[n + i] = v[k, i] - v1[i]
@@ -304,6 +399,7 @@ def follow_filter(law, filter, t, q, v, u, thetas, v_hats, pivots):
         if not square < np.inf:
             _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
             return k, ROUNDED if pivot > 0.0 else CONTRADICTED
+        innovations[k] = updating[5]
         integrate_into(structure, q1, y[:n], filter.q)
         for i in range(n):
             filter.v[i] = v1[i] + y[n + i]
@@ -346,7 +442,7 @@ def covariance_along(law, filter, R, t, q, v, u):
         )  # fmt: skip
         if not pivot > 0.0:
             return k - 1
-        _predict(law.gamma, F, B, filter, predicting)
+        _predict(law, t[k] - t[k - 1], F, B, filter, predicting)
         y[:] = 0.0
         if not _update(law.cone, law.scale, filter, R, y, updating)[0] < np.inf:
             return k - 1

@@ -30,13 +30,15 @@ from ..base import Confidence, Estimates, Identifier, State, Status
 from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
 from ..nullspace_aid import NullspaceIdentifier
-from .faults.events import event_of, grown, loosened
+from .faults.events import event_of, grown, loosened, revoked, without_effect
 from .faults.hypotheses import (
     Hypothesis,
     appear_slowly,
     everything,
     hypotheses_of,
+    inexact,
     nothing,
+    restored,
     unknown,
 )
 from .faults.onset import LEAD, onset
@@ -48,6 +50,7 @@ from .kalman import (
     COMPLETED,
     CONTRADICTED,
     ROUNDED,
+    Along,
     filter_at,
     follow_filter,
     noise_variance,
@@ -59,6 +62,7 @@ _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
 _MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
+_STARTS = 3  # new starts of a young filter, before a structure that is not exact is considered
 _SETTLED = 5.0  # time without a contradiction after which slow changes are looked for [s]
 _ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
@@ -102,7 +106,7 @@ class EfficientIdentifier(Identifier):
         theta = guard.theta_hat
         q = np.asarray(first.q, dtype=np.float64)
         kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
-        sound = Signals.sound(self.system), np.ones(self.system.p)
+        sound = Signals.sound(self.system), np.ones(self.system.p), theta.copy()
         inside = Guarded(kalman, guard, 0, 0, 0.0, False, 0, 0, *sound)
         return guard._replace(memory=None, filter=inside)
 
@@ -151,6 +155,10 @@ class EfficientIdentifier(Identifier):
             estimates,
         )
 
+    def _seconds(self, inside: Guarded) -> float:
+        """Time since the first sample [s]."""
+        return inside.step * self._interval / self._every
+
     def _here(self, inside: Guarded, log: Log) -> Measurement:
         """The last measurement of a log without the known errors of its signals."""
         return inside.signals.acting(self.system, log.part(len(log.t) - 1, len(log.t))).at(0)
@@ -181,8 +189,8 @@ class EfficientIdentifier(Identifier):
     def _filtered(self, inside: Guarded, log: Log, estimates: Estimates) -> Guarded:
         """The filter along a log, through contradictions; overwrites what it hands out."""
         count, at = len(log.t), 0
-        thetas, v_hats = np.empty(estimates.theta_hat.shape), np.empty(log.v.shape)
-        pivots, past = np.full(count, np.inf), log
+        along, past = Along.empty(count, self.system.n, self.system.p), log
+        thetas, v_hats, pivots, _ = along
         if inside.recent is not None:  # its last sample is the log's first
             past = inside.recent.first(len(inside.recent.t) - 1).joined(log)
         while at < count - 1:
@@ -194,9 +202,9 @@ class EfficientIdentifier(Identifier):
                 inside = self._tried(inside, log.part(at, last + 1))
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
-                out = thetas[at:], v_hats[at:], pivots[at:]
                 piece = inside.signals.acting(self.system, log.part(at, count))
-                row, end = follow_filter(self._law, kalman, *piece, *out)
+                law = self._law._replace(walk=inside.walk(self._seconds(inside)))
+                row, end = follow_filter(law, kalman, *piece, along.part(at))
                 last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
                 thetas[at + 1 : last + 1] *= inside.factors
                 inside = inside._replace(calm=calm)
@@ -217,14 +225,18 @@ class EfficientIdentifier(Identifier):
     def _contradicted(self, inside: Guarded, log: Log) -> Guarded:
         """After a contradiction at a log's end: trials of what may have failed, or a new start."""
         kalman, system, here = inside.filter, self.system, self._here(inside, log)
-        if inside.calm < _MATURE and inside.loose is None:
+        young = inside.calm < _MATURE and inside.loose is None
+        if young and inside.restarts < _STARTS:
             return self._started_again(inside, here)
         inside.watch.rewind(here.t, kalman)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         if inside.loose is not None:
             inside.loose.freed(kalman, self._scale)
         theta, signals = kalman.theta.copy(), inside.signals
-        what = [nothing(system), *hypotheses_of(system, theta), everything(system, theta)]
+        what = [nothing(system), *inexact(system, theta)]
+        if not young:
+            what += [*hypotheses_of(system, theta), everything(system, theta)]
+        what += restored(system, theta, inside.intact, signals.sign, signals.held)
         k = onset(self._law, kalman, system, signals.acting(system, log))
         trials = begin_trials(self._law, kalman, system, signals, what, log, k)
         return inside._replace(trials=trials, watch=Watch())
@@ -257,18 +269,25 @@ class EfficientIdentifier(Identifier):
         kalman, signals = trial.settled(self.system, self._scale, log)
         kalman.tally[1:] = 0.0
         kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
-        factors = inside.factors.copy()
-        space = self.system.space
+        factors, intact, kind = inside.factors.copy(), inside.intact.copy(), hypothesis.kind
+        space, events = self.system.space, inside.events
         hit = [space.index(name) for name in hypothesis.names if name in space.names]
-        factors[hit] *= {"reversed": -1.0, "broken": 0.0, "stuck": 0.0}.get(hypothesis.kind, 1.0)
+        if (factors[hit] == 1).all():
+            intact[hit] = trial.theta[hit]
+        if kind == "sound":
+            factors[hit], events = 1.0, revoked(events, hypothesis.part)
+        factors[hit] *= {"reversed": -1.0, "broken": 0.0, "stuck": 0.0}.get(kind, 1.0)
         inside = inside._replace(
             filter=kalman,
             signals=signals,
             factors=factors,
+            intact=intact,
+            events=events,
             calm=0.0,
             returns=inside.returns + 1,
         )
-        if hypothesis.kind == "none":
+        inside = inside.wandered(hypothesis.share)
+        if kind in {"none", "sound"} or without_effect(kind, size):
             return inside
         return self._noted(inside, hypothesis, trial.theta, t, (begin, size, found.confidence))
 
@@ -289,14 +308,18 @@ class EfficientIdentifier(Identifier):
         if inside.calm < _SETTLED or loose is not None:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
         what = appear_slowly(hypotheses_of(self.system, kalman.theta))
+        what += inexact(self.system, kalman.theta)
         found = slow_change(watch, kalman, self.system.space, what)
         if found is None or found.confidence < _ISOLATED:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
         before = kalman.theta.copy()
         kalman.theta[:], kalman.Ptt[:] = found.theta, found.P
         kalman.safe[:], kalman.safe_P[:] = found.theta, found.P
-        noted = t, found.size, found.confidence, True
-        return self._noted(inside._replace(watch=Watch()), found.hypothesis, before, t, noted)
+        noted, hypothesis = (t, found.size, found.confidence, True), found.hypothesis
+        inside = inside._replace(watch=Watch()).wandered(hypothesis.share)
+        if hypothesis.kind == "none" or without_effect(hypothesis.kind, found.size):
+            return inside
+        return self._noted(inside, hypothesis, before, t, noted)
 
     def _noted(
         self, inside: Guarded, hypothesis: Hypothesis, before: Array, t: float, found: Any
@@ -360,9 +383,12 @@ class EfficientIdentifier(Identifier):
         That of the filter is scaled by the mean squared normalised innovation where it exceeds 1.
         """
         inside: Guarded = state.filter
-        if not inside.handed:
-            return self.guard.confidence(inside.guard)
         kalman, prior = inside.filter, self._covariance(self.guard.prior)
+        if not inside.handed:
+            stated = self.guard.confidence(inside.guard)
+            if stated is not None:
+                return stated
+            kalman = kalman._replace(Ptt=prior)  # too few data: what is known is the prior
         squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
         units = np.outer(self._scale, self._scale)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ...bounds import Config, NonNegative, Positive, config
@@ -13,6 +15,7 @@ from ..cone.barrier import cone_of, gradient_and_hessian
 from .kalman import (
     CONTRADICTED,
     ROUNDED,
+    Along,
     Filter,
     Law,
     filter_at,
@@ -41,6 +44,20 @@ class EfficientConfig(Config):
     prior: Positive = 0.3
     linearisation: NonNegative = 0.3
     innovation_window: Positive = 0.1
+
+
+class Replay(NamedTuple):
+    """A log as the filter alone sees it.
+
+    Attributes:
+        contradictions: times at which the log contradicted every θ that P allows [s].
+        along: what the filter wrote.
+        filter: at the end.
+    """
+
+    contradictions: tuple[float, ...]
+    along: Along
+    filter: Filter
 
 
 class Witness:
@@ -77,18 +94,17 @@ class Witness:
         balanced = metric * np.outer(self.law.scale, self.law.scale) + np.eye(self._p)
         return np.asarray(self._spread**2 * np.linalg.inv(balanced), dtype=np.float64)
 
-    def contradictions(self, theta: Array, log: Log) -> tuple[list[float], float]:
-        """Times at which a log of N measurements contradicts every θ near θ̂ (p,) [s].
+    def replay(self, theta: Array, P: Array, log: Log) -> Replay:
+        """Follows a log of N measurements from θ̂ (p,) with P_θθ (p, p) of θ̂/scale.
 
-        Returns:
-            The times, and the mean squared normalised innovation.
+        Where the log contradicts every θ that P allows, the filter starts again from both.
         """
-        count, P = len(log.t), self.covariance(theta)
+        count = len(log.t)
         kalman, times, at = filter_at(log.q[0], log.v[0], theta, P), [], 0
-        out = np.empty((count, self._p)), np.empty(log.v.shape), np.empty(count)
+        along = Along.empty(count, log.v.shape[1], self._p)
         while at < count - 1:
             columns = (part[at:] for part in log)
-            row, end = follow_filter(self.law, kalman, *columns, *(part[at:] for part in out))
+            row, end = follow_filter(self.law, kalman, *columns, along.part(at))
             at += row
             if end == ROUNDED:
                 mend(kalman, log.at(at))
@@ -96,7 +112,7 @@ class Witness:
                 times.append(float(log.t[at]))
                 kalman.theta[:], kalman.Ptt[:] = theta, P
                 restart_state(kalman, log.q[at], log.v[at], noise_variance(kalman.noise))
-        return times, float(kalman.totals[0] / max(1.0, kalman.totals[1]))
+        return Replay(tuple(times), along, kalman)
 
 
 def mend(kalman: Filter, here: Measurement) -> None:

@@ -20,6 +20,9 @@ _WALK = 0.006  # of a loose gain, relative, in a second [1/√s]
 _ON = 0.05  # relative change of a loose gain that goes unnoticed
 _LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
 _GROWN = 0.01  # change of the share that is lost which is noted
+SEIZED = ("reversed", "broken", "stuck")
+"""Kinds of faults under which a command does not reach its actuator as given."""
+_MEASURED = ("loss", "friction", "payload", "bias")  # whose size is 0 where nothing has failed
 
 
 class Loose(NamedTuple):
@@ -74,6 +77,17 @@ def loosened(
     gains = np.array([space.index(name) for name in hypothesis.names])
     others = np.setdiff1d(space.actuators, gains)
     return Loose(hypothesis.part, gains, others, before.copy(), t + _LOOSE)
+
+
+def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]:
+    """The events without those that took a part, sound after all, for failed."""
+    return tuple(e for e in events if e.part != part or e.kind not in SEIZED)
+
+
+def without_effect(kind: str, size: tuple[float, float, float]) -> bool:
+    """Whether the interval (size, low, high) of a change contains no change at all."""
+    _, low, high = size
+    return kind in _MEASURED and low <= 0.0 <= high
 
 
 def event_of(

@@ -18,6 +18,7 @@ from ....system import SecondOrderSystem, gains_by_command
 from ....systems.payload import carrier, point_mass, submerged
 from ....systems.sensing import sensor_labels, sensor_units
 from ...cone.barrier import Cone, cone_of, gradient_and_hessian
+from ..kalman import SMALL
 from .evidence import Jump
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain
@@ -29,13 +30,16 @@ _LOADS = (0.03, 0.1, 0.2, 0.3)  # masses of loads that were picked up, over that
 _DENSITY = 500.0  # of such a load [kg/m³]
 _LOADED = 0.5  # standard deviation of its inertial parameters in the metric of the cone
 _DISSIPATES = ("friction", "drag", "resistance")
+_RARE = 5.0  # a fault of one part beforehand: one of some fifty, and no more likely together
+_INEXACT = (2e-4, 2e-3, 2e-2, 0.2)  # shares by which all of θ may seem off where W is not exact
+_RESTORED = 0.1  # standard deviation of a gain's jump back to what it was, relative to the gain
 
 
 class Hypothesis(NamedTuple):
     """One explanation of a change.
 
     Attributes:
-        kind: see `FaultEvent`; also `none`.
+        kind: see `FaultEvent`; also `none`, and `sound` for what was taken for failed.
         part: what was hit, in words.
         names: of the parameters that may have changed.
         D: (p, d) directions of the jump of θ/scale, whose δ has standard deviation 1.
@@ -47,6 +51,7 @@ class Hypothesis(NamedTuple):
         offset: part of the reported size that belongs to the mean.
         curve: (2, N) sizes of an actuator's command, and the efforts relative to that at `held`.
         channel: index of the sensor that has a constant error, those of position first; −1 if none.
+        share: by which all of θ may be off, where the structure is not exact; 0 if it is.
     """
 
     kind: str
@@ -61,6 +66,7 @@ class Hypothesis(NamedTuple):
     offset: float = 0.0
     curve: Array | None = None
     channel: int = -1
+    share: float = 0.0
 
 
 def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
@@ -82,9 +88,53 @@ def command_of(stuck: Hypothesis, held: float, ratio: float) -> float:
     return float(np.copysign(np.interp(effort, efforts, sizes), held))
 
 
+def penalty(hypothesis: Hypothesis) -> float:
+    """How much less probable a hypothesis is beforehand than that no part has failed, in nats."""
+    return 0.0 if hypothesis.kind in {"none", "sound"} else _RARE
+
+
 def nothing(system: SecondOrderSystem) -> Hypothesis:
     """No change at all."""
     return Hypothesis("none", "", (), np.zeros((system.p, 0)), np.zeros(0), "1")
+
+
+def inexact(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
+    """The robot is sound but its structure not quite exact, so that all of θ seems to be off.
+
+    An effect that no column of W describes moves whatever parameters describe it best, by amounts
+    that vary with the motion. Without this mode of the interacting models, the single fault that
+    is least unlike the effect would explain it.
+    """
+    sizes = np.diag(np.maximum(np.abs(theta / system.space.scale), SMALL))
+    none = nothing(system)
+    return [
+        none._replace(D=share * sizes, size=np.zeros(system.p), share=share) for share in _INEXACT
+    ]
+
+
+def restored(
+    system: SecondOrderSystem, theta: Array, sound: Array, sign: Array, held: Array
+) -> list[Hypothesis]:
+    """Every actuator that was taken for reversed, broken or stuck is sound after all.
+
+    Args:
+        system: the structure.
+        theta: (p,) θ̂ now.
+        sound: (p,) θ̂ with the gains from before these actuators failed.
+        sign: (n_u,) −1 for a reversed actuator.
+        held: (n_u,) command of a stuck one; NaN of the others.
+    """
+    found, scale = [], system.space.scale
+    for command, k in enumerate(gains_by_command(system)):
+        if not len(k) or (sign[command] == 1 and np.isnan(held[command])):
+            continue
+        D, mean = np.zeros((system.p, len(k))), np.zeros(system.p)
+        D[k, np.arange(len(k))] = _RESTORED * sound[k] / scale[k]
+        mean[k] = (sound[k] - theta[k]) / scale[k]
+        part, names = " and ".join(system.space.labels[i] for i in k), tuple(_named(system, k))
+        size = np.zeros(len(k))
+        found.append(Hypothesis("sound", part, names, D, size, "1", command, mean=mean))
+    return found
 
 
 def unknown(system: SecondOrderSystem) -> Hypothesis:

@@ -14,7 +14,7 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array
 from ....system import SecondOrderSystem
-from ..kalman import COMPLETED, Filter, Law, follow_filter, noise_variance, restart_state
+from ..kalman import COMPLETED, Along, Filter, Law, follow_filter, noise_variance, restart_state
 
 LEAD = 4
 """Samples before the first at which a fault may begin: `started` takes increments from them."""
@@ -40,11 +40,11 @@ def onset(law: Law, kalman: Filter, system: SecondOrderSystem, log: Log) -> int:
     own, patient = started(kalman, system, log, LEAD - 1), law._replace(window=10**9)
     size, count, n = 2.0 * system.n, len(log.t), system.n
     level = size + _EXCESS * np.sqrt(2.0 * size)
-    out = np.empty((2, len(own.theta))), np.empty((2, n)), np.empty(2)
+    out = Along.empty(2, n, len(own.theta))
     total, before = 0.0, count - 2
     for k in range(LEAD, count):
         squares = own.tally[2]
-        _, end = follow_filter(patient, own, *log.part(k - 1, k + 1), *out)
+        _, end = follow_filter(patient, own, *log.part(k - 1, k + 1), out)
         excess = own.tally[2] - squares - level if end == COMPLETED else np.inf
         if total <= 0.0:
             total, before = 0.0, k - 1

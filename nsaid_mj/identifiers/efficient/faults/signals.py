@@ -47,7 +47,9 @@ class Signals(NamedTuple):
     def under(self, hypothesis: Hypothesis) -> Signals:
         """These signals, with those of a failed actuator as a hypothesis has them."""
         sign, held, k = self.sign.copy(), self.held.copy(), hypothesis.command
-        if hypothesis.kind == "reversed":
+        if hypothesis.kind == "sound":
+            sign[k], held[k] = 1.0, np.nan
+        elif hypothesis.kind == "reversed":
             sign[k], held[k] = -sign[k], np.nan
         elif k >= 0:
             held[k] = hypothesis.held

@@ -18,7 +18,7 @@ from ....system import SecondOrderSystem
 from ..kalman import Filter, Law, acceptable
 from .bias import BiasTrial
 from .evidence import posterior
-from .hypotheses import Hypothesis
+from .hypotheses import Hypothesis, penalty
 from .onset import started
 from .signals import Signals
 from .trial import Trial
@@ -167,7 +167,7 @@ def explains(law: Law, trial: Trial | BiasTrial) -> bool:
 
 def posterior_of(trials: Trials) -> Array:
     """(h,) probability of every trial's hypothesis; NaN if all filters have failed."""
-    evidence = np.array([trial.evidence for trial in trials.each])
+    evidence = np.array([trial.evidence - penalty(trial.hypothesis) for trial in trials.each])
     return posterior(evidence) if np.isfinite(evidence).any() else np.full(len(evidence), np.nan)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ....parameters import Array, ParameterSpace
 from ..kalman import Filter
 from .evidence import posterior, shift_jumps
-from .hypotheses import Hypothesis, most_changed
+from .hypotheses import Hypothesis, most_changed, penalty
 
 PERIOD = 0.5
 """Time between two snapshots [s]."""
@@ -98,7 +98,8 @@ def slow_change(
             jumps = shift_jumps(P, kalman.Ptt, shift, tolerance, [h.D for h in hypotheses])
         except (np.linalg.LinAlgError, ValueError):
             continue  # exact data leave a covariance that rounding made indefinite, or infinite
-        evidence = np.array([jump.evidence for jump in jumps])
+        each = zip(jumps, hypotheses, strict=True)
+        evidence = np.array([jump.evidence - penalty(h) for jump, h in each])
         k = int(np.argmax(evidence))
         if evidence[k] > max(_SURE, best.evidence if best else 0.0):
             hypothesis, jump = hypotheses[k], jumps[k]
@@ -107,13 +108,20 @@ def slow_change(
                 hypothesis = most_changed(space, hypothesis, jump)
             best = Found(
                 hypothesis,
-                float(posterior(evidence)[k]),
+                _together(posterior(evidence), k, hypotheses),
                 jump.interval(hypothesis.size),
                 theta + scale * new,
                 new_P,
                 float(evidence[k]),
             )
     return best
+
+
+def _together(share: Array, k: int, hypotheses: list[Hypothesis]) -> float:
+    """Probability of hypothesis k, with that of others of the same kind and part."""
+    best = hypotheses[k].kind, hypotheses[k].part
+    alike = [(h.kind, h.part) == best for h in hypotheses]
+    return float(min(1.0, share[alike].sum()))
 
 
 def with_jump(Ps: Array, Pt: Array, shift: Array, D: Array) -> tuple[Array, Array]:
