@@ -47,7 +47,8 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     if not (levels.position > 0 and levels.velocity > 0):
         raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
     scale = np.array(system.space.scale)
-    law = Law(system.forward, cone_of(system.space), scale, _ROUNDING, 1)
+    cone = cone_of(system.space)
+    law = Law(system.forward, cone, scale, _ROUNDING, 1)
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
     filter = filter_at(log.q[0], log.v[0], truth.theta, PRIOR**2 * basis @ basis.T)

@@ -92,6 +92,7 @@ def determined(
     determined if it does not change along P_s(θ̂).
     """
     theta_s, k = theta_hat / space.scale, space.actuators
+    k = k[theta_hat[k] != 0]  # those of failed actuators say nothing of the scale
     rows = np.eye(len(space))
     if len(k):
         rows[:, k] -= np.outer(theta_s, 1 / theta_s[k]) / len(k)
@@ -126,7 +127,8 @@ def known(
     before = np.einsum("ik,ij,jk->k", vectors, prior, vectors)
     k = space.actuators
     share = np.eye(len(k)) - 1 / len(k)
-    relative = confidence.covariance[np.ix_(k, k)] / np.outer(theta_hat[k], theta_hat[k])
+    gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0 is a failed actuator's
+    relative = confidence.covariance[np.ix_(k, k)] / np.outer(gains, gains)
     return Known(
         (basis @ vectors).T,
         np.sqrt(np.maximum(variance, 0.0)) / size,

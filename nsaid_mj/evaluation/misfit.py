@@ -1,29 +1,50 @@
 """Whether the motion contradicts the structure, judged from measurements alone.
 
-The filter of the law `efficient` runs along the log, from the run's last estimate but as uncertain
-as a prior. It may learn any θ nearby; where even that leaves innovations larger than chance allows,
-it is contradicted and starts again. A structure that explains the motion is hardly ever
-contradicted; one that does not, again and again.
+The filter of the law `efficient` runs along the log from a run's estimate and its stated covariance
+until it has learned what it may, and then again from where it has come to. What is left says how
+well the structure explains the motion:
+
+- innovations larger than chance within a tenth of a second contradict it; the filter then starts
+  again. A structure that explains the motion is hardly ever contradicted, one that does not, again
+  and again;
+- innovations that are not white over longer times are small effects that W does not have; see
+  `whiteness`;
+- how far, relative to its stated covariance, the estimate has moved in the first run, as a whole
+  and from part to part, says whether the intervals hold.
+
+Faults that were found divide the log; what made a fault known is not held against the structure,
+but everything else is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..experiment.loop import Run
+from ..experiment.setup import told
+from ..identifiers import Confidence, NullspaceAID
 from ..identifiers.cone.barrier import cone_of, inside
-from ..identifiers.efficient.witness import Witness
+from ..identifiers.cone.prior import drawn_inside
+from ..identifiers.efficient.faults.signals import Signals
+from ..identifiers.efficient.witness import Replay, Witness
 from ..log import Log
 from ..parameters import Array
+from ..system import SecondOrderSystem
+from .whiteness import Whiteness, whiteness
 
 NONE, SOME, CONTRADICTS = "none", "some", "contradicts"
-_LONGEST = 30.0  # length of log that is judged, its end [s]
+_LONGEST = 120.0  # length of log that is judged, its end [s]
 _FEWEST = 50  # rows that can be judged; the run that warms up has as many
 _SETTLED = 1 / 3  # share of it in which the filter may still learn
-_REPEATED = 2  # contradictions that are no single event, such as a fault
+_REPEATED = 2  # contradictions that are no single event, such as a collision
 _LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
+_CHANCE = 1e-4  # probability below which innovations are not white
+_PARTS = (1, 4, 16)  # of a log, whose shifts of the estimate are compared with its covariance
+_LEARNED = 1e-3  # least share of its variance that a direction loses, to be judged by its shift
+_SHIFTED = 1.5  # mean squared normalised shift that is more than chance
 
 
 class Misfit(NamedTuple):
@@ -34,12 +55,16 @@ class Misfit(NamedTuple):
         contradictions: times at which the innovations exceeded chance [s].
         innovations: mean squared normalised innovation; 1 where the structure explains the motion.
         seconds: length of log that was judged [s].
+        chance: probability of innovations as coloured as these, were the structure exact.
+        widening: factor on the stated standard deviations, ≥ 1, that makes up for the misfit.
     """
 
     level: str
     contradictions: tuple[float, ...]
     innovations: float
     seconds: float
+    chance: float
+    widening: float
 
     def keys(self) -> dict[str, Any]:
         """The keys of summary.json."""
@@ -48,6 +73,8 @@ class Misfit(NamedTuple):
             "misfit_contradictions": list(self.contradictions),
             "misfit_innovations": self.innovations,
             "misfit_seconds": self.seconds,
+            "misfit_chance": self.chance,
+            "misfit_widening": self.widening,
         }
 
 
@@ -61,25 +88,123 @@ def misfit_of(run: Run) -> Misfit | None:
     law = getattr(scenario.identifier, "law", "")
     if law not in {"memory", "efficient"} or system.forward is None or scenario.record_every != 1:
         return None
-    log, known = record.log, [event.time for event in run.faults if event.kind != "unknown"]
-    if known:  # from then on something else moves than what the log tells
-        log = log.first(int(np.searchsorted(log.t, min(known))))
-    if len(log.t) < _FEWEST:
-        return None
-    theta = np.array(record["theta_hat"][len(log.t) - 1])
-    log = log.part(int(np.searchsorted(log.t, log.t[-1] - _LONGEST)), len(log.t))
-    if len(log.t) < _FEWEST or not inside(cone_of(system.space), theta):
-        return None
-    return judged(Witness(system, scenario.dt, scenario.identifier.efficient), theta, log)
+    config = told(scenario.identifier, scenario)
+    assert isinstance(config, NullspaceAID)
+    witness, found = Witness(system, scenario.dt, config.efficient), []
+    stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
+    for log, rows, signals in _pieces(run, record.log):
+        theta = _sound(system, np.array(record["theta_hat"][rows.stop - 1]), run.prior)
+        P = witness.covariance(theta)
+        if stated is not None and rows.stop == len(record):
+            P = _no_wider(stated.covariance / np.outer(system.space.scale, system.space.scale), P)
+        found.append(judged(witness, theta, P, signals.acting(system, log)))
+    return _worst(found) if found else None
 
 
-def judged(witness: Witness, theta: Array, log: Log) -> Misfit:
-    """Judges a log of N measurements, with the filter starting at θ (p,)."""
-    times, innovations = witness.contradictions(theta, log)
-    seconds = float(log.t[-1] - log.t[0])
-    late = [time for time in times if time > log.t[0] + _SETTLED * seconds]
+def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
+    """Parts of a log between faults, their rows in the record, and the signals that act."""
+    known = [event for event in run.faults if event.kind != "unknown"]
+    first = int(np.searchsorted(log.t, log.t[-1] - _LONGEST))
+    starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
+    ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
+    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
+        start = max(first, start)
+        if end - start >= _FEWEST:
+            signals = Signals.after(run.system, known[:i])
+            yield log.part(start, end), slice(start, end), signals
+
+
+def _sound(system: SecondOrderSystem, theta: Array, prior: Array) -> Array:
+    """(p,) θ̂ inside the cone: gains of reversed actuators positive, of failed ones as before."""
+    k, theta = system.space.actuators, theta.copy()
+    theta[k] = np.where(theta[k] == 0, prior[k], np.copysign(theta[k], prior[k]))
+    if inside(cone_of(system.space), theta):
+        return theta
+    return drawn_inside(system.space, theta, 0.0, np.random.default_rng(0))
+
+
+def _worst(found: list[Misfit]) -> Misfit:
+    """The misfit of several parts of a log: the worst level, all contradictions, all the energy."""
+    order = [NONE, SOME, CONTRADICTS]
+    times = tuple(time for one in found for time in one.contradictions)
+    level = max((one.level for one in found), key=order.index)
+    seconds = sum(one.seconds for one in found)
+    innovations = sum(one.innovations * one.seconds for one in found) / seconds
+    last = found[-1]
+    return last._replace(
+        level=CONTRADICTS if len(times) >= _REPEATED else level,
+        contradictions=times,
+        innovations=innovations,
+        seconds=seconds,
+        chance=min(one.chance for one in found),
+    )
+
+
+def judged(witness: Witness, theta: Array, P: Array, log: Log) -> Misfit:
+    """Judges a log of N measurements, with the filter starting at θ (p,) with P_θθ (p, p)."""
+    learning = witness.replay(theta, P, log)
+    replay = witness.replay(learning.filter.theta, P, log)
+    seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
+    squares, number = replay.filter.totals
+    innovations = float(squares / max(1.0, number))
+    times = replay.contradictions
+    late = tuple(time for time in times if time > log.t[0] + _SETTLED * seconds)
+    level = NONE
     if len(late) >= _REPEATED:
         level = CONTRADICTS
-    else:
-        level = SOME if late or innovations > _LARGE else NONE
-    return Misfit(level, tuple(late), innovations, seconds)
+    elif late or innovations > _LARGE or colour.chance < _CHANCE:
+        level = SOME
+    widening = _widening(witness, theta, P, learning, colour if level != NONE else None)
+    return Misfit(level, late, innovations, seconds, min(1.0, colour.chance), widening)
+
+
+def _widening(
+    witness: Witness, theta: Array, P: Array, learning: Replay, colour: Whiteness | None
+) -> float:
+    """Factor on the standard deviations of a misfit.
+
+    Parameters take up a part of what W does not have, in whatever direction is most like it; the
+    energy of what is left over tells its size. And the estimate must not shift further than its
+    covariance allows: neither as a whole, nor from part to part of the log, where an effect that
+    comes and goes with the motion moves it to and fro (a sandwich of as many blocks).
+    """
+    shifts = _shifts(witness.law.scale, theta, P, learning)
+    most = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
+    return float(np.sqrt(max(1.0 + (colour.energy if colour else 0.0), most)))
+
+
+def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[float]:
+    """Mean squared shift of θ̂ in parts of a log, relative to what its covariance allows; 1."""
+    unit = 1 / np.sqrt(np.diag(P))
+    values, vectors = np.linalg.eigh(P * np.outer(unit, unit))
+    whiten = (vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))).T * unit
+    lost = np.eye(len(P)) - whiten @ learning.filter.Ptt @ whiten.T
+    share, vectors = np.linalg.eigh(0.5 * (lost + lost.T))
+    kept = share > _LEARNED
+    if learning.contradictions or not kept.any():
+        return []
+    whiten, rows = (
+        (vectors[:, kept].T @ whiten) / np.sqrt(share[kept])[:, None],
+        learning.along.theta,
+    )
+    found = []
+    for parts in _PARTS:
+        at = np.linspace(0, len(rows) - 1, parts + 1).astype(int)
+        path = np.vstack([theta, rows[at[1:]]]) / scale
+        found.append(float(np.sum((np.diff(path, axis=0) @ whiten.T) ** 2) / kept.sum()))
+    return found
+
+
+def widened(stated: Confidence, scale: Array, factor: float) -> Confidence:
+    """A confidence with standard deviations times a factor, but no less certain than the prior."""
+    if factor == 1.0:
+        return stated
+    units = np.outer(scale, scale)
+    P = _no_wider(factor**2 * stated.covariance / units, stated.prior / units)
+    return stated._replace(covariance=P * units)
+
+
+def _no_wider(P: Array, prior: Array) -> Array:
+    """(p, p) (P⁻¹ + prior⁻¹)⁻¹, where P may be singular."""
+    P = prior - prior @ np.linalg.solve(prior + P, prior)
+    return 0.5 * (P + P.T)

@@ -19,7 +19,7 @@ from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
-from .misfit import CONTRADICTS, misfit_of
+from .misfit import misfit_of, widened
 from .truth import Truth
 from .verdict import residual_floor, verdict
 from .words import scientific
@@ -145,8 +145,7 @@ def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
     }
     misfit = misfit_of(run)
     found |= misfit.keys() if misfit else {}
-    contradicted = misfit is not None and misfit.level == CONTRADICTS
-    found["confidence"] = confidence(run, truth, contradicted)
+    found["confidence"] = confidence(run, truth, misfit.widening if misfit else 1.0)
     found["parameters"] = parameters(run, truth)
     return found
 
@@ -200,10 +199,10 @@ def law_of(identifier: IdentifierConfig) -> str:
     return law if law != "cone" or identifier.in_cone else "paper"
 
 
-def confidence(run: Run, truth: Truth | None, contradicted: bool = False) -> dict[str, Any] | None:
+def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str, Any] | None:
     """The identifier's stated per-direction standard deviations, compared with the truth if known.
 
-    Where the motion contradicts the structure, they are those of the prior.
+    Where the structure does not quite explain the motion, they are widened; see `misfit`.
 
     None if the law states no covariance, or if the run was read from its record and no earlier
     summary has it.
@@ -211,8 +210,7 @@ def confidence(run: Run, truth: Truth | None, contradicted: bool = False) -> dic
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     if stated is None:
         return run.confidence
-    if contradicted:
-        stated = stated._replace(covariance=stated.prior)
+    stated = widened(stated, run.system.space.scale, widening)
     theta, space = run.record["theta_hat"][-1], run.system.space
     nullspace = nullspace_of(run, None)
     found = known(stated, theta, nullspace, space)

@@ -12,7 +12,7 @@ else in this package reads the truth before the end of a run.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from ..control import Driver
 from ..errors import InvalidInput
-from ..identifiers import Identifier
+from ..identifiers import Identifier, IdentifierConfig, NullspaceAID
 from ..identifiers.cone.prior import drawn_inside
 from ..log import EXACT, Log
 from ..parameters import Array, ParameterSpace
@@ -114,7 +114,7 @@ class Setup:
             return expected_gramian(system, driver, prior, scenario.dt, min(duration, _REHEARSAL))
 
         return {
-            name: config.build(system, prior, scenario.dt, levels, gramian)
+            name: told(config, scenario).build(system, prior, scenario.dt, levels, gramian)
             for name, config in {"": scenario.identifier, **scenario.rivals}.items()
         }
 
@@ -155,6 +155,14 @@ class Setup:
     def _driver(self, seed: np.random.SeedSequence) -> Driver:
         rng = np.random.default_rng(seed)
         return driver_of(self.scenario.excitation, self.system, self.prior, rng)
+
+
+def told(config: IdentifierConfig, scenario: Scenario) -> IdentifierConfig:
+    """An identifier's configuration, with the error of the prior where it says none."""
+    if not isinstance(config, NullspaceAID) or config.efficient.prior is not None:
+        return config
+    error = scenario.initial_error or None
+    return replace(config, efficient=replace(config.efficient, prior=error))
 
 
 def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:

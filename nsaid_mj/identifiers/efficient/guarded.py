@@ -37,6 +37,7 @@ class Guarded(NamedTuple):
         loose: a gain that may go on falling; None if there is none.
         stale: whether the memory's data are of the robot before a fault.
         intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from before.
+        moves: times the filter went on from the memory's estimate and covariance.
         wander: shares by which all of θ seemed to be off, as the structure is not exact: the sum of
             their squares, and the largest square.
     """
@@ -58,6 +59,7 @@ class Guarded(NamedTuple):
     events: tuple[FaultEvent, ...] = ()
     loose: Loose | None = None
     stale: bool = False
+    moves: int = 0
     wander: tuple[float, float] = (0.0, 0.0)
 
     @property

@@ -3,12 +3,10 @@
     x̄ = RK4(x̂, u held; θ̂),    F = [Φ Γ; 0 1],
     P̄ = F P Fᵀ + γ² diag(diag(Γ P_θθ Γᵀ)),
     S = P̄_xx + R,    L Lᵀ = S,    e = L⁻¹ y,    y = (difference(q̄, q), v − v̄),
-    θ̂ ← θ̂ + share scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,
-    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄,    P_θθ with the factor share (2 − share).
+    θ̂ ← θ̂ + scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄.
 
-share < 1 where the step of θ̂ would leave half of a Dikin ellipsoid of the cone: P shrinks by what
-the shorter step learns (Joseph's form with the gain that is applied). Then the error of the common
-scale is carried along with θ̂, see `_transport`.
+Steps of θ̂ that are too long for the cone are damped, and the error of the common scale is carried
+along with θ̂; see `steps`.
 
 θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that of
 (x, c) carried along by [Φ F_c]. P_θθ is as before the step: only measurements change it.
@@ -29,14 +27,13 @@ from ...dynamics.forward import Structure, difference_into, integrate_into
 from ...dynamics.transition import transition, transition_work
 from ...numerics.linalg import cholesky
 from ...parameters import Array
-from ..cone.barrier import Cone, inside, local_norm
+from ..cone.barrier import Cone
 from .noise import MEMORY, Noise, add_increment, noise_variance
+from .steps import carry_scale, step_inside
 
 COMPLETED, CONTRADICTED, ROUNDED = 0, 1, 2
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
 rounding errors left the covariance indefinite."""
-_REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
-_HALVINGS = 30  # of an update that rounding takes out of the cone
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
 SMALL = 0.1
@@ -80,6 +77,7 @@ class Filter(NamedTuple):
         safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
         safe_P: (2, p, p) P_θθ there.
         totals: (2,) sum of all squared normalised innovations, and their number.
+        damping: (1,) κ of the last step, see `steps`; 0 if it was not damped.
     """
 
     q: Array
@@ -93,6 +91,7 @@ class Filter(NamedTuple):
     safe: Array
     safe_P: Array
     totals: Array
+    damping: Array
 
 
 def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
@@ -103,7 +102,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
     return Filter(
         q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
-        np.zeros(2),
+        np.zeros(2), np.zeros(1),
     )  # fmt: skip
 
 
@@ -183,7 +182,8 @@ def _workspaces(n, p):
     )  # fmt: skip
     updating = (
         np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
-        np.empty((size, p)), np.empty((p, p)), np.empty(size), np.empty(p), np.empty(p), np.empty(p),
+        np.empty((size, p)), np.empty((p, p)), np.empty((p, size)), np.empty(size), np.empty(p),
+        np.empty(p), np.empty(p),
     )  # fmt: skip
     return predicting, updating
 
@@ -214,70 +214,15 @@ def _predict(law, dt, F, B, filter, work):
 
 
 @njit(cache=True)
-def _move(cone, theta, step, trial):
-    """Moves θ̂ (p,) by a share of a step (p,), inside half of a Dikin ellipsoid; returns the share.
-
-    Inside that ellipsoid is inside the cone, but for rounding next to the boundary: there the share
-    is halved until θ̂ and its metric are sound, and is 0 if they never are. `trial` (p,) is
-    workspace.
-    """
-    length = local_norm(cone, theta, step)
-    if not length < np.inf:
-        return 0.0
-    share = min(1.0, _REACH / length) if length > 0.0 else 1.0
-    for _ in range(_HALVINGS):
-        for k in range(theta.shape[0]):
-            trial[k] = theta[k] + share * step[k]
-        if inside(cone, trial) and local_norm(cone, trial, step) < np.inf:
-            for k in range(theta.shape[0]):
-                theta[k] = trial[k]
-            return share
-        share *= 0.5
-    return 0.0
-
-
-@njit(cache=True)
-def _transport(before, after, scale, Pxt, Ptt, moved, gained):
-    """Carries the error of the common scale along with θ̂, from `before` (p,) to `after` (p,).
-
-    No motion tells the common scale: B θ̂ = 0 at the θ̂ at which the step is linearised. Linearised
-    elsewhere in the next step, the covariance would take the difference for information (Huang,
-    Mourikis, Roumeliotis, IJRR 29(5), 2010). So an error s of the scale, θ = (1 + s)(θ̂ + …), stays
-    one: P ← T P Tᵀ with T = 1 + d wᵀ, d = after − before, wᵀ before = 1, which maps `before` to
-    `after` and keeps θ̂ᵀ P⁻¹ θ̂. `moved` and `gained` (p,) are workspace.
-    """
-    p, norm = before.shape[0], 0.0
-    for k in range(p):
-        moved[k] = (after[k] - before[k]) / scale[k]
-        norm += (before[k] / scale[k]) ** 2
-    along = 0.0
-    for i in range(p):
-        gained[i] = 0.0
-        for k in range(p):
-            gained[i] += Ptt[i, k] * before[k] / (scale[k] * norm)
-        along += before[i] / (scale[i] * norm) * gained[i]
-    for i in range(p):
-        for k in range(i + 1):
-            change = moved[i] * gained[k] + gained[i] * moved[k] + along * moved[i] * moved[k]
-            Ptt[i, k] += change
-            Ptt[k, i] = Ptt[i, k]
-    for j in range(Pxt.shape[0]):
-        own = 0.0
-        for k in range(p):
-            own += Pxt[j, k] * before[k] / (scale[k] * norm)
-        for k in range(p):
-            Pxt[j, k] += own * moved[k]
-
-
-@njit(cache=True)
-def _update(cone, scale, filter, R, y, work):
+def _update(law, filter, R, y, work):
     """Updates θ̂ and P by an innovation y (2n,); writes the step of the state into y.
 
     Returns:
         The squared normalised innovation and log det S; NaN if S is not positive definite.
     """
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened, gained, e, step, at, trial = work
+    S, L, inverse, whitened, gained, V, e, step, at, trial = work
+    scale = law.scale
     size, p = Pxt.shape
     for i in range(size):
         for j in range(size):
@@ -296,22 +241,26 @@ def _update(cone, scale, filter, R, y, work):
             inverse[i, k] /= L[i, i]
     np.dot(inverse, y, e)
     np.dot(inverse, Pxt, whitened)
-    np.dot(e, whitened, step)
-    for k in range(p):
-        step[k] *= scale[k]
-        at[k] = theta[k]
-    share = _move(cone, theta, step, trial)
-    learned = share * (2.0 - share)  # K → share K in (1 − K H) P (1 − K H)ᵀ + K R Kᵀ
     np.dot(whitened.T, whitened, gained)
+    for k in range(p):
+        at[k] = theta[k]
+    before = filter.damping[0]
+    kappa = step_inside(law.cone, scale, theta, Ptt, gained, whitened, e, V, step, before)
+    filter.damping[0] = kappa
+    if kappa > 0.0:
+        np.dot(V, whitened, gained)
     for i in range(p):  # BLAS may round the two triangles differently
         for k in range(i + 1):
-            Ptt[i, k] -= learned * gained[i, k]
+            own = gained[i, k]
+            if kappa > 0.0:
+                own += gained[k, i] - np.dot(V[i], V[k])
+            Ptt[i, k] -= own
             Ptt[k, i] = Ptt[i, k]
     for i in range(size):
         for j in range(size):
             L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
     np.dot(L, whitened, Pxt)
-    _transport(at, theta, scale, Pxt, Ptt, step, trial)
+    carry_scale(at, theta, scale, Pxt, Ptt, step, trial)
     np.dot(inverse.T, e, y)
     y[:] = np.dot(Pxx, y)  # y − R S⁻¹ y would cancel
     np.dot(inverse, Pxx, S)
@@ -395,11 +344,11 @@ def follow_filter(law, filter, t, q, v, u, along):
             difference_into(structure, q1, q[k], y[:n])
             for i in range(n):
                 y[n + i] = v[k, i] - v1[i]
-            square, spread = _update(law.cone, scale, filter, R, y, updating)
+            square, spread = _update(law, filter, R, y, updating)
         if not square < np.inf:
             _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
             return k, ROUNDED if pivot > 0.0 else CONTRADICTED
-        innovations[k] = updating[5]
+        innovations[k] = updating[6]
         integrate_into(structure, q1, y[:n], filter.q)
         for i in range(n):
             filter.v[i] = v1[i] + y[n + i]
@@ -444,6 +393,6 @@ def covariance_along(law, filter, R, t, q, v, u):
             return k - 1
         _predict(law, t[k] - t[k - 1], F, B, filter, predicting)
         y[:] = 0.0
-        if not _update(law.cone, law.scale, filter, R, y, updating)[0] < np.inf:
+        if not _update(law, filter, R, y, updating)[0] < np.inf:
             return k - 1
     return t.shape[0] - 1

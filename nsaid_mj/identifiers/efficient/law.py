@@ -60,6 +60,7 @@ from .witness import EfficientConfig, Witness, mend
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
+_CAREFUL = 25.0  # on the memory's covariance, where the filter goes on from its estimate
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
 _MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
 _STARTS = 3  # new starts of a young filter, before a structure that is not exact is considered
@@ -178,6 +179,8 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not inside.pause:
             inside = inside._replace(handed=self._explains(inside))
+            if not inside.handed and inside.calm >= _PROBATION and not inside.trials:
+                inside = self._moved_to_memory(inside, here)
         awake = memory.alarmed or not memory.sure or not inside.handed
         longest = 0 if awake else int(_PAUSE * inside.calm / self._interval)
         pause = min(inside.pause - 1, longest) if inside.pause else longest
@@ -343,6 +346,26 @@ class EfficientIdentifier(Identifier):
         kalman.theta[:], kalman.Ptt[:] = theta, self._covariance(theta)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         return inside._replace(calm=0.0, handed=False, restarts=inside.restarts + 1, watch=Watch())
+
+    def _moved_to_memory(self, inside: Guarded, here: Measurement) -> Guarded:
+        """A filter that is caught far away goes on from the memory's estimate and covariance.
+
+        From a prior that reaches to the boundary of the cone, its steps can be damped until hardly
+        any is left: nothing contradicts it, but it does not explain what is remembered. The memory
+        has seen no scale, of which the prior's uncertainty is kept.
+        """
+        stated = self.guard.confidence(inside.guard)
+        if stated is None:
+            return inside
+        kalman, theta = inside.filter, inside.guard.theta_hat
+        theta_s, prior = theta / self._scale, self._covariance(theta)
+        scale = 1 / float(theta_s @ np.linalg.solve(prior, theta_s))
+        P = _CAREFUL * stated.covariance / np.outer(self._scale, self._scale)
+        P += 1e3 * scale * np.outer(theta_s, theta_s)
+        P = prior - prior @ np.linalg.solve(prior + P, prior)  # and no less certain than the prior
+        kalman.theta[:], kalman.Ptt[:] = theta, 0.5 * (P + P.T)
+        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+        return inside._replace(calm=0.0, moves=inside.moves + 1, watch=Watch())
 
     def _explains(self, inside: Guarded) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""

@@ -11,7 +11,8 @@ from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
 from ...system import SecondOrderSystem
-from ..cone.barrier import cone_of, gradient_and_hessian
+from ..cone.barrier import cone_of
+from ..cone.prior import drawn_covariance
 from .kalman import (
     CONTRADICTED,
     ROUNDED,
@@ -24,6 +25,8 @@ from .kalman import (
     restart_state,
 )
 
+USUAL = 0.3
+"""Largest relative error of a prior of which nothing is said."""
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 
 
@@ -32,8 +35,8 @@ class EfficientConfig(Config):
     """The filter of the law `efficient`.
 
     Attributes:
-        prior: standard deviation of θ̂(0) in the metric of the cone, for instance the relative one
-            of a positive parameter.
+        prior: largest relative error of θ̂(0), as of `Scenario.initial_error`, which is taken where
+            this is None; see `drawn_covariance`.
         linearisation: γ, standard deviation of the error of a step's linearisation relative to the
             standard deviation of what θ does in it.
         innovation_window: time over which innovations are tested against chance [s].
@@ -41,7 +44,7 @@ class EfficientConfig(Config):
 
     _path = "identifier.efficient"
 
-    prior: Positive = 0.3
+    prior: Positive | None = None
     linearisation: NonNegative = 0.3
     innovation_window: Positive = 0.1
 
@@ -83,16 +86,15 @@ class Witness:
                 type(system).__name__,
                 "Take --law memory; for an arm, --plant.backend compiled.",
             )
-        self._spread, self._p = config.prior, system.p
+        self._error, self._p, self._space = config.prior or USUAL, system.p, system.space
         cone, scale = cone_of(system.space), np.array(system.space.scale)
         window = max(10, round(config.innovation_window / dt))
-        self.law = Law(system.forward, cone, scale, config.linearisation, window)
+        gamma = config.linearisation
+        self.law = Law(system.forward, cone, scale, gamma, window)
 
     def covariance(self, theta: Array) -> Array:
-        """(p, p) P_θθ before any data: σ² (∇²b(θ̂) + 1)⁻¹ in units of the scale."""
-        _, metric = gradient_and_hessian(self.law.cone, theta)
-        balanced = metric * np.outer(self.law.scale, self.law.scale) + np.eye(self._p)
-        return np.asarray(self._spread**2 * np.linalg.inv(balanced), dtype=np.float64)
+        """(p, p) P_θθ of θ̂/scale before any data: that of the draw of a prior."""
+        return drawn_covariance(self._space, theta, self._error)
 
     def replay(self, theta: Array, P: Array, log: Log) -> Replay:
         """Follows a log of N measurements from θ̂ (p,) with P_θθ (p, p) of θ̂/scale.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ....log import Log
 from ....parameters import Array
-from ....system import SecondOrderSystem
+from ....system import SecondOrderSystem, gains_by_command
 from ....systems.sensing import displaced
+from ...faults import FaultEvent
 from .hypotheses import Hypothesis
 
 
@@ -31,6 +33,25 @@ class Signals(NamedTuple):
         """Every command reaches its actuator, and every sensor is right."""
         n, n_u = system.n, system.n_u
         return Signals(np.ones(n_u), np.full(n_u, np.nan), np.zeros(2 * n))
+
+    @staticmethod
+    def after(system: SecondOrderSystem, events: Sequence[FaultEvent]) -> Signals:
+        """What is known after some faults."""
+        sign, held, bias = Signals.sound(system)
+        commands = {
+            tuple(system.space.names[i] for i in k): command
+            for command, k in enumerate(gains_by_command(system))
+        }
+        for event in events:
+            command = commands.get(tuple(event.names), -1)
+            if event.kind == "bias":
+                sensor, _, number = event.names[0].partition(" ")
+                bias[(sensor == "velocity") * system.n + int(number) - 1] = event.size
+            elif event.kind == "reversed" and command >= 0:
+                sign[command] = -sign[command]
+            elif event.kind in {"broken", "stuck"} and command >= 0:
+                held[command] = event.size if event.kind == "stuck" else 0.0
+        return Signals(sign, held, bias)
 
     def acting(self, system: SecondOrderSystem, log: Log) -> Log:
         """The log with the commands that act and the sensors' errors removed."""
