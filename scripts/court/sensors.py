@@ -1,0 +1,89 @@
+"""Sensors that the package's own cannot be: jitter, zero errors, gear ratios, wrong noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nsaid_mj.log import Log
+from nsaid_mj.parameters import Array
+from nsaid_mj.plants.world.sensors import SensorNoise, Sensors
+
+
+@dataclass
+class Errors:
+    """Errors of the sensors that the identifier is not told of.
+
+    Attributes:
+        jitter: positions are sampled up to so much before or after their time [s].
+        zero: (n,) constant error of the positions [rad or m].
+        ratio: (n,) measured over true motion.
+        noise: true over stated standard deviations.
+        held: a logged command is renewed every so many samples only.
+        deflection: (n,) of the transmission, position and velocity, which the stepper writes.
+    """
+
+    jitter: float = 0.0
+    zero: Array | float = 0.0
+    ratio: Array | float = 1.0
+    noise: float = 1.0
+    held: int = 1
+    deflection: list[Array | float] = field(default_factory=lambda: [0.0, 0.0])
+
+
+class WrongSensors(Sensors):
+    """Sensors with the stated noise and further errors.
+
+    Args:
+        noise: the stated levels.
+        rng: source of the errors.
+        errors: further errors.
+    """
+
+    def __init__(self, noise: SensorNoise, rng: np.random.Generator, errors: Errors):
+        factor = errors.noise
+        acting = SensorNoise(
+            position=factor * noise.position,
+            velocity=factor * noise.velocity,
+            encoder_step=noise.encoder_step,
+        )
+        super().__init__(acting, rng)
+        self._errors = errors
+
+    def __call__(self, position: Array, velocity: Array) -> tuple[Array, Array]:
+        """Measurements of a true position (n,) and velocity (n,)."""
+        e = self._errors
+        if e.jitter:
+            position = position + velocity * self.rng.uniform(-e.jitter, e.jitter)
+        position = e.ratio * (position + e.deflection[0]) + e.zero
+        return super().__call__(position, e.ratio * (velocity + e.deflection[1]))
+
+
+def stale(log: Log, every: int) -> Log:
+    """The log with commands that are renewed every so many samples only."""
+    if every <= 1:
+        return log
+    rows = np.arange(len(log.t)) // every * every
+    return Log.unchecked(log.t, log.q, log.v, log.u[rows])
+
+
+def stated_noise(
+    kind: str, rng: np.random.Generator, length: float, speed: float
+) -> tuple[SensorNoise, str]:
+    """The stated levels of the sensors, and what they are in words.
+
+    Args:
+        kind: `encoder` or `noise`.
+        rng: source of the levels.
+        length: of a full turn, or of the stroke, in the position's unit.
+        speed: typical velocity, for its noise.
+    """
+    velocity = speed * 10.0 ** rng.uniform(-3.2, -2.0)
+    if kind == "encoder":
+        bits = int(rng.integers(14, 20))
+        step = length / 2**bits
+        noise = SensorNoise(position=0.3 * step, velocity=velocity, encoder_step=step)
+        return noise, f"{bits} bit"
+    position = length * 10.0 ** rng.uniform(-5.5, -4.0)
+    return SensorNoise(position=position, velocity=velocity), f"noise {position:.1g}"
