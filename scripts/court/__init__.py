@@ -1,1 +1,1 @@
-"""The adversarial study of issue "never wrong with confidence"; `scripts/court.py` is its command."""
+"""The adversarial study; `scripts/court.py` is its command."""

@@ -89,7 +89,7 @@ def faults_of(
     """The package's faults that an effect is: true ones at half the time, or gains that fade."""
     system = plant.system
     sound = [k + 1 for k in range(system.n_u) if _gains(system, k + 1)]
-    if name == "sag" or name == "drift":
+    if name in _FADING:
         hit = sound if name == "sag" else [int(rng.choice(sound))]
         share = min(0.95, size * (duration + 10.0) / 60.0)
         return tuple(Loss(actuator=k, share=share, rate=size / 60.0) for k in hit)

@@ -32,7 +32,7 @@ def planned(kind: str, system: MotorTree, dt: float, steps: int, rng: np.random.
     """
     low, high = system.limits
     half = np.minimum(0.4 * (high - low), _HALF)
-    centre = 0.5 * (low + high) + rng.uniform(-1, 1, system.n) * (0.5 * (high - low) - half)
+    centre = 0.5 * (low + high) + 0.5 * rng.uniform(-1, 1, system.n) * (0.5 * (high - low) - half)
     t, speed, n = dt * np.arange(steps + 1), np.minimum(system.scales.speed, 2.5), system.n
     if kind == "gentle":
         return centre + _sines(t, 0.05, 0.3, 0.6 * half, 0.15 * speed, rng)
@@ -125,7 +125,7 @@ class Planned(Driver):
         computed_torque(self._tracking, 0.0, q, v, self._workspace, u)
         return u
 
-    def compiled(self, t: Array) -> None:  # noqa: ARG002 (the interface's)
+    def compiled(self, t: Array) -> None:
         """None: only `command` evaluates it."""
         return None
 
@@ -160,6 +160,6 @@ class Shaped(Driver):
             return u * self._moves[int(t / 2.0)]
         return u
 
-    def compiled(self, t: Array) -> None:  # noqa: ARG002 (the interface's)
+    def compiled(self, t: Array) -> None:
         """None: only `command` evaluates it."""
         return None

@@ -31,7 +31,7 @@ from .effects import (
 )
 from .motions import Planned, Shaped, planned
 from .robots import random_tree
-from .sensors import Errors, WrongSensors, stale, stated_noise
+from .sensors import WrongSensors, stale, stated_noise
 
 _ARM_STEP = 2e-3  # [s]
 _TRIES = 8  # random trees, at most, until one's friction suits the time step
@@ -95,6 +95,11 @@ def simulated(case: Case) -> Simulated:
     return Simulated(case, setup, stale(log, errors.held), str(words), urdf)
 
 
+def joint_names(setup: Setup) -> list[str]:
+    """The names of an arm's joints."""
+    return list(setup.plant.robot.model.names)[1:]  # type: ignore[attr-defined]
+
+
 def _config(setup: Setup) -> Any:
     return replace(setup.scenario.plant, faults=())
 
@@ -108,7 +113,7 @@ def _setup(case: Case) -> tuple[Setup, str]:
         return Setup.of(_scenario(case, load(case.robot))), ""
     for attempt in range(_TRIES):
         rng = case.stream(1, attempt)
-        armature = 0.0 if rng.random() < 0.2 and case.effect not in ("elastic", "backlash") else None
+        armature = 0.0 if rng.random() < 0.2 else None
         with tempfile.TemporaryDirectory() as folder:
             robot, urdf = case.robot, ""
             if robot.startswith("tree"):
@@ -155,6 +160,8 @@ def _driver(case: Case, setup: Setup) -> Driver:
     if case.kind != "arm":
         return Shaped(setup.driver(), case.motion, scenario.dt, rng)
     positions = planned(case.motion, system, scenario.dt, scenario.steps, rng)  # type: ignore[arg-type]
+    still = [k for k, name in enumerate(joint_names(setup)) if "finger" in name]
+    positions[:, still] = positions[0, still]
     return Planned(system, setup.prior, positions, scenario.dt)  # type: ignore[arg-type]
 
 

@@ -51,8 +51,8 @@ def _share(hits: Iterable[bool]) -> str:
 def overall(lines: Sequence[Line]) -> str:
     """The table of right and wrong, by law."""
     rows = [
-        "| law | runs | right, confident | right, unsure or flagged | wrong, flagged | wrong, unsure "
-        "| WRONG, CONFIDENT | crash | not run |",
+        "| law | runs | right, confident | right, unsure or flagged | wrong, flagged "
+        "| wrong, unsure | WRONG, CONFIDENT | crash | not run |",
         "|" + "---|" * 9,
     ]
     for law in (*LAWS, "all"):
@@ -114,8 +114,8 @@ def _control(line: Line) -> int:
 def by_effect(lines: Sequence[Line]) -> str:
     """A line for every effect and size."""
     rows = [
-        "| effect | size | runs | right | wrong, not confident | WRONG, CONFIDENT | flagged | unsure "
-        f"| coverage < {COVERED:g} | false faults | crash |",
+        "| effect | size | runs | right | wrong, not confident | WRONG, CONFIDENT | flagged "
+        f"| unsure | coverage < {COVERED:g} | false faults | crash |",
         "|" + "---|" * 11,
     ]
     for name in ("none", *EFFECTS):
