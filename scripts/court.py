@@ -18,10 +18,10 @@ What the words mean, for the laws `efficient` and `memory`, at the end of a run:
   loss of a gain that fades is there; of a true fault, its kind and part.
 - *flagged*: the run ended early, its misfit is `some` or `contradicts`, or it found a change that
   no single fault explains.
-- *unsure*: no misfit could be given, or no intervals, or at least half of the observable directions
-  are as uncertain as before the data (`below_noise` of summary.json).
-- *confident*: neither flagged nor unsure. The verdict's word "converged" is not used: of a
-  simulated plant it is decided by the truth.
+- *unsure*: no intervals are given, or at least half of the observable directions are as uncertain
+  as before the data (`below_noise` of summary.json).
+- *confident*: neither flagged nor unsure; where no misfit is given at all, nobody is warned. The
+  verdict's word "converged" is not used: of a simulated plant it is decided by the truth.
 
 For `identify`:
 

@@ -41,10 +41,11 @@ class Case:
         robot: name of an arm or a vehicle; `tree of k` for a random tree.
         kind: `arm`, or of which kind the vehicle is.
         motion: one of `motions`.
-        sensor: `encoder` or `noise`.
+        sensor: `encoder`, `noise`, or `stock`: the package's own levels.
         prior: `drawn` or `nominal`, as in a scenario.
         gain_error: as in a scenario; None for that of all parameters.
         duration: [s].
+        dt: time step [s]; 0 for that of the vehicle's scenario.
         effect: name of the effect; `none`.
         size: of the effect.
     """
@@ -59,6 +60,7 @@ class Case:
     prior: str
     gain_error: float | None
     duration: float
+    dt: float
     effect: str
     size: float
 
@@ -92,7 +94,10 @@ def drawn(seed: int, number: int, laws: Sequence[str] = LAWS) -> Case:
     if kind != "arm":
         motions = VEHICLE_MOTIONS if kind == "rov" else VEHICLE_MOTIONS[:1]
     motion = str(rng.choice(motions))
-    sensor = "encoder" if kind == "arm" and rng.random() < 0.6 else "noise"
+    sensor = str(rng.choice(["stock", "noise", "encoder"], p=[0.4, 0.2, 0.4]))
+    dt = float(rng.choice([1e-3, 2e-3])) if kind == "arm" else 0.0
+    if sensor == "encoder" and kind != "arm":
+        sensor = "noise"
     prior = str(rng.choice(["drawn", "nominal"]))
     gain_error = 0.3 if rng.random() < 0.25 else None
     effect, size = "none", 0.0
@@ -102,9 +107,8 @@ def drawn(seed: int, number: int, laws: Sequence[str] = LAWS) -> Case:
             known = [name for name in known if name not in ("loss", "payload", "noise")]
         effect = str(rng.permutation(known)[member - 1])
         size = float(rng.permuted(np.tile(EFFECTS[effect].sizes, (member, 1)), axis=1)[-1, 0])
-    return Case(
-        number, seed, law, robot, kind, motion, sensor, prior, gain_error, duration, effect, size
-    )
+    shared = robot, kind, motion, sensor, prior, gain_error, duration, dt
+    return Case(number, seed, law, *shared, effect, size)
 
 
 def _robot(rng: np.random.Generator, law: str) -> tuple[str, str, float]:

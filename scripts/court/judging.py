@@ -80,9 +80,8 @@ def judge_online(
         return found
     found.figures["innovations"] = stated.innovations
     _judge_events(found, stated.events, system, effect, faults)
-    if stated.misfit is None:
-        found.unsure.append("no verdict of the misfit")
-    elif stated.misfit != "none":
+    found.figures["misfit"] = stated.misfit
+    if stated.misfit not in (None, "none"):
         found.flagged.append(f"misfit {stated.misfit}")
     if stated.confidence is None:
         found.unsure.append("no intervals")

@@ -1,7 +1,8 @@
 """Motions of arms and vehicles, planned sample by sample, and the driver that follows them.
 
-Arms follow a planned motion by computed torque under the prior, as `FourierTracking` does; vehicles
-keep the driver of their scenario, or its commands are shaped.
+The motion `own` is that of the scenario: for arms, that of `nsaid run arm`. Otherwise arms follow a
+planned motion by computed torque under the prior, as `FourierTracking` does, and the commands of a
+vehicle's own driver are shaped.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from nsaid_mj.control.signals import Series
 from nsaid_mj.parameters import Array
 from nsaid_mj.systems.multibody import MotorTree
 
-ARM_MOTIONS = ("lively", "gentle", "one axis", "rest", "chirp", "steps", "small")
+ARM_MOTIONS = ("own", "own", "lively", "gentle", "one axis", "rest", "chirp", "steps", "small")
 VEHICLE_MOTIONS = ("own", "weak", "rest", "steps")
 _HALF = 1.5  # largest half range of a planned motion [rad or m]
 _BANDWIDTH = 2.0  # of the tracking loop [Hz]
@@ -24,7 +25,7 @@ def planned(kind: str, system: MotorTree, dt: float, steps: int, rng: np.random.
     """(steps + 1, n) positions of a motion within the joints' limits.
 
     Args:
-        kind: one of `ARM_MOTIONS`.
+        kind: one of `ARM_MOTIONS` other than `own`.
         system: the arm.
         dt: time step [s].
         steps: number of time steps.

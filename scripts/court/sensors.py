@@ -68,22 +68,19 @@ def stale(log: Log, every: int) -> Log:
     return Log.unchecked(log.t, log.q, log.v, log.u[rows])
 
 
-def stated_noise(
-    kind: str, rng: np.random.Generator, length: float, speed: float
-) -> tuple[SensorNoise, str]:
-    """The stated levels of the sensors, and what they are in words.
+def stated_noise(kind: str, rng: np.random.Generator, length: float, speed: float) -> SensorNoise:
+    """The stated levels of the sensors.
 
     Args:
-        kind: `encoder` or `noise`.
+        kind: `encoder`, of 14 to 19 bit; `noise`; or `stock`, the package's own levels.
         rng: source of the levels.
         length: of a full turn, or of the stroke, in the position's unit.
         speed: typical velocity, for its noise.
     """
-    velocity = speed * 10.0 ** rng.uniform(-3.2, -2.0)
+    if kind == "stock":
+        return SensorNoise()
+    velocity = speed * 10.0 ** rng.uniform(-4.0, -2.0)
     if kind == "encoder":
-        bits = int(rng.integers(14, 20))
-        step = length / 2**bits
-        noise = SensorNoise(position=0.3 * step, velocity=velocity, encoder_step=step)
-        return noise, f"{bits} bit"
-    position = length * 10.0 ** rng.uniform(-5.5, -4.0)
-    return SensorNoise(position=position, velocity=velocity), f"noise {position:.1g}"
+        step = length / 2 ** int(rng.integers(14, 20))
+        return SensorNoise(position=0.3 * step, velocity=velocity, encoder_step=step)
+    return SensorNoise(position=length * 10.0 ** rng.uniform(-6.0, -4.0), velocity=velocity)

@@ -33,7 +33,6 @@ from .motions import Planned, Shaped, planned
 from .robots import random_tree
 from .sensors import WrongSensors, stale, stated_noise
 
-_ARM_STEP = 2e-3  # [s]
 _TRIES = 8  # random trees, at most, until one's friction suits the time step
 _TYPICAL = 2.0  # length of the run from which the rms commands are taken [s]
 
@@ -50,14 +49,12 @@ class Simulated:
         case: what it is.
         setup: its plant and prior.
         log: what the identifier sees.
-        noise: what the sensors are, in words.
-        urdf: text of the robot's URDF; "" for vehicles.
+        urdf: text of the robot's URDF; "" for packed robots.
     """
 
     case: Case
     setup: Setup
     log: Log
-    noise: str
     urdf: str
 
 
@@ -67,10 +64,15 @@ def simulated(case: Case) -> Simulated:
     Raises:
         NotRun: the plant diverges.
     """
-    setup, urdf = _setup(case)
+    with tempfile.TemporaryDirectory() as folder:  # a payload loads the robot again
+        return _simulated(case, Path(folder))
+
+
+def _simulated(case: Case, folder: Path) -> Simulated:
+    setup, urdf = _setup(case, folder)
     plant, dt = setup.plant, setup.scenario.dt
     rng = case.stream(3, case.number)
-    words, noise = setup.scenario.identifier, setup.scenario.noise
+    noise = setup.scenario.noise
     plant.failing(faults_of(case.effect, case.size, plant, case.duration, rng), _config(setup))
     errors = errors_of(case.effect, case.size, setup.system.n, dt, rng)
     stepper = Stepper(plant)
@@ -92,7 +94,7 @@ def simulated(case: Case) -> Simulated:
         plant.step = stepper  # type: ignore[method-assign]  # in place of this one plant's
     sensors = WrongSensors(noise, np.random.default_rng(setup.seeds.sensors), errors)
     log = _log(setup, _driver(case, setup), sensors, case.duration, stepper)
-    return Simulated(case, setup, stale(log, errors.held), str(words), urdf)
+    return Simulated(case, setup, stale(log, errors.held), urdf)
 
 
 def joint_names(setup: Setup) -> list[str]:
@@ -104,37 +106,35 @@ def _config(setup: Setup) -> Any:
     return replace(setup.scenario.plant, faults=())
 
 
-def _setup(case: Case) -> tuple[Setup, str]:
+def _setup(case: Case, folder: Path) -> tuple[Setup, str]:
     """The plant with the effects that its configuration can have, and the robot's URDF.
 
     A random tree whose friction is too fast for the time step is drawn again.
     """
     if case.kind != "arm":
         return Setup.of(_scenario(case, load(case.robot))), ""
+    stock = load("arm")
     for attempt in range(_TRIES):
         rng = case.stream(1, attempt)
         armature = 0.0 if rng.random() < 0.2 else None
-        with tempfile.TemporaryDirectory() as folder:
-            robot, urdf = case.robot, ""
-            if robot.startswith("tree"):
-                urdf = random_tree(rng, int(robot.rsplit(" ", 1)[1]))
-                robot = str(Path(folder) / "random_tree.urdf")
-                Path(robot).write_text(urdf, encoding="utf-8")
-            plant = ArmPlant(robot=robot, armature=armature)
-            arm = Scenario(plant=plant, identifier=NullspaceAID(K=20.0, gain=0.3), dt=_ARM_STEP)
-            try:
-                setup = Setup.of(_scenario(case, arm))
-                return setup, urdf
-            except BadRobot as error:
-                if "too fast for steps" not in str(error) or not urdf:
-                    raise
+        robot, urdf = case.robot, ""
+        if robot.startswith("tree"):
+            urdf = random_tree(rng, int(robot.rsplit(" ", 1)[1]))
+            robot = str(folder / "random_tree.urdf")
+            Path(robot).write_text(urdf, encoding="utf-8")
+        arm = replace(stock, plant=ArmPlant(robot=robot, armature=armature), dt=case.dt)
+        try:
+            return Setup.of(_scenario(case, arm)), urdf
+        except BadRobot as error:
+            if "too fast for steps" not in str(error) or not urdf:
+                raise
     raise NotRun("the friction of all trees drawn is too fast for the time step")
 
 
 def _scenario(case: Case, scenario: Scenario) -> Scenario:
     rng = case.stream(2)
     length, speed = (2 * np.pi, 1.0) if case.kind == "arm" else (1.0, 1.0)
-    noise, _ = stated_noise(case.sensor, rng, length, speed)
+    noise = stated_noise(case.sensor, rng, length, speed)
     effect = EFFECTS.get(case.effect)
     mismatch = mismatch_of(case.effect, case.size, scenario.dt, case.stream(4, case.number))
     law = "efficient" if case.law == "identify" else case.law
@@ -159,6 +159,8 @@ def _driver(case: Case, setup: Setup) -> Driver:
     rng, scenario, system = case.stream(6), setup.scenario, setup.system
     if case.kind != "arm":
         return Shaped(setup.driver(), case.motion, scenario.dt, rng)
+    if case.motion == "own":
+        return setup.driver()
     positions = planned(case.motion, system, scenario.dt, scenario.steps, rng)  # type: ignore[arg-type]
     still = [k for k, name in enumerate(joint_names(setup)) if "finger" in name]
     positions[:, still] = positions[0, still]
