@@ -26,8 +26,9 @@ What the words mean, for the laws `efficient` and `memory`, at the end of a run:
 For `identify`:
 
 - *wrong*: a parameter that is "identified", or a gain relative to the others, is off by more than 3
-  half-widths of its interval and by more than 5 %; or an interval is not a number.
-- *flagged*: the verdict is not "yes", the log is refused, or a finding warns of the structure.
+  half-widths of its interval and by more than 5 %, of a body's first moments or inertia 5 % of the
+  largest of them; or an interval is not a number.
+- *flagged*: the verdict is not "yes", or the log is refused.
 - *unsure*: no gain is "identified".
 
 The other bars: where the structure is exact, the shares of runs with coverage of at least .9, of

@@ -7,6 +7,8 @@ vehicle's own driver are shaped.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from nsaid_mj.control import Driver
@@ -58,7 +60,7 @@ def planned(kind: str, system: MotorTree, dt: float, steps: int, rng: np.random.
     return centre + lively
 
 
-def _sines(t: Array, low: float, high: float, half: Array, speed: Array, rng) -> Array:
+def _sines(t: Any, low: float, high: float, half: Any, speed: Any, rng: Any) -> Array:
     """(N, n) sums of sines at times t (N,) within ±half (n,) and ±speed (n,)."""
     rate = 2 * np.pi * low * (high / low) ** rng.random((6, len(half)))
     amplitude = rng.standard_normal((6, len(half))) / rate**0.5
@@ -70,7 +72,7 @@ def _sines(t: Array, low: float, high: float, half: Array, speed: Array, rng) ->
     return position / np.maximum(reach, 1e-9)
 
 
-def _steps(t: Array, half: Array, dt: float, rng) -> Array:
+def _steps(t: Any, half: Any, dt: float, rng: Any) -> Array:
     """(N, n) a new target every one to two seconds, reached smoothly."""
     count = int(t[-1]) + 2
     times = np.cumsum(rng.uniform(1.0, 2.0, count))
@@ -79,7 +81,7 @@ def _steps(t: Array, half: Array, dt: float, rng) -> Array:
     return _smooth(targets[np.searchsorted(times, t)], 0.12, dt)
 
 
-def _smooth(values: Array, tau: float, dt: float) -> Array:
+def _smooth(values: Any, tau: float, dt: float) -> Array:
     """Values (N, …) through four first-order lags of tau seconds, twice differentiable."""
     found, share = np.array(values, dtype=np.float64), 1 - np.exp(-dt / tau)
     for _ in range(4):

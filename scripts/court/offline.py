@@ -138,18 +138,32 @@ def judge(result: Identification, found: Simulated, units: Array) -> Judgement:
     for p in result.parameters:
         if p.status != "identified" or p.name not in names:
             continue
-        true = float(truth[system.space.index(p.name)])
+        true, size = float(truth[system.space.index(p.name)]), _size(system, truth, p.name)
         if not np.isfinite([p.value, p.low, p.high]).all():
             said.wrong.append(f"the interval of {p.name} is not a number")
             continue
         half = p.high - p.value if true > p.value else p.value - p.low
         held.append(p.low <= true <= p.high)
-        if abs(p.value - true) > max(HALF_WIDTHS * half, LEAST * abs(true)):
+        if abs(p.value - true) > max(HALF_WIDTHS * half, LEAST * size):
             off.append(f"{p.name} {p.value:.3g} ({p.low:.3g} … {p.high:.3g}), truly {true:.3g}")
     said.coverage = float(np.mean(held)) if held else None
     said.wrong += off[:4] + ([f"and {len(off) - 4} more"] if len(off) > 4 else [])
     _judge_ratios(said, gains, truth[[system.space.index(p.name) for p in gains]])
     return said
+
+
+def _size(system: Any, truth: Array, name: str) -> float:
+    """What an error of a parameter is relative to: its true value.
+
+    Of a body's first moments or inertia it is the largest of them, since single ones may be 0.
+    """
+    index = system.space.index(name)
+    for block, rows in system.space:
+        if rows.start <= index < rows.stop and block.geometry == "pseudo_inertia":
+            like = [i for i in range(rows.start, rows.stop)
+                    if system.space.units[i] == system.space.units[index]]  # fmt: skip
+            return float(np.abs(truth[like]).max())
+    return abs(float(truth[index]))
 
 
 def _judge_ratios(said: Judgement, gains: list[Any], truth: Array) -> None:
