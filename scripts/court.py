@@ -7,8 +7,8 @@ Robots, motions, sensors, priors, effects and seeds are drawn afresh from `--see
 joints of their own generator, packed arms and vehicles. Runs come in threes that share all but the
 effect; the first of three has none. Each run is short: 10 to 20 s of an arm at 2 ms, 16 to 60 s of
 a vehicle, seconds of computing time, and its exception is a crash, as is more than `--limit`.
-`--json` keeps a line for each run, from which an interrupted study goes on. `--case K` repeats run
-K of a seed alone; give it the same `--law`.
+`--json` keeps a line for each run, from which an interrupted study goes on; `--tables FILE` prints
+the tables of such a file. `--case K` repeats run K of a seed alone; give it the same `--law`.
 
 What the words mean, for the laws `efficient` and `memory`, at the end of a run:
 

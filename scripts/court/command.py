@@ -9,14 +9,13 @@ import signal
 import time
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
-from typing import Any
 
-from .cases import LAWS, Case, drawn
+from .cases import LAWS, TOGETHER, Case, drawn
 from .effects import EFFECTS, FAULTS
 from .judging import CRASH, NOT_RUN, Judgement, judge_online
 from .online import identified
@@ -88,8 +87,13 @@ def _known(path: Path | None, laws: Sequence[str]) -> dict[int, Line]:
     """Lines of an interrupted study, by the number of their run."""
     if path is None or not path.is_file():
         return {}
-    lines = [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
+    lines = read(path)
     return {line["case"]["number"]: line for line in lines if line["laws"] == list(laws)}
+
+
+def read(path: Path) -> list[Line]:
+    """The lines of a study's file."""
+    return [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
 
 
 def _shown(line: Line) -> str:
@@ -107,17 +111,28 @@ def study(arguments: argparse.Namespace) -> list[Line]:
     lines = [known[c.number] for c in chosen if known.get(c.number, {}).get("case") == asdict(c)]
     done = {line["case"]["number"] for line in lines}
     left = [case for case in chosen if case.number not in done]
-    run = partial(line_of, limit=arguments.limit)
-    with multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool:
-        mapped: Any = map if arguments.jobs == 1 else partial(pool.imap_unordered, chunksize=3)
-        for line in mapped(run, left):
-            line["laws"] = laws
-            lines.append(line)
-            print(_shown(line), flush=True)
-            if path is not None:
-                with path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(line, ensure_ascii=False) + "\n")
+    for line in _run(left, partial(line_of, limit=arguments.limit), arguments.jobs):
+        line["laws"] = laws
+        lines.append(line)
+        print(_shown(line), flush=True)
+        if path is not None:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line, ensure_ascii=False) + "\n")
     return lines
+
+
+def _run(left: list[Case], run: Callable[[Case], Line], jobs: int) -> Iterator[Line]:
+    """The lines of cases, in one process or several, in any order."""
+    if jobs == 1:
+        yield from map(run, left)
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield from pool.imap_unordered(run, left, chunksize=TOGETHER)
+
+
+def tables(lines: Sequence[Line]) -> str:
+    """All tables, and the runs that are wrong and confident or crashed."""
+    return f"{overall(lines)}\n\n{bars(lines)}\n\n{by_effect(lines)}\n\n{worst(lines)}"
 
 
 def main(description: str | None) -> None:
@@ -126,7 +141,7 @@ def main(description: str | None) -> None:
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--runs", type=int, default=600)
-    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--law", nargs="+", choices=LAWS, default=list(LAWS))
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     only = ("exact", "effects", "faults", *EFFECTS)
@@ -134,11 +149,14 @@ def main(description: str | None) -> None:
     parser.add_argument("--json", type=Path, help="a line for each run; a study goes on from it")
     parser.add_argument("--limit", type=float, default=LIMIT, help="wall time of a run [s]")
     parser.add_argument("--case", type=int, help="number of one run, which is told at length")
+    parser.add_argument("--tables", type=Path, help="only print the tables of such a file")
     arguments = parser.parse_args()
+    if arguments.tables is not None:
+        print(tables(read(arguments.tables)))
+        return
     if arguments.case is not None:
         case = drawn(arguments.seed, arguments.case, arguments.law)
         line = line_of(case, arguments.limit, verbose=True)
         print(json.dumps(line, indent=1, ensure_ascii=False))
         return
-    lines = study(arguments)
-    print(f"\n{overall(lines)}\n\n{bars(lines)}\n\n{by_effect(lines)}\n\n{worst(lines)}")
+    print(f"\n{tables(study(arguments))}")

@@ -110,11 +110,11 @@ def _gains(system: Any, actuator: int) -> bool:
         return False
 
 
-def errors_of(name: str, size: float, n: int, dt: float, rng: np.random.Generator) -> Errors:
+def errors_of(name: str, size: float, n: int, rng: np.random.Generator) -> Errors:
     """The errors of the sensors that an effect is."""
     errors = Errors()
     if name == "jitter":
-        return replace(errors, jitter=size * dt)
+        return replace(errors, jitter=size)
     if name == "zero error":
         return replace(errors, zero=np.deg2rad(size) * rng.choice([-1.0, 1.0], n))
     if name == "gear":

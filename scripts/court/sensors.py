@@ -16,7 +16,7 @@ class Errors:
     """Errors of the sensors that the identifier is not told of.
 
     Attributes:
-        jitter: positions are sampled up to so much before or after their time [s].
+        jitter: positions are sampled up to so much before or after their time [time steps].
         zero: (n,) constant error of the positions [rad or m].
         ratio: (n,) measured over true motion.
         noise: true over stated standard deviations.
@@ -50,12 +50,14 @@ class WrongSensors(Sensors):
         )
         super().__init__(acting, rng)
         self._errors = errors
+        self._last: Array | None = None
 
     def __call__(self, position: Array, velocity: Array) -> tuple[Array, Array]:
         """Measurements of a true position (n,) and velocity (n,)."""
-        e = self._errors
-        if e.jitter:
-            position = position + velocity * self.rng.uniform(-e.jitter, e.jitter)
+        e, last = self._errors, self._last
+        self._last = position.copy()
+        if e.jitter and last is not None:  # velocities may be in other axes than positions
+            position = position + (position - last) * self.rng.uniform(-e.jitter, e.jitter)
         position = e.ratio * (position + e.deflection[0]) + e.zero
         return super().__call__(position, e.ratio * (velocity + e.deflection[1]))
 

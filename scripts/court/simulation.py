@@ -70,11 +70,11 @@ def simulated(case: Case) -> Simulated:
 
 def _simulated(case: Case, folder: Path) -> Simulated:
     setup, urdf = _setup(case, folder)
-    plant, dt = setup.plant, setup.scenario.dt
+    plant = setup.plant
     rng = case.stream(3, case.number)
     noise = setup.scenario.noise
     plant.failing(faults_of(case.effect, case.size, plant, case.duration, rng), _config(setup))
-    errors = errors_of(case.effect, case.size, setup.system.n, dt, rng)
+    errors = errors_of(case.effect, case.size, setup.system.n, rng)
     stepper = Stepper(plant)
     if case.effect in ("dead zone", "curve", "reverse gain"):
         u = _log(setup, _driver(case, setup), WrongSensors(noise, rng, errors), _TYPICAL).u

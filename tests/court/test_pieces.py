@@ -85,9 +85,9 @@ def test_runs_of_a_group_share_all_but_the_effect():
 
 
 def short(kind: str, effect: str = "none", size: float = 0.0) -> Case:
-    """Two seconds of a robot of a kind."""
+    """Some tenths of a second of a robot of a kind."""
     robot = {"arm": "z1", "rov": "bluerov2", "torpedo": "remus100", "quad": "hummingbird"}[kind]
-    shared = robot, kind, "own", "stock", "drawn", None, 2.0, 2e-3 if kind == "arm" else 0.0
+    shared = robot, kind, "own", "stock", "drawn", None, 0.6, 2e-3 if kind == "arm" else 0.0
     return Case(0 if effect == "none" else 1, 8, "efficient", *shared, effect, size)
 
 
