@@ -1,0 +1,43 @@
+"""The adversarial study: is any result wrong and confident?
+
+    python scripts/court.py --seed S [--runs 600] [--law efficient memory identify] [--jobs 2]
+                            [--only exact|effects|faults|EFFECT] [--json FILE] [--case K]
+
+Robots, motions, sensors, priors, effects and seeds are drawn afresh from `--seed`: random trees of
+joints of their own generator, packed arms and vehicles. Runs come in threes that share all but the
+effect; the first of three has none. Each run is short: 10 to 20 s of an arm at 2 ms, 16 to 60 s of
+a vehicle, seconds of computing time, and its exception is a crash, as is more than `--limit`.
+`--json` keeps a line for each run, from which an interrupted study goes on; `--tables FILE` prints
+the tables of such a file. `--case K` repeats run K of a seed alone; give it the same `--law`.
+
+What the words mean, for the laws `efficient` and `memory`, at the end of a run:
+
+- *wrong*: less than .6 of the observable directions' 95 % intervals contain the truth; or a gain,
+  relative to the common scale, is off by more than 10 of its stated standard deviations; or an
+  interval is not a number; or a fault is named that is not there. Where gains fade (sag, drift), a
+  loss of a gain that fades is there; of a true fault, its kind and part.
+- *flagged*: the run ended early, its misfit is `some` or `contradicts`, or it found a change that
+  no single fault explains.
+- *unsure*: no intervals are given, or at least half of the observable directions are as uncertain
+  as before the data (`below_noise` of summary.json).
+- *confident*: neither flagged nor unsure; where no misfit is given at all, nobody is warned. The
+  verdict's word "converged" is not used: of a simulated plant it is decided by the truth.
+
+For `identify`:
+
+- *wrong*: a parameter that is "identified", or a gain relative to the others, is off by more than 3
+  half-widths of its interval and by more than 5 %, of a body's first moments or inertia 5 % of the
+  largest of them; or an interval is not a number.
+- *flagged*: the verdict is not "yes", or the log is refused.
+- *unsure*: no gain is "identified".
+
+The other bars: where the structure is exact, the shares of runs with coverage of at least .9, of
+runs that are right and confident, of false faults and of flagged runs. And where an effect moves a
+gain by more than 3 of the standard deviations that the same run states without the effect: the
+share that is flagged or unsure, or whose own stated deviations are wide enough for the error.
+"""
+
+from court.command import main
+
+if __name__ == "__main__":
+    main(__doc__)

@@ -1,0 +1,1 @@
+"""The adversarial study; `scripts/court.py` is its command."""

@@ -1,0 +1,162 @@
+"""The command: runs the cases, writes a line for each, prints the tables."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import signal
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from functools import partial
+from itertools import count, islice
+from pathlib import Path
+
+from .cases import LAWS, TOGETHER, Case, drawn
+from .effects import EFFECTS, FAULTS
+from .judging import CRASH, NOT_RUN, Judgement, judge_online
+from .online import identified
+from .simulation import NotRun, simulated
+from .table import Line, bars, by_effect, kind_of, overall, worst
+
+LIMIT = 120  # wall time of a run [s]; the first ones of a process compile kernels
+
+
+class TooSlow(Exception):
+    """A run took longer than its limit."""
+
+
+def judged(case: Case) -> Judgement:
+    """Simulates a case, identifies it and judges what was said."""
+    if case.law == "identify":
+        from .offline import judged_offline
+
+        return judged_offline(case)
+    found = simulated(case)
+    plant = found.setup.plant
+    return judge_online(identified(found), found.setup.system, case.effect, plant.faults)
+
+
+def line_of(case: Case, limit: float = LIMIT, verbose: bool = False) -> Line:
+    """Runs a case; exceptions count as crashes, and time is limited.
+
+    Returns:
+        The entries of its line: the case, `outcome` (`judged`, `crash` or `not run`), and what the
+        judgement says.
+    """
+
+    def late(*_: object) -> None:
+        raise TooSlow(f"longer than {limit:g} s")
+
+    line: Line = {"case": asdict(case), "words": case.words, "outcome": "judged"}
+    before, begin = signal.signal(signal.SIGALRM, late), time.process_time()
+    signal.setitimer(signal.ITIMER_REAL, limit)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            line |= judged(case).keys()
+    except NotRun as error:
+        line |= {"outcome": NOT_RUN, "error": str(error)}
+    except Exception as error:
+        if verbose:
+            traceback.print_exc()
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        line |= {"outcome": CRASH, "error": f"{type(error).__name__} at {where}: {error}"[:400]}
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    return line | {"seconds": round(time.process_time() - begin, 2)}
+
+
+def cases(seed: int, laws: Sequence[str], only: str) -> Iterator[Case]:
+    """The cases of a seed, in order, all or those of one kind."""
+    for number in count():
+        case = drawn(seed, number, laws)
+        kinds = {case.effect, "exact" if case.effect == "none" else "effects"}
+        if case.effect in FAULTS:
+            kinds = {case.effect, "faults"}
+        if only in ("", *kinds):
+            yield case
+
+
+def _known(path: Path | None, laws: Sequence[str]) -> dict[int, Line]:
+    """Lines of an interrupted study, by the number of their run."""
+    if path is None or not path.is_file():
+        return {}
+    lines = read(path)
+    return {line["case"]["number"]: line for line in lines if line["laws"] == list(laws)}
+
+
+def read(path: Path) -> list[Line]:
+    """The lines of a study's file."""
+    return [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
+
+
+def _shown(line: Line) -> str:
+    reasons = [*line.get("wrong", []), *line.get("flagged", []), *line.get("unsure", [])]
+    reasons += [line["error"]] if "error" in line else []
+    return f"{kind_of(line):17} {line['seconds']:5.1f} s  {line['words']}  {'; '.join(reasons)}"
+
+
+def study(arguments: argparse.Namespace) -> list[Line]:
+    """Runs the cases that are not in the file yet, and appends them to it."""
+    laws, path = list(arguments.law), arguments.json
+    wanted = islice(cases(arguments.seed, laws, arguments.only), arguments.runs)
+    known = _known(path, laws)
+    chosen = list(wanted)
+    lines = [known[c.number] for c in chosen if known.get(c.number, {}).get("case") == asdict(c)]
+    done = {line["case"]["number"] for line in lines}
+    left = [case for case in chosen if case.number not in done]
+    for line in _run(left, partial(line_of, limit=arguments.limit), arguments.jobs):
+        line["laws"] = laws
+        lines.append(line)
+        print(_shown(line), flush=True)
+        if path is not None:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line, ensure_ascii=False) + "\n")
+    return lines
+
+
+def _run(left: list[Case], run: Callable[[Case], Line], jobs: int) -> Iterator[Line]:
+    """The lines of cases, in one process or several, in any order."""
+    if jobs == 1:
+        yield from map(run, left)
+        return
+    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
+        yield from pool.imap_unordered(run, left, chunksize=TOGETHER)
+
+
+def tables(lines: Sequence[Line]) -> str:
+    """All tables, and the runs that are wrong and confident or crashed."""
+    return f"{overall(lines)}\n\n{bars(lines)}\n\n{by_effect(lines)}\n\n{worst(lines)}"
+
+
+def main(description: str | None) -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=600)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--law", nargs="+", choices=LAWS, default=list(LAWS))
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    only = ("exact", "effects", "faults", *EFFECTS)
+    parser.add_argument("--only", default="", choices=only, metavar="KIND", help=", ".join(only))
+    parser.add_argument("--json", type=Path, help="a line for each run; a study goes on from it")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="wall time of a run [s]")
+    parser.add_argument("--case", type=int, help="number of one run, which is told at length")
+    parser.add_argument("--tables", type=Path, help="only print the tables of such a file")
+    arguments = parser.parse_args()
+    if arguments.tables is not None:
+        print(tables(read(arguments.tables)))
+        return
+    if arguments.case is not None:
+        case = drawn(arguments.seed, arguments.case, arguments.law)
+        line = line_of(case, arguments.limit, verbose=True)
+        print(json.dumps(line, indent=1, ensure_ascii=False))
+        return
+    print(f"\n{tables(study(arguments))}")

@@ -1,0 +1,95 @@
+"""Runs the laws `efficient` and `memory` on a case's log, as `nsaid run` would, but in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nsaid_mj.evaluation.misfit import CONTRADICTS, misfit_of
+from nsaid_mj.evaluation.summary import confidence
+from nsaid_mj.evaluation.truth import Truth
+from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
+from nsaid_mj.experiment.record import Record
+from nsaid_mj.identifiers import Status
+from nsaid_mj.identifiers.faults import FaultEvent
+from nsaid_mj.numerics.threads import single_threaded
+from nsaid_mj.parameters import Array
+
+from .simulation import Simulated
+
+
+class _Unheld(Truth):
+    """The truth, without a held-out trajectory, which would have to be simulated."""
+
+    held_out = None  # type: ignore[assignment]
+
+
+@dataclass(eq=False, kw_only=True)
+class _Run(SimulatedRun):
+    """A run whose faults are those of its last state, not of a file."""
+
+    @property
+    def faults(self) -> tuple[FaultEvent, ...]:
+        """The faults found."""
+        return self.states[""].faults
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a law says at the end of a run.
+
+    Attributes:
+        status: `completed`, or how the run ended.
+        theta: (p,) θ̂.
+        truth: (p,) the true θ at the end.
+        misfit: its level; None if there is none.
+        innovations: mean squared normalised innovation of the misfit's filter; None without one.
+        confidence: the entry of summary.json; None if the law states none.
+        events: the faults found.
+    """
+
+    status: str
+    theta: Array
+    truth: Array
+    misfit: str | None
+    innovations: float | None
+    confidence: dict[str, Any] | None
+    events: tuple[FaultEvent, ...]
+
+
+@single_threaded
+def identified(simulated: Simulated) -> Stated:
+    """Follows a log with the scenario's law and asks what it says."""
+    setup, log = simulated.setup, simulated.log
+    identifier = setup.identifiers()[""]
+    state, estimates = identifier.follow(identifier.init(log.at(0)), log)
+    log = log.first(len(estimates.pivot))
+    record = Record(
+        dict(log._asdict()) | {"theta_hat": estimates.theta_hat, "v_hat": estimates.v_hat},
+        {},
+        True,
+    )
+    end = float(log.t[-1])
+    run = _Run(
+        scenario=setup.scenario,
+        folder=Path("/nonexistent"),
+        record=record,
+        system=setup.system,
+        prior=setup.prior,
+        identifiers={"": identifier},
+        statuses={"": state.status},
+        ending=Ending(state.status, end),
+        cost=Cost(),
+        states={"": state},
+        setup=setup,
+    )
+    truth = _Unheld(setup, end)
+    theta, true = estimates.theta_hat[-1], truth.theta
+    if state.status is not Status.completed:
+        return Stated(state.status.words, theta, true, None, None, None, state.faults)
+    misfit = misfit_of(run)
+    level = misfit.level if misfit else None
+    stated = confidence(run, truth, level == CONTRADICTS)
+    innovations = misfit.innovations if misfit else None
+    return Stated("completed", theta, true, level, innovations, stated, state.faults)

@@ -1,0 +1,43 @@
+"""Twenty short runs of the adversarial study, and a hundred slow ones: none is wrong and confident.
+
+`scripts/court.py` says what the words mean, and runs as many as one likes; its `--case K` tells a
+run at length.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import pytest
+
+from scripts.court.cases import LAWS
+from scripts.court.command import cases, line_of
+from scripts.court.table import kind_of, worst
+
+FEW, MANY = 1, 2
+"""Seeds of the short and the long study, not chosen for what they show."""
+_MOST = 1  # of the hundred that may be wrong and confident
+_LIMIT = 600.0  # of a run, which may have to compile kernels [s]
+
+
+def check(line: dict) -> None:
+    """Asserts that a run did not crash and that its intervals are numbers."""
+    assert line["outcome"] != "crash", line["error"]
+    assert "an interval is not a number" not in line.get("wrong", []), line["words"]
+
+
+@pytest.mark.parametrize("case", islice(cases(FEW, LAWS, ""), 20), ids=lambda case: case.words)
+def test_a_run_is_not_wrong_and_confident(case):
+    line = line_of(case, _LIMIT, verbose=True)
+    check(line)
+    assert kind_of(line) != "wrong, confident", line["wrong"]
+
+
+@pytest.mark.slow
+def test_hardly_any_of_a_hundred_runs_is_wrong_and_confident():
+    lines = [line_of(case, _LIMIT) for case in islice(cases(MANY, LAWS, ""), 100)]
+    for line in lines:
+        check(line)
+    found = [line for line in lines if kind_of(line) == "wrong, confident"]
+    assert len(found) <= _MOST, worst(found)
+    assert sum(line["outcome"] == "not run" for line in lines) <= 5
