@@ -107,8 +107,8 @@ def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
     first = int(np.searchsorted(log.t, log.t[-1] - _LONGEST))
     starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
     ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
-    for i, (start, end) in enumerate(zip(starts, ends, strict=True)):
-        start = max(first, start)
+    for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
+        start = max(first, begin)
         if end - start >= _FEWEST:
             signals = Signals.after(run.system, known[:i])
             yield log.part(start, end), slice(start, end), signals

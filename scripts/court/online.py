@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nsaid_mj.evaluation.misfit import CONTRADICTS, misfit_of
+from nsaid_mj.evaluation.misfit import misfit_of
 from nsaid_mj.evaluation.summary import confidence
 from nsaid_mj.evaluation.truth import Truth
 from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
@@ -90,6 +90,6 @@ def identified(simulated: Simulated) -> Stated:
         return Stated(state.status.words, theta, true, None, None, None, state.faults)
     misfit = misfit_of(run)
     level = misfit.level if misfit else None
-    stated = confidence(run, truth, level == CONTRADICTS)
+    stated = confidence(run, truth, misfit.widening if misfit else 1.0)
     innovations = misfit.innovations if misfit else None
     return Stated("completed", theta, true, level, innovations, stated, state.faults)
