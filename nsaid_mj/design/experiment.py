@@ -19,7 +19,7 @@ from ..control import DriverConfig
 from ..errors import InvalidInput
 from ..experiment.scenario import Scenario
 from ..experiment.setup import is_sound, published, trajectory
-from ..identifiers.cone.barrier import drawn_inside
+from ..identifiers.cone.prior import drawn_inside
 from ..log import Log, SensorLevels
 from ..nullspace import Nullspace, structural
 from ..parameters import Array

@@ -21,7 +21,7 @@ import numpy as np
 from ..control import Driver
 from ..errors import InvalidInput
 from ..identifiers import Identifier
-from ..identifiers.cone.barrier import drawn_inside
+from ..identifiers.cone.prior import drawn_inside
 from ..log import EXACT, Log
 from ..parameters import Array, ParameterSpace
 from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
@@ -193,7 +193,7 @@ def prior_for(scenario: Scenario, plant: Plant) -> Array:
     """(p,) a scenario's prior: drawn about a plant's truth from its seed, or the published values.
 
     Published values on the boundary of the cone of physical parameters are moved inside for
-    identifiers that need this; see `cone.barrier.drawn_inside`.
+    identifiers that need this; see `cone.prior.drawn_inside`.
     """
     in_cone = any(law.in_cone for law in (scenario.identifier, *scenario.rivals.values()))
     rng = np.random.default_rng(Seeds.of(scenario.seed).prior)
@@ -225,7 +225,7 @@ def draw_prior(
         gain_error: if given, the relative error of actuator parameters, alternately positive and
             negative.
         rng: random number generator.
-        in_cone: whether θ̂(0) must be physically consistent; see `cone.barrier.drawn_inside`.
+        in_cone: whether θ̂(0) must be physically consistent; see `cone.prior.drawn_inside`.
     """
     if in_cone:
         prior = drawn_inside(space, truth, error, rng)

@@ -17,7 +17,8 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers.cone.barrier import cone_of, drawn_inside, inside
+from nsaid_mj.identifiers.cone.barrier import cone_of, inside
+from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.parameters import Array, ParameterSpace
 from nsaid_mj.plants import (
     ArmPlant,

@@ -14,6 +14,7 @@ from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.cone import chart
 from nsaid_mj.identifiers.cone.law import cone_identifier
+from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.metric import ACCURACY
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log, Measurement
@@ -32,7 +33,7 @@ plants = pytest.mark.parametrize("name", NAMES)
 def inside(name: str, seed: int, error: float = 0.3) -> np.ndarray:
     p = scenario_plant(name)
     rng = np.random.default_rng(seed)
-    return geometry.drawn_inside(p.system.space, p.truth, error, rng)
+    return drawn_inside(p.system.space, p.truth, error, rng)
 
 
 def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> NullspaceIdentifier:
@@ -84,7 +85,7 @@ def test_a_tied_matrix_on_the_edge_is_drawn_inside():
     cone, rng = geometry.cone_of(space), np.random.default_rng(0)
     assert not geometry.inside(cone, truth)
     for error in (0.0, 0.3, 1.0):
-        theta = geometry.drawn_inside(space, truth, error, rng)
+        theta = drawn_inside(space, truth, error, rng)
         assert geometry.inside(cone, theta)
         M = mass_of_a_torpedo(theta[place])
         assert np.linalg.eigvalsh(balanced(M))[0] >= 0.999e-3 * np.exp(-error)

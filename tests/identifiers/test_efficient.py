@@ -14,12 +14,8 @@ from nsaid_mj.evaluation.misfit import CONTRADICTS, NONE, judged
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers.base import Estimates, State, Status
-from nsaid_mj.identifiers.cone.barrier import (
-    cone_of,
-    drawn_inside,
-    gradient_and_hessian,
-    local_norm,
-)
+from nsaid_mj.identifiers.cone.barrier import cone_of, gradient_and_hessian, local_norm
+from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.noise import Noise, add_increment
 from nsaid_mj.identifiers.efficient.witness import Witness
 from nsaid_mj.log import Log

@@ -25,6 +25,7 @@ from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID, State, Status
 from nsaid_mj.identifiers.cone import barrier as geometry
+from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.memory.cost import Quotient, quotient
 from nsaid_mj.identifiers.memory.law import ImplicitMemory
 from nsaid_mj.identifiers.memory.statistics import Memory
@@ -44,7 +45,7 @@ NAMES = ["bluerov2", "double_pendulum", "f1tenth"]
 
 def inside(log: Log, seed: int, error: float = 0.3) -> Array:
     space, rng = log.plant.system.space, np.random.default_rng(seed)
-    return geometry.drawn_inside(space, log.plant.truth, error, rng)
+    return drawn_inside(space, log.plant.truth, error, rng)
 
 
 def build(

@@ -13,7 +13,7 @@ from ... import plants
 from ...errors import BadRobot, InvalidInput, NsaidError, UnknownName
 from ...experiment.library import load
 from ...experiment.setup import published
-from ...identifiers.cone.barrier import drawn_inside
+from ...identifiers.cone.prior import drawn_inside
 from ...plants import ParametricPlantConfig, PlantConfig
 from ...resources import scenarios, vehicle_files
 from ...system import SecondOrderSystem

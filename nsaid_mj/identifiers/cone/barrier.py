@@ -1,4 +1,4 @@
-"""The cone of physical parameters: its barrier, its metric, and random draws from it.
+"""The cone of physical parameters: its barrier and its metric.
 
 Every block with a geometry is a convex cone: numbers > 0; the ten inertial parameters of a link
 whose pseudo-inertia P(φ) ≻ 0 (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018); the upper triangle of
@@ -404,70 +404,3 @@ def solve_in_place(L, x, n):
         x[i] *= L[i, i]
         for m in range(i):
             x[m] -= L[i, m] * x[i]
-
-
-def drawn_inside(
-    space: ParameterSpace, theta: Array, error: float, rng: np.random.Generator
-) -> Array:
-    """(p,) random parameters that differ from θ by about ±error, inside the cone for any error.
-
-    Positive numbers are multiplied by e^u, with u in ±error; a matrix P becomes A P Aᵀ after
-    scaling to unit diagonal, with e^{±error/2} on A's diagonal and ±error/4 off it; free blocks
-    change by ±error of their size. In a tied matrix, diagonal parameters are drawn as positive
-    numbers and the others as free ones; the latter are then reduced until the smallest eigenvalue
-    of the scaled matrix is at least e^{−error} of its former value. A θ on the cone's boundary is
-    first moved inside.
-
-    Args:
-        space: names, scale and geometry.
-        theta: (p,) parameters to draw about.
-        error: largest relative error.
-        rng: source of the errors.
-    """
-    cone, drawn = cone_of(space), np.array(theta, dtype=np.float64)
-    pairing = coordinates(cone)
-    for block, place in space:
-        if block.geometry == "free":
-            size = np.maximum(np.abs(theta[place]), 0.1 * block.scale)
-            drawn[place] += error * size * rng.uniform(-1, 1, len(block))
-        elif block.geometry == "positive":
-            start = np.maximum(theta[place], 0.01 * block.scale)
-            drawn[place] = start * np.exp(error * rng.uniform(-1, 1, len(block)))
-    for i, (_, _, k, _, _) in enumerate(cone.blocks):
-        if tied(cone, i):
-            _draw_tied(cone, i, space.scale, error, rng, drawn)
-            continue
-        P = matrix(cone, i, theta)
-        P += np.tril(P, -1).T
-        smallest = 0.01 * np.abs(matrix(cone, i, space.scale).diagonal())
-        balance = 1 / np.sqrt(np.maximum(P.diagonal(), smallest))
-        N = P * np.outer(balance, balance)
-        N += max(0.0, 1e-3 - np.linalg.eigvalsh(N)[0]) * np.eye(k)
-        A = error / 4 * rng.uniform(-1, 1, (k, k))
-        A[np.diag_indices(k)] = np.exp(error / 2 * rng.uniform(-1, 1, k))
-        read(cone, i, A @ N @ A.T / np.outer(balance, balance), pairing, drawn)
-    return drawn
-
-
-def _draw_tied(
-    cone: Cone, block: int, scale: Array, error: float, rng: np.random.Generator, theta: Array
-) -> None:
-    """Overwrites a tied block of θ (p,) by a random draw; see `drawn_inside`."""
-    start, end, _, first, last = cone.blocks[block]
-    row, column, at = cone.entries[first:last].T
-    on, off = np.unique(at[row == column]), np.unique(at[row != column])
-    theta[on] = np.maximum(theta[on], 0.01 * scale[on])
-    kept = np.exp(-error) * max(1e-3, _smallest(cone, block, theta))
-    u = error * rng.uniform(-1, 1, end - start)
-    theta[off] += np.maximum(np.abs(theta[off]), 0.1 * scale[off]) * u[off - start]
-    theta[on] *= np.exp(u[on - start])
-    gap = 1 - _smallest(cone, block, theta)  # proportional to the off-diagonal parameters
-    if gap > 1 - kept:
-        theta[off] *= (1 - kept) / gap
-
-
-def _smallest(cone: Cone, block: int, theta: Array) -> float:
-    """Smallest eigenvalue of a block's P after scaling it to unit diagonal."""
-    P = matrix(cone, block, theta)
-    balance = 1 / np.sqrt(P.diagonal())
-    return float(np.linalg.eigvalsh(P * np.outer(balance, balance))[0])
