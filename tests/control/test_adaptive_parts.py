@@ -204,7 +204,8 @@ def test_a_command_exerts_its_force_under_the_estimate_not_the_prior():
     force = 0.05 * actuation.matrix(other) @ np.linspace(-1, 1, system.n_u)
     u = actuation.command(other, force)
     zero = system._F(0.0, q, v, np.zeros(system.n_u)) @ other
-    assert system._F(0.0, q, v, u) @ other - zero == pytest.approx(force, abs=1e-5 * np.abs(force).max())
+    found = system._F(0.0, q, v, u) @ other - zero
+    assert found == pytest.approx(force, abs=1e-5 * np.abs(force).max())
 
 
 # -- the gains -------------------------------------------------------------------------------------
