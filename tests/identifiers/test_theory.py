@@ -549,14 +549,14 @@ def test_the_anchor_is_a_gamma_or_wishart_prior_with_its_mode_at_the_start():
 # -- the filter ----------------------------------------------------------------------------------
 
 
-def scale_information(carried: bool, shorten: bool, steps: int = 200) -> Array:
-    """ϑᵀ P_θθ⁻¹ ϑ along (K1, K2) with Γ ϑ = 0 at the ϑ of every step, over its first value."""
+def scale_information(carried: bool, shorten: bool, noise: float = 0.0) -> Array:
+    """ϑᵀ P_θθ⁻¹ ϑ along (K1, K2) with Γ ϑ = 0 at the ϑ of every step, over the prior's."""
     rng, n, p = np.random.default_rng(0), 4, 7
     theta, H = rng.uniform(0.5, 1.5, p), np.eye(n, n + p)
     P = np.zeros((n + p, n + p))
     P[:n, :n], P[n:, n:] = 1e-4 * np.eye(n), np.diag(rng.uniform(0.01, 0.1, p))
-    found = []
-    for k in range(steps):
+    found, before = [], theta @ np.linalg.solve(P[n:, n:], theta)
+    for k in range(200):
         F = np.eye(n + p)
         F[:n, :n] += 0.1 * rng.standard_normal((n, n))
         drive = 0.1 * rng.standard_normal((n, p))
@@ -572,14 +572,17 @@ def scale_information(carried: bool, shorten: bool, steps: int = 200) -> Array:
         T[n:, n:] += np.outer(moved, theta) / (theta @ theta)
         theta = theta + moved
         P = T @ P @ T.T if carried else P
+        P[n:, n:] += noise * np.diag(rng.uniform(0, 1, p))
         found.append(theta @ np.linalg.solve(P[n:, n:], theta))
-    return np.array(found) / found[0]
+    return np.array(found) / before
 
 
 @pytest.mark.parametrize("shorten", [False, True])
 def test_the_data_say_nothing_of_the_scale(shorten):
     assert scale_information(True, shorten) == pytest.approx(1.0, rel=1e-6)
     assert scale_information(False, shorten)[-1] > 2  # spurious information
+    noisy = scale_information(True, shorten, noise=1e-4)
+    assert noisy.max() <= 1 + 1e-6 and noisy[-1] < 0.9
 
 
 def test_a_shortened_step_learns_its_share():
