@@ -229,7 +229,7 @@ def test_the_adaptations_loop_has_the_stated_frequency_at_the_prior(name: str, l
     _, _, control = tracker(name, law)
     metric = control.metric
     if isinstance(metric, ConeMetric):
-        mobility = np.linalg.inv(metric.mu * metric.mirror(prior)[1])
+        mobility = np.asarray(np.linalg.inv(metric.mu * metric.mirror(prior)[1]), dtype=np.float64)
     else:
         assert isinstance(metric, ConstantMetric)
         mobility = np.diag(metric.Gamma)
