@@ -6,12 +6,13 @@ import numpy as np
 
 from ..dynamics.information import acceleration_rows, information_along
 from ..errors import InvalidInput, NoEstimate, UnknownName
-from ..evaluation.bound import PRIOR
 from ..log import Log
 from ..parameters import Array
 from .asked import Asked
 from .experiment import Experiment
 
+PRIOR = 0.3
+"""Standard deviation of θ/scale before any data, in every direction: of a robot not yet known."""
 CRITERIA = ("bound", "condition", "d-optimal")
 """What a design minimises: the predicted standard deviation of what is asked for; or, for
 comparison, the condition number of the regressor on P_⊥, or minus the logarithm of the determinant

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..evaluation.bound import PRIOR
 from ..evaluation.confidence import INTERVAL
 from ..nullspace import directions
 from .designing import Design, Told
+from .information import PRIOR
 from .remedies import Helped, Remedy, helped, remedies, weak_directions
 
 _LISTED = 6  # weak directions that are described

@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..control import DesignedSignals, DesignedTracking
-from ..evaluation.bound import PRIOR
 from ..log import Log, SensorLevels
 from ..parameters import Array, phrase
 from ..systems.optional import pin
 from ..systems.payload import point_mass
 from .designing import Design
 from .experiment import DRAWS, Experiment
-from .information import bound, rms
+from .information import PRIOR, bound, rms
 from .limits import coordinates_of, extents_of
 from .vehicles import amplified, amplitudes_of
 

@@ -2,11 +2,11 @@
 
 The plant is deterministic given θ, the command is known, and every position and velocity has white
 Gaussian noise of known variance. The state at the first sample is known as well as one measurement
-tells it, and θ beforehand to `PRIOR` of its scale in the directions that a motion can reveal. The
-covariance of (q, v, θ) given all samples then follows by a Kalman filter's recursion along the true
-trajectory under the true θ (H. L. Van Trees, Detection, Estimation, and Modulation Theory, part I,
-1968). The system is linearised at the measured states, whose noise changes the bound in the second
-order only.
+tells it, and θ beforehand as well as the scenario's prior tells it: with the covariance that the
+draw has (`Truth.prior_covariance`), in the directions that a motion can reveal. The covariance of
+(q, v, θ) given all samples then follows by a Kalman filter's recursion along the true trajectory
+under the true θ (H. L. Van Trees, Detection, Estimation, and Modulation Theory, part I, 1968). The
+system is linearised at the measured states, whose noise changes the bound in the second order only.
 """
 
 from __future__ import annotations
@@ -21,14 +21,12 @@ from ..parameters import Array
 from .figures import Judge
 from .truth import Truth
 
-PRIOR = 0.3
-"""Standard deviation of θ/scale before any data."""
 _ROUNDING = 1e-3  # γ, so that rounding errors do not make P indefinite
 _DRAWS = 200  # estimates whose median figures are those of the bound
 
 
 def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
-    """(p, p) smallest covariance of θ̂/scale that an unbiased estimate from a log can have.
+    """(p, p) smallest covariance of θ̂/scale that an estimate from a log and the prior can have.
 
     Args:
         truth: of the plant.
@@ -51,7 +49,8 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     law = Law(system.forward, cone, scale, _ROUNDING, 1)
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
-    filter = filter_at(log.q[0], log.v[0], truth.theta, PRIOR**2 * basis @ basis.T)
+    prior = basis @ (basis.T @ truth.prior_covariance @ basis) @ basis.T
+    filter = filter_at(log.q[0], log.v[0], truth.theta, prior)
     filter.Pxx[:] = np.diag(R)
     if covariance_along(law, filter, R, *log) < len(log.t) - 1:
         raise NoEstimate("M is not positive definite along the log", "Check the parameters.")

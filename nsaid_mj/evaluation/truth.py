@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..experiment.loop import Run, SimulatedRun
 from ..experiment.setup import Setup
+from ..identifiers.cone.prior import drawn_covariance
 from ..log import Log
 from ..nullspace import Nullspace, structural
 from ..parameters import Array
@@ -74,6 +75,20 @@ class Truth:
             rng = np.random.default_rng(self._setup.seeds.structure)
             self._nullspaces[epoch] = structural(self.system, self.theta_at(t), rng)
         return self._nullspaces[epoch]
+
+    @property
+    def prior_covariance(self) -> Array:
+        """(p, p) covariance of θ/scale before any data, with which the prior or the truth is drawn.
+
+        About the prior if the truth is drawn about it, else about the truth.
+        """
+        scenario, space = self._setup.scenario, self.system.space
+        about = self._setup.prior if scenario.prior == "nominal" else self.theta
+        found = drawn_covariance(space, about, scenario.initial_error)
+        if scenario.gain_error is not None:
+            gains = space.actuators
+            found[gains, gains] = (scenario.gain_error * about[gains] / space.scale[gains]) ** 2
+        return found
 
     def distance(self, t: Array, theta_hat: Array) -> Array:
         """(N,) distance ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (N, p) to the true set at times t (N,)."""

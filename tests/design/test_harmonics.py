@@ -65,3 +65,37 @@ def test_e3_random_motions_have_the_same_rank_and_more_harmonics_never_less(arm)
     measured = [rank for _, rank in found[0].measured]
     assert measured == sorted(measured)
     assert measured[0] < measured[-1] == found[0].needed
+
+
+@pytest.mark.parametrize("v0", [-3.0, 0.0, 5.0])
+def test_e4_a_periodic_command_of_a_damped_axis_leads_to_one_periodic_motion(v0):
+    """m v̇ = k u − d v − c tanh(v/w) − b |v| v − g, u a square wave of period 1."""
+    rng = np.random.default_rng(0)
+    m, k, d, c, b, g, h = *rng.uniform(0.5, 2, 6), 1e-3
+
+    def rate(v: float, u: float) -> float:
+        return float((k * u - d * v - c * np.tanh(v / 0.1) - b * abs(v) * v - g) / m)
+
+    speeds = [[v0, 1.0]]
+    for i in range(12000):
+        u = 4.0 if i % 1000 < 300 else -2.0
+        ahead = [v + 0.5 * h * rate(v, u) for v in speeds[-1]]
+        speeds.append([v + h * rate(w, u) for v, w in zip(speeds[-1], ahead, strict=True)])
+    apart = np.abs(np.diff(np.array(speeds), axis=1)[:, 0])
+    t = h * np.arange(len(apart))
+    assert (apart <= abs(v0 - 1) * np.exp(-d / m * t) * (1 + 1e-3) + 1e-12).all()
+    last = np.array(speeds)[:, 0]
+    assert last[-1000:] == pytest.approx(last[-2000:-1000], abs=1e-6)
+    assert np.ptp(last[-1000:]) > 0.1
+
+
+@pytest.mark.parametrize(("amplitude", "rank"), [(1.0, 3), (0.0, 1)])
+def test_e4_one_sine_excites_a_linear_axis_and_a_constant_does_not(amplitude, rank):
+    """m v̇ = k u − d v − g: W = (v̇, v, 1, −u), of which θ = (m, d, g, k) is the nullspace."""
+    m, d, g, k, w = 2.0, 0.7, 0.4, 1.3, 3.0
+    t = np.arange(0, 2 * np.pi / w, 1e-3)
+    reply = k * amplitude / (1j * w * m + d) * np.exp(1j * w * t)
+    v, a, u = reply.imag - g / d, (1j * w * reply).imag, amplitude * np.sin(w * t)
+    W = np.stack([a, v, np.ones_like(t), -u], axis=1)
+    assert np.abs(W @ [m, d, g, k]).max() < 1e-12
+    assert np.linalg.matrix_rank(W, tol=1e-9 * np.linalg.norm(W)) == rank

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.design import Experiment
-from nsaid_mj.design.information import gramian, predicted
-from nsaid_mj.evaluation.bound import PRIOR
+from nsaid_mj.design.information import PRIOR, gramian, predicted
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers.cone.barrier import cone_of
 from nsaid_mj.identifiers.efficient.kalman import Law, covariance_along, filter_at

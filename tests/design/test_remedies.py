@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from nsaid_mj.design import Design, Experiment, design
-from nsaid_mj.design.information import bound
+from nsaid_mj.design.information import PRIOR, bound
 from nsaid_mj.design.prediction import predict
 from nsaid_mj.design.remedies import Remedy, helped, remedies, weak_directions
-from nsaid_mj.evaluation.bound import PRIOR
 from nsaid_mj.experiment.library import load
 from nsaid_mj.systems.payload import point_mass
 

@@ -3,10 +3,12 @@
     x̄ = RK4(x̂, u held; θ̂),    F = [Φ Γ; 0 1],
     P̄ = F P Fᵀ + γ² diag(diag(Γ P_θθ Γᵀ)),
     S = P̄_xx + R,    L Lᵀ = S,    e = L⁻¹ y,    y = (difference(q̄, q), v − v̄),
-    θ̂ ← θ̂ + scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄.
+    θ̂ ← θ̂ + share scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,
+    P ← P̄ − P̄ Hᵀ S⁻¹ H P̄,    P_θθ with the factor share (2 − share).
 
-Steps of θ̂ that are too long for the cone are damped, and the error of the common scale is carried
-along with θ̂; see `steps`.
+share < 1 where the step of θ̂ would leave half of a Dikin ellipsoid of the cone: P shrinks by what
+the shorter step learns (Joseph's form with the gain that is applied). Then the error of the common
+scale is carried along with θ̂; see `steps`.
 
 θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that of
 (x, c) carried along by [Φ F_c]. P_θθ is as before the step: only measurements change it.
@@ -29,7 +31,7 @@ from ...numerics.linalg import cholesky
 from ...parameters import Array
 from ..cone.barrier import Cone
 from .noise import MEMORY, Noise, add_increment, noise_variance
-from .steps import carry_scale, step_inside
+from .steps import carry_scale, move_inside
 
 COMPLETED, CONTRADICTED, ROUNDED = 0, 1, 2
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
@@ -77,7 +79,6 @@ class Filter(NamedTuple):
         safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
         safe_P: (2, p, p) P_θθ there.
         totals: (2,) sum of all squared normalised innovations, and their number.
-        damping: (1,) κ of the last step, see `steps`; 0 if it was not damped.
     """
 
     q: Array
@@ -91,7 +92,6 @@ class Filter(NamedTuple):
     safe: Array
     safe_P: Array
     totals: Array
-    damping: Array
 
 
 def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
@@ -102,7 +102,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
     return Filter(
         q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
-        np.zeros(2), np.zeros(1),
+        np.zeros(2),
     )  # fmt: skip
 
 
@@ -182,8 +182,8 @@ def _workspaces(n, p):
     )  # fmt: skip
     updating = (
         np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
-        np.empty((size, p)), np.empty((p, p)), np.empty((p, size)), np.empty(size), np.empty(p),
-        np.empty(p), np.empty(p),
+        np.empty((size, p)), np.empty((p, p)), np.empty(size),
+        np.empty(p), np.empty(p), np.empty(p),
     )  # fmt: skip
     return predicting, updating
 
@@ -221,7 +221,7 @@ def _update(law, filter, R, y, work):
         The squared normalised innovation and log det S; NaN if S is not positive definite.
     """
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened, gained, V, e, step, at, trial = work
+    S, L, inverse, whitened, gained, e, step, at, trial = work
     scale = law.scale
     size, p = Pxt.shape
     for i in range(size):
@@ -244,17 +244,14 @@ def _update(law, filter, R, y, work):
     np.dot(whitened.T, whitened, gained)
     for k in range(p):
         at[k] = theta[k]
-    before = filter.damping[0]
-    kappa = step_inside(law.cone, scale, theta, Ptt, gained, whitened, e, V, step, before)
-    filter.damping[0] = kappa
-    if kappa > 0.0:
-        np.dot(V, whitened, gained)
+    np.dot(e, whitened, step)
+    for k in range(p):
+        step[k] *= scale[k]
+    share = move_inside(law.cone, theta, step, trial)
+    learned = share * (2.0 - share)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
     for i in range(p):  # BLAS may round the two triangles differently
         for k in range(i + 1):
-            own = gained[i, k]
-            if kappa > 0.0:
-                own += gained[k, i] - np.dot(V[i], V[k])
-            Ptt[i, k] -= own
+            Ptt[i, k] -= learned * gained[i, k]
             Ptt[k, i] = Ptt[i, k]
     for i in range(size):
         for j in range(size):
@@ -348,7 +345,7 @@ def follow_filter(law, filter, t, q, v, u, along):
         if not square < np.inf:
             _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
             return k, ROUNDED if pivot > 0.0 else CONTRADICTED
-        innovations[k] = updating[6]
+        innovations[k] = updating[5]
         integrate_into(structure, q1, y[:n], filter.q)
         for i in range(n):
             filter.v[i] = v1[i] + y[n + i]

@@ -1,93 +1,40 @@
-"""How θ̂ and its covariance move: long steps are damped, and the scale's error is carried along.
-
-A step that is too long for the cone of physical parameters is damped as Levenberg and Marquardt do,
-in the metric ∇²b: with P⁺ the covariance after an undamped update by the gain K, the gain is
-
-    K' = G K,    G = (1 + κ P⁺ ∇²b)⁻¹,    P_θθ ← P − G M − M Gᵀ + G M Gᵀ,    M = K S Kᵀ.
-
-Directions that the data determine take their full step; those in which P⁺ reaches out of the cone
-wait. P is that of the gain applied (Joseph's form): what is not learned stays unknown.
-"""
+"""How θ̂ and its covariance move: inside the cone, and with the error of the common scale."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from ..cone.barrier import gradient_and_hessian, inside, local_norm
+from ..cone.barrier import inside, local_norm
 
 _REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
-_FIRST, _TIMES = 1e-6, 10.0  # least κ that is tried, and the factor from one to the next
-_MOST = 12  # values of κ, and halvings of a step that rounding takes out of the cone
+_HALVINGS = 30  # of an update that rounding takes out of the cone
 
 
 @njit(cache=True)
-def step_inside(cone, scale, theta, Ptt, gained, whitened, e, V, step, kappa):
-    """Moves θ̂ (p,) by a Kalman step, damped until it is inside half of a Dikin ellipsoid.
+def move_inside(cone, theta, step, trial):
+    """Moves θ̂ (p,) by a share of a step (p,), inside half of a Dikin ellipsoid of the cone.
 
-    Args:
-        cone: of physical parameters.
-        scale: (p,) of θ.
-        theta: (p,) θ̂; overwritten. It does not move where rounding leaves no step inside.
-        Ptt: (p, p) P_θθ before the update.
-        gained: (p, p) M.
-        whitened: (2n, p) L⁻¹ P_xθ, so that K L = whitenedᵀ.
-        e: (2n,) normalised innovation.
-        V: (p, 2n) K' L; written.
-        step: (p,) the step in units of θ; written.
-        kappa: κ of the last damped step, which the next one begins with; 0 before the first.
+    Inside that ellipsoid is inside the cone, but for rounding next to the boundary: there the share
+    is halved until θ̂ and its metric are sound, and is 0 if they never are. `trial` (p,) is
+    workspace.
 
     Returns:
-        κ of this step; 0 if V = K L.
+        The share, at most 1.
     """
-    p = V.shape[0]
-    V[:] = whitened.T
-    _write_step(V, e, scale, step)
     length = local_norm(cone, theta, step)
-    if length <= _REACH and _moved(cone, theta, step):
+    if not length < np.inf:
         return 0.0
-    kappa = max(_FIRST, kappa / _TIMES)
-    if length < np.inf:
-        units = np.outer(scale, scale)
-        reached = np.dot(Ptt - gained, gradient_and_hessian(cone, theta)[1] * units)
-        for _ in range(_MOST):
-            damping = kappa * reached
-            for i in range(p):
-                damping[i, i] += 1.0
-            V[:] = np.linalg.solve(damping, whitened.T.copy())
-            _write_step(V, e, scale, step)
-            if local_norm(cone, theta, step) <= _REACH:
-                break
-            kappa *= _TIMES
-        share = 1.0
-        for _ in range(_MOST):
-            if local_norm(cone, theta, step) <= _REACH and _moved(cone, theta, step):
-                V *= share
-                return kappa
-            share *= 0.5
-            step *= 0.5
-    V[:] = 0.0
-    return kappa
-
-
-@njit(cache=True)
-def _write_step(V, e, scale, step):
-    """Writes the step scale · V e (p,)."""
-    for i in range(V.shape[0]):
-        step[i] = 0.0
-        for k in range(V.shape[1]):
-            step[i] += V[i, k] * e[k]
-        step[i] *= scale[i]
-
-
-@njit(cache=True)
-def _moved(cone, theta, step):
-    """Moves θ̂ (p,) by a step (p,) if it and its metric there are sound; whether they are."""
-    ahead = theta + step
-    if not (inside(cone, ahead) and local_norm(cone, ahead, step) < np.inf):
-        return False
-    theta[:] = ahead
-    return True
+    share = min(1.0, _REACH / length) if length > 0.0 else 1.0
+    for _ in range(_HALVINGS):
+        for k in range(theta.shape[0]):
+            trial[k] = theta[k] + share * step[k]
+        if inside(cone, trial) and local_norm(cone, trial, step) < np.inf:
+            for k in range(theta.shape[0]):
+                theta[k] = trial[k]
+            return share
+        share *= 0.5
+    return 0.0
 
 
 @njit(cache=True)
