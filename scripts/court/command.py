@@ -63,8 +63,9 @@ def line_of(case: Case, limit: float = LIMIT, verbose: bool = False) -> Line:
     except Exception as error:
         if verbose:
             traceback.print_exc()
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(place.filename).name}:{place.lineno}"
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if "site-packages" not in frame.filename]
+        where = f"{Path(own[-1].filename).name}:{own[-1].lineno}"
         line |= {"outcome": CRASH, "error": f"{type(error).__name__} at {where}: {error}"[:400]}
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
