@@ -93,8 +93,9 @@ def _known(path: Path | None, laws: Sequence[str]) -> dict[int, Line]:
 
 
 def read(path: Path) -> list[Line]:
-    """The lines of a study's file."""
-    return [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
+    """The lines of a study's file; of a run that was repeated, the last."""
+    lines = [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
+    return list({(*line["laws"], line["case"]["number"]): line for line in lines}.values())
 
 
 def _shown(line: Line) -> str:
