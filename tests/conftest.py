@@ -9,6 +9,7 @@ pytest.register_assert_rewrite("tests.support", "tests.recovery.direction")
 
 DEAREST = (
     "cli/test_cli.py",
+    "court/test_court.py",
     "contract/test_identifiers.py",
     "recovery/test_recovery.py",
     "recovery/test_memory.py",

@@ -33,7 +33,7 @@ from ..identifiers.efficient.witness import Replay, Witness
 from ..log import Log
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .whiteness import Whiteness, whiteness
+from .whiteness import whiteness
 
 NONE, SOME, CONTRADICTS = "none", "some", "contradicts"
 _LONGEST = 120.0  # length of log that is judged, its end [s]
@@ -42,6 +42,7 @@ _SETTLED = 1 / 3  # share of it in which the filter may still learn
 _REPEATED = 2  # contradictions that are no single event, such as a collision
 _LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
 _CHANCE = 1e-4  # probability below which innovations are not white
+_PASSES = 3  # of the filter along a log that it does not explain at once
 _PARTS = (1, 4, 16)  # of a log, whose shifts of the estimate are compared with its covariance
 _LEARNED = 1e-3  # least share of its variance that a direction loses, to be judged by its shift
 _SHIFTED = 1.5  # mean squared normalised shift that is more than chance
@@ -143,7 +144,31 @@ def _worst(found: list[Misfit]) -> Misfit:
 def judged(witness: Witness, theta: Array, P: Array, log: Log) -> Misfit:
     """Judges a log of N measurements, with the filter starting at θ (p,) with P_θθ (p, p)."""
     learning = witness.replay(theta, P, log)
-    replay = witness.replay(learning.filter.theta, P, log)
+    replay, found = learning, []
+    for _ in range(_PASSES):  # far from its end, a pass is not linear enough to be judged by
+        replay = witness.replay(replay.filter.theta, replay.filter.Ptt, log)
+        found.append(_judged_pass(replay, log))
+        if found[-1].level == NONE:
+            break
+    order = [NONE, SOME, CONTRADICTS]
+    best = min(found, key=lambda one: (order.index(one.level), -one.chance))
+    widening = _widening(witness, theta, P, learning, best.energy if best.level != NONE else 0.0)
+    seconds = float(log.t[-1] - log.t[0])
+    late, innovations, chance = best.late, best.innovations, min(1.0, best.chance)
+    return Misfit(best.level, late, innovations, seconds, chance, widening)
+
+
+class _Pass(NamedTuple):
+    """What one pass of the filter along a log says; see `Misfit`."""
+
+    level: str
+    late: tuple[float, ...]
+    innovations: float
+    chance: float
+    energy: float
+
+
+def _judged_pass(replay: Replay, log: Log) -> _Pass:
     seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
     squares, number = replay.filter.totals
     innovations = float(squares / max(1.0, number))
@@ -154,13 +179,10 @@ def judged(witness: Witness, theta: Array, P: Array, log: Log) -> Misfit:
         level = CONTRADICTS
     elif late or innovations > _LARGE or colour.chance < _CHANCE:
         level = SOME
-    widening = _widening(witness, theta, P, learning, colour if level != NONE else None)
-    return Misfit(level, late, innovations, seconds, min(1.0, colour.chance), widening)
+    return _Pass(level, late, innovations, colour.chance, colour.energy)
 
 
-def _widening(
-    witness: Witness, theta: Array, P: Array, learning: Replay, colour: Whiteness | None
-) -> float:
+def _widening(witness: Witness, theta: Array, P: Array, learning: Replay, energy: float) -> float:
     """Factor on the standard deviations of a misfit.
 
     Parameters take up a part of what W does not have, in whatever direction is most like it; the
@@ -170,7 +192,7 @@ def _widening(
     """
     shifts = _shifts(witness.law.scale, theta, P, learning)
     most = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
-    return float(np.sqrt(max(1.0 + (colour.energy if colour else 0.0), most)))
+    return float(np.sqrt(max(1.0 + energy, most)))
 
 
 def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[float]:

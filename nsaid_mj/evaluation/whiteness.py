@@ -5,7 +5,7 @@ frequency the periodogram of each is exponentially distributed about their varia
 An effect that is left out makes them larger where the motion has its power, at 0.03 to a few hertz:
 by far too little to be seen sample by sample, but over 1 to 100 s it adds up. So each octave has
 its own test, from the mean of the whole log to the upper half of the spectrum, whose mean, or 1 if
-that is larger, is the level of the others.
+that is larger, is the level of the others; and so has each line, for periodic motions.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Whiteness(NamedTuple):
     """How far innovations are from white.
 
     Attributes:
-        chance: probability that white innovations have a cell, an octave of one channel, as large
-            as the largest is, times the number of cells.
+        chance: probability that white innovations have a cell, an octave or a line of one channel,
+            as large as the largest is, times the number of cells.
         energy: squared normalised innovations in excess of chance, in the cells with more than it.
         channel: of the largest cell; −1 if there is none.
         period: of the largest cell [samples]; infinite for the mean.
@@ -45,15 +45,34 @@ def whiteness(e: Array) -> Whiteness:
     power = np.abs(np.fft.rfft(e, axis=0)) ** 2 / len(e)
     upper = len(power) // 2
     level = np.maximum(1.0, power[upper:].mean(axis=0))
-    edges = [0, *_octaves(upper)]
-    count = np.diff(edges)
-    shape = np.where(np.array(edges[:-1]) == 0, 0.5, count)[:, None]  # of the mean: χ² of one
-    ratio = np.add.reduceat(power[:upper], edges[:-1], axis=0) / count[:, None] / level
-    chance = gamma.sf(ratio * shape, shape)
+    edges = np.array([0, *_octaves(upper)])
+    octaves = np.add.reduceat(power[:upper], edges[:-1], axis=0)
+    lines = np.arange(1, upper)
+    found = [
+        _judged(power[lines] / level, np.ones(len(lines)), lines, level),
+        _judged(octaves / level, np.where(edges[:-1], np.diff(edges), 0.5), edges[:-1], level),
+    ]
+    chance = min(2.0 * one.chance for one in found)  # two families of tests
+    energy = max(one.energy for one in found)
+    best = min(found, key=lambda one: one.chance)
+    return Whiteness(chance, energy, best.channel, len(e) * best.period)
+
+
+def _judged(sums: Array, shape: Array, first: Array, level: Array) -> Whiteness:
+    """Judges cells of a spectrum, with the period in units of the log's length.
+
+    Args:
+        sums: (b, c) of the periodogram over its level; Γ(shape, 1) of white innovations.
+        shape: (b,) number of frequencies in each; ½ for the mean.
+        first: (b,) lowest frequency in each, in periods of the log.
+        level: (c,) of each channel.
+    """
+    sums = sums * np.where(shape < 1, 0.5, 1.0)[:, None]  # the mean is χ² of one degree
+    chance = gamma.sf(sums, shape[:, None])
     beyond = chance < 0.05 / chance.size
-    energy = float(np.sum((2 * shape * level * (ratio - 1))[beyond]))
+    energy = float(np.sum((2 * level * (sums - shape[:, None]))[beyond]))
     band, channel = np.unravel_index(np.argmin(chance), chance.shape)
-    period = len(e) / edges[band] if edges[band] else np.inf
+    period = 1 / first[band] if first[band] else np.inf
     return Whiteness(float(chance.min() * chance.size), energy, int(channel), float(period))
 
 

@@ -22,7 +22,7 @@ from .online import identified
 from .simulation import NotRun, simulated
 from .table import Line, bars, by_effect, kind_of, overall, worst
 
-LIMIT = 120  # wall time of a run [s]; the first ones of a process compile kernels
+LIMIT = 120.0  # computing time of a run [s]; the first ones on a machine compile kernels
 
 
 class TooSlow(Exception):
@@ -52,8 +52,8 @@ def line_of(case: Case, limit: float = LIMIT, verbose: bool = False) -> Line:
         raise TooSlow(f"longer than {limit:g} s")
 
     line: Line = {"case": asdict(case), "words": case.words, "outcome": "judged"}
-    before, begin = signal.signal(signal.SIGALRM, late), time.process_time()
-    signal.setitimer(signal.ITIMER_REAL, limit)
+    before, begin = signal.signal(signal.SIGPROF, late), time.process_time()
+    signal.setitimer(signal.ITIMER_PROF, limit)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -63,12 +63,13 @@ def line_of(case: Case, limit: float = LIMIT, verbose: bool = False) -> Line:
     except Exception as error:
         if verbose:
             traceback.print_exc()
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(place.filename).name}:{place.lineno}"
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if "site-packages" not in frame.filename]
+        where = f"{Path(own[-1].filename).name}:{own[-1].lineno}"
         line |= {"outcome": CRASH, "error": f"{type(error).__name__} at {where}: {error}"[:400]}
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
     return line | {"seconds": round(time.process_time() - begin, 2)}
 
 
@@ -92,8 +93,9 @@ def _known(path: Path | None, laws: Sequence[str]) -> dict[int, Line]:
 
 
 def read(path: Path) -> list[Line]:
-    """The lines of a study's file."""
-    return [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
+    """The lines of a study's file; of a run that was repeated, the last."""
+    lines = [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
+    return list({(*line["laws"], line["case"]["number"]): line for line in lines}.values())
 
 
 def _shown(line: Line) -> str:
@@ -147,7 +149,7 @@ def main(description: str | None) -> None:
     only = ("exact", "effects", "faults", *EFFECTS)
     parser.add_argument("--only", default="", choices=only, metavar="KIND", help=", ".join(only))
     parser.add_argument("--json", type=Path, help="a line for each run; a study goes on from it")
-    parser.add_argument("--limit", type=float, default=LIMIT, help="wall time of a run [s]")
+    parser.add_argument("--limit", type=float, default=LIMIT, help="computing time of a run [s]")
     parser.add_argument("--case", type=int, help="number of one run, which is told at length")
     parser.add_argument("--tables", type=Path, help="only print the tables of such a file")
     arguments = parser.parse_args()

@@ -30,7 +30,7 @@ class Effect(NamedTuple):
         sizes: from invisible to gross; in words what they are is `unit`.
         unit: of the sizes.
         robots: kinds of robots that can have it.
-        substeps: of MuJoCo in a time step that it needs.
+        substeps: of MuJoCo that it needs in 2 ms.
     """
 
     sizes: tuple[float, ...]
@@ -96,8 +96,8 @@ def faults_of(
     if name == "loss":
         return (Loss(actuator=int(rng.choice(sound)), share=size, time=duration / 2),)
     if name == "payload":
-        last = [i for i, unit in enumerate(system.space.units) if unit == "kg"]
-        mass = float(plant.truth[[i for i in last if system.space.names[i].startswith("m")][-1]])
+        names = [block.names[0] for block, _ in system.space if block.geometry == "pseudo_inertia"]
+        mass = float(plant.truth[system.space.index([system.space.names[0], *names][-1])])
         place = tuple(float(x) for x in 0.05 * rng.uniform(-1, 1, 3))
         return (Payload(mass=size * mass, place=place, time=duration / 2),)  # type: ignore[arg-type]
     return ()
@@ -209,7 +209,7 @@ class Transmission:
     def __init__(self, plant: Any, errors: Errors, resonance: float, gap: float):
         self._plant, self._errors, self._gap = plant, errors, gap
         self._rotor = np.asarray(plant._hidden.rotor)
-        self._at = plant.joints.motors
+        self._at, self._places = plant.joints.motors, plant.joints.qpos
         omega = 2 * np.pi * resonance
         self._spring, self._damper = self._rotor * omega**2, self._rotor * 2 * 0.1 * omega
         plant.model.dof_armature[self._at] = 0.0
@@ -221,8 +221,8 @@ class Transmission:
         self._errors.deflection[:] = [0.0, 0.0]
 
     def _link(self) -> tuple[Array, Array]:
-        position, velocity = self._plant.coordinates()
-        return position.copy(), velocity.copy()
+        data = self._plant.data
+        return data.qpos[self._places], data.qvel[self._at]
 
     def __call__(self, u: Array, h: float) -> tuple[Array, Array]:
         """(nv,) forces on the links and (n_u,) commands, now 0, for one step of h seconds."""

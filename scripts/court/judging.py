@@ -150,7 +150,7 @@ def _judge_events(
             found.figures["size"] = [named[0].size, named[0].low, named[0].high]
     if false:
         found.wrong.append(f"{len(false)} named faults that are not there")
-    found.figures["false_faults"] = len(false)
+    found.figures |= {"false_faults": len(false), "named_faults": len(named)}
 
 
 def _names(fault: Fault, system: SecondOrderSystem) -> list[str]:

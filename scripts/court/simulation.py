@@ -136,6 +136,7 @@ def _scenario(case: Case, scenario: Scenario) -> Scenario:
     length, speed = (2 * np.pi, 1.0) if case.kind == "arm" else (1.0, 1.0)
     noise = stated_noise(case.sensor, rng, length, speed)
     effect = EFFECTS.get(case.effect)
+    substeps = effect.substeps if effect else 1
     mismatch = mismatch_of(case.effect, case.size, scenario.dt, case.stream(4, case.number))
     law = "efficient" if case.law == "identify" else case.law
     assert isinstance(scenario.identifier, NullspaceAID)
@@ -147,7 +148,7 @@ def _scenario(case: Case, scenario: Scenario) -> Scenario:
         gain_error=case.gain_error,
         initial_error=0.3,
         duration=case.duration,
-        substeps=effect.substeps if effect else 1,
+        substeps=max(1, round(substeps * scenario.dt / 2e-3)) if substeps > 1 else 1,
         sensors="noisy",
         noise=noise,
         record_every=1,

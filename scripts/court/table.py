@@ -97,7 +97,8 @@ def bars(lines: Sequence[Line]) -> str:
             if line["case"]["effect"] not in ("none", *FAULTS)
             and moved(line, by_number.get(_control(line)))
         ]
-        faulty = [bool(line["named"]) for line in own if line["case"]["effect"] in FAULTS]
+        looking = [line for line in own if law == "efficient"]  # the others name none
+        faulty = [bool(line["named"]) for line in looking if line["case"]["effect"] in FAULTS]
         if own:
             rows.append(
                 f"| {law} | {_share(covered)} | {_share(confident)} | {per} "

@@ -187,7 +187,8 @@ def test_a_wrong_structure_is_contradicted_by_the_motion(case: str) -> None:
         u = log.u.copy()
         u[:, 2] *= -1
         log = log._replace(u=u)
-    assert judged(witness_of(found), found.setup.prior, log).level == CONTRADICTS
+    witness, prior = witness_of(found), found.setup.prior
+    assert judged(witness, prior, witness.covariance(prior), log).level == CONTRADICTS
 
 
 def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
@@ -199,15 +200,19 @@ def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
     rows = [system.space.index(f"coulomb_{joint}") for joint in range(1, 7)]
     t, q, v, u = found.log.at(500)
     assert np.abs(frictionless.F(t, np.hstack([q, v]), u)[:, rows]).max() < 1e-6
-    witness = witness_of(found, frictionless)
-    assert judged(witness, found.state.theta_hat, found.log).level == CONTRADICTS
-    assert judged(witness_of(found), found.state.theta_hat, found.log).level == NONE
+    theta = found.state.theta_hat
+    for witness, level in (
+        (witness_of(found, frictionless), CONTRADICTS),
+        (witness_of(found), NONE),
+    ):
+        assert judged(witness, theta, witness.covariance(theta), found.log).level == level
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_right_structure_is_not_contradicted(seed: int) -> None:
     found = followed("bluerov2", seed, 20.0)
-    misfit = judged(witness_of(found), found.setup.prior, found.log)
+    witness, prior = witness_of(found), found.setup.prior
+    misfit = judged(witness, prior, witness.covariance(prior), found.log)
     assert misfit.level == NONE and not misfit.contradictions
     assert 0.8 < misfit.innovations < 1.2
 
@@ -219,7 +224,8 @@ def test_a_right_structure_is_not_contradicted(seed: int) -> None:
 def test_a_hundred_matched_runs_are_not_contradicted(name: str) -> None:
     for seed in range(100, 120):
         found = followed.__wrapped__(name, seed, 15.0)
-        assert judged(witness_of(found), found.state.theta_hat, found.log).level == NONE, seed
+        witness, theta = witness_of(found), found.state.theta_hat
+        assert judged(witness, theta, witness.covariance(theta), found.log).level == NONE, seed
 
 
 @pytest.mark.slow

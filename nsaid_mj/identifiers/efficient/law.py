@@ -179,7 +179,8 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not inside.pause:
             inside = inside._replace(handed=self._explains(inside))
-            if not inside.handed and inside.calm >= _PROBATION and not inside.trials:
+            inside = inside._replace(trusted=inside.trusted or inside.handed)
+            if not inside.trusted and inside.calm >= _PROBATION and not inside.trials:
                 inside = self._moved_to_memory(inside, here)
         awake = memory.alarmed or not memory.sure or not inside.handed
         longest = 0 if awake else int(_PAUSE * inside.calm / self._interval)
@@ -345,7 +346,10 @@ class EfficientIdentifier(Identifier):
         kalman, theta = inside.filter, inside.guard.theta_hat
         kalman.theta[:], kalman.Ptt[:] = theta, self._covariance(theta)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        return inside._replace(calm=0.0, handed=False, restarts=inside.restarts + 1, watch=Watch())
+        restarts = inside.restarts + 1
+        return inside._replace(
+            calm=0.0, handed=False, trusted=False, restarts=restarts, watch=Watch()
+        )
 
     def _moved_to_memory(self, inside: Guarded, here: Measurement) -> Guarded:
         """A filter that is caught far away goes on from the memory's estimate and covariance.
