@@ -22,7 +22,16 @@ from ..base import Confidence, DataMemory, State
 from ..cone.law import ConeMetric
 from ..nullspace_aid import NullspaceIdentifier
 from .cost import Quotient, quotient
-from .statistics import Evidence, Memory, MemoryConfig, Recorder, View, cholesky, square_root
+from .statistics import (
+    Evidence,
+    Memory,
+    MemoryConfig,
+    Recorder,
+    View,
+    cholesky,
+    common_root,
+    square_root,
+)
 
 _REACH = 0.5  # longest Newton step in the metric; the Dikin ellipsoid of radius 1 is in the cone
 _NEWTON, _HALVINGS = 30, 8  # iterations, at most, in one implicit step
@@ -168,7 +177,7 @@ class ImplicitMemory(DataMemory):
         if remembered is None:
             return theta, memory
         cost, pace = remembered.weighted(theta, memory), self._pace
-        hold = self._hold(remembered, cost, theta, memory)
+        hold = self._hold(cost, theta, memory)
         for _ in range(_SHORTENINGS):
             ahead = _Step(self, cost, hold, theta, pace).solved()
             if ahead is not None:
@@ -179,25 +188,22 @@ class ImplicitMemory(DataMemory):
         scores = memory.scores._replace(view=view, evidence=Evidence.empty(len(theta)))
         return theta, memory._replace(scores=scores)
 
-    def _hold(self, remembered: Quotient, cost: Quotient, theta: Array, memory: Memory) -> Array:
+    def _hold(self, cost: Quotient, theta: Array, memory: Memory) -> Array:
         """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
 
-        With A the data's information and B what noise and a measurement as good as 18 % would
-        give, directions in which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far
-        more than by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact
-        sensors. `cost` is `remembered`, weighted at θ.
+        With A the data's information and B that of a measurement as good as 18 %, directions in
+        which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far more than by the data
+        where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact sensors.
+
+        Args:
+            cost: R, weighted at θ.
+            theta: (p,) θ.
+            memory: of which it is the cost.
         """
-        noise = remembered.of_noise(theta, memory.means).information(theta)
-        if not noise.any():
-            return noise
-        unsure = noise + _SURE * self._metric_prior
-        whole = cost.information(theta) + unsure
-        unit = 1 / np.sqrt(np.diag(whole))
-        balance = np.outer(unit, unit)
-        L = cholesky(whole * balance)
-        half = np.linalg.solve(L, np.linalg.solve(L, unsure * balance).T)
-        shares, vectors = np.linalg.eigh(0.5 * (half + half.T))
-        root = (L @ vectors) / unit[:, None]
+        if not memory.means.noise.any():
+            return np.zeros_like(self._metric_prior)
+        unsure = _SURE * self._metric_prior
+        root, shares = common_root(cost.information(theta) + unsure, unsure)
         return (root * (_FIRM * (2 * np.maximum(shares, 0.0)) ** 6)) @ root.T
 
     def _view(self, remembered: Quotient, theta: Array, memory: Memory) -> View:
@@ -211,7 +217,7 @@ class ImplicitMemory(DataMemory):
         that noise of q and v causes.
         """
         cost, means = remembered.weighted(theta, memory), memory.means
-        hold, gains = self._hold(remembered, cost, theta, memory), self.system.space.actuators
+        hold, gains = self._hold(cost, theta, memory), self.system.space.actuators
         data, (rho, share) = cost.curvature(theta), remembered.residuals(theta, means)
         pull = hold + max(self.anchor, 1.0) * self.metric.mirror(theta)[1]
         bias = remembered.of_noise(theta, means).gradient(theta)
@@ -252,7 +258,7 @@ class ImplicitMemory(DataMemory):
             return 0.0 if memory is None or memory.kept is None else np.inf
         cost, k = remembered.weighted(before.theta_hat, memory), self.system.space.actuators
         largest, off = float(np.max(theta[k] / after.theta_hat[k])), theta - self.prior
-        hold = self._hold(remembered, cost, before.theta_hat, memory)
+        hold = self._hold(cost, before.theta_hat, memory)
         data = 0.5 * (max(0.0, cost.value(theta)) * largest + off @ hold @ off)
         divergence = self.metric.divergence
         recent = memory._replace(scores=before.memory.scores) if before.memory else memory

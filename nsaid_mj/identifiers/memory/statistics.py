@@ -364,7 +364,9 @@ class Recorder:
         (n, p), blocks, first = means.last.shape, means.blocks, 0
         while first < len(fresh) and blocks * n < _DETERMINED * p:
             blocks, first = self.fade * blocks + 1, first + 1
-        noise = means.noise if self.rows.levels.exact else self.rows.noise(here)
+        noise = means.noise
+        if not self.rows.levels.exact:
+            noise = self.rows.noise(here, memory.balance.fed.deviations())
         return memory._replace(
             fresh=fresh[:0],
             scores=memory.scores.with_blocks(self.fade, fresh[first:], before[first:]),
@@ -425,6 +427,16 @@ def cholesky(matrix: Array) -> Array:
             ridge *= 100
             if ridge > widest:
                 raise
+
+
+def common_root(whole: Array, part: Array) -> tuple[Array, Array]:
+    """(p, p) R and (p,) s with R Rᵀ = whole > 0, and R diag(s) Rᵀ = part ⪰ 0."""
+    unit = np.sqrt(np.diag(whole))
+    balance = np.outer(unit, unit)
+    L = cholesky(whole / balance)
+    half = np.linalg.solve(L, np.linalg.solve(L, part / balance).T)
+    shares, vectors = np.linalg.eigh(0.5 * (half + half.T))
+    return unit[:, None] * (L @ vectors), np.array(shares, dtype=np.float64)
 
 
 def square_root(matrix: Array) -> Array:
