@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...parameters import Array, ParameterSpace
-from .statistics import Means, Memory, common_root
+from .matrices import common_root
+from .statistics import Means, Memory
 
 _QUADRATURE = 1e-8  # floor of λ, where the quadrature's error remains
 _DRIVEN = 1e-6  # share of a row's size below which the row counts as unactuated

@@ -19,19 +19,12 @@ from ...log import EXACT, Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from ..base import Confidence, DataMemory, State
+from ..cone.barrier import inside
 from ..cone.law import ConeMetric
 from ..nullspace_aid import NullspaceIdentifier
 from .cost import Quotient, quotient
-from .statistics import (
-    Evidence,
-    Memory,
-    MemoryConfig,
-    Recorder,
-    View,
-    cholesky,
-    common_root,
-    square_root,
-)
+from .matrices import cholesky, common_root, square_root
+from .statistics import Evidence, Memory, MemoryConfig, Recorder, View
 
 _REACH = 0.5  # longest Newton step in the metric; the Dikin ellipsoid of radius 1 is in the cone
 _NEWTON, _HALVINGS = 30, 8  # iterations, at most, in one implicit step
@@ -137,11 +130,10 @@ class ImplicitMemory(DataMemory):
             view = state.memory.scores.view
             assert view is not None
             theta = view.theta
-            conserved = self.metric.conserved
-            spent += float(conserved(state.theta_hat) - conserved(theta))
+            spent += self._fall(state.theta_hat, theta)
         elif not memory.alarmed:
             start = self._start(theta, memory)
-            spent += float(self.metric.conserved(theta) - self.metric.conserved(start))
+            spent += self._fall(theta, start)
             theta, memory = self.implicit_step(start, memory)
             spent += self._cost(start, theta)
         return state._replace(theta_hat=theta, memory=memory, spent=spent)
@@ -149,14 +141,18 @@ class ImplicitMemory(DataMemory):
     def _start(self, theta: Array, memory: Memory) -> Array:
         """(p,) the estimate at which an implicit step starts: θ̂ (p,), or that of the last step.
 
-        With noisy sensors (44, 45) also follow the noise. Where that has increased the cost of the
+        Never one outside the cone, such as a filter's whose guard this is. With noisy sensors
+        (44, 45) also follow the noise. Where that has increased the cost of the
         remembered data since the last step, its estimate is the better one. Not so after a change
         of the actuators: that estimate may fit the first few new data alone, and confirm itself
         by the weights, which are taken at it.
         """
+        view = memory.scores.view
+        if not inside(self.metric.cone, theta):
+            return self.prior if view is None else view.theta
         if memory.kept is not None or self.recorder.rows.levels.exact:
             return theta
-        view, remembered = memory.scores.view, quotient(memory.means, self.system.space)
+        remembered = quotient(memory.means, self.system.space)
         if view is None or remembered is None:
             return theta
         cost = remembered.weighted(view.theta, memory)
@@ -241,8 +237,13 @@ class ImplicitMemory(DataMemory):
     def _cost(self, before: Array, after: Array) -> float:
         """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
         if self.anchor:
-            return float(self.metric.conserved(before) - self.metric.conserved(after))
+            return self._fall(before, after)
         return 2 * float(self.metric.divergence(after, before))
+
+    def _fall(self, before: Array, after: Array) -> float:
+        """Decrease of the conserved quantity; 0 from an estimate (p,) where it is not finite."""
+        fall = float(self.metric.conserved(before)) - float(self.metric.conserved(after))
+        return fall if np.isfinite(fall) else 0.0
 
     def slack(self, before: State, after: State, theta: Array) -> float:
         """Bound on the rise of V in an update, under the true θ (p,).
