@@ -74,7 +74,7 @@ class Means(NamedTuple):
         blocks: effective number of blocks.
         gramian: (n, p, p) mean over the blocks of every row's Yᵀ Y.
         lagged: (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block.
-        last: (n, p) the last completed block; 0 after a restart of the momentum balance.
+        last: (n, p) what is kept of the last completed block; 0 after a restart of the balance.
         noise: (n, p, p) mean of N_i, the expected effect of the sensors' noise on `gramian`.
         recent: (n, p, p) sum of Yᵀ Y since something was last forgotten.
         since: number of blocks in it.
@@ -101,10 +101,7 @@ class Means(NamedTuple):
             last: (n, ...) square of the last block.
         """
         r = rho.reshape(-1, *(1,) * (own.ndim - 1))
-        whole = (1 + r**2) * own - 2 * r * lagged
-        if self.fade < 1:  # how much of the last block has been forgotten is not known
-            return whole
-        return whole - r**2 / max(self.blocks, 1.0) * last
+        return (1 + r**2) * own - 2 * r * lagged - r**2 / max(self.blocks, 1.0) * last
 
     def innovations(self, rho: Array) -> Array:
         """(n, p, p) mean of (Y − ρ Y′)ᵀ (Y − ρ Y′), with ρ (n,) the correlation of neighbours."""
@@ -164,6 +161,7 @@ class Means(NamedTuple):
             blocks=share * self.blocks,
             gramian=part(self.gramian),
             lagged=part(self.lagged),
+            last=(maps @ self.last[:, :, None])[:, :, 0],
             noise=part(self.noise),
             recent=0 * recent,
             since=0,
