@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.identifiers.memory.cost import Quotient, positive, quotient
-from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder, eliminated
+from nsaid_mj.identifiers.memory.matrices import eliminated
+from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder
 from nsaid_mj.log import EXACT
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
@@ -245,12 +247,15 @@ def test_a_row_without_excitation_has_no_cost():
 
 @both
 def test_weights_are_one_over_the_residuals(sensors):
-    """½ w λ = ½ blocks for every row whose residuals are above the floor."""
+    """½ w λ = ½ blocks for every row whose residuals are above the floor; noise counts in w."""
     log, memory = remembered("bluerov2", sensors)
     theta = near(log, np.random.default_rng(2))
     cost = weighted("bluerov2", sensors, theta)
     expected = 0.5 * memory.means.blocks * log.plant.system.n
-    assert cost.value(theta) == pytest.approx(expected, rel=1e-9)
+    rho, _ = cost.residuals(theta, memory.means)
+    whole = replace(cost, gramian=memory.means.innovations(rho))
+    assert whole.value(theta) == pytest.approx(expected, rel=1e-9)
+    assert cost.value(theta) <= expected * (1 + 1e-9)
     truth = log.plant.truth
     floor = weighted("bluerov2", sensors, truth)
     assert np.isfinite(floor.weights).all() and (floor.weights > 0).all()

@@ -112,15 +112,13 @@ def test_samples_need_not_be_regular(name):
 # -- the means -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("horizon", [0.0, 0.7])
 @pytest.mark.parametrize("name", ["double_pendulum", "bluerov2"])
-def test_recursive_means_equal_those_of_all_blocks(name, horizon):
+def test_recursive_means_equal_those_of_all_blocks(name):
     log = driven(name, 2.03)
-    own = recorder(log, MemoryConfig(horizon=horizon))
+    own = recorder(log)
     kept, listed = list(remember(own, log))[-1], blocks(own, log)
     assert len(listed) == 20 and own.block == round(0.1 / log.dt)
-    age = 0.1 * np.arange(len(listed))[::-1]
-    weight = np.exp(-age / horizon) if horizon else np.ones(len(listed))
+    weight = np.ones(len(listed))
     assert kept.means.blocks == pytest.approx(weight.sum())
     pairs = list(zip([np.zeros_like(listed[0]), *listed], listed, weight, strict=False))
     gramian = sum(w * np.einsum("ip,iq->ipq", Y, Y) for _, Y, w in pairs) / weight.sum()
@@ -134,11 +132,10 @@ def test_recursive_means_equal_those_of_all_blocks(name, horizon):
     assert (kept.means.noise == 0).all()
 
 
-@pytest.mark.parametrize("horizon", [0.0, 0.7])
-def test_the_innovation_gramian_equals_that_of_all_differences(horizon):
+def test_the_innovation_gramian_equals_that_of_all_differences():
     """Mean of (Y − ρ Y′)(Y − ρ Y′)ᵀ, ρ the correlation of neighbouring residuals at θ."""
     log = driven("bluerov2", 4.0)
-    own, space = recorder(log, MemoryConfig(horizon=horizon)), log.plant.system.space
+    own, space = recorder(log), log.plant.system.space
     theta = log.plant.truth * (1 + 0.2 * np.cos(np.arange(len(space))))
     kept, listed = list(remember(own, log))[-1], blocks(own, log)
     found = quotient(kept.means, space)
@@ -146,8 +143,7 @@ def test_the_innovation_gramian_equals_that_of_all_differences(horizon):
     cost = found.weighted(theta, kept)
     own_rho, _ = found.residuals(theta, kept.means)
     before = np.concatenate([np.zeros_like(listed[:1]), listed[:-1]])
-    age = 0.1 * np.arange(len(listed))[::-1]
-    weight = np.exp(-age / horizon) if horizon else np.ones(len(listed))
+    weight = np.ones(len(listed))
     weight /= weight.sum()
     old, new = before @ theta, listed @ theta
     rho = np.sum(weight[:, None] * old * new, axis=0) / np.sum(weight[:, None] * new**2, axis=0)

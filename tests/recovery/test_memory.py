@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj import Driving, Loss, MultisineCommand
+from nsaid_mj import Driving, FourierTracking, Loss, MultisineCommand
 from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
@@ -16,6 +16,7 @@ from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import NullspaceAID, State, Status
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import structural
+from nsaid_mj.plants import SensorNoise
 
 
 def memorised(name: str, folder, **changes) -> dict[str, Any]:
@@ -165,4 +166,33 @@ def test_a_minute_of_noise_without_excitation_ends_no_farther_than_the_prior(nam
     law = replace(scenario.identifier, law="memory")
     still = replace(scenario, identifier=law, excitation=STILL[name], sensors="noisy", seed=seed)
     found, _ = distances(replace(still, duration=60.0))
+    assert found[-1] <= found[0]
+
+
+CONSTANT = {
+    "f1tenth": Driving(variation=1e-6, grip=1e-6, ground=1e4),
+    "ur5": FourierTracking(reach=1e-6, speed=1e-6),
+}
+FRESH = [pytest.param(s, marks=pytest.mark.slow) if s > 101 else s for s in range(100, 106)]
+
+
+@pytest.mark.parametrize("seed", FRESH)
+@pytest.mark.parametrize("name", CONSTANT)
+def test_constant_speed_and_rest_end_no_farther_than_a_tenth_beyond_the_prior(name, seed):
+    """A controller feeds the sensors' noise back: all that moves the robot is noise."""
+    scenario = load(name)
+    assert isinstance(scenario.identifier, NullspaceAID)
+    law = replace(scenario.identifier, law="memory")
+    still = replace(scenario, identifier=law, excitation=CONSTANT[name], sensors="noisy", seed=seed)
+    found, _ = distances(replace(still, duration=40.0))
+    assert found[-1] <= 1.1 * found[0]
+
+
+@pytest.mark.parametrize("seed", FRESH)
+def test_ten_times_the_noise_leaves_the_estimate_nearer_than_the_prior(seed):
+    scenario = load("astrobee")
+    assert isinstance(scenario.identifier, NullspaceAID)
+    law = replace(scenario.identifier, law="memory")
+    loud = replace(scenario, identifier=law, noise=SensorNoise(1e-3, 5e-2), sensors="noisy")
+    found, _ = distances(replace(loud, seed=seed, duration=60.0))
     assert found[-1] <= found[0]

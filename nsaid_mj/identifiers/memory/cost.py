@@ -17,11 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...parameters import Array, ParameterSpace
+from .matrices import common_root
 from .statistics import Means, Memory
 
 _QUADRATURE = 1e-8  # floor of λ, where the quadrature's error remains
 _DRIVEN = 1e-6  # share of a row's size below which the row counts as unactuated
 _CORRELATED = 0.95  # upper bound of the correlation of neighbouring blocks
+_EXACT = 1e-12  # share of noise below which a direction is measured exactly
 _OWN = 1e-2  # share of a row's size that its positive parameters need to serve as its reference
 
 
@@ -65,8 +67,8 @@ class Quotient:
         """R weighted as a negative log-likelihood near θ, for residuals correlated between blocks.
 
         With ρ_i the correlation of neighbouring blocks in row i at θ, Y − ρ_i Y′ is a block's
-        innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949); its Gramian replaces G_i,
-        and w_i = blocks/λ_i(θ).
+        innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949); the part of its Gramian that
+        is not the sensors' noise replaces G_i, and w_i = blocks/λ_i(θ).
 
         Args:
             theta: (p,) an estimate.
@@ -74,6 +76,10 @@ class Quotient:
         """
         means, (rho, share) = memory.means, self.residuals(theta, memory.means)
         gramian, effort = means.innovations(rho), self.effort @ theta**2
+        if means.noise.any():
+            expected = (1 + rho**2)[:, None, None] * means.noise
+            parts = zip(gramian, expected, strict=True)
+            gramian = np.array([without_noise(*pair, means.blocks) for pair in parts])
         weights = means.blocks * share * effort
         if memory.kept is None:
             return Quotient(gramian, self.effort, weights)
@@ -109,6 +115,32 @@ class Quotient:
     def information(self, theta: Array) -> Array:
         """(p, p) curvature of R at θ (p,) with Σ held."""
         return np.tensordot(self.weights / (self.effort @ theta**2), self.gramian, 1)
+
+
+def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
+    """The part of a row's Gramian that is not noise: ⪰ 0, and at most the Gramian.
+
+    Relative to the noise, the eigenvalues of a sample Gramian of signal and noise follow the spiked
+    model: one of 1 + ℓ is seen as (1 + ℓ)(1 + γ/ℓ) with γ = p/blocks, and not at all where ℓ ≤ √γ.
+    Each is replaced by its ℓ (Donoho, Gavish and Johnstone, Annals of Statistics 46, 2018). What
+    all that is seen of θ shows as noise is thus left out, and what is seen is unbiased.
+
+    Args:
+        gramian: (p, p) mean of Yᵀ Y.
+        noise: (p, p) its expectation where only noise is seen.
+        blocks: number of blocks in the mean.
+    """
+    seen = np.diag(gramian) > 0
+    part = np.ix_(seen, seen)
+    whole, found = gramian[part] + noise[part], np.zeros_like(gramian)
+    root, shares = common_root(whole, noise[part])
+    shares = np.clip(shares, _EXACT, 1.0)
+    gamma = float(seen.sum()) / max(blocks, 1.0)
+    excess = (1 - shares) / shares - 1 - gamma
+    spike = 0.5 * (excess + np.sqrt(np.maximum(excess**2 - 4 * gamma, 0.0)))
+    spike[excess**2 < 4 * gamma] = 0.0
+    found[part] = (root * (np.maximum(spike, 0.0) * shares)) @ root.T
+    return found
 
 
 def quotient(means: Means, space: ParameterSpace) -> Quotient | None:

@@ -19,10 +19,12 @@ from ...log import EXACT, Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from ..base import Confidence, DataMemory, State
+from ..cone.barrier import inside
 from ..cone.law import ConeMetric
 from ..nullspace_aid import NullspaceIdentifier
 from .cost import Quotient, quotient
-from .statistics import Evidence, Memory, MemoryConfig, Recorder, View, cholesky, square_root
+from .matrices import cholesky, common_root, square_root
+from .statistics import Evidence, Memory, MemoryConfig, Recorder, View
 
 _REACH = 0.5  # longest Newton step in the metric; the Dikin ellipsoid of radius 1 is in the cone
 _NEWTON, _HALVINGS = 30, 8  # iterations, at most, in one implicit step
@@ -128,11 +130,10 @@ class ImplicitMemory(DataMemory):
             view = state.memory.scores.view
             assert view is not None
             theta = view.theta
-            conserved = self.metric.conserved
-            spent += float(conserved(state.theta_hat) - conserved(theta))
+            spent += self._fall(state.theta_hat, theta)
         elif not memory.alarmed:
             start = self._start(theta, memory)
-            spent += float(self.metric.conserved(theta) - self.metric.conserved(start))
+            spent += self._fall(theta, start)
             theta, memory = self.implicit_step(start, memory)
             spent += self._cost(start, theta)
         return state._replace(theta_hat=theta, memory=memory, spent=spent)
@@ -140,14 +141,18 @@ class ImplicitMemory(DataMemory):
     def _start(self, theta: Array, memory: Memory) -> Array:
         """(p,) the estimate at which an implicit step starts: θ̂ (p,), or that of the last step.
 
-        With noisy sensors (44, 45) also follow the noise. Where that has increased the cost of the
+        Never one outside the cone, such as a filter's whose guard this is. With noisy sensors
+        (44, 45) also follow the noise. Where that has increased the cost of the
         remembered data since the last step, its estimate is the better one. Not so after a change
         of the actuators: that estimate may fit the first few new data alone, and confirm itself
         by the weights, which are taken at it.
         """
+        view = memory.scores.view
+        if not inside(self.metric.cone, theta):
+            return self.prior if view is None else view.theta
         if memory.kept is not None or self.recorder.rows.levels.exact:
             return theta
-        view, remembered = memory.scores.view, quotient(memory.means, self.system.space)
+        remembered = quotient(memory.means, self.system.space)
         if view is None or remembered is None:
             return theta
         cost = remembered.weighted(view.theta, memory)
@@ -168,7 +173,7 @@ class ImplicitMemory(DataMemory):
         if remembered is None:
             return theta, memory
         cost, pace = remembered.weighted(theta, memory), self._pace
-        hold = self._hold(remembered, cost, theta, memory)
+        hold = self._hold(cost, theta, memory)
         for _ in range(_SHORTENINGS):
             ahead = _Step(self, cost, hold, theta, pace).solved()
             if ahead is not None:
@@ -179,25 +184,22 @@ class ImplicitMemory(DataMemory):
         scores = memory.scores._replace(view=view, evidence=Evidence.empty(len(theta)))
         return theta, memory._replace(scores=scores)
 
-    def _hold(self, remembered: Quotient, cost: Quotient, theta: Array, memory: Memory) -> Array:
+    def _hold(self, cost: Quotient, theta: Array, memory: Memory) -> Array:
         """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
 
-        With A the data's information and B what noise and a measurement as good as 18 % would
-        give, directions in which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far
-        more than by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact
-        sensors. `cost` is `remembered`, weighted at θ.
+        With A the data's information and B that of a measurement as good as 18 %, directions in
+        which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far more than by the data
+        where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact sensors.
+
+        Args:
+            cost: R, weighted at θ.
+            theta: (p,) θ.
+            memory: of which it is the cost.
         """
-        noise = remembered.of_noise(theta, memory.means).information(theta)
-        if not noise.any():
-            return noise
-        unsure = noise + _SURE * self._metric_prior
-        whole = cost.information(theta) + unsure
-        unit = 1 / np.sqrt(np.diag(whole))
-        balance = np.outer(unit, unit)
-        L = cholesky(whole * balance)
-        half = np.linalg.solve(L, np.linalg.solve(L, unsure * balance).T)
-        shares, vectors = np.linalg.eigh(0.5 * (half + half.T))
-        root = (L @ vectors) / unit[:, None]
+        if not memory.means.noise.any():
+            return np.zeros_like(self._metric_prior)
+        unsure = _SURE * self._metric_prior
+        root, shares = common_root(cost.information(theta) + unsure, unsure)
         return (root * (_FIRM * (2 * np.maximum(shares, 0.0)) ** 6)) @ root.T
 
     def _view(self, remembered: Quotient, theta: Array, memory: Memory) -> View:
@@ -211,7 +213,7 @@ class ImplicitMemory(DataMemory):
         that noise of q and v causes.
         """
         cost, means = remembered.weighted(theta, memory), memory.means
-        hold, gains = self._hold(remembered, cost, theta, memory), self.system.space.actuators
+        hold, gains = self._hold(cost, theta, memory), self.system.space.actuators
         data, (rho, share) = cost.curvature(theta), remembered.residuals(theta, means)
         pull = hold + max(self.anchor, 1.0) * self.metric.mirror(theta)[1]
         bias = remembered.of_noise(theta, means).gradient(theta)
@@ -235,8 +237,13 @@ class ImplicitMemory(DataMemory):
     def _cost(self, before: Array, after: Array) -> float:
         """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
         if self.anchor:
-            return float(self.metric.conserved(before) - self.metric.conserved(after))
+            return self._fall(before, after)
         return 2 * float(self.metric.divergence(after, before))
+
+    def _fall(self, before: Array, after: Array) -> float:
+        """Decrease of the conserved quantity; 0 from an estimate (p,) where it is not finite."""
+        fall = float(self.metric.conserved(before)) - float(self.metric.conserved(after))
+        return fall if np.isfinite(fall) else 0.0
 
     def slack(self, before: State, after: State, theta: Array) -> float:
         """Bound on the rise of V in an update, under the true θ (p,).
@@ -252,7 +259,7 @@ class ImplicitMemory(DataMemory):
             return 0.0 if memory is None or memory.kept is None else np.inf
         cost, k = remembered.weighted(before.theta_hat, memory), self.system.space.actuators
         largest, off = float(np.max(theta[k] / after.theta_hat[k])), theta - self.prior
-        hold = self._hold(remembered, cost, before.theta_hat, memory)
+        hold = self._hold(cost, before.theta_hat, memory)
         data = 0.5 * (max(0.0, cost.value(theta)) * largest + off @ hold @ off)
         divergence = self.metric.divergence
         recent = memory._replace(scores=before.memory.scores) if before.memory else memory

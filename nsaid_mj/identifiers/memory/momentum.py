@@ -20,6 +20,7 @@ from numba import njit
 from ...log import Log, Measurement, Middle, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
+from .feedback import FedBack
 
 _CORRECTION_TIME = 0.1  # time constant with which drift corrections enter the velocities [s]
 _PIECE = 64  # steps whose regressors are in memory at once: they fit the processor's cache
@@ -34,6 +35,7 @@ class Balance(NamedTuple):
         pending: (n,) correction of that position not yet added to the velocities [rad or m].
         total: (n, p) sum of Y over the current block.
         filled: number of samples in the current block.
+        fed: how the commands follow the sensors' noise.
     """
 
     lag: Array
@@ -41,6 +43,7 @@ class Balance(NamedTuple):
     pending: Array
     total: Array
     filled: int
+    fed: FedBack
 
 
 class Rows:
@@ -59,15 +62,15 @@ class Rows:
     ):
         self.system, self.leak, self.block = system, 1 / window, block
         self.levels, self.gain = levels, steady_gain(levels, dt)
-        self._averaging = (
-            1 / block,
-            min(0.5 * window, _CORRECTION_TIME) * dt,
-        )  # variances of W_M, and of ż, in a block
+        # variances of W_M, of ż, and of ż where it follows the commands, in a block
+        drifting = 0.5 * window * dt
+        self._averaging = 1 / block, min(drifting, _CORRECTION_TIME * dt), drifting
 
     def begin(self, q: Array, v: Array) -> Balance:
         """The balance at a first sample q (m,), v (n,): Y = 0."""
-        lag = self.system._W_M(q, v)
-        return Balance(lag, q, np.zeros(self.system.n), np.zeros_like(lag), 0)
+        lag, n = self.system._W_M(q, v), self.system.n
+        fed = FedBack.unknown(n, self.system.n_u)
+        return Balance(lag, q, np.zeros(n), np.zeros_like(lag), 0, fed)
 
     def restart(self, balance: Balance, q: Array, v: Array) -> Balance:
         """The balance at a sample q (m,), v (n,), its filter state and current block reset."""
@@ -86,6 +89,8 @@ class Rows:
             The balance at the last measurement; and (k, n, p) the means of Y over the k blocks
             completed on the way.
         """
+        if not self.levels.exact:
+            balance = balance._replace(fed=balance.fed.along(self.system, log))
         if self.gain:
             balance, middle = self._drift_corrected(balance, log, middle)
         lag, total, filled = balance.lag.copy(), balance.total.copy(), balance.filled
@@ -100,19 +105,27 @@ class Rows:
             )
         return balance._replace(lag=lag, total=total, filled=filled), rows
 
-    def noise(self, here: Measurement) -> Array:
+    def noise(self, here: Measurement, fed: Array) -> Array:
         """(n, p, p) Gramians, one for every row, of the sensor noise in a block near a sample.
 
         To first order, and with noise that is independent from sample to sample: that of W_M(q, v)
-        is averaged over the block, that of ż over the window.
+        is averaged over the block, that of ż over the window. Noise that a controller feeds back
+        moves the plant: it excites, but is as unrelated to what the sensors show of it as noise.
+
+        Args:
+            here: the sample.
+            fed: (k, n_u) deviations of the commands, each from an independent noise.
         """
-        system, n = self.system, self.system.n
-        many = Log.unchecked(*(np.repeat(np.asarray(part)[None], 2 * n + 2, 0) for part in here))
-        for k, step in enumerate(np.eye(n)):
-            many.q[k] = system.integrate(here.q, self.levels.position * step)
-            many.v[n + k] += self.levels.velocity * step
+        system, n, k = self.system, self.system.n, len(fed)
+        count = 2 * n + k + 2
+        many = Log.unchecked(*(np.repeat(np.asarray(part)[None], count, 0) for part in here))
+        for i, step in enumerate(np.eye(n)):
+            many.q[i] = system.integrate(here.q, self.levels.position * step)
+            many.v[n + i] += self.levels.velocity * step
+        many.u[2 * n : 2 * n + k] += fed
         momenta, rates, *_ = system.momentum_balance(self.leak, many, many.q[1:], many.v[1:])
-        effects = [momenta[:-2] - momenta[-1], rates[:-1] - rates[-1]]
+        momenta, rates = momenta[:-2] - momenta[-1], rates[:-1] - rates[-1]
+        effects = momenta, rates[: 2 * n], rates[2 * n :]
         rows = [s**0.5 * part for s, part in zip(self._averaging, effects, strict=True)]
         both = np.concatenate(rows).transpose(1, 0, 2)
         return np.matmul(both.transpose(0, 2, 1), both)

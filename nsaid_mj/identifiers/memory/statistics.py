@@ -15,14 +15,15 @@ from ...bounds import Config, NonNegative, Positive, config
 from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
+from .forgetting import forgetting
+from .matrices import eliminated
 from .momentum import Balance, Rows
 
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)
 _DETERMINED = 3  # rows per parameter before the residuals' variance can be estimated
 _FRESH = 16  # blocks buffered before they enter the means, at most
+_TOGETHER = 0.25  # share of the horizon whose blocks are forgotten for together
 _JUDGED = 50  # blocks, at least, before residuals can contradict an estimate
-_RIDGE = 1e-13  # share of a matrix's diagonal that is added against rounding errors
-_SINGULAR = 1e-14  # share of the largest eigenvalue below which an eigenvalue is rounding error
 
 
 @config
@@ -40,7 +41,8 @@ class MemoryConfig(Config):
             sensors and 0 with exact ones, where unexcited directions simply stay where they are.
             With noisy sensors 0 or a small weight is not recommended: along unexcited directions
             noise alone then moves the estimate, and its scale, which the anchor would hold.
-        horizon: time constant of forgetting [s]; 0 never forgets.
+        horizon: time constant of forgetting [s]; 0 never forgets. Information is forgotten only
+            in directions in which new data bring as much: what is not excited is kept.
         surprise: ratio of squared innovations to their predicted variance, the estimate's
             uncertainty included, above which an interval contradicts the estimate. If two
             consecutive intervals do, and changed gains of the actuators explain the second one, an
@@ -65,15 +67,17 @@ class MemoryConfig(Config):
 
 
 class Means(NamedTuple):
-    """Means over blocks, with exponential forgetting if there is a horizon.
+    """Means over blocks, with directional forgetting if there is a horizon.
 
     Attributes:
-        fade: factor by which a block's weight decreases per block.
-        blocks: effective number of blocks, the sum of their weights.
+        fade: factor by which information decreases per block where blocks renew it.
+        blocks: effective number of blocks.
         gramian: (n, p, p) mean over the blocks of every row's Yᵀ Y.
         lagged: (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block.
-        last: (n, p) the last completed block; 0 after a restart of the momentum balance.
+        last: (n, p) what is kept of the last completed block; 0 after a restart of the balance.
         noise: (n, p, p) mean of N_i, the expected effect of the sensors' noise on `gramian`.
+        recent: (n, p, p) sum of Yᵀ Y since something was last forgotten.
+        since: number of blocks in it.
     """
 
     fade: float
@@ -82,6 +86,8 @@ class Means(NamedTuple):
     lagged: Array
     last: Array
     noise: Array
+    recent: Array
+    since: int = 0
 
     def of_innovations(self, rho: Array, own: Array, lagged: Array, last: Array) -> Array:
         """The mean square of the innovation Y − ρ Y′, from sufficient statistics.
@@ -95,8 +101,7 @@ class Means(NamedTuple):
             last: (n, ...) square of the last block.
         """
         r = rho.reshape(-1, *(1,) * (own.ndim - 1))
-        again = r**2 / self.fade
-        return (1 + again) * own - 2 * r * lagged - again / max(self.blocks, 1.0) * last
+        return (1 + r**2) * own - 2 * r * lagged - r**2 / max(self.blocks, 1.0) * last
 
     def innovations(self, rho: Array) -> Array:
         """(n, p, p) mean of (Y − ρ Y′)ᵀ (Y − ρ Y′), with ρ (n,) the correlation of neighbours."""
@@ -107,7 +112,7 @@ class Means(NamedTuple):
     def empty(n: int, p: int, fade: float) -> Means:
         """The means before any block."""
         flat, cube = np.zeros((n, p)), np.zeros((n, p, p))
-        return Means(fade, 0.0, cube, cube, flat, cube)
+        return Means(fade, 0.0, cube, cube, flat, cube, cube)
 
     def with_blocks(self, rows: Array, before: Array, noise: Array) -> Means:
         """The means after further blocks.
@@ -119,10 +124,8 @@ class Means(NamedTuple):
         """
         if not len(rows):
             return self
-        weights = self.fade ** np.arange(len(rows))[::-1]
-        old = self.fade ** len(rows) * self.blocks
-        blocks = old + weights.sum()
-        share = weights[:, None, None] / blocks
+        old, blocks = self.blocks, self.blocks + len(rows)
+        share = 1 / blocks
 
         def mean(kept: Array, other: Array) -> Array:
             half = np.matmul((share * rows).transpose(1, 2, 0), other.transpose(1, 0, 2))
@@ -132,8 +135,37 @@ class Means(NamedTuple):
             return half
 
         gramian, lagged = mean(self.gramian, rows), mean(self.lagged, before)
-        noise = self.noise + weights.sum() / blocks * (noise - self.noise)
-        return Means(self.fade, blocks, gramian, lagged, rows[-1], noise)
+        noise = self.noise + len(rows) / blocks * (noise - self.noise)
+        means = Means(self.fade, blocks, gramian, lagged, rows[-1], noise, self.recent, self.since)
+        return means if self.fade == 1 else means.renewed_by(rows)
+
+    def renewed_by(self, rows: Array) -> Means:
+        """The means, which contain the last blocks (k, n, p), after forgetting what they renew.
+
+        The blocks of a share of the horizon count together: those of an interval have less rank
+        than a motion.
+        """
+        recent = self.recent + np.matmul(rows.transpose(1, 2, 0), rows.transpose(1, 0, 2))
+        since = self.since + len(rows)
+        if since < -_TOGETHER / np.log(self.fade):
+            return self._replace(recent=recent, since=since)
+        lost, expected = 1 - self.fade**since, since * self.noise
+        maps, share = forgetting(self.blocks * self.gramian, recent, expected, lost)
+        back = maps.transpose(0, 2, 1)
+
+        def part(mean: Array) -> Array:
+            found = maps @ mean @ back / share
+            return 0.5 * (found + found.transpose(0, 2, 1))
+
+        return self._replace(
+            blocks=share * self.blocks,
+            gramian=part(self.gramian),
+            lagged=part(self.lagged),
+            last=(maps @ self.last[:, :, None])[:, :, 0],
+            noise=part(self.noise),
+            recent=0 * recent,
+            since=0,
+        )
 
 
 class View(NamedTuple):
@@ -364,7 +396,9 @@ class Recorder:
         (n, p), blocks, first = means.last.shape, means.blocks, 0
         while first < len(fresh) and blocks * n < _DETERMINED * p:
             blocks, first = self.fade * blocks + 1, first + 1
-        noise = means.noise if self.rows.levels.exact else self.rows.noise(here)
+        noise = means.noise
+        if not self.rows.levels.exact:
+            noise = self.rows.noise(here, memory.balance.fed.deviations())
         return memory._replace(
             fresh=fresh[:0],
             scores=memory.scores.with_blocks(self.fade, fresh[first:], before[first:]),
@@ -412,46 +446,3 @@ class Recorder:
             Scores.empty(p),
             kept=eliminated(view.information, view.driven),
         ), True
-
-
-def cholesky(matrix: Array) -> Array:
-    """(p, p) lower factor of a matrix > 0, which rounding may have left slightly indefinite."""
-    ridge, widest = _RIDGE, 1e6 * _RIDGE
-    while True:
-        try:
-            whole = matrix + ridge * np.diag(np.diag(matrix))
-            return np.linalg.cholesky(whole).astype(np.float64)
-        except np.linalg.LinAlgError:
-            ridge *= 100
-            if ridge > widest:
-                raise
-
-
-def square_root(matrix: Array) -> Array:
-    """(p, p) R with R Rᵀ = a matrix ⪰ 0; negative eigenvalues, from rounding, count as 0."""
-    unit = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
-    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
-
-
-def eliminated(matrix: Array, freed: np.ndarray) -> Array:
-    """The least of θᵀ H θ over some parameters, as a quadratic form of the others.
-
-    It is the Schur complement of their block, formed from a factor of H: ⪰ 0 and at most H, also
-    where H is singular.
-
-    Args:
-        matrix: (p, p) H ⪰ 0; rounding errors may leave it indefinite.
-        freed: (p,) mask of the parameters over which the least is taken.
-
-    Returns:
-        (p, p) the form, 0 in the rows and columns of these parameters.
-    """
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    values, vectors = np.linalg.eigh(matrix * np.outer(unit, unit))
-    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    axes, lengths, _ = np.linalg.svd(root[:, freed], full_matrices=False)
-    axes = axes[:, lengths**2 > _SINGULAR * max(1.0, values[-1])]
-    rest = (root - axes @ (axes.T @ root)) * np.where(freed, 0.0, size)
-    return rest.T @ rest

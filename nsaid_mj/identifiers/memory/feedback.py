@@ -1,0 +1,83 @@
+"""How much of the commands is sensor noise that a controller has fed back, from the data.
+
+Where the fourth difference of a signal at a constant rate is negligible, the fourth differences of
+measurement and command have C(8, 4) = 70 times the covariance of their noise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...log import Log
+from ...parameters import Array
+from ...system import SecondOrderSystem
+
+_LONGEST = 2000.0  # samples over which the covariance is averaged
+_FEWEST = 100  # fourth differences, at least, before it is used
+_ORDER = 4  # of the differences
+
+
+class FedBack(NamedTuple):
+    """Running covariance of the noise of measurements and commands.
+
+    Attributes:
+        increments: (3, 2n + n_u) the last increments of position, velocity and command.
+        pending: (2n + n_u,) the increments of position and velocity into the last sample, and the
+            command before it.
+        together: (n_u, 2n) covariance of commands and measurements.
+        variance: (2n,) of the measurements.
+        seen: number of samples so far.
+    """
+
+    increments: Array
+    pending: Array
+    together: Array
+    variance: Array
+    seen: int
+
+    @staticmethod
+    def unknown(n: int, n_u: int) -> FedBack:
+        """Before any sample of n velocities and n_u commands."""
+        width = 2 * n + n_u
+        zero = np.zeros((3, width)), np.zeros(width), np.zeros((n_u, 2 * n)), np.zeros(2 * n)
+        return FedBack(*zero, 0)
+
+    def along(self, system: SecondOrderSystem, log: Log) -> FedBack:
+        """The covariance at the end of a log, whose last command is not used."""
+        moves = [system.difference(*pair) for pair in zip(log.q[:-1], log.q[1:], strict=True)]
+        steps = np.hstack([np.array(moves), np.diff(log.v, axis=0)])
+        parts = [part.copy() for part in self[:4]]
+        _add(*parts, self.seen, steps, log.u[:-1])
+        return FedBack(*parts, self.seen + len(steps))
+
+    def deviations(self) -> Array:
+        """(2n, n_u) deviations of the commands that follow each measurement's noise."""
+        if self.seen < _FEWEST:
+            return np.zeros(self.together.T.shape)
+        safe = np.where(self.variance > 0, self.variance, np.inf)
+        return (self.together / np.sqrt(safe)).T
+
+
+@njit(cache=True)
+def _add(increments, pending, together, variance, seen, steps, u):
+    """Updates the covariance by the steps (k, 2n) that follow commands (k, n_u), in place."""
+    number, width = steps.shape[1], pending.shape[0]
+    fourth = np.empty(width)
+    for k in range(steps.shape[0]):
+        for i in range(width):
+            new = pending[i] if i < number else u[k, i - number] - pending[i]
+            fourth[i] = new - 3 * increments[2, i] + 3 * increments[1, i] - increments[0, i]
+            increments[0, i], increments[1, i] = increments[1, i], increments[2, i]
+            increments[2, i] = new
+            pending[i] = steps[k, i] if i < number else u[k, i - number]
+        known = seen + k + 1 - _ORDER
+        if known > 0:
+            share = 1.0 / min(known, _LONGEST)
+            for j in range(number):
+                variance[j] += share * (fourth[j] * fourth[j] / 70 - variance[j])
+                for i in range(number, width):
+                    product = fourth[i] * fourth[j] / 70
+                    together[i - number, j] += share * (product - together[i - number, j])
