@@ -38,7 +38,7 @@ class Guarded(NamedTuple):
         stale: whether the memory's data are of the robot before a fault.
         intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from before.
         moves: times the filter went on from the memory's estimate and covariance.
-        trusted: whether θ̂ has been handed out from the filter since it began at a prior.
+        trusted: whether the filter has explained enough data since it began at a prior.
         wander: shares by which all of θ seemed to be off, as the structure is not exact: the sum of
             their squares, and the largest square.
     """

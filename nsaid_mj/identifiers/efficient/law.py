@@ -29,6 +29,7 @@ from ...parameters import Array
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
+from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier
 from .faults.events import event_of, grown, loosened, revoked, without_effect
 from .faults.hypotheses import (
@@ -179,7 +180,8 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not inside.pause:
             inside = inside._replace(handed=self._explains(inside))
-            inside = inside._replace(trusted=inside.trusted or inside.handed)
+            proven = inside.handed and self._determined(memory)
+            inside = inside._replace(trusted=inside.trusted or proven)
             if not inside.trusted and inside.calm >= _PROBATION and not inside.trials:
                 inside = self._moved_to_memory(inside, here)
         awake = memory.alarmed or not memory.sure or not inside.handed
@@ -371,6 +373,10 @@ class EfficientIdentifier(Identifier):
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         return inside._replace(calm=0.0, moves=inside.moves + 1, watch=Watch())
 
+    def _determined(self, memory: Memory) -> bool:
+        """Whether the memory has data enough for its residual to judge an estimate."""
+        return memory.means.blocks * self.system.n >= _DETERMINED * self.system.p
+
     def _explains(self, inside: Guarded) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
         kalman, memory, system = inside.filter, inside.guard.memory, self.system
@@ -381,7 +387,7 @@ class EfficientIdentifier(Identifier):
             return inside.handed  # the memory averages over what is changing
         remembered = quotient(memory.means, system.space)
         changed = inside.returns + inside.restarts > 0
-        if remembered is None or memory.means.blocks * system.n < _DETERMINED * system.p:
+        if remembered is None or not self._determined(memory):
             return inside.handed or not changed  # an estimate from few data fits them too well
         if changed and inside.calm < _PROBATION:
             return inside.handed  # after a change of an actuator the memory holds data from before
