@@ -49,50 +49,76 @@ class Prior:
     """D(θ, θ̂(0)) of a problem; see the module.
 
     Args:
-        problem: whose `space`, `prior` and `spread` are used.
+        problem: whose `space`, `prior`, `spread`, `known` and `size` are used.
     """
 
     def __init__(self, problem: Problem):
-        space = problem.space
+        space, size = problem.space, problem.size
         kinds = np.concatenate([np.full(len(b), b.geometry, dtype=object) for b in space.blocks])
-        self._start, self._spread = problem.prior, problem.spread
+        self._start = problem.prior
         self._matrix = np.flatnonzero((kinds != "positive") & (kinds != "free"))
         self.positive = np.flatnonzero(kinds == "positive")
         self._free = np.flatnonzero(kinds == "free")
+        self._precision = np.where(problem.known, 0.0, 1 / problem.spread)
+        self._size = size
+        self._tied = np.zeros(len(space)) if size is None else 1.0 - size.stated
         blocks = tuple(b for b in space.blocks if b.geometry not in ("positive", "free"))
         self._cone = cone_of(ParameterSpace(blocks)) if blocks else None
         if self._cone is not None:
             start = self._start[self._matrix]
             self._slope = gradient_and_hessian(self._cone, start)[0]
-            self._level = barrier(self._cone, start)
+            self._level, self._degree = barrier(self._cone, start), float(-self._slope @ start)
+
+    def _deviations(self, theta: Array) -> tuple[Array, Array]:
+        """(p + 1,) deviations of single parameters and of the size from their expected values.
+
+        Over their standard deviations, and with their derivatives (p + 1, p).
+        """
+        p, change, slope = len(theta), 0.0, np.zeros(len(theta))
+        off, rows = np.zeros(p + 1), np.zeros((p + 1, p))
+        if self._size is not None:
+            w = self._size.weights
+            change, slope = float(np.log(w @ theta / (w @ self._start))), w / (w @ theta)
+            off[p], rows[p] = change / self._size.deviation, slope / self._size.deviation
+        at, tied = self.positive, self._tied[self.positive]
+        off[at] = np.log(theta[at] / self._start[at]) - tied * change
+        rows[at, at] = 1 / theta[at]
+        rows[at] -= tied[:, None] * slope
+        at = self._free
+        share = np.exp(-self._tied[at] * change)
+        off[at] = share * theta[at] - self._start[at]
+        rows[at, at] = share
+        rows[at] -= (self._tied[at] * share * theta[at])[:, None] * slope
+        off[:p] *= self._precision
+        rows[:p] *= self._precision[:, None]
+        return off, rows
 
     def value(self, theta: Array) -> float:
         """D(θ, θ̂(0)); infinite outside the cone."""
-        if not (theta[self.positive] > 0).all():
+        outside = not (theta[self.positive] > 0).all()
+        if outside or (self._size is not None and not self._size.weights @ theta > 0):
             return np.inf
-        off = np.log(theta[self.positive] / self._start[self.positive])
-        total = 0.5 * float(np.sum((off / self._spread[self.positive]) ** 2))
-        free = (theta - self._start)[self._free] / self._spread[self._free]
-        total += 0.5 * float(free @ free)
+        off = self._deviations(theta)[0]
+        total = 0.5 * float(off @ off)
         if self._cone is not None:
-            own, start = theta[self._matrix], self._start[self._matrix]
-            total += barrier(self._cone, own) - self._level - self._slope @ (own - start)
+            own = theta[self._matrix]
+            shape = self._degree * np.log(max(-self._slope @ own, 1e-300) / self._degree)
+            total += barrier(self._cone, own) - self._level + shape
         return float(total)
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
-        """(p,) gradient and (p, p) positive semidefinite Hessian of D at θ (p,)."""
-        gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
-        at, own = self.positive, theta[self.positive]
-        precision = 1 / self._spread[at] ** 2
-        gradient[at] = precision * np.log(own / self._start[at]) / own
-        hessian[at, at] = precision / own**2
-        at, precision = self._free, 1 / self._spread[self._free] ** 2
-        gradient[at] = precision * (theta - self._start)[at]
-        hessian[at, at] = precision
+        """(p,) gradient and (p, p) positive semidefinite Gauss–Newton Hessian of D at θ (p,).
+
+        The Hessian of the matrices' part is that of the barrier without its part along θ, on which
+        the divergence does not depend.
+        """
+        off, rows = self._deviations(theta)
+        gradient, hessian = rows.T @ off, rows.T @ rows
         if self._cone is not None:
-            slope, curvature = gradient_and_hessian(self._cone, theta[self._matrix])
-            gradient[self._matrix] = slope - self._slope
-            hessian[np.ix_(self._matrix, self._matrix)] = curvature
+            at, own = self._matrix, theta[self._matrix]
+            slope, curvature = gradient_and_hessian(self._cone, own)
+            gradient[at] += slope + self._degree * self._slope / (self._slope @ own)
+            hessian[np.ix_(at, at)] += curvature - np.outer(slope, slope) / self._degree
         return gradient, hessian
 
     def step_size(self, theta: Array, step: Array) -> float:

@@ -23,7 +23,7 @@ from ..systems.multibody import link_block
 from ..systems.optional import pin
 from .data import Recordings, RobotModel
 from .logs.signals import noise
-from .problem import Mask, Problem
+from .problem import Mask, Problem, Size
 from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
 
 SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
@@ -61,6 +61,10 @@ torque|, quadratic v|v|, cubic v³, offset 1."""
 COUPLINGS = ("inertia", "viscous", "coulomb")
 """Columns of coupled joints i, j: the motor of one turns by v_i ± v_j. Rows i and j have v̇_j and
 v̇_i, v_j and v_i, tanh((v_i ± v_j)/s) and ± the same."""
+
+FILE, WEIGHTLESS = 0.25, 3.0
+"""Standard deviations of the logarithm of the links' weight: of a model file's, whose masses leave
+out cables, covers and oil, or stem from CAD with one density; and of a mere guess."""
 
 BASIC = frozenset({"rotor", "viscous", "coulomb"})
 
@@ -105,6 +109,7 @@ class JointRows:
         links: (N, n, 10 b) columns of the links.
         diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb" and "load"
             have a further leading axis for `SPEEDS`.
+        weight: (K n, 10 b) columns of the links' weight at poses along the log.
         usable: (N, n) whether a row may be used.
         t: (N,) times of the rows [s].
         segment: (N,) number of the segment of each row.
@@ -116,6 +121,7 @@ class JointRows:
     gain: Array
     links: Array = field(init=False)
     diagonal: dict[str, Array] = field(init=False)
+    weight: Array = field(init=False)
     usable: Mask = field(init=False)
     t: Array = field(init=False)
     segment: Indices = field(init=False)
@@ -147,6 +153,9 @@ class JointRows:
             [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
         )
         self._joined = joined
+        self.weight = _weight_columns(
+            self.robot.model, np.concatenate([m.q[m.usable.any(axis=1)] for _, _, m in parts])
+        )
         self.reweigh(None)
         self.usable = np.concatenate([m.usable[c] for _, c, m in parts])
         self.t = np.concatenate([m.t[c] for _, c, m in parts])
@@ -226,6 +235,7 @@ class JointRows:
         prior.append(gain)
         spread.append(gain_spread)
         space = ParameterSpace(tuple(blocks))
+        nothing = np.zeros(len(space), dtype=bool)
         return Problem(
             space,
             np.concatenate(Y, axis=2),
@@ -234,8 +244,27 @@ class JointRows:
             self.segment,
             np.concatenate(prior),
             np.concatenate(spread),
-            np.zeros(len(space), dtype=bool),
+            nothing,
+            Size(self._size(len(space)), WEIGHTLESS if robot.weightless else FILE, nothing),
         )
+
+    def _size(self, p: int) -> Array:
+        """(p,) w with wᵀθ the links' weight along the log over that of the model file's links.
+
+        It is the part of the torques that a motion tells apart from rotors and friction. Where
+        there is hardly any weight, as with vertical axes, inertia takes its place.
+        """
+        model, weights = self.robot.model, np.zeros(p)
+        own = np.concatenate(
+            [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
+        )
+        moving = self.links[self.usable]
+        whole = moving @ own
+        columns, force = self.weight, self.weight @ own
+        if np.mean(force**2) < _LIGHT**2 * np.mean(whole**2):
+            columns, force = moving, whole
+        weights[: len(own)] = force @ columns / max(force @ force, 1e-300)
+        return weights
 
     def slip(self, i: int, j: int, sign: int, speed: int) -> Array:
         """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
@@ -286,6 +315,8 @@ def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
     return viscous, coulomb
 
 
+_POSES = 300
+_LIGHT = 0.1  # share of weight in the links' torques below which inertia tells their size
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
 _SHARES = {
     "rotor": 0.1,
@@ -324,6 +355,17 @@ def _link_columns(model: pin.Model, motion: Smooth) -> Array:
     for k, (q, v, a) in enumerate(zip(positions(model, motion.q), motion.v, motion.a, strict=True)):
         found[k] = pin.computeJointTorqueRegressor(model, data, q, v, a).reshape(n, -1)
     return found
+
+
+def _weight_columns(model: pin.Model, coordinates: Array) -> Array:
+    """(K n, 10 b) columns of the links' weight at up to 300 of the coordinates (N, n)."""
+    data, rest = model.createData(), np.zeros(model.nv)
+    some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
+    columns = [
+        pin.computeJointTorqueRegressor(model, data, q, rest, rest).copy()
+        for q in positions(model, some)
+    ]
+    return np.concatenate(columns) if columns else np.zeros((0, 10 * (model.njoints - 1)))
 
 
 def positions(model: pin.Model, coordinates: Array) -> Array:
