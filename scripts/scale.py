@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from nsaid_mj.calibration.data import RobotModel
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import positions
+from nsaid_mj.calibration.links import positions
 from nsaid_mj.calibration.models import load_robot_model
 
 ROBOTS = ("ur5", "panda", "kinova", "z1", "xarm7")

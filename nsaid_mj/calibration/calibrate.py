@@ -15,7 +15,7 @@ from .checks import structure_checks
 from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
-from .joints import nearest_friction
+from .joints import TRUSTED, nearest_friction
 from .least_squares import least_squares
 from .precision import inflation, precision, tempered
 from .problem import Problem, folds, without
@@ -25,7 +25,6 @@ from .structure import Options
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
-_TRUSTED = 0.3  # standard deviation of log k up to which commands anchor the scale of θ
 _UNSCALED = 3.0  # standard deviation of the logarithm of a scale that is a mere guess
 _ONLINE = 0.5  # seconds between the steps of an estimate along the log
 _DEFAULT = Options()
@@ -81,7 +80,7 @@ def calibrate(
     if others:
         changes = np.array([_change(problem, fit, other, share) for other in others])
         exact = exact._replace(structure=changes)
-    stated = bool((made.spread < _TRUSTED).all())
+    stated = bool((made.spread < TRUSTED).all())
     if robot.weightless and not stated and not problem.known[at].any():
         exact = exact._replace(structure=np.vstack([exact.structure, _UNSCALED * exact.theta]))
     told("predicting held-out parts")

@@ -28,6 +28,12 @@ class Size(NamedTuple):
     stated: Mask
 
 
+def size_weights(columns: Array, theta: Array) -> Array:
+    """(p,) w of least squares: columns (K, p) times any θ are near wᵀθ times those of a θ (p,)."""
+    force = columns @ theta
+    return force @ columns / max(float(force @ force), 1e-300)
+
+
 @dataclass(frozen=True)
 class Problem:
     """Rows and prior.
