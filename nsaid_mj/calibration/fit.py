@@ -4,9 +4,21 @@
 
 with G_i the mean Gramian of the rows of velocity i and Σ_i that of the actuators' effort in them
 (`identifiers.memory.cost`): the negative log-likelihood of Gaussian residuals, measured relative
-to the command, whose variance is unknown for every velocity. D is the prior: the divergence of the
-log-determinant for links and other matrices, a normal density of log θ for positive parameters, of
-θ for free ones. Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
+to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
+2 θ, so that the scale of θ is where D, the prior, has it. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the
+bodies, such as the weight that links have along the log,
+
+    D(θ, θ̂(0)) = D₀(θ/σ, θ̂(0)) + ½ (log σ / δ)²,
+
+where D₀ is the divergence of the log-determinant for links and other matrices, a normal density of
+log θ for positive parameters, of θ for free ones. D₀(θ, ·) itself would draw the scale: it has
+tr P₀⁻¹P − log det P₀⁻¹P, which is least over all multiples of P where tr P₀⁻¹P = 4. A link whose
+shape the log changes has eigenvalues of P₀⁻¹P on both sides of 1, whose mean grows with the change;
+so the scale would sink, the more the more rows tell of shapes. D₀(θ/σ) is the same for all
+multiples of θ, so that σ = 1 at the minimum whatever the rows say, unless a known value or a stated
+command decides. Those enter as they are, not over σ.
+
+Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
 keep every estimate physical.
 """
 
@@ -69,16 +81,21 @@ class Prior:
             self._slope = gradient_and_hessian(self._cone, start)[0]
             self._level, self._degree = barrier(self._cone, start), float(-self._slope @ start)
 
+    def _of(self, theta: Array) -> tuple[float, Array]:
+        """The size of θ over that of θ̂(0), and the derivative (p,) of its logarithm; 1 and 0."""
+        if self._size is None:
+            return 1.0, np.zeros(len(theta))
+        w = self._size.weights
+        return float(w @ theta / (w @ self._start)), w / (w @ theta)
+
     def _deviations(self, theta: Array) -> tuple[Array, Array]:
         """(p + 1,) deviations of single parameters and of the size from their expected values.
 
         Over their standard deviations, and with their derivatives (p + 1, p).
         """
-        p, change, slope = len(theta), 0.0, np.zeros(len(theta))
-        off, rows = np.zeros(p + 1), np.zeros((p + 1, p))
+        p, (size, slope) = len(theta), self._of(theta)
+        off, rows, change = np.zeros(p + 1), np.zeros((p + 1, p)), np.log(size)
         if self._size is not None:
-            w = self._size.weights
-            change, slope = float(np.log(w @ theta / (w @ self._start))), w / (w @ theta)
             off[p], rows[p] = change / self._size.deviation, slope / self._size.deviation
         at, tied = self.positive, self._tied[self.positive]
         off[at] = np.log(theta[at] / self._start[at]) - tied * change
@@ -102,23 +119,29 @@ class Prior:
         total = 0.5 * float(off @ off)
         if self._cone is not None:
             own = theta[self._matrix]
-            shape = self._degree * np.log(max(-self._slope @ own, 1e-300) / self._degree)
-            total += barrier(self._cone, own) - self._level + shape
+            size = self._of(theta)[0]
+            total += barrier(self._cone, own) + self._degree * np.log(size) - self._level
+            total -= self._slope @ own / size + self._degree
         return float(total)
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
         """(p,) gradient and (p, p) positive semidefinite Gauss–Newton Hessian of D at θ (p,).
 
-        The Hessian of the matrices' part is that of the barrier without its part along θ, on which
-        the divergence does not depend.
+        Neither has a part along θ but that of the size and of stated values.
         """
         off, rows = self._deviations(theta)
         gradient, hessian = rows.T @ off, rows.T @ rows
         if self._cone is not None:
             at, own = self._matrix, theta[self._matrix]
             slope, curvature = gradient_and_hessian(self._cone, own)
-            gradient[at] += slope + self._degree * self._slope / (self._slope @ own)
-            hessian[np.ix_(at, at)] += curvature - np.outer(slope, slope) / self._degree
+            size, weights = self._of(theta)
+            pull = self._degree + self._slope @ own / size
+            gradient[at] += slope - self._slope / size
+            gradient += pull * weights
+            shape = np.zeros((len(at), len(theta)))
+            shape[:, at] = np.eye(len(at))
+            shape -= np.outer(own, weights)
+            hessian += shape.T @ curvature @ shape
         return gradient, hessian
 
     def step_size(self, theta: Array, step: Array) -> float:
