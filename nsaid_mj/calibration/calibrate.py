@@ -83,12 +83,18 @@ def calibrate(
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
     checked = made.checked
-    validation = None if checked is None else checked.nrmse(fit.theta)
-    unexplained = structure_checks(names, _worse(held_out, validation))
+    judged = None if checked is None else checked.nrmse(fit.theta)
+    if robot.system is not None:
+        idle = problem.hardly_moved(fit.theta, robot.system.velocity_units)
+        held_out[idle] = np.nan
+        found += [_not_judged(name) for name, still in zip(names, idle, strict=True) if still]
+    unexplained = structure_checks(names, _worse(held_out, judged))
     found += unexplained
     if unexplained:
         doubted = _doubted(problem, [f.where for f in unexplained], robot.system is None)
-        exact = exact._replace(structure=np.vstack([exact.structure, exact.theta * doubted]))
+        exact = exact._replace(
+            structure=np.vstack([exact.structure, np.diag(exact.theta * doubted)])
+        )
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
     found += idle_values(problem, scale, known)
     ls, nrmse = least_squares(problem, fit.theta[at]), problem.nrmse(fit.theta)
@@ -98,7 +104,7 @@ def calibrate(
             float(nrmse[j]),
             float(held_out[j]),
             float(plain[j]),
-            None if validation is None else float(validation[j]),
+            None if judged is None else float(judged[j]),
             None if checked is None else float(checked.nrmse(ls)[j]),
             velocity.columns,
             velocity.friction_speed,
@@ -133,8 +139,20 @@ def calibrate(
 
 
 def _worse(held_out: Array, validation: Array | None) -> Array:
-    """(n,) the larger NRMSE of the two, where both are known."""
-    return held_out if validation is None else np.fmax(held_out, validation)
+    """(n,) the larger NRMSE of the two, NaN of velocities that are not judged."""
+    if validation is None:
+        return held_out
+    return np.where(np.isfinite(held_out), np.fmax(held_out, validation), np.nan)
+
+
+def _not_judged(name: str) -> Finding:
+    return Finding(
+        "note",
+        "hardly_moved",
+        name,
+        "no actuator drives it and it hardly moves, so that its prediction is not judged",
+        "A motion that accelerates it would tell.",
+    )
 
 
 def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
