@@ -243,6 +243,13 @@ def test_a_joint_that_idles_in_one_part_is_judged_by_all_of_the_log():
         assert error[1] == pytest.approx(0.011, rel=0.2)
 
 
+def test_held_out_rows_take_no_part_in_their_prediction():
+    """Ten rows a column: least squares predicts new rows worse than its own by 1 + 1/10 or more."""
+    problem = problem_of(60, noise=0.3)
+    errors, fit = _held_out(problem, np.ones(2)), minimise(problem)
+    assert (errors[0] > 1.05 * problem.nrmse(fit.theta)).all()
+
+
 def test_a_velocity_that_nothing_drives_and_that_hardly_moves_is_not_judged():
     problem, units = problem_of(100), ("m/s", "m/s")
     Y = problem.Y.copy()
