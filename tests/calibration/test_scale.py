@@ -14,7 +14,7 @@ from nsaid_mj.calibration.export import identified
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.fit import Prior, minimise
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import JointRows
+from nsaid_mj.calibration.joints import BASIC, Choice, JointRows
 from nsaid_mj.calibration.links import file_links, link_blocks, size_of_links
 from nsaid_mj.calibration.logs import prepare, read_tables
 from nsaid_mj.calibration.problem import Problem, Size
@@ -132,6 +132,13 @@ def test_gains_are_guessed_from_torque_and_friction_together(log, path):
     rows = JointRows(log.robot, recordings, filter_for(recordings, None), np.ones(6))
     gain, spread, _ = expected_gains(log.robot, rows, recordings.command_units)
     assert (np.abs(np.log(gain / log.gain)) < np.log(1.4)).all() and (spread > 1).all()
+    choice = Choice((BASIC,) * 6, (1,) * 6, np.zeros(6))
+    for deviation in (0.15, 2.0):  # commands in N·m hold as they are, guesses over the links' size
+        problem = rows.problem(choice, gain, np.full(6, deviation))
+        assert problem.size is not None
+        stated = problem.size.stated
+        assert (stated[problem.space.actuators] == (deviation < 1)).all()
+        assert stated.sum() == 6 * (deviation < 1)
 
 
 def test_a_scale_that_rests_on_the_files_masses_is_said_to_do_so(log, free):
@@ -276,3 +283,4 @@ def test_a_doubted_structure_leaves_masses_positive_and_no_parameter_identified(
     masses = [p for p in found.parameters if p.unit == "kg"]
     assert masses and all(0 < p.low < p.value < p.high for p in masses)
     assert "identified" not in {p.status for p in found.parameters}
+    assert all(g.relative is None or g.relative > 0.5 for g in found.of("motor gain"))
