@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,28 @@ from numpy.typing import NDArray
 from ..parameters import Array, Indices, ParameterSpace
 
 _IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is not actuated
+_TRIFLE = 0.1  # of the largest force: below it, a velocity that nothing drives is not judged
 Mask = NDArray[np.bool_]
+
+
+class Size(NamedTuple):
+    """What is known of the common scale of θ, which no motion tells, before the log.
+
+    Attributes:
+        weights: (p,) w of the size wᵀθ of the bodies.
+        deviation: standard deviation of log(wᵀθ / wᵀθ̂(0)).
+        stated: (p,) whether a prior value holds as it is; of all others it is the ratio to wᵀθ.
+    """
+
+    weights: Array
+    deviation: float
+    stated: Mask
+
+
+def size_weights(columns: Array, theta: Array) -> Array:
+    """(p,) w of least squares: columns (K, p) times any θ are near wᵀθ times those of a θ (p,)."""
+    force = columns @ theta
+    return force @ columns / max(float(force @ force), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -28,6 +51,7 @@ class Problem:
         spread: (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for
             `free` ones; not used for matrices, whose prior is the barrier's divergence.
         known: (p,) whether a parameter is known and keeps the prior's value.
+        size: what holds the common scale; None where every prior value holds as it is.
     """
 
     space: ParameterSpace
@@ -38,6 +62,7 @@ class Problem:
     prior: Array
     spread: Array
     known: Mask
+    size: Size | None = None
 
     def select(self, rows: Indices | Mask) -> Problem:
         """The problem of some of the rows (N,), as indices or a mask."""
@@ -58,12 +83,46 @@ class Problem:
         """(N, n) Y θ."""
         return self.Y @ theta
 
-    def nrmse(self, theta: Array) -> Array:
+    def nrmse(self, theta: Array, whole: Problem | None = None) -> Array:
         """(n,) rms of Y θ over the standard deviation of the actuators' forces, per velocity.
 
         1 is what predicting the mean command would give. Velocities on which no actuator acts are
         measured against the forces of inertia and weight. NaN where no row is usable.
+
+        Args:
+            theta: (p,) the estimate.
+            whole: the problem along which forces are measured, if these rows are a part of it: in a
+                part they may hardly change.
         """
+        counts = self.usable.sum(axis=0)
+        size = (self if whole is None else whole).forces(theta)
+        residual = _rms(np.where(self.usable, self.residual(theta), 0.0), counts)
+        return np.where((counts > 0) & (size > 0), residual / np.where(size > 0, size, 1), np.nan)
+
+    def forces(self, theta: Array) -> Array:
+        """(n,) standard deviations of the forces against which residuals are measured; see `nrmse`.
+
+        0 of a velocity with fewer than two rows.
+        """
+        acting, inertial = self._deviations(theta)
+        return np.where(acting > _IDLE * inertial, acting, inertial)
+
+    def hardly_moved(self, theta: Array, units: Sequence[str]) -> Mask:
+        """(n,) velocities that no actuator drives and whose forces are a trifle beside the others'.
+
+        A hovering quadrotor's surge is one: weight and inertia cancel, and what is left is noise.
+
+        Args:
+            theta: (p,) the estimate.
+            units: (n,) of the velocities; forces are compared with driven ones of the same unit.
+        """
+        acting, inertial = self._deviations(theta)
+        same = np.array([[a == b for b in units] for a in units])
+        largest = np.max(np.where(same, acting, 0.0), axis=1)
+        return (acting <= _IDLE * inertial) & (inertial < _TRIFLE * largest)
+
+    def _deviations(self, theta: Array) -> tuple[Array, Array]:
+        """(n,) standard deviations of the actuators' forces, and of those of inertia and weight."""
         used, counts = self.usable, self.usable.sum(axis=0)
 
         def deviation(force: Array) -> Array:
@@ -73,11 +132,9 @@ class Problem:
         matrices = np.concatenate(
             [np.full(len(b), b.geometry not in ("positive", "free")) for b in self.space.blocks]
         )
-        acting = deviation(self.actuation(theta))
-        inertial = deviation(self.Y[:, :, matrices] @ theta[matrices])
-        size = np.where(acting > _IDLE * inertial, acting, inertial)
-        residual = _rms(np.where(used, self.residual(theta), 0.0), counts)
-        return np.where((counts > 1) & (size > 0), residual / np.where(size > 0, size, 1), np.nan)
+        found = self.actuation(theta), self.Y[:, :, matrices] @ theta[matrices]
+        acting, inertial = (np.where(counts > 1, deviation(force), 0.0) for force in found)
+        return acting, inertial
 
 
 def _rms(x: Array, counts: Indices) -> Array:
