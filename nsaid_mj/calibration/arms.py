@@ -17,7 +17,9 @@ from .joints import BASIC, SPEEDS, Choice, JointRows
 from .problem import Problem
 from .selection import choose, refined
 from .smoothing import filter_for
+from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
+from .suspects import arm_suspects
 
 _STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
@@ -44,6 +46,8 @@ def structured_arm(
         told: called with the name of every stage.
     """
     told("filtering")
+    recordings = finer(recordings)
+    validation = None if validation is None else finer(validation)
     chosen = filter_for(recordings, options.cutoff)
     rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)))
     if robot.weightless:
@@ -94,6 +98,7 @@ def structured_arm(
         ),
         (*notes, *faults),
         chosen.cutoff,
+        lambda theta: arm_suspects(rows, choice, problem, theta),
     )
 
 

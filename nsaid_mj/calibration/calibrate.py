@@ -19,6 +19,7 @@ from .joints import nearest_friction
 from .least_squares import least_squares
 from .precision import inflation, precision, tempered
 from .problem import Problem, folds, without
+from .residuals import doubts, followed, judged, widened
 from .result import Curves, Identification, JointFit
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
 from .structure import Options
@@ -84,9 +85,12 @@ def calibrate(
     stated = bool((made.spread < _TRUSTED).all())
     if robot.weightless and not stated and not problem.known[at].any():
         exact = exact._replace(structure=np.vstack([exact.structure, _UNSCALED * exact.theta]))
+    left = followed(problem, fit.theta, exact.covariance, share, made.suspects(fit.theta))
     told("predicting held-out parts")
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
+    found += doubts(problem, exact, left, held_out)
+    exact = widened(exact, left)
     unexplained = structure_checks(names, held_out)
     found += unexplained
     if unexplained:
@@ -108,7 +112,7 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    explains, sentence = verdict(joints)
+    explains, sentence = judged(*verdict(joints), found)
     parameters = parameters_in_words(problem, fit, exact, made.spread)
     return Identification(
         robot,

@@ -146,7 +146,7 @@ class JointRows:
         self.diagonal["coulomb"] = np.stack(
             [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
         )
-        self._joined = joined
+        self.joined = joined
         self.reweigh(None)
         self.usable = np.concatenate([m.usable[c] for _, c, m in parts])
         self.t = np.concatenate([m.t[c] for _, c, m in parts])
@@ -160,7 +160,7 @@ class JointRows:
         """
         weight = _weight(self.robot.model, theta_links)
         self.diagonal["load"] = np.stack(
-            [self._joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
+            [self.joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
         )
 
     def commands(self, delay: Array) -> Array:
@@ -240,7 +240,7 @@ class JointRows:
     def slip(self, i: int, j: int, sign: int, speed: int) -> Array:
         """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
         s = SPEEDS[speed]
-        return self._joined(lambda m: np.tanh((m.v[:, [i]] + sign * m.v[:, [j]]) / s))[:, 0]
+        return self.joined(lambda m: np.tanh((m.v[:, [i]] + sign * m.v[:, [j]]) / s))[:, 0]
 
     def _coupling(self, i: int, j: int, sign: int, choice: Choice) -> tuple[Array, Block, Array]:
         """(N, n, 3) columns of the coupling of joints i and j, their block and their rms."""

@@ -25,7 +25,11 @@ _WORTH = 0.01  # mean relative gain in held-out error that a change must bring, 
 # error over the folds if that is larger
 REACH = 0.2  # delays are searched within ± this [s]
 _COARSE = 0.004  # spacing of the delays that are tried [s]
-_DELAY_WORTH = 0.04  # relative reduction of the unexplained part that a delay must bring
+_DELAY_WORTH = (
+    0.04  # relative reduction of the unexplained part that a delay of one joint must bring
+)
+_SURE = 2.0  # standard errors over the folds that it must exceed
+_PARABOLAS = 5  # steps of the correction of all delays
 _LOADED = 0.15  # share of the actuator's force that a joint's weight needs for a load column
 
 
@@ -76,8 +80,7 @@ def _choose_joint(
         tried.append(f"{words} {_rms(errors):.4f}")
         if not np.isfinite([errors, best]).all():
             return
-        change = np.log(errors / best)
-        if change.mean() < -max(_WORTH, change.std() / np.sqrt(_FOLDS - 1)):
+        if worthwhile(best, errors, _WORTH):
             best, choice = errors, trial
 
     def speeds() -> None:
@@ -172,13 +175,46 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, list[Finding]
     found, findings = np.zeros(k), []
     for j, name in enumerate(rows.robot.joints):
         at = int(np.argmin(errors[:, j]))
-        if errors[at, j] > (1 - _DELAY_WORTH) * errors[best, j]:
+        if at != best and not _insists(rows, choice, j, candidates[best], candidates[at]):
             at = best  # most delays are shared: they are those of clocks and of the network
         if at in (0, len(candidates) - 1):
             findings.append(_at_the_edge(name, candidates[at]))
         else:
             found[j] = candidates[at]
+            if at != best:
+                found[j] += _COARSE * _vertex(errors[at - 1 : at + 2, j] ** 2)
     return replace(choice, delay=found), findings
+
+
+def _insists(rows: JointRows, choice: Choice, joint: int, shared: float, own: float) -> bool:
+    """Whether a delay of its own predicts held-out parts of a joint's command much better."""
+    errors = [
+        held_out_errors(rows, choice, rows.commands(np.full(len(choice.delay), d))[:, joint], joint)
+        for d in (shared, own)
+    ]
+    if not np.isfinite(errors).all():
+        return False
+    return worthwhile(errors[0], errors[1], _DELAY_WORTH, _SURE)
+
+
+def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.0) -> bool:
+    """Whether held-out errors (folds,) fall by a share, and by more than they differ by chance.
+
+    Args:
+        before: errors of the simpler structure.
+        after: of the other.
+        worth: least mean fall of the errors' logarithm.
+        deviations: standard errors over the folds that the fall must exceed.
+    """
+    change = np.log(after / before)
+    error = change.std() / np.sqrt(len(change) - 1)
+    return bool(change.mean() < -max(worth, deviations * error))
+
+
+def _vertex(values: Array) -> float:
+    """Where the parabola through values at −1, 0, 1 is least, within ±½."""
+    bend = values[0] - 2 * values[1] + values[2]
+    return float(np.clip(0.5 * (values[0] - values[2]) / bend, -0.5, 0.5)) if bend > 0 else 0.0
 
 
 def refined(
@@ -186,7 +222,7 @@ def refined(
 ) -> tuple[Choice, float, Finding]:
     """The choice with its delays corrected by what all commands share, from the physical fit.
 
-    The cost is a parabola in the correction near its minimum. A millisecond matters: held commands
+    Mean squared residuals are parabolas in the correction. A millisecond matters: held commands
     that are interpolated precede the motion by half a sample.
 
     Args:
@@ -199,19 +235,22 @@ def refined(
     """
     h, start = 0.5 * _COARSE, None
     correction, curvature = 0.0, 0.0
-    for _ in range(3):
-        costs = []
+    for _ in range(_PARABOLAS):
+        levels = []
         for step in (-h, 0.0, h):
-            shifted = replace(choice, delay=choice.delay + correction + step)
-            fit = minimise(problem_of(shifted), start=start)
+            problem = problem_of(replace(choice, delay=choice.delay + correction + step))
+            fit = minimise(problem, start=start)
             start = fit.theta
-            costs.append(fit.cost)
+            levels.append(np.maximum(fit.levels, 1e-300))
+        # mean squares are parabolas in the delay; their logarithms, in J, only at the very minimum
+        weight = problem.usable.sum(axis=0) / np.min(levels, axis=0)
+        costs = 0.5 * np.array(levels) @ weight
         slope, curvature = (costs[2] - costs[0]) / (2 * h), np.diff(costs, 2)[0] / h**2
         if curvature <= 0:
             break
         change = float(np.clip(-slope / curvature, -4 * h, 4 * h))
         correction += change
-        if abs(change) < h:
+        if abs(change) < 0.5 * h:
             break
     final = replace(choice, delay=choice.delay + correction)
     deviation = float(1 / np.sqrt(curvature)) if curvature > 0 else h
