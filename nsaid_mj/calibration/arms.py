@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy.optimize
 
 from ..parameters import Array
 from ..systems.optional import pin
@@ -13,20 +14,22 @@ from .checks import fit_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
-from .joints import BASIC, SPEEDS, Choice, JointRows
+from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
+from .links import file_links
 from .problem import Problem
 from .selection import choose, refined
-from .smoothing import filter_for
+from .smoothing import Filter, filter_for
 from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
 from .suspects import arm_suspects
 
-_STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
+STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
 # losses of gears), of one in unknown units, of a gain from the model file
 _DOUBT = 4.0  # formal deviations of the delays that count as one: residuals are correlated
 _NARROWER = 0.6  # another plausible cut-off over the chosen one
-_WEAKER = 0.1  # least guess of a joint's gain over the largest
+_SHARE = 0.05  # share of a command below which the torque of the model's links is not seen in it
+_WEAKER = 0.1  # least guess of such a joint's gain over the largest
 
 
 def structured_arm(
@@ -56,10 +59,18 @@ def structured_arm(
     rows.gain = gain
     told("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
+    rows.gain = gain = expected_gains(robot, rows, recordings.command_units, choice)[0]
 
     def problem_of(choice: Choice) -> Problem:
         return rows.problem(choice, gain, spread)
 
+    def alike(logs: Recordings, filters: Filter) -> Problem:
+        """The same structure of other rows: load friction follows the same weight."""
+        other = JointRows(robot, logs, filters, gain)
+        other.reweigh(links)
+        return other.problem(choice, gain, spread)
+
+    links = None
     problem, faults = problem_of(choice), fit_checks(rows, choice)
     faults = [*doubts, *faults]
     if not _refused(faults):
@@ -68,7 +79,8 @@ def structured_arm(
     if not _refused(faults):
         told("fitting delays")
         if any("load" in columns for columns in choice.columns):
-            rows.reweigh(minimise(problem).theta[: 10 * (robot.model.njoints - 1)])
+            links = minimise(problem).theta[: 10 * (robot.model.njoints - 1)]
+            rows.reweigh(links)
         if options.delay is None:
             choice, doubt, note = refined(choice, problem_of, robot.joints)
             notes.append(note)
@@ -76,11 +88,10 @@ def structured_arm(
         problem = problem_of(choice)
         others += [problem_of(other) for other in _others(choice)]
         narrow = filter_for(recordings, _NARROWER * chosen.cutoff)
-        others.append(JointRows(robot, recordings, narrow, gain).problem(choice, gain, spread))
+        others.append(alike(recordings, narrow))
     checked = None
     if validation is not None:
-        at = filter_for(validation, chosen.cutoff)
-        checked = JointRows(robot, validation, at, gain).problem(choice, gain, spread)
+        checked = alike(validation, filter_for(validation, chosen.cutoff))
     return Structured(
         problem,
         gain,
@@ -134,31 +145,59 @@ def _weighed(robot: RobotModel, rows: JointRows, units: tuple[str, ...]) -> Robo
 
 def _sizes(robot: RobotModel, rows: JointRows) -> tuple[Array, Array]:
     """(k,) rms of the forces of the model's inertias and weight, and (k,) of the commands."""
-    inertial = np.concatenate(
-        [robot.model.inertias[i].toDynamicParameters() for i in range(1, robot.model.njoints)]
-    )
     counts = np.maximum(rows.usable.sum(axis=0), 1)
 
     def rms(x: Array) -> Array:
         return np.sqrt(np.sum((x * rows.usable) ** 2, axis=0) / counts)
 
-    return rms(rows.links @ inertial), rms(rows.commands(np.zeros(len(robot.joints))))
+    return rms(rows.links @ file_links(robot.model)), rms(
+        rows.commands(np.zeros(len(robot.joints)))
+    )
 
 
 def expected_gains(
-    robot: RobotModel, rows: JointRows, units: tuple[str, ...]
+    robot: RobotModel, rows: JointRows, units: tuple[str, ...], choice: Choice | None = None
 ) -> tuple[Array, Array, list[Finding]]:
     """(k,) gains expected beforehand, (k,) deviations of their logarithms, and doubts of the units.
 
-    A command in N or N·m has the gain of the model file, usually 1. In any other unit the gain is
-    guessed from the torque that the model's inertias need for the motion; as a wrist's friction may
-    be far larger than that, no joint's guess is below a tenth of the largest.
+    A command in N or N·m has the gain of the model file, usually 1. In any other unit it is
+    guessed: the motor carries the model's links, its own rotor and friction, of which a wrist's may
+    be ten times what its link needs; see `_guessed`.
+
+    Args:
+        robot: the model.
+        rows: of the log.
+        units: of the commands.
+        choice: delays of the commands; None for none.
     """
     torque, u = _sizes(robot, rows)
-    guess = torque / np.maximum(u, 1e-12)
-    guess = np.maximum(guess, _WEAKER * guess.max())
+    delay = np.zeros(len(robot.joints)) if choice is None else choice.delay
+    guess = _guessed(robot, rows, rows.commands(delay))
     stated = np.array([unit in ("N·m", "N") for unit in units])
     nominal = ~stated & (np.abs(robot.gain) != 1)
     gain = np.where(stated | nominal, np.abs(robot.gain), guess)
-    spread = np.where(stated, _STATED, np.where(nominal, _NOMINAL, _GUESSED))
+    spread = np.where(stated, STATED, np.where(nominal, _NOMINAL, _GUESSED))
     return gain, spread, unit_checks(torque, gain * u, units)
+
+
+def _guessed(robot: RobotModel, rows: JointRows, commands: Array) -> Array:
+    """(k,) gains of commands (N, k): what the torque of the model's links has in them.
+
+    A command is regressed on this torque, acceleration, viscous and Coulomb friction, and either
+    sign of a constant, none of them negative. A joint in whose command links are not seen counts
+    them as a twentieth of it, and its gain as a tenth of the largest at least.
+    """
+    force = rows.links @ file_links(robot.model)
+    found, unseen = np.full(len(robot.joints), 1e-12), np.zeros(len(robot.joints), dtype=bool)
+    for j in range(len(robot.joints)):
+        use, one = rows.usable[:, j], np.ones(len(commands))
+        columns = [force[:, j], rows.diagonal["rotor"][:, j], rows.diagonal["viscous"][:, j],
+                   rows.diagonal["coulomb"][BROAD][:, j], one, -one]  # fmt: skip
+        X, y = np.column_stack(columns)[use], commands[use, j]
+        if not len(y) or not y.std() > 0:
+            continue
+        size = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
+        share = float(scipy.optimize.nnls(X / size, y / y.std())[0][0])
+        unseen[j] = share < _SHARE
+        found[j] = size[0] / y.std() / max(share, _SHARE)
+    return np.where(unseen, np.maximum(found, _WEAKER * found.max()), found)

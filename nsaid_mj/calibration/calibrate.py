@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InvalidInput, UnknownName
 from ..parameters import Array
 from .arms import structured_arm
 from .checks import structure_checks
 from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
-from .joints import nearest_friction
+from .joints import TRUSTED, nearest_friction
 from .least_squares import least_squares
 from .precision import inflation, precision, tempered
 from .problem import Problem, folds, without
 from .residuals import doubts, followed, judged, widened
 from .result import Curves, Identification, JointFit
+from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
 from .structure import Options
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
-_TRUSTED = 0.3  # standard deviation of log k up to which commands anchor the scale of θ
-_UNSCALED = 3.0  # standard deviation of the logarithm of a scale that is a mere guess
 _ONLINE = 0.5  # seconds between the steps of an estimate along the log
 _DEFAULT = Options()
 _LEVELS = ("refusal", "warning", "note")
@@ -73,7 +70,7 @@ def calibrate(
     told("fitting")
     problems = [made.problem, *made.alternatives]
     if robot.weightless:
-        problems = [_rescaled(each, known) for each in problems]
+        problems = [rescaled(each, known) for each in problems]
     problem, *others = (with_known(each, known) for each in problems)
     fit, share = tempered_fit(problem)
     at = problem.space.actuators
@@ -82,29 +79,30 @@ def calibrate(
     if others:
         changes = np.array([_change(problem, fit, other, share) for other in others])
         exact = exact._replace(structure=changes)
-    stated = bool((made.spread < _TRUSTED).all())
-    if robot.weightless and not stated and not problem.known[at].any():
-        exact = exact._replace(structure=np.vstack([exact.structure, _UNSCALED * exact.theta]))
+    stated = bool((made.spread < TRUSTED).all())
     left = followed(problem, fit.theta, exact.covariance, share, made.suspects(fit.theta))
     told("predicting held-out parts")
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
+    checked = made.checked
+    validation = None if checked is None else checked.nrmse(fit.theta)
     found += doubts(problem, exact, left, held_out)
     exact = widened(exact, left)
-    unexplained = structure_checks(names, held_out)
+    unexplained = structure_checks(names, _worse(held_out, validation))
     found += unexplained
     if unexplained:
         doubted = _doubted(problem, [f.where for f in unexplained], robot.system is None)
         exact = exact._replace(structure=np.vstack([exact.structure, exact.theta * doubted]))
+    scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
+    found += idle_values(problem, scale, known)
     ls, nrmse = least_squares(problem, fit.theta[at]), problem.nrmse(fit.theta)
-    checked = made.checked
     joints = tuple(
         JointFit(
             velocity.name,
             float(nrmse[j]),
             float(held_out[j]),
             float(plain[j]),
-            None if checked is None else float(checked.nrmse(fit.theta)[j]),
+            None if validation is None else float(validation[j]),
             None if checked is None else float(checked.nrmse(ls)[j]),
             velocity.columns,
             velocity.friction_speed,
@@ -112,8 +110,9 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    explains, sentence = judged(*verdict(joints), found)
-    parameters = parameters_in_words(problem, fit, exact, made.spread)
+    explains, sentence = scale.judged(*judged(*verdict(joints), found))
+    common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
+    parameters = parameters_in_words(problem, fit, exact, made.spread, common)
     return Identification(
         robot,
         recordings,
@@ -122,7 +121,7 @@ def calibrate(
         joints,
         parameters,
         combinations_in_words(problem, fit, exact),
-        _anchor(known, stated, robot.weightless),
+        scale.words,
         "" if explains == "no" else suggest(problem, exact, parameters),
         tuple(sorted(found, key=lambda f: _LEVELS.index(f.level))),
         fit.theta,
@@ -137,6 +136,11 @@ def calibrate(
     )
 
 
+def _worse(held_out: Array, validation: Array | None) -> Array:
+    """(n,) the larger NRMSE of the two, where both are known."""
+    return held_out if validation is None else np.fmax(held_out, validation)
+
+
 def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
     """(p,) 1 at parameters of velocities that the structure does not explain, else 0.
 
@@ -149,43 +153,6 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
     return np.array(own, dtype=np.float64)
 
 
-def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
-    """The problem with parameters held at known values.
-
-    Raises:
-        UnknownName: there is no such parameter.
-        InvalidInput: a value is not finite, or not positive where it must be.
-    """
-    prior, fixed, space = problem.prior.copy(), problem.known.copy(), problem.space
-    for name, value in known.items():
-        names = space.names if name in space.names else space.labels
-        if name not in names:
-            raise UnknownName("parameter", name, [*space.names, *space.labels])
-        index = names.index(name)
-        block, place = next((b, p) for b, p in space if p.start <= index < p.stop)
-        mass = block.geometry == "pseudo_inertia" and index == place.start
-        positive = mass or block.geometry == "positive"
-        if not np.isfinite(value) or (positive and not value > 0):
-            expected = "a number > 0" if positive else "a finite number"
-            raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
-        if mass:
-            prior[place] *= value / prior[index]  # the whole link grows, and stays physical
-        prior[index], fixed[index] = value, True
-    return replace(problem, prior=prior, known=fixed)
-
-
-def _rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
-    """The problem of a model without masses, its arbitrary scale moved to that of known values."""
-    given = with_known(problem, known).prior
-    at = np.flatnonzero((given != problem.prior) & (given > 0) & (problem.prior > 0))
-    if not len(at):
-        return problem
-    factor = float(np.exp(np.mean(np.log(given[at] / problem.prior[at]))))
-    free = np.concatenate([np.full(len(b), b.geometry == "free") for b in problem.space.blocks])
-    spread = np.where(free, factor * problem.spread, problem.spread)
-    return replace(problem, prior=factor * problem.prior, spread=spread)
-
-
 def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
     """The fit in which rows count as effectively independent ones, and (n,) rows per such row."""
     fit = minimise(problem)
@@ -194,24 +161,23 @@ def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
 
 
 def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
-    """(n,), (n,) NRMSE of held-out fifths: of the fit, and of weighted least squares."""
-    at, found = problem.space.actuators, []
+    """(n,), (n,) NRMSE of held-out fifths: of the fit, and of weighted least squares.
+
+    Squares are summed over all fifths and divided by those of the whole log's forces: a joint that
+    idles in one fifth has hardly any there.
+    """
+    at, total, counts = problem.space.actuators, 0.0, np.zeros(problem.Y.shape[1])
     for part in folds(problem, _FOLDS):
         rest, own = without(problem, part), problem.select(part)
         if not rest.usable.any():
             continue
         theta = minimise(rest, tempered(rest, share)).theta
-        plain = least_squares(rest, theta[at])
-        found.append((own.nrmse(theta), own.nrmse(plain)))
-    ours, theirs = (np.array(side) for side in zip(*found, strict=True))
-    return _rms(ours), _rms(theirs)
-
-
-def _rms(values: Array) -> Array:
-    """(n,) rms over folds, of those with usable rows; NaN where there is none."""
-    counts = np.isfinite(values).sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.sqrt(np.nansum(values**2, axis=0) / counts)
+        rows = own.usable.sum(axis=0)
+        errors = [own.nrmse(x, problem) for x in (theta, least_squares(rest, theta[at]))]
+        total = total + rows * np.where(rows > 0, errors, 0.0) ** 2
+        counts += rows
+    ours, theirs = np.sqrt(np.where(counts > 0, total / np.maximum(counts, 1), np.nan))
+    return ours, theirs
 
 
 def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
@@ -271,18 +237,6 @@ def _curves(problem: Problem, theta: Array) -> Curves:
         measured = -problem.actuation(theta)
         predicted = measured + problem.residual(theta)
     return Curves(problem.t, problem.segment, measured, predicted, problem.usable)
-
-
-def _anchor(known: Mapping[str, float], stated: bool, weightless: bool) -> str:
-    """What fixes the common scale of θ."""
-    if known:
-        return "the known " + ", ".join(f"{name} = {value:g}" for name, value in known.items())
-    if stated:
-        masses = "" if weightless else " and the inertias of the model file"
-        return f"commands stated in N·m or N (±15 %){masses}"
-    if weightless:
-        return "nothing, the model file has no masses: only ratios of parameters hold"
-    return "the inertias of the model file: one weighed link or one calibrated gain would fix it"
 
 
 def _refuse(found: list[Finding]) -> None:

@@ -4,9 +4,21 @@
 
 with G_i the mean Gramian of the rows of velocity i and Σ_i that of the actuators' effort in them
 (`identifiers.memory.cost`): the negative log-likelihood of Gaussian residuals, measured relative
-to the command, whose variance is unknown for every velocity. D is the prior: the divergence of the
-log-determinant for links and other matrices, a normal density of log θ for positive parameters, of
-θ for free ones. Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
+to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
+2 θ, so that the scale of θ is where D, the prior, has it. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the
+bodies, such as the weight that links have along the log,
+
+    D(θ, θ̂(0)) = D₀(θ/σ, θ̂(0)) + ½ (log σ / δ)²,
+
+where D₀ is the divergence of the log-determinant for links and other matrices, a normal density of
+log θ for positive parameters, of θ for free ones. D₀(θ, ·) itself would draw the scale: it has
+tr P₀⁻¹P − log det P₀⁻¹P, which is least over all multiples of P where tr P₀⁻¹P = 4. A link whose
+shape the log changes has eigenvalues of P₀⁻¹P on both sides of 1, whose mean grows with the change;
+so the scale would sink, the more the more rows tell of shapes. D₀(θ/σ) is the same for all
+multiples of θ, so that σ = 1 at the minimum whatever the rows say, unless a known value or a stated
+command decides. Those enter as they are, not over σ.
+
+Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
 keep every estimate physical.
 """
 
@@ -49,50 +61,87 @@ class Prior:
     """D(θ, θ̂(0)) of a problem; see the module.
 
     Args:
-        problem: whose `space`, `prior` and `spread` are used.
+        problem: whose `space`, `prior`, `spread`, `known` and `size` are used.
     """
 
     def __init__(self, problem: Problem):
-        space = problem.space
+        space, size = problem.space, problem.size
         kinds = np.concatenate([np.full(len(b), b.geometry, dtype=object) for b in space.blocks])
-        self._start, self._spread = problem.prior, problem.spread
+        self._start = problem.prior
         self._matrix = np.flatnonzero((kinds != "positive") & (kinds != "free"))
         self.positive = np.flatnonzero(kinds == "positive")
         self._free = np.flatnonzero(kinds == "free")
+        self._precision = np.where(problem.known, 0.0, 1 / problem.spread)
+        self._size = size
+        self._tied = np.zeros(len(space)) if size is None else 1.0 - size.stated
         blocks = tuple(b for b in space.blocks if b.geometry not in ("positive", "free"))
         self._cone = cone_of(ParameterSpace(blocks)) if blocks else None
         if self._cone is not None:
             start = self._start[self._matrix]
             self._slope = gradient_and_hessian(self._cone, start)[0]
-            self._level = barrier(self._cone, start)
+            self._level, self._degree = barrier(self._cone, start), float(-self._slope @ start)
+
+    def _of(self, theta: Array) -> tuple[float, Array]:
+        """The size of θ over that of θ̂(0), and the derivative (p,) of its logarithm; 1 and 0."""
+        if self._size is None:
+            return 1.0, np.zeros(len(theta))
+        w = self._size.weights
+        return float(w @ theta / (w @ self._start)), w / (w @ theta)
+
+    def _deviations(self, theta: Array) -> tuple[Array, Array]:
+        """(p + 1,) deviations of single parameters and of the size from their expected values.
+
+        Over their standard deviations, and with their derivatives (p + 1, p).
+        """
+        p, (size, slope) = len(theta), self._of(theta)
+        off, rows, change = np.zeros(p + 1), np.zeros((p + 1, p)), np.log(size)
+        if self._size is not None:
+            off[p], rows[p] = change / self._size.deviation, slope / self._size.deviation
+        at, tied = self.positive, self._tied[self.positive]
+        off[at] = np.log(theta[at] / self._start[at]) - tied * change
+        rows[at, at] = 1 / theta[at]
+        rows[at] -= tied[:, None] * slope
+        at = self._free
+        share = np.exp(-self._tied[at] * change)
+        off[at] = share * theta[at] - self._start[at]
+        rows[at, at] = share
+        rows[at] -= (self._tied[at] * share * theta[at])[:, None] * slope
+        off[:p] *= self._precision
+        rows[:p] *= self._precision[:, None]
+        return off, rows
 
     def value(self, theta: Array) -> float:
         """D(θ, θ̂(0)); infinite outside the cone."""
-        if not (theta[self.positive] > 0).all():
+        outside = not (theta[self.positive] > 0).all()
+        if outside or (self._size is not None and not self._size.weights @ theta > 0):
             return np.inf
-        off = np.log(theta[self.positive] / self._start[self.positive])
-        total = 0.5 * float(np.sum((off / self._spread[self.positive]) ** 2))
-        free = (theta - self._start)[self._free] / self._spread[self._free]
-        total += 0.5 * float(free @ free)
+        off = self._deviations(theta)[0]
+        total = 0.5 * float(off @ off)
         if self._cone is not None:
-            own, start = theta[self._matrix], self._start[self._matrix]
-            total += barrier(self._cone, own) - self._level - self._slope @ (own - start)
+            own = theta[self._matrix]
+            size = self._of(theta)[0]
+            total += barrier(self._cone, own) + self._degree * np.log(size) - self._level
+            total -= self._slope @ own / size + self._degree
         return float(total)
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
-        """(p,) gradient and (p, p) positive semidefinite Hessian of D at θ (p,)."""
-        gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
-        at, own = self.positive, theta[self.positive]
-        precision = 1 / self._spread[at] ** 2
-        gradient[at] = precision * np.log(own / self._start[at]) / own
-        hessian[at, at] = precision / own**2
-        at, precision = self._free, 1 / self._spread[self._free] ** 2
-        gradient[at] = precision * (theta - self._start)[at]
-        hessian[at, at] = precision
+        """(p,) gradient and (p, p) positive semidefinite Gauss–Newton Hessian of D at θ (p,).
+
+        Neither has a part along θ but that of the size and of stated values.
+        """
+        off, rows = self._deviations(theta)
+        gradient, hessian = rows.T @ off, rows.T @ rows
         if self._cone is not None:
-            slope, curvature = gradient_and_hessian(self._cone, theta[self._matrix])
-            gradient[self._matrix] = slope - self._slope
-            hessian[np.ix_(self._matrix, self._matrix)] = curvature
+            at, own = self._matrix, theta[self._matrix]
+            slope, curvature = gradient_and_hessian(self._cone, own)
+            size, weights = self._of(theta)
+            pull = self._degree + self._slope @ own / size
+            gradient[at] += slope - self._slope / size
+            gradient += pull * weights
+            shape = np.zeros((len(at), len(theta)))
+            shape[:, at] = np.eye(len(at))
+            shape -= np.outer(own, weights)
+            hessian += shape.T @ curvature @ shape
         return gradient, hessian
 
     def step_size(self, theta: Array, step: Array) -> float:

@@ -17,17 +17,15 @@ import numpy as np
 import scipy.optimize
 
 from ..parameters import Array, Block, Indices, ParameterSpace
-from ..plants.arm import extent
-from ..systems.joints import body_names
-from ..systems.multibody import link_block
-from ..systems.optional import pin
 from .data import Recordings, RobotModel
+from .links import file_links, link_blocks, link_columns, size_of_links, weight_columns, weight_of
 from .logs.signals import noise
-from .problem import Mask, Problem
-from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
+from .problem import Mask, Problem, Size
+from .smoothing import Filter, delayed, smooth, smooth_commands
 
 SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
 """Candidate speeds s [rad/s or m/s] at which tanh(v/s) of Coulomb friction saturates."""
+BROAD = 1  # index of the first one that is tried
 
 
 class Column(NamedTuple):
@@ -61,6 +59,11 @@ torque|, quadratic v|v|, cubic v³, offset 1."""
 COUPLINGS = ("inertia", "viscous", "coulomb")
 """Columns of coupled joints i, j: the motor of one turns by v_i ± v_j. Rows i and j have v̇_j and
 v̇_i, v_j and v_i, tanh((v_i ± v_j)/s) and ± the same."""
+
+TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
+FILE, WEIGHTLESS = 0.25, 3.0
+"""Standard deviations of the logarithm of the links' weight: of a model file's, whose masses leave
+out cables, covers and oil, or stem from CAD with one density; and of a mere guess."""
 
 BASIC = frozenset({"rotor", "viscous", "coulomb"})
 
@@ -105,6 +108,7 @@ class JointRows:
         links: (N, n, 10 b) columns of the links.
         diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb" and "load"
             have a further leading axis for `SPEEDS`.
+        weight: (K n, 10 b) columns of the links' weight at poses along the log.
         usable: (N, n) whether a row may be used.
         t: (N,) times of the rows [s].
         segment: (N,) number of the segment of each row.
@@ -116,6 +120,7 @@ class JointRows:
     gain: Array
     links: Array = field(init=False)
     diagonal: dict[str, Array] = field(init=False)
+    weight: Array = field(init=False)
     usable: Mask = field(init=False)
     t: Array = field(init=False)
     segment: Indices = field(init=False)
@@ -135,7 +140,7 @@ class JointRows:
         def joined(function) -> Array:  # of each segment's motion
             return np.concatenate([rows(function(motion)) for _, _, motion in parts])
 
-        self.links = joined(lambda m: _link_columns(self.robot.model, m))
+        self.links = joined(lambda m: link_columns(self.robot.model, m))
         self.diagonal = {
             "rotor": joined(lambda m: m.a),
             "viscous": joined(lambda m: m.v),
@@ -147,6 +152,9 @@ class JointRows:
             [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
         )
         self.joined = joined
+        self.weight = weight_columns(
+            self.robot.model, np.concatenate([m.q[m.usable.any(axis=1)] for _, _, m in parts])
+        )
         self.reweigh(None)
         self.usable = np.concatenate([m.usable[c] for _, c, m in parts])
         self.t = np.concatenate([m.t[c] for _, c, m in parts])
@@ -158,7 +166,7 @@ class JointRows:
         Args:
             theta_links: (10 k,) the links' parameters; None for those of the model file.
         """
-        weight = _weight(self.robot.model, theta_links)
+        weight = weight_of(self.robot.model, theta_links)
         self.diagonal["load"] = np.stack(
             [self.joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
         )
@@ -188,11 +196,9 @@ class JointRows:
         u = self.commands(choice.delay)
         model = robot.model
         slides = [model.joints[j + 1].shortname().startswith("JointModelP") for j in range(n)]
-        inertial = np.concatenate(
-            [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
-        )
+        inertial = file_links(model)
         force = np.maximum(gain * _rms(u, self.usable), 1e-9)  # typical force of each actuator
-        blocks = _link_blocks(model)
+        blocks = link_blocks(model)
         Y, prior, spread = [self.links], [inertial], [np.full(len(inertial), np.inf)]
         nominal = {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}
         for name, column in COLUMNS.items():
@@ -226,6 +232,8 @@ class JointRows:
         prior.append(gain)
         spread.append(gain_spread)
         space = ParameterSpace(tuple(blocks))
+        stated, rest = np.zeros(len(space), dtype=bool), np.zeros(len(space) - len(inertial))
+        stated[space.actuators] = gain_spread < TRUSTED
         return Problem(
             space,
             np.concatenate(Y, axis=2),
@@ -235,6 +243,11 @@ class JointRows:
             np.concatenate(prior),
             np.concatenate(spread),
             np.zeros(len(space), dtype=bool),
+            Size(
+                np.append(size_of_links(model, self.links[self.usable], self.weight), rest),
+                WEIGHTLESS if robot.weightless else FILE,
+                stated,
+            ),
         )
 
     def slip(self, i: int, j: int, sign: int, speed: int) -> Array:
@@ -315,55 +328,6 @@ def differentiates(recordings: Recordings, cutoff: float) -> bool:
 def _rms(x: Array, usable: Mask) -> Array:
     """rms along the first axis over the usable rows."""
     return np.sqrt(np.sum(np.where(usable, x, 0.0) ** 2, axis=0) / np.maximum(usable.sum(0), 1))
-
-
-def _link_columns(model: pin.Model, motion: Smooth) -> Array:
-    """(N, n, 10 b) Pinocchio's joint torque regressor along a motion."""
-    data, n = model.createData(), model.nv
-    found = np.empty((len(motion.t), n, 10 * (model.njoints - 1)))
-    for k, (q, v, a) in enumerate(zip(positions(model, motion.q), motion.v, motion.a, strict=True)):
-        found[k] = pin.computeJointTorqueRegressor(model, data, q, v, a).reshape(n, -1)
-    return found
-
-
-def positions(model: pin.Model, coordinates: Array) -> Array:
-    """(N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin)."""
-    if model.nq == model.nv:
-        return coordinates
-    q = np.empty((len(coordinates), model.nq))
-    for joint in list(model.joints)[1:]:
-        c = coordinates[:, joint.idx_v]
-        if joint.nq == 2:
-            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(c), np.sin(c)
-        else:
-            q[:, joint.idx_q] = c
-    return q
-
-
-def _weight(model: pin.Model, theta_links: Array | None):
-    """Function of coordinates (N, n): (N, n) torques of the links' weight."""
-    own = pin.Model(model)
-    if theta_links is not None:
-        for i in range(1, own.njoints):
-            own.inertias[i] = pin.Inertia.FromDynamicParameters(theta_links[10 * i - 10 : 10 * i])
-    data = own.createData()
-
-    def torque(coordinates: Array) -> Array:
-        found = [
-            pin.computeGeneralizedGravity(own, data, q).copy() for q in positions(own, coordinates)
-        ]
-        return np.array(found).reshape(len(coordinates), own.nv)
-
-    return torque
-
-
-def _link_blocks(model: pin.Model) -> list[Block]:
-    names, blocks = body_names(model), []
-    for i in range(1, model.njoints):
-        inertia = model.inertias[i]
-        length = max(extent(inertia), 1e-3)
-        blocks.append(link_block(i, names[i - 1], float(inertia.mass), length))
-    return blocks
 
 
 def _joint_block(

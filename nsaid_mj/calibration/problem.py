@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,26 @@ from ..parameters import Array, Indices, ParameterSpace
 
 _IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is not actuated
 Mask = NDArray[np.bool_]
+
+
+class Size(NamedTuple):
+    """What is known of the common scale of θ, which no motion tells, before the log.
+
+    Attributes:
+        weights: (p,) w of the size wᵀθ of the bodies.
+        deviation: standard deviation of log(wᵀθ / wᵀθ̂(0)).
+        stated: (p,) whether a prior value holds as it is; of all others it is the ratio to wᵀθ.
+    """
+
+    weights: Array
+    deviation: float
+    stated: Mask
+
+
+def size_weights(columns: Array, theta: Array) -> Array:
+    """(p,) w of least squares: columns (K, p) times any θ are near wᵀθ times those of a θ (p,)."""
+    force = columns @ theta
+    return force @ columns / max(float(force @ force), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -28,6 +49,7 @@ class Problem:
         spread: (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for
             `free` ones; not used for matrices, whose prior is the barrier's divergence.
         known: (p,) whether a parameter is known and keeps the prior's value.
+        size: what holds the common scale; None where every prior value holds as it is.
     """
 
     space: ParameterSpace
@@ -38,6 +60,7 @@ class Problem:
     prior: Array
     spread: Array
     known: Mask
+    size: Size | None = None
 
     def select(self, rows: Indices | Mask) -> Problem:
         """The problem of some of the rows (N,), as indices or a mask."""
@@ -58,11 +81,26 @@ class Problem:
         """(N, n) Y θ."""
         return self.Y @ theta
 
-    def nrmse(self, theta: Array) -> Array:
+    def nrmse(self, theta: Array, whole: Problem | None = None) -> Array:
         """(n,) rms of Y θ over the standard deviation of the actuators' forces, per velocity.
 
         1 is what predicting the mean command would give. Velocities on which no actuator acts are
         measured against the forces of inertia and weight. NaN where no row is usable.
+
+        Args:
+            theta: (p,) the estimate.
+            whole: the problem along which forces are measured, if these rows are a part of it: in a
+                part they may hardly change.
+        """
+        counts = self.usable.sum(axis=0)
+        size = (self if whole is None else whole).forces(theta)
+        residual = _rms(np.where(self.usable, self.residual(theta), 0.0), counts)
+        return np.where((counts > 0) & (size > 0), residual / np.where(size > 0, size, 1), np.nan)
+
+    def forces(self, theta: Array) -> Array:
+        """(n,) standard deviations of the forces against which residuals are measured; see `nrmse`.
+
+        0 of a velocity with fewer than two rows.
         """
         used, counts = self.usable, self.usable.sum(axis=0)
 
@@ -75,9 +113,7 @@ class Problem:
         )
         acting = deviation(self.actuation(theta))
         inertial = deviation(self.Y[:, :, matrices] @ theta[matrices])
-        size = np.where(acting > _IDLE * inertial, acting, inertial)
-        residual = _rms(np.where(used, self.residual(theta), 0.0), counts)
-        return np.where((counts > 1) & (size > 0), residual / np.where(size > 0, size, 1), np.nan)
+        return np.where(counts > 1, np.where(acting > _IDLE * inertial, acting, inertial), 0.0)
 
 
 def _rms(x: Array, counts: Indices) -> Array:

@@ -10,16 +10,17 @@ from .precision import Combinations, Precision, combinations
 from .problem import Problem
 from .result import Combination, Explains, JointFit, Parameter, Status
 
-_Z = 1.96  # of a 95 % interval
+Z = 1.96  # of a 95 % interval
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
 _SHARP, _BLUNT = 0.05, 0.1  # relative deviations below and above which the prior does not matter
 _TERMS = 6  # terms of a combination that are written out
+_TRADED = " over its gain"  # of a gain that its joint's friction may stand for
 _GOOD, _FAIR = 0.2, 0.5  # held-out NRMSE
 
 
 def parameters_in_words(
-    problem: Problem, fit: Fit, exact: Precision, gain_spread: Array
+    problem: Problem, fit: Fit, exact: Precision, gain_spread: Array, common: Array
 ) -> tuple[Parameter, ...]:
     """All parameters with interval and status.
 
@@ -28,6 +29,7 @@ def parameters_in_words(
         fit: the estimate.
         exact: its precision.
         gain_spread: (k,) standard deviations of log k before the log.
+        common: (p,) derivative of the logarithm of the common scale where nothing fixes it, else 0.
     """
     space, combined = problem.space, combinations(problem)
     deviation, gains = exact.deviation, _relative_gains(problem, fit, exact, gain_spread)
@@ -35,15 +37,20 @@ def parameters_in_words(
     for block in space.blocks:
         for name, label, unit in zip(block.names, block.labels, block.units, strict=True):
             value, sd = float(fit.theta[index]), float(deviation[index])
-            low, high = value - _Z * sd, value + _Z * sd
-            if block.geometry == "positive" and value > 0:
-                factor = float(np.exp(min(_Z * sd / value, 50.0)))
+            low, high = value - Z * sd, value + Z * sd
+            if value > 0 and (block.geometry == "positive" or unit == "kg"):
+                factor = float(np.exp(min(Z * sd / value, 50.0)))
                 low, high = value / factor, value * factor
             relative = None
             if index in gains:
                 status, words, relative = gains[index]
             else:
-                status, words = _status(problem, exact, combined, index, value, sd)
+                apart = exact.of(np.eye(len(common))[index] - value * common)
+                status, words = _status(problem, exact, combined, index, value, apart)
+            if status == "identified" and common.any():
+                others = "other gains" if index in gains and len(gains) > 1 else "links"
+                others = others if index in gains else "gains"
+                status, words = "only in combination", f"{label} over the {others}"
             found.append(
                 Parameter(
                     name, label, block.name, unit, value, low, high,
@@ -73,7 +80,7 @@ def _status(
         return "not excited", ""
     if len(members) != 1 or len(combined.expression(members[0])) > 1:
         return "only in combination", in_words(combined.expression(members[0]), problem.space)
-    if abs(value) < _Z * sd:
+    if abs(value) < Z * sd:
         return "below the noise", ""
     return "identified", ""
 
@@ -101,11 +108,11 @@ def _relative_gains(
             weights[at] = -others / others.sum() / fit.theta[at]
         weights[index] = 1 / fit.theta[index]
         apart = exact.of(weights)
-        relative = _Z * apart if others.any() else None
+        relative = Z * apart if others.any() else None
         if len(at) == 1 or apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
             found[index] = ("identified", "", relative)
         else:
-            words = f"friction and rotor inertia of {joint} over its gain"
+            words = f"friction and rotor inertia of {joint}{_TRADED}"
             found[index] = ("only in combination", words, relative)
     return found
 
@@ -138,8 +145,8 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
                 in_words(expression, problem.space),
                 problem.space.units[index],
                 value,
-                value - _Z * sd,
-                value + _Z * sd,
+                value - Z * sd,
+                value + Z * sd,
             )
         )
     return tuple(found)
@@ -150,19 +157,19 @@ def verdict(joints: tuple[JointFit, ...]) -> tuple[Explains, str]:
     joints = tuple(j for j in joints if np.isfinite(j.held_out))
     if not joints:
         return "no", "No part of the log could be predicted from the others: it is too short."
-    worst = max(joints, key=lambda j: j.held_out)
-    values = np.array([j.held_out for j in joints])
-    good = int(np.sum(values < _GOOD))
+    held_out = np.array([j.held_out for j in joints])
     figures = (
-        f"held-out NRMSE {np.nanmin(values):.3f} to {np.nanmax(values):.3f}, where 1 is what "
+        f"held-out NRMSE {held_out.min():.3f} to {held_out.max():.3f}, where 1 is what "
         "predicting the mean has"
     )
+    values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
+    good, worst = int(np.sum(values < _GOOD)), joints[int(np.argmax(values))]
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():
         figures += f"; on the validation log {np.nanmin(checked):.3f} to {np.nanmax(checked):.3f}"
     n = len(joints)
     if not (values < _FAIR).all():
-        poor = [j.name for j in joints if not j.held_out < _FAIR]
+        poor = [j.name for j, value in zip(joints, values, strict=True) if not value < _FAIR]
         explains: Explains = "no" if len(poor) > n / 2 else "partly"
         return explains, (
             f"The structure does not explain the motion of {', '.join(poor)} ({figures}). "
@@ -203,10 +210,10 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
         )
         if gain > gained:
             best, gained = i, gain
-    weak = [p.label for p in parameters if p.block == "motor gain" and p.status != "identified"]
+    weak = [p.label for p in parameters if p.block == "motor gain" and _TRADED in p.combination]
     words = ""
     if best is not None and gained > 0.1:
-        before = _Z * float(np.sqrt(np.mean(variance)))
+        before = Z * float(np.sqrt(np.mean(variance)))
         after = before * float(np.sqrt(1 - gained))
         words = (
             f"One known number would help most: {parameters[best].label} "

@@ -8,13 +8,14 @@ Effects of the kinematics are linearised at the estimate, by the derivatives of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from ..parameters import Array
 from ..systems.optional import pin
-from .joints import SPEEDS, Choice, JointRows, positions
+from .joints import SPEEDS, Choice, JointRows
+from .links import positions, weight_of
 from .problem import Problem
 from .residuals import Suspect
 from .smoothing import Smooth
@@ -42,7 +43,8 @@ def _kinematic(rows: JointRows, model: pin.Model) -> Iterator[Suspect]:
     names, down = rows.robot.joints, model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
         across = np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down)
-        columns = np.stack([rows.joined(lambda m, g=g: _weight(model, m, g)) for g in across], 2)
+        weights = [_weight(model, gravity) for gravity in across]
+        columns = np.stack([rows.joined(lambda m, w=w: w(m.q)) for w in weights], 2)
         yield Suspect(
             "a weight across the mount's vertical",
             "",
@@ -65,14 +67,11 @@ def _kinematic(rows: JointRows, model: pin.Model) -> Iterator[Suspect]:
         )
 
 
-def _weight(model: pin.Model, motion: Smooth, gravity: Array) -> Array:
-    """(N, n) torques of the links' weight under another gravity (3,)."""
+def _weight(model: pin.Model, gravity: Array) -> Callable[[Array], Array]:
+    """Function of coordinates: torques of the links' weight under another gravity (3,)."""
     own = pin.Model(model)
     own.gravity = pin.Motion(gravity, np.zeros(3))
-    data = own.createData()
-    return np.array(
-        [pin.computeGeneralizedGravity(own, data, q).copy() for q in positions(own, motion.q)]
-    )
+    return weight_of(own, None)
 
 
 def _slopes(model: pin.Model, motion: Smooth) -> Array:

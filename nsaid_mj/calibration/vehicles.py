@@ -15,8 +15,9 @@ from ..parameters import Array, Block, ParameterSpace
 from .data import Recordings, RobotModel, Segment
 from .findings import Finding
 from .fit import minimise
+from .joints import FILE
 from .precision import inflation, tempered
-from .problem import Problem
+from .problem import Problem, Size, size_weights
 from .selection import REACH
 from .smoothing import Filter, filter_for
 from .structure import Options, Structured, Velocity
@@ -79,7 +80,8 @@ class VehicleRows:
         prior = np.concatenate([self._prior, np.zeros(extra)])
         spread = np.concatenate([_spreads(space), whole.scale[len(space) :]])
         known = np.zeros(len(whole), dtype=bool)
-        return Problem(whole, rows, self.usable, self.t, self.segment, prior, spread, known)
+        size = Size(_size(whole, rows[self.usable], prior), FILE, np.zeros(len(whole), dtype=bool))
+        return Problem(whole, rows, self.usable, self.t, self.segment, prior, spread, known, size)
 
     def _extra(self, name: str, rows: Array) -> Block:
         """A block of one further parameter per velocity."""
@@ -99,6 +101,29 @@ class VehicleRows:
             "free",
             labels=tuple(f"further {name} of {n}" for n in names),
         )
+
+
+def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
+    """(p,) w with wᵀθ the forces of inertia and weight over those of the published values.
+
+    Of a vehicle without matrices it is the mean of all positive parameters over these values.
+    """
+    matrix, positive = (
+        np.concatenate(kinds)
+        for kinds in zip(
+            *(
+                (
+                    np.full(len(b), b.geometry not in ("positive", "free")),
+                    np.full(len(b), b.geometry == "positive"),
+                )
+                for b in space.blocks
+            ),
+            strict=True,
+        )
+    )
+    if matrix.any():
+        return size_weights(columns * matrix, prior)
+    return np.where(positive, 1 / np.where(positive, prior, 1.0), 0.0) / positive.sum()
 
 
 def _spreads(space: ParameterSpace) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from ..calibration import words
-from ..calibration.joints import positions
+from ..calibration.links import positions
 from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification
 from ..calibration.timeline import history_times, own_shifts, training_shifts

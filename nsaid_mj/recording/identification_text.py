@@ -38,7 +38,7 @@ def verdict_text(result: Identification) -> str:
         lines += ["", *_table(gains)]
     if result.suggestion:
         lines += ["", _plain(result.suggestion)]
-    lines += ["", f"Scale fixed by {_plain(result.anchor)}."]
+    lines += ["", f"The scale rests on {_plain(result.anchor)}."]
     return drawable("\n".join(lines) + "\n")
 
 

@@ -169,7 +169,7 @@ def test_the_rotor_of_a_sliding_joint_is_not_suggested_to_be_weighed():
     problem, share = replace(problem, space=space), np.ones(2)
     fit = minimise(problem)
     exact = precision(problem, fit, share)
-    parameters = parameters_in_words(problem, fit, exact, np.full(2, 0.3))
+    parameters = parameters_in_words(problem, fit, exact, np.full(2, 0.3), np.zeros(7))
     assert "rotor" not in suggest(problem, exact, parameters)
 
 

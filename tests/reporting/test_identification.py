@@ -175,8 +175,8 @@ def test_the_terminals_lines_are_not_broken_inside_a_status(width: int) -> None:
 
 
 def test_the_anchor_of_the_scale_is_on_page_and_terminal(result: Identification, text: str) -> None:
-    assert "fixed by the known mass_1 = 2" in text
-    assert "Scale fixed by the known mass_1 = 2" in printed(result)
+    assert "rests on the known mass_1 = 2" in text
+    assert "The scale rests on the known mass_1 = 2" in printed(result)
 
 
 def test_curves_of_a_vehicle_are_forces_on_its_velocities() -> None:

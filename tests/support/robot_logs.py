@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from nsaid_mj.calibration.data import RobotModel
-from nsaid_mj.calibration.joints import positions
+from nsaid_mj.calibration.links import positions
 
 JOINTS = ("shoulder", "elbow")
 

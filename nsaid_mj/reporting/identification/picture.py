@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...calibration import words
-from ...calibration.joints import positions
+from ...calibration.links import positions
 from ...calibration.result import Identification
 from ...parameters import Array
 from ...systems.joints import bones

@@ -42,7 +42,7 @@ def print_identification(
     _print_counts(console, result)
     if result.suggestion:
         console.print(f"\n  {escape(result.suggestion.replace('`', ''))}", soft_wrap=True)
-    console.print(f"\n  Scale fixed by {escape(result.anchor)}.", soft_wrap=True)
+    console.print(f"\n  The scale rests on {escape(result.anchor)}.", soft_wrap=True)
     for k, path in enumerate(files):
         console.print(f"{'' if k else chr(10)}  {path}", soft_wrap=True, markup=False)
 

@@ -1,0 +1,103 @@
+"""A tree's links: the columns of their inertia and weight along a motion, and their size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..parameters import Array, Block
+from ..plants.arm import extent
+from ..systems.joints import body_names
+from ..systems.multibody import link_block
+from ..systems.optional import pin
+from .problem import size_weights
+from .smoothing import Smooth
+
+_POSES = 300  # at which weight is computed
+_LIGHT = 0.1  # share of weight in the links' torques below which inertia tells their size
+
+
+def link_columns(model: pin.Model, motion: Smooth) -> Array:
+    """(N, n, 10 b) Pinocchio's joint torque regressor along a motion."""
+    data, n = model.createData(), model.nv
+    found = np.empty((len(motion.t), n, 10 * (model.njoints - 1)))
+    for k, (q, v, a) in enumerate(zip(positions(model, motion.q), motion.v, motion.a, strict=True)):
+        found[k] = pin.computeJointTorqueRegressor(model, data, q, v, a).reshape(n, -1)
+    return found
+
+
+def weight_columns(model: pin.Model, coordinates: Array) -> Array:
+    """(K n, 10 b) columns of the links' weight at up to 300 of the coordinates (N, n)."""
+    data, rest = model.createData(), np.zeros(model.nv)
+    some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
+    columns = [
+        pin.computeJointTorqueRegressor(model, data, q, rest, rest).copy()
+        for q in positions(model, some)
+    ]
+    return np.concatenate(columns) if columns else np.zeros((0, 10 * (model.njoints - 1)))
+
+
+def size_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
+    """(10 b,) w with wᵀθ the links' weight along the log over that of the model file's links.
+
+    Weight is the part of the torques that a motion tells apart from rotors and friction. Where
+    there is hardly any, as with vertical axes, inertia takes its place.
+
+    Args:
+        model: the model file's.
+        moving: (N, 10 b) columns of inertia and weight along the log.
+        weight: (K, 10 b) columns of weight alone.
+    """
+    own = file_links(model)
+    still, whole = (np.linalg.norm(c @ own) / max(len(c), 1) ** 0.5 for c in (weight, moving))
+    light = still < _LIGHT * whole
+    return size_weights(moving if light else weight, own)
+
+
+def file_links(model: pin.Model) -> Array:
+    """(10 b,) parameters of all links of a model."""
+    return np.concatenate(
+        [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
+    )
+
+
+def positions(model: pin.Model, coordinates: Array) -> Array:
+    """(N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin)."""
+    if model.nq == model.nv:
+        return coordinates
+    q = np.empty((len(coordinates), model.nq))
+    for joint in list(model.joints)[1:]:
+        c = coordinates[:, joint.idx_v]
+        if joint.nq == 2:
+            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(c), np.sin(c)
+        else:
+            q[:, joint.idx_q] = c
+    return q
+
+
+def weight_of(model: pin.Model, theta_links: Array | None) -> Callable[[Array], Array]:
+    """Function of coordinates (N, n): (N, n) torques of the links' weight."""
+    own = pin.Model(model)
+    if theta_links is not None:
+        for i in range(1, own.njoints):
+            own.inertias[i] = pin.Inertia.FromDynamicParameters(theta_links[10 * i - 10 : 10 * i])
+    data = own.createData()
+
+    def torque(coordinates: Array) -> Array:
+        found = [
+            pin.computeGeneralizedGravity(own, data, q).copy() for q in positions(own, coordinates)
+        ]
+        return np.array(found).reshape(len(coordinates), own.nv)
+
+    return torque
+
+
+def link_blocks(model: pin.Model) -> list[Block]:
+    """The links' blocks of θ."""
+    names, blocks = body_names(model), []
+    for i in range(1, model.njoints):
+        inertia = model.inertias[i]
+        length = max(extent(inertia), 1e-3)
+        blocks.append(link_block(i, names[i - 1], float(inertia.mass), length))
+    return blocks

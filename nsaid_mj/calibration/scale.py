@@ -1,0 +1,176 @@
+"""The common scale of θ, which no motion tells: what fixes it, and how well it is known.
+
+Twice all masses, frictions and gains move in the same way. A known number fixes the scale where the
+log ties it to all others, as it does a motor's gain; so do commands stated in N·m or N. Otherwise
+the scale rests on the model file's masses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InvalidInput, UnknownName
+from ..parameters import Array
+from .findings import Finding
+from .precision import Precision, combinations
+from .problem import Problem
+from .result import Explains
+from .statements import Z, in_words
+
+_SURE = 0.1  # standard deviation of the scale's logarithm below which it counts as fixed
+_LEVER = 0.05  # what a known mass leaves open: its lever arm
+
+
+class Scale(NamedTuple):
+    """What is known of the common scale.
+
+    Attributes:
+        weights: (p,) c with cᵀδ the relative change of the scale that a change δ of θ̂ makes.
+        deviation: standard deviation of its logarithm.
+        fixed: whether commands or a known number fix it.
+        words: what it rests on.
+    """
+
+    weights: Array
+    deviation: float
+    fixed: bool
+    words: str
+
+    @property
+    def factor(self) -> float:
+        """Ends of the 95 % interval of the scale are this factor apart from its middle."""
+        return float(np.exp(Z * self.deviation))
+
+    def judged(self, explains: Explains, sentence: str) -> tuple[Explains, str]:
+        """A verdict and its sentence, which are no better than the scale."""
+        if self.fixed or explains == "no":
+            return explains, sentence
+        return "partly", (
+            f"{sentence} The overall scale rests on {self.words.partition(':')[0]}: ratios of "
+            f"parameters hold, absolute values to a factor of {self.factor:.2g}."
+        )
+
+
+def common_scale(
+    problem: Problem, exact: Precision, theta: Array, stated: bool, weightless: bool,
+    known: Mapping[str, float],
+) -> Scale:  # fmt: skip
+    """What the estimate θ̂ (p,) of a problem knows of its scale.
+
+    Args:
+        problem: rows and prior.
+        exact: the precision of θ̂.
+        theta: θ̂.
+        stated: whether commands are in N·m or N.
+        weightless: whether the model file has no masses.
+        known: the parameters that the user gave.
+    """
+    at = problem.space.actuators
+    weights = np.zeros(len(theta))
+    weights[at] = 1 / (len(at) * theta[at])
+    if problem.size is not None:
+        weights = problem.size.weights / float(problem.size.weights @ theta)
+    deviation = exact.of(weights)
+    fixed = stated or deviation < _SURE
+    given = "the known " + ", ".join(f"{name} = {value:g}" for name, value in known.items())
+    masses = "" if weightless else " and the masses of the model file"
+    if stated and not (known and deviation < _SURE / 2):
+        words = f"commands stated in N·m or N (±15 %){masses}"
+    elif fixed:
+        words = given
+    elif weightless:
+        words = "guesses, as the model file has no masses: only ratios of parameters hold"
+    else:
+        words = "the masses of the model file: a calibrated gain or a weighed payload would fix it"
+    return Scale(weights, deviation, fixed, words)
+
+
+def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
+    """The problem with parameters held at known values.
+
+    A known mass takes its link's share of the weight out of what is doubted of the common scale.
+
+    Raises:
+        UnknownName: there is no such parameter.
+        InvalidInput: a value is not finite, or not positive where it must be.
+    """
+    prior, fixed, space = problem.prior.copy(), problem.known.copy(), problem.space
+    weighed = np.zeros(len(space), dtype=bool)
+    for name, value in known.items():
+        index = _index(problem, name)
+        block, place = next((b, p) for b, p in space if p.start <= index < p.stop)
+        mass = block.geometry == "pseudo_inertia" and index == place.start
+        positive = mass or block.geometry == "positive"
+        if not np.isfinite(value) or (positive and not value > 0):
+            expected = "a number > 0" if positive else "a finite number"
+            raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
+        if mass:
+            prior[place] *= value / prior[index]  # the whole link grows, and stays physical
+            weighed[place] = True
+        prior[index], fixed[index] = value, True
+    size = problem.size
+    if size is not None and weighed.any():
+        left = 1 - _share(prior, size.weights, weighed)
+        size = size._replace(deviation=float(np.hypot(left * size.deviation, _LEVER)))
+    return replace(problem, prior=prior, known=fixed, size=size)
+
+
+def _share(theta: Array, weights: Array, weighed: Array) -> float:
+    """Share of the bodies' size that some of the parameters carry."""
+    return float(np.clip((weights * weighed) @ theta / (weights @ theta), 0.0, 1.0))
+
+
+def _index(problem: Problem, name: str) -> int:
+    space = problem.space
+    names = space.names if name in space.names else space.labels
+    if name not in names:
+        raise UnknownName("parameter", name, [*space.names, *space.labels])
+    return list(names).index(name)
+
+
+def rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
+    """The problem of a model without masses, its arbitrary scale moved to that of known values."""
+    given = with_known(problem, known).prior
+    at = np.flatnonzero((given != problem.prior) & (given > 0) & (problem.prior > 0))
+    if not len(at):
+        return problem
+    factor = float(np.exp(np.mean(np.log(given[at] / problem.prior[at]))))
+    free = np.concatenate([np.full(len(b), b.geometry == "free") for b in problem.space.blocks])
+    spread = np.where(free, factor * problem.spread, problem.spread)
+    return replace(problem, prior=factor * problem.prior, spread=spread)
+
+
+def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> list[Finding]:
+    """Known values that do not fix the scale: what they changed, and why not more."""
+    if scale.fixed:
+        return []
+    combined, found = combinations(problem), []
+    for name, value in known.items():
+        index = _index(problem, name)
+        own = next(p for _, p in problem.space if p.start <= index < p.stop)
+        part = np.zeros(len(problem.space), dtype=bool)
+        part[own] = problem.space.units[index] == "kg" and index == own.start
+        size = problem.size
+        share = 0.0 if size is None else _share(problem.prior, size.weights, part)
+        told = combined.members(index)
+        seen = in_words(combined.expression(told[0]), problem.space) if told else ""
+        why = f"the log has it only in combination ({seen})" if told else "the log does not tell it"
+        effect = (
+            f"it settles {share:.0%} of the weight on which the overall scale rests"
+            if share > 0.005
+            else "it changes no other parameter"
+        )
+        found.append(
+            Finding(
+                "warning", "known_in_combination", problem.space.labels[index],
+                f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
+                f"absolute values hold to a factor of {scale.factor:.2g}",
+                "Give one motor's gain, or the mass of a payload that one log has and another not.",
+                {"share": share},
+            )
+        )  # fmt: skip
+    return found
