@@ -17,7 +17,7 @@ from .fit import minimise
 from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links
 from .problem import Problem
-from .selection import choose, refined
+from .selection import choose, refined, with_offsets
 from .smoothing import Filter, filter_for
 from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
@@ -81,9 +81,14 @@ def structured_arm(
         if any("load" in columns for columns in choice.columns):
             links = minimise(problem).theta[: 10 * (robot.model.njoints - 1)]
             rows.reweigh(links)
+        doubt = 0.0
         if options.delay is None:
             choice, doubt, note = refined(choice, problem_of, robot.joints)
             notes.append(note)
+        if options.columns is None:
+            choice, said = with_offsets(choice, problem_of, robot.joints)
+            notes += said
+        if options.delay is None:
             others.append(problem_of(replace(choice, delay=choice.delay + _DOUBT * doubt)))
         problem = problem_of(choice)
         others += [problem_of(other) for other in _others(choice)]

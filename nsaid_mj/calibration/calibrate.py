@@ -17,7 +17,7 @@ from .joints import TRUSTED, nearest_friction
 from .least_squares import least_squares
 from .precision import inflation, precision, tempered
 from .problem import Problem, folds, without
-from .residuals import doubts, followed, judged, widened
+from .residuals import doubts, followed, widened, with_doubts
 from .result import Curves, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
@@ -85,14 +85,20 @@ def calibrate(
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
     checked = made.checked
-    validation = None if checked is None else checked.nrmse(fit.theta)
+    judged = None if checked is None else checked.nrmse(fit.theta)
+    if robot.system is not None:
+        idle = problem.hardly_moved(fit.theta, robot.system.velocity_units)
+        held_out[idle] = np.nan
+        found += [_not_judged(name) for name, still in zip(names, idle, strict=True) if still]
     found += doubts(problem, exact, left, held_out)
     exact = widened(exact, left)
-    unexplained = structure_checks(names, _worse(held_out, validation))
+    unexplained = structure_checks(names, _worse(held_out, judged))
     found += unexplained
     if unexplained:
         doubted = _doubted(problem, [f.where for f in unexplained], robot.system is None)
-        exact = exact._replace(structure=np.vstack([exact.structure, exact.theta * doubted]))
+        exact = exact._replace(
+            structure=np.vstack([exact.structure, np.diag(exact.theta * doubted)])
+        )
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
     found += idle_values(problem, scale, known)
     ls, nrmse = least_squares(problem, fit.theta[at]), problem.nrmse(fit.theta)
@@ -102,7 +108,7 @@ def calibrate(
             float(nrmse[j]),
             float(held_out[j]),
             float(plain[j]),
-            None if validation is None else float(validation[j]),
+            None if judged is None else float(judged[j]),
             None if checked is None else float(checked.nrmse(ls)[j]),
             velocity.columns,
             velocity.friction_speed,
@@ -110,7 +116,7 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    explains, sentence = scale.judged(*judged(*verdict(joints), found))
+    explains, sentence = scale.judged(*with_doubts(*verdict(joints), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
     return Identification(
@@ -137,8 +143,20 @@ def calibrate(
 
 
 def _worse(held_out: Array, validation: Array | None) -> Array:
-    """(n,) the larger NRMSE of the two, where both are known."""
-    return held_out if validation is None else np.fmax(held_out, validation)
+    """(n,) the larger NRMSE of the two, NaN of velocities that are not judged."""
+    if validation is None:
+        return held_out
+    return np.where(np.isfinite(held_out), np.fmax(held_out, validation), np.nan)
+
+
+def _not_judged(name: str) -> Finding:
+    return Finding(
+        "note",
+        "hardly_moved",
+        name,
+        "no actuator drives it and it hardly moves, so that its prediction is not judged",
+        "A motion that accelerates it would tell.",
+    )
 
 
 def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:

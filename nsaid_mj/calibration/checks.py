@@ -63,8 +63,9 @@ def _swapped(
     own = np.diag(errors)
     _, best = scipy.optimize.linear_sum_assignment(np.log(np.minimum(errors, 2.0) + 1e-9))
     moved = [j for j in range(k) if best[j] != j]
-    if not moved or np.mean(np.log(errors[moved, best[moved]] / own[moved])) > np.log(_SWAPPED):
-        return []
+    change = np.log(errors[moved, best[moved]] / own[moved])
+    if not moved or change.mean() > np.log(_SWAPPED) or change.max() >= 0:
+        return []  # a swap helps both
     words = ", ".join(f"{names[j]} by the command of {names[best[j]]}" for j in moved)
     return [
         Finding(

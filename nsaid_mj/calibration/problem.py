@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from ..parameters import Array, Indices, ParameterSpace
 
 _IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is not actuated
+_TRIFLE = 0.1  # of the largest force: below it, a velocity that nothing drives is not judged
 Mask = NDArray[np.bool_]
 
 
@@ -102,6 +104,25 @@ class Problem:
 
         0 of a velocity with fewer than two rows.
         """
+        acting, inertial = self._deviations(theta)
+        return np.where(acting > _IDLE * inertial, acting, inertial)
+
+    def hardly_moved(self, theta: Array, units: Sequence[str]) -> Mask:
+        """(n,) velocities that no actuator drives and whose forces are a trifle beside the others'.
+
+        A hovering quadrotor's surge is one: weight and inertia cancel, and what is left is noise.
+
+        Args:
+            theta: (p,) the estimate.
+            units: (n,) of the velocities; forces are compared with driven ones of the same unit.
+        """
+        acting, inertial = self._deviations(theta)
+        same = np.array([[a == b for b in units] for a in units])
+        largest = np.max(np.where(same, acting, 0.0), axis=1)
+        return (acting <= _IDLE * inertial) & (inertial < _TRIFLE * largest)
+
+    def _deviations(self, theta: Array) -> tuple[Array, Array]:
+        """(n,) standard deviations of the actuators' forces, and of those of inertia and weight."""
         used, counts = self.usable, self.usable.sum(axis=0)
 
         def deviation(force: Array) -> Array:
@@ -111,9 +132,9 @@ class Problem:
         matrices = np.concatenate(
             [np.full(len(b), b.geometry not in ("positive", "free")) for b in self.space.blocks]
         )
-        acting = deviation(self.actuation(theta))
-        inertial = deviation(self.Y[:, :, matrices] @ theta[matrices])
-        return np.where(counts > 1, np.where(acting > _IDLE * inertial, acting, inertial), 0.0)
+        found = self.actuation(theta), self.Y[:, :, matrices] @ theta[matrices]
+        acting, inertial = (np.where(counts > 1, deviation(force), 0.0) for force in found)
+        return acting, inertial
 
 
 def _rms(x: Array, counts: Indices) -> Array:

@@ -17,7 +17,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 import scipy.stats
 
 from ..parameters import Array
@@ -33,7 +32,8 @@ _EVEN = 0.01  # level of significance of the blocks' test
 _MOST = 8  # suspects that enter
 _Z = 1.96  # of a 95 % interval
 _STATED = 0.5  # relative half-width below which a parameter's value is relied upon
-_MOVED = 0.05  # relative shift of such a parameter that is told
+_TOLD = 0.1  # share of the residuals' variance that is told
+_MOVED = 0.1  # relative shift of such a parameter that is told
 _EXPLAINED = 0.1  # rms of what a suspect explains, over the command's standard deviation
 _OUTSIDE = 1e-3  # least share of a suspect's columns outside the span of the fit's own
 _SPAN = 1e-10  # of the largest information, below which a direction of θ is not in the rows
@@ -116,7 +116,8 @@ def doubts(
     """What the residuals follow, in words: a warning each where it matters, else a note.
 
     It matters where it explains much of the command itself, or would move a parameter that is
-    stated with a narrower interval.
+    stated with a narrower interval. Frictions and offsets are not asked: what is left of them is
+    what most suspects are made of, and their intervals are widened.
 
     Args:
         problem: rows and prior.
@@ -126,17 +127,21 @@ def doubts(
     """
     half = _Z * exact.deviation
     size = np.maximum(np.abs(exact.theta), 1e-300)
-    friction = np.array(
-        ["friction" in block.name for block, at in problem.space for _ in block.names]
-    )
-    stated = ~problem.known & ~friction & (half < _STATED * size)
+    kinds = [
+        (b.geometry != "free" and "friction" not in b.name)
+        for b, _ in problem.space
+        for _ in b.names
+    ]
+    stated = ~problem.known & np.array(kinds) & (half < _STATED * size)
     findings = []
     for suspect, share, shift, _ in left:
         worst = int(np.argmax(np.where(stated, np.abs(shift) / size, 0.0)))
         moved = float(abs(shift[worst]) / size[worst]) if stated[worst] else 0.0
-        explained = float(np.sqrt(np.max(share * held_out**2, initial=0.0, where=share > 0)))
+        explained = float(np.sqrt(np.nanmax(np.maximum(share, 0) * held_out**2)))
         beyond = moved > _MOVED and abs(shift[worst]) > half[worst]
         label = problem.space.labels[worst]
+        if not beyond and explained <= _EXPLAINED and share.max() < _TOLD:
+            continue
         words = f", which would move {label} by {moved:.0%}" if moved > 0.01 else ""
         findings.append(
             Finding(
@@ -152,7 +157,7 @@ def doubts(
     return findings
 
 
-def judged(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
+def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
     """The verdict, less than "yes" where the residuals are not chance and it matters."""
     serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
     if explains != "yes" or not serious:
@@ -271,5 +276,5 @@ def _hotelling(scores: Array) -> tuple[float, tuple[int, int]]:
         return 0.0, (1, 1)
     blocks = np.add.reduceat(scores, np.arange(_BLOCKS) * len(scores) // _BLOCKS, axis=0)
     mean, spread = blocks.mean(axis=0), np.atleast_2d(np.cov(blocks, rowvar=False))
-    T2 = _BLOCKS * float(mean @ scipy.linalg.lstsq(spread, mean)[0])
+    T2 = _BLOCKS * float(mean @ np.linalg.lstsq(spread, mean, rcond=None)[0])
     return T2 * (_BLOCKS - c) / (c * (_BLOCKS - 1)), (c, _BLOCKS - c)

@@ -15,9 +15,9 @@ import scipy.linalg
 
 from ..parameters import Array, Indices
 from .findings import Finding
-from .fit import minimise
+from .fit import cost_of, gramians, minimise
 from .joints import BASIC, SPEEDS, Choice, JointRows
-from .problem import Problem
+from .problem import Problem, folds
 
 _FOLDS = 5
 _RIDGE = 1e-3  # of the columns' rms: a prior of 30 times a column's natural size
@@ -91,7 +91,7 @@ def _choose_joint(
 
     speeds()
     if free:
-        names = ["quadratic", "cubic", "offset"]
+        names = ["quadratic", "cubic"]
         if _carries_weight(rows, u, joint):
             names.insert(0, "load")
         for name in names:
@@ -184,6 +184,42 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, list[Finding]
             if at != best:
                 found[j] += _COARSE * _vertex(errors[at - 1 : at + 2, j] ** 2)
     return replace(choice, delay=found), findings
+
+
+def with_offsets(
+    choice: Choice, problem_of: Callable[[Choice], Problem], names: tuple[str, ...]
+) -> tuple[Choice, list[Finding]]:
+    """The choice with offsets where they help the physical fit, in which all joints share links.
+
+    Joint by joint, with the links' columns free for each, weight stands in for an offset.
+
+    Args:
+        choice: with delays and all other columns.
+        problem_of: the fit of a choice.
+        names: of the joints.
+    """
+    best, findings = _shared_errors(problem_of(choice)), []
+    for j, name in enumerate(names):
+        trial = choice.at(j, add="offset")
+        errors = _shared_errors(problem_of(trial))
+        if np.isfinite([errors, best]).all() and worthwhile(best, errors, _WORTH):
+            text = f"a constant offset; held-out NRMSE {_rms(best):.4f} → {_rms(errors):.4f}"
+            findings.append(Finding("note", "columns", name, text, data={"columns": ["offset"]}))
+            choice, best = trial, errors
+    return choice, findings
+
+
+def _shared_errors(problem: Problem) -> Array:
+    """(5,) held-out errors of the physical fit: product of the joints' rms over the effort."""
+    whole = gramians(problem)
+    start, found = minimise(problem, whole).theta, []
+    for part in folds(problem, _FOLDS):
+        own = gramians(problem.select(part))
+        theta = minimise(problem, whole - own, start).theta
+        level = cost_of(own, problem.space).levels(theta)
+        used = (own.counts > 0) & (level > 0)
+        found.append(np.exp(0.5 * np.sum(np.log(level[used]))))
+    return np.array(found)
 
 
 def _insists(rows: JointRows, choice: Choice, joint: int, shared: float, own: float) -> bool:

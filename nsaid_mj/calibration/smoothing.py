@@ -20,6 +20,7 @@ from .problem import Mask
 
 _ORDER = 4
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
+_ABOVE = 4.0  # power over the noise's at which it counts as motion
 _LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
 _WIDER = 5.0  # cut-off of the smoothing filter over that of the rows' filter
 _FINE = 200.0  # least rate at which an arm's regressors are computed [Hz]
@@ -138,12 +139,23 @@ def refined(recordings: Recordings) -> Recordings:
 
 
 def _bandwidth(recordings: Recordings) -> float:
-    """Frequency [Hz] below which 99 % of the velocities' power lies."""
+    """Frequency [Hz] below which 99 % of the velocities' power lies, without the noise's.
+
+    Noise and steps of an encoder are white in the positions: their density is that of the upper
+    half of the frequencies, and what does not exceed it `_ABOVE` times counts as noise.
+    """
     longest = max(recordings.segments, key=lambda s: len(s.log.t)).log
-    rate, v = recordings.rate, longest.v - longest.v.mean(axis=0)
-    size = np.maximum(v.std(axis=0), 1e-12)
-    frequencies, power = signal.welch(v / size, fs=rate, nperseg=min(len(v), int(4 * rate)), axis=0)
+    rate, own = recordings.rate, longest.q.shape == longest.v.shape
+    x = longest.q if own else longest.v
+    window = min(len(x), int(4 * rate))
+    x = signal.detrend(x, axis=0)
+    frequencies, power = signal.welch(x, fs=rate, window="hann", nperseg=window, axis=0)
     low = frequencies < 0.4 * rate
+    if own:
+        floor = np.median(power[frequencies > 0.25 * rate], axis=0)
+        power = np.where(power > _ABOVE * floor, power - floor, 0.0)
+        power *= (2 * np.pi * frequencies[:, None]) ** 2
+    power = power / np.maximum(power[low].sum(axis=0), 1e-300)
     total = np.cumsum(power[low].mean(axis=1))
     return float(frequencies[low][np.searchsorted(total, _SHARE * total[-1])])
 

@@ -43,7 +43,8 @@ angular = {list(AXES[10:])}
 def test_a_quadrotors_delay_and_parameters_are_found(flight):
     folder, truth = flight
     found = identify("hummingbird", folder / "flight.csv", mapping=folder / "map.toml")
-    assert found.explains == "yes"
+    assert found.explains == "partly" and "rests on the masses" in found.verdict
+    assert not [p.name for p in found.parameters if p.status == "identified"]
     assert found.joints[0].delay == pytest.approx(DELAY, abs=0.005)
     values = np.array([p.value for p in found.parameters[: len(truth)]])
     thrusts = [i for i, p in enumerate(found.parameters) if p.name.startswith("thrust")]
@@ -53,3 +54,14 @@ def test_a_quadrotors_delay_and_parameters_are_found(flight):
     for name in ("m", "Ixx", "Iyy", "Izz", *(f"thrust_{i}" for i in range(1, 5)),
                  *(f"torque_{i}" for i in range(1, 5))):  # fmt: skip
         assert named[name] == pytest.approx(1.0, rel=0.02), name
+
+
+def test_a_weighed_quadrotor_has_a_scale(flight):
+    folder, truth = flight
+    found = identify("hummingbird", folder / "flight.csv", mapping=folder / "map.toml",
+                     known={"m": float(truth[0])})  # fmt: skip
+    assert found.explains == "yes"
+    for thrust, true in zip(found.parameters[16:20], truth[16:20],
+                            strict=True):  # fmt: skip
+        assert thrust.status == "identified" and thrust.low <= true <= thrust.high
+        assert thrust.value == pytest.approx(true, rel=0.02)
