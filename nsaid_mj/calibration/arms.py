@@ -10,7 +10,7 @@ import scipy.optimize
 
 from ..parameters import Array
 from ..systems.optional import pin
-from .checks import fit_checks, reversed_commands, unit_checks
+from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
@@ -49,7 +49,7 @@ def structured_arm(
         told: called with the name of every stage.
     """
     told("filtering")
-    recordings = finer(recordings)
+    slow, recordings = rate_checks(recordings.rate), finer(recordings)
     validation = None if validation is None else finer(validation)
     chosen = filter_for(recordings, options.cutoff)
     rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)))
@@ -112,7 +112,7 @@ def structured_arm(
             )
             for j, name in enumerate(robot.joints)
         ),
-        (*notes, *faults),
+        (*notes, *slow, *faults),
         chosen.cutoff,
         lambda theta: arm_suspects(rows, choice, problem, theta),
     )

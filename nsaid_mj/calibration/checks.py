@@ -20,7 +20,24 @@ _NOTHING = 0.9  # NRMSE above which a command has hardly to do with the motion, 
 _LIKELIER = 10.0  # fall of the cost that convicts a reversed command
 _UNIT = 20.0  # ratio of stated to needed forces that suggests another unit
 _FRICTION = frozenset({"viscous", "coulomb", "load", "quadratic", "cubic"})
+_ENOUGH = 50.0  # rows a second from which stated intervals hold
 _ROWS = 3.0  # usable rows per column that a joint needs
+
+
+def rate_checks(rate: float) -> list[Finding]:
+    """Whether rows come often enough, as measured on simulated arms (docs/results.md)."""
+    if rate >= _ENOUGH:
+        return []
+    return [
+        Finding(
+            "warning",
+            "low_rate",
+            "",
+            f"{rate:.3g} rows a second are few: dry friction and commands change between them",
+            f"Record at {_ENOUGH:.0f} Hz, better at 100 Hz or more.",
+            {"rate": rate},
+        )
+    ]
 
 
 def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:

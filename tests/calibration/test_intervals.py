@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration import calibrate, precision, selection
+from nsaid_mj.calibration import calibrate, checks, precision, selection
 from nsaid_mj.calibration.calibrate import _change, _doubted, _held_out
 from nsaid_mj.calibration.checks import structure_checks
 from nsaid_mj.calibration.fit import minimise
@@ -15,6 +15,7 @@ from nsaid_mj.calibration.scale import with_known
 from nsaid_mj.calibration.selection import worthwhile
 from nsaid_mj.calibration.smoothing import Filter, refined, slope
 from nsaid_mj.calibration.statements import parameters_in_words, verdict
+from nsaid_mj.parameters import ParameterSpace
 from tests.calibration.test_fit import TRUE, problem_of
 
 FIRST = np.eye(7)[0]
@@ -96,21 +97,44 @@ def test_both_ends_of_an_interval_are_as_far(kind, index):
         assert high / value == pytest.approx(factor) and value / low == pytest.approx(factor)
 
 
-def gain_of(deviation: float, spread: float = 2.0, gains: int = 2):
-    """The status of the first gain at a relative deviation of each, as the statements give it."""
+@pytest.mark.parametrize("deviation,status", [(0.03, "identified"), (0.3, "only in combination")])
+def test_a_gain_is_identified_as_far_as_its_own_interval_is_narrow(deviation, status):
     problem = problem_of(noise=0.2)
     fit = minimise(problem)._replace(theta=TRUE)
-    sd = np.array([1, 1, 1, 1, 1, deviation * TRUE[5], deviation * TRUE[6]]) * 1.0
-    exact = exactly(covariance=np.diag(sd**2), data=1e6 * np.eye(7))
-    if gains == 1:
-        problem = replace(problem, known=np.array([False] * 6 + [True]))
-        exact.covariance[6, 6] = 1e8  # nothing to compare with
-    return parameters_in_words(problem, fit, exact, np.full(2, spread), np.zeros(7))[5]
+    exact = exactly(covariance=np.diag((deviation * TRUE) ** 2), data=1e6 * np.eye(7))
+    found = parameters_in_words(problem, fit, exact, np.full(2, 2.0), np.zeros(7))
+    assert found[5].status == status
 
 
-def test_a_gain_is_identified_as_far_as_its_own_interval_is_narrow():
-    assert gain_of(0.03).status == "identified"
-    assert gain_of(0.3).status == "only in combination"
+@pytest.mark.parametrize("deviation,status", [(0.1, "identified"), (0.3, "only in combination")])
+def test_a_single_gain_is_identified_by_its_own_interval(deviation, status):
+    problem = problem_of(noise=0.2)
+    *blocks, gain = problem.space.blocks
+    gain = replace(gain, names=("gain_1",), units=("N·m/A",), scale=np.ones(1), labels=())
+    kept = [True] * 6 + [False]
+    problem = replace(
+        problem,
+        space=ParameterSpace((*blocks, gain)),
+        Y=problem.Y[:, :, :6],
+        **{name: getattr(problem, name)[kept] for name in ("prior", "spread", "known")},
+    )
+    fit, eye = minimise(problem)._replace(theta=TRUE[:6]), np.eye(6)
+    exact = Precision(
+        TRUE[:6], np.diag((deviation * TRUE[:6]) ** 2), 1e6 * eye, 0 * eye, 0 * eye, np.ones(6)
+    )
+    found = parameters_in_words(problem, fit, exact, np.array([2.0]), np.zeros(6))[5]
+    assert found.status == status and found.relative is None
+
+
+@pytest.mark.parametrize("other,told", [(0.12, False), (0.08, True)])
+def test_a_swap_helps_every_joint_that_it_moves(monkeypatch, other, told):
+    errors = {(0, 0): 0.5, (0, 1): 0.05, (1, 1): 0.1, (1, 0): other}
+    monkeypatch.setattr(
+        checks, "held_out_errors", lambda rows, choice, u, joint: np.full(5, errors[joint, u[0]])
+    )
+    commands = np.array([[0, 1]])
+    found = checks._swapped(None, None, commands, ("a", "b"), [])
+    assert bool(found) == told
 
 
 def test_gains_that_are_known_relative_to_each_other_alone_are_not_identified():
