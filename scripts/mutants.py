@@ -46,11 +46,18 @@ class Mutant(NamedTuple):
 
 
 def mutants_of(room: str) -> list[Mutant]:
-    """The mutants of `scripts/mutants/ROOM.toml`."""
+    """The mutants of `scripts/mutants/ROOM.toml`.
+
+    Raises:
+        SystemExit: a text does not occur exactly once.
+    """
     with (ROOT / "scripts/mutants" / f"{room}.toml").open("rb") as file:
         data = tomllib.load(file)
     found = []
     for name, old, new, tests, *words in data["mutants"]:
+        count = (ROOT / data["code"] / name).read_text(encoding="utf-8").count(old)
+        if count != 1:
+            raise SystemExit(f"{name}: {old!r} occurs {count} times")
         paths = tuple(f"{data['tests']}/{test}" for test in tests.split())
         found.append(Mutant(f"{data['code']}/{name}", old, new, paths, *words))
     return found
@@ -82,15 +89,9 @@ def passes(folder: Path, tests: tuple[str, ...]) -> bool:
 
 
 def survives(folder: Path, mutant: Mutant) -> bool:
-    """Whether the tests of a mutant pass although it is in the tree.
-
-    Raises:
-        SystemExit: its text does not occur exactly once.
-    """
+    """Whether the tests of a mutant pass although it is in the tree."""
     path = folder / mutant.file
     text, stamp = path.read_text(encoding="utf-8"), path.stat()
-    if text.count(mutant.old) != 1:
-        raise SystemExit(f"{mutant.file}: {mutant.old!r} occurs {text.count(mutant.old)} times")
     try:
         path.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
         return passes(folder, mutant.tests)

@@ -30,6 +30,7 @@ _BLOCKS = 20  # of the log, for the variance of the scores
 _CHANCE = 0.01  # of any suspect entering by chance
 _EVEN = 0.01  # level of significance of the blocks' test
 _MOST = 8  # suspects that enter
+_MANY = 20_000  # rows of a longer log are thinned, as all of them would fill the memory
 _Z = 1.96  # of a 95 % interval
 _STATED = 0.5  # relative half-width below which a parameter's value is relied upon
 _TOLD = 0.1  # share of the residuals' variance that is told
@@ -83,6 +84,10 @@ def followed(
         share: (n,) rows per effectively independent row, with which the fit was made.
         suspects: to be tried.
     """
+    every = -(-len(problem.t) // _MANY)
+    if every > 1:
+        problem, share = problem.select(np.arange(0, len(problem.t), every)), share / every
+        suspects = [s._replace(columns=s.columns[::every]) for s in suspects]
     rows = _Rows(problem, theta, share)
     level = _CHANCE / max(len(suspects), 1)
     left, entered = list(suspects), []

@@ -25,9 +25,7 @@ _WORTH = 0.01  # mean relative gain in held-out error that a change must bring, 
 # error over the folds if that is larger
 REACH = 0.2  # delays are searched within ± this [s]
 _COARSE = 0.004  # spacing of the delays that are tried [s]
-_DELAY_WORTH = (
-    0.04  # relative reduction of the unexplained part that a delay of one joint must bring
-)
+_DELAY_WORTH = 0.04  # mean relative gain that a joint's own delay must bring
 _SURE = 2.0  # standard errors over the folds that it must exceed
 _PARABOLAS = 5  # steps of the correction of all delays
 _LOADED = 0.15  # share of the actuator's force that a joint's weight needs for a load column

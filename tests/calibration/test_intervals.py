@@ -59,6 +59,15 @@ def test_a_deviation_is_that_of_the_jackknife():
     assert 0.4 < np.median(ratio) < 2.5
 
 
+def test_what_no_row_tells_has_the_deviation_of_the_prior():
+    """Scale of joint 2: rotor and friction known to a factor e, its gain to e^.3."""
+    problem = problem_of(noise=0.1, rows=2000)
+    fit = minimise(problem)
+    exact = precision.precision(problem, fit, np.ones(2))
+    deviation = np.sqrt(exact.covariance[6, 6]) / fit.theta[6]
+    assert deviation == pytest.approx((1 + 1 + 1 / 0.3**2) ** -0.5, rel=0.1)
+
+
 def test_correlated_rows_count_as_fewer():
     problem = with_known(problem_of(noise=0.3), {"gain_1": 1.3, "gain_2": 0.8})
     share = np.array([4.0, 1.0])

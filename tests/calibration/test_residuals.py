@@ -153,6 +153,17 @@ def test_an_interval_holds_or_the_verdict_is_not_yes(ur5, tmp_path, name):
     assert not words or any(f.where == where and words in f.text for f in told), told
 
 
+def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, tmp_path):
+    """The ratio's gain is beyond what one step corrects; the lag's effect is within it."""
+    flaw, options, *_ = FLAWS["a gear ratio of 2"]
+    assert outcome(ur5, tmp_path, 0, flaw, **options)[0].explains == "partly"
+    values, true = arm_log(ur5, 1, Flaw(lag=0.03))
+    log = write_csv(tmp_path / "log.csv", values)
+    gains = identify(ur5, log, known={"gain_1": true["gain_1"]}).of("motor gain")
+    assert max(abs(gain.value / true[gain.name] - 1) for gain in gains[:5]) > 0.02
+    assert all(gain.low <= true[gain.name] <= gain.high for gain in gains)
+
+
 def test_a_structure_that_is_right_is_not_doubted(ur5, tmp_path):
     for seed in (1, 2):
         found, off = outcome(ur5, tmp_path, seed, Flaw(delay=0.015))
