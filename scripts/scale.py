@@ -80,7 +80,7 @@ class HeavyWrist:
         self.robot = arm(name)
         rng = np.random.default_rng([seed, 21])
         model, n = self.robot.model, len(self.robot.joints)
-        true = pin.Model(model)
+        self.true = true = pin.Model(model)
         for i in range(1, true.njoints):
             phi = (1 + off * rng.uniform(-1, 1)) * model.inertias[i].toDynamicParameters()
             true.inertias[i] = pin.Inertia.FromDynamicParameters(phi)

@@ -211,7 +211,8 @@ class JointRows:
             size = np.array([_rms(self.column(name, j, choice), self.usable[:, j]) for j in joints])
             guess = _SHARES[name] * force[joints] / np.maximum(size, 1e-9)
             given = nominal.get(name, np.zeros(n))[joints]
-            start = np.where(given > 0, given, guess)
+            most = guess / _SHARES[name]  # a file's friction cannot take more than all of the force
+            start = np.where(given > 0, np.minimum(given, most), guess)
             if column.geometry == "free":
                 start = np.zeros(len(joints))
             blocks.append(_joint_block(column, joints, robot.joints, slides, guess))

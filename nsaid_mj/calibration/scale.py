@@ -21,8 +21,8 @@ from .problem import Problem
 from .result import Explains
 from .statements import Z, in_words
 
-_SURE = 0.1  # standard deviation of the scale's logarithm below which it counts as fixed
-_LEVER = 0.05  # what a known mass leaves open: its lever arm
+_SURE = 0.15  # standard deviation of the scale's logarithm below which a known value fixes it: that
+# of commands in N·m
 
 
 class Scale(NamedTuple):
@@ -75,10 +75,10 @@ def common_scale(
     if problem.size is not None:
         weights = problem.size.weights / float(problem.size.weights @ theta)
     deviation = exact.of(weights)
-    fixed = stated or deviation < _SURE
+    fixed = stated or (bool(known) and deviation < _SURE)
     given = "the known " + ", ".join(f"{name} = {value:g}" for name, value in known.items())
     masses = "" if weightless else " and the masses of the model file"
-    if stated and not (known and deviation < _SURE / 2):
+    if stated and not (known and deviation < _SURE / 3):
         words = f"commands stated in N·m or N (±15 %){masses}"
     elif fixed:
         words = given
@@ -92,14 +92,13 @@ def common_scale(
 def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
     """The problem with parameters held at known values.
 
-    A known mass takes its link's share of the weight out of what is doubted of the common scale.
+    A link of known mass is expected to have the file's shape, and takes its part in the size.
 
     Raises:
         UnknownName: there is no such parameter.
         InvalidInput: a value is not finite, or not positive where it must be.
     """
     prior, fixed, space = problem.prior.copy(), problem.known.copy(), problem.space
-    weighed = np.zeros(len(space), dtype=bool)
     for name, value in known.items():
         index = _index(problem, name)
         block, place = next((b, p) for b, p in space if p.start <= index < p.stop)
@@ -110,18 +109,17 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
             raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
         if mass:
             prior[place] *= value / prior[index]  # the whole link grows, and stays physical
-            weighed[place] = True
         prior[index], fixed[index] = value, True
-    size = problem.size
-    if size is not None and weighed.any():
-        left = 1 - _share(prior, size.weights, weighed)
-        size = size._replace(deviation=float(np.hypot(left * size.deviation, _LEVER)))
-    return replace(problem, prior=prior, known=fixed, size=size)
+    return replace(problem, prior=prior, known=fixed)
 
 
-def _share(theta: Array, weights: Array, weighed: Array) -> float:
-    """Share of the bodies' size that some of the parameters carry."""
-    return float(np.clip((weights * weighed) @ theta / (weights @ theta), 0.0, 1.0))
+def _share(problem: Problem, index: int) -> float:
+    """Share of the bodies' size that is due to the body whose mass a parameter is; 0 of others."""
+    own = next(p for _, p in problem.space if p.start <= index < p.stop)
+    if problem.size is None or problem.space.units[index] != "kg" or index != own.start:
+        return 0.0
+    parts = problem.size.weights * problem.prior
+    return float(np.clip(parts[own].sum() / parts.sum(), 0.0, 1.0))
 
 
 def _index(problem: Problem, name: str) -> int:
@@ -151,14 +149,12 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
     combined, found = combinations(problem), []
     for name, value in known.items():
         index = _index(problem, name)
-        own = next(p for _, p in problem.space if p.start <= index < p.stop)
-        part = np.zeros(len(problem.space), dtype=bool)
-        part[own] = problem.space.units[index] == "kg" and index == own.start
-        size = problem.size
-        share = 0.0 if size is None else _share(problem.prior, size.weights, part)
+        share = _share(problem, index)
         told = combined.members(index)
         seen = in_words(combined.expression(told[0]), problem.space) if told else ""
         why = f"the log has it only in combination ({seen})" if told else "the log does not tell it"
+        if index in problem.space.actuators:
+            why = "the log hardly ties it to the rest"
         effect = (
             f"it settles {share:.0%} of the weight on which the overall scale rests"
             if share > 0.005
