@@ -165,11 +165,11 @@ def doubts(
 def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
     """The verdict, less than "yes" where the residuals are not chance and it matters."""
     serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
-    if explains != "yes" or not serious:
+    if explains == "no" or not serious:
         return explains, sentence
     words = "; ".join(f"{f.where or 'all joints'}: {f.text}. {f.remedy}" for f in serious)
     return "partly", (
-        f"{sentence} But what is left is not chance, and intervals are only as good as the "
+        f"{sentence} What is left is not chance, and intervals are only as good as the "
         f"structure. {words}"
     )
 

@@ -156,7 +156,8 @@ def test_an_interval_holds_or_the_verdict_is_not_yes(ur5, tmp_path, name):
 def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, tmp_path):
     """The ratio's gain is beyond what one step corrects; the lag's effect is within it."""
     flaw, options, *_ = FLAWS["a gear ratio of 2"]
-    assert outcome(ur5, tmp_path, 0, flaw, **options)[0].explains == "partly"
+    found = outcome(ur5, tmp_path, 0, flaw, **options)[0]
+    assert found.explains == "partly" and "a scale of its position" in found.verdict
     values, true = arm_log(ur5, 1, Flaw(lag=0.03))
     log = write_csv(tmp_path / "log.csv", values)
     gains = identify(ur5, log, known={"gain_1": true["gain_1"]}).of("motor gain")
