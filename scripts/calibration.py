@@ -1,12 +1,12 @@
 """Accuracy of `nsaid identify` on simulated logs that have what real ones have.
 
-    python scripts/calibration.py [--robots ur5,panda,kinova] [--seeds 0:5] [--duration 40]
+    python scripts/calibration.py [--robots ur5,panda] [--seeds 0:5] [--duration 40] [--rate 500]
 
 MuJoCo moves an arm with hidden gains (± 30 %), frictions and inertias (± 20 %). The commands are
 recorded in A with a quantised current, load-dependent friction and a constant offset are added to
-them, they precede the motion by 15 ms, rows are at 500 Hz with jittered times and one gap, and
-positions alone are measured. The model file has the nominal inertias; the scale is fixed by one
-known gain. Prints errors of the gain ratios and whether the stated intervals hold.
+them, they precede the motion by 15 ms, rows come at 500 Hz, or `--rate`, with jittered times and
+one gap, and positions alone are measured. The model file has the nominal inertias; the scale is
+fixed by one known gain. Prints errors of the gain ratios and whether the stated intervals hold.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 
-DELAY, RATE, JITTER = 0.015, 500.0, 2e-4
+DELAY, JITTER = 0.015, 2e-4
 CONSTANT = 0.1  # nominal torque constant through the gear [N·m/A] over the joint's torque
 
 
@@ -37,9 +37,12 @@ class Simulated:
         seed: of plant, motion and noise.
         duration: [s].
         plain: leave out everything but noise.
+        rate: rows per second.
     """
 
-    def __init__(self, name: str, seed: int, duration: float, plain: bool = False):
+    def __init__(
+        self, name: str, seed: int, duration: float, plain: bool = False, rate: float = 500.0
+    ):
         scenario = load(name)
         scenario = replace(scenario, duration=duration, seed=seed, sensors="ideal")
         setup = Setup.of(scenario)
@@ -63,7 +66,7 @@ class Simulated:
         current = force / constant
         if not plain:
             current = np.round(current / 0.004) * 0.004
-        t = log.t[0] + np.arange(0, log.t[-1] - log.t[0], 1 / RATE)
+        t = log.t[0] + np.arange(0, log.t[-1] - log.t[0], 1 / rate)
         shift = 0.0 if plain else DELAY
         u = np.column_stack([_held(t + shift, log.t, current[:, j]) for j in range(n)])
         jitter = 0.0 if plain else JITTER * rng.uniform(-1, 1, len(t))
@@ -71,7 +74,7 @@ class Simulated:
         q = q + 1e-4 * rng.standard_normal(q.shape)
         keep = np.ones(len(t), dtype=bool)
         if not plain:
-            keep[int(0.4 * len(t)) : int(0.4 * len(t) + 1.5 * RATE)] = False
+            keep[int(0.4 * len(t)) : int(0.4 * len(t) + 1.5 * rate)] = False
         self.t, self.q, self.u = (t + jitter)[keep], q[keep], u[keep]
         names = [str(j) for j in list(model.names)[1:]]
         arm = [j for j, name in enumerate(names) if "finger" not in name]  # they are locked
@@ -127,12 +130,13 @@ def main() -> None:
     parser.add_argument("--seeds", default="0:5")
     parser.add_argument("--duration", type=float, default=40.0)
     parser.add_argument("--plain", action="store_true")
+    parser.add_argument("--rate", type=float, default=500.0)
     arguments = parser.parse_args()
     first, last = (int(part) for part in arguments.seeds.split(":"))
     total, held = 0, 0
     for name in arguments.robots.split(","):
         for seed in range(first, last):
-            simulated = Simulated(name, seed, arguments.duration, arguments.plain)
+            simulated = Simulated(name, seed, arguments.duration, arguments.plain, arguments.rate)
             robot = nominal_model(simulated, seed)
             with tempfile.TemporaryDirectory() as folder:
                 path = simulated.write(Path(folder) / "log.csv")

@@ -10,16 +10,18 @@ import scipy.optimize
 
 from ..parameters import Array
 from ..systems.optional import pin
-from .checks import fit_checks, reversed_commands, unit_checks
+from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
 from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links
 from .problem import Problem
-from .selection import choose, refined
+from .selection import choose, refined, with_offsets
 from .smoothing import Filter, filter_for
+from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
+from .suspects import arm_suspects
 
 STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
@@ -47,6 +49,8 @@ def structured_arm(
         told: called with the name of every stage.
     """
     told("filtering")
+    slow, recordings = rate_checks(recordings.rate), finer(recordings)
+    validation = None if validation is None else finer(validation)
     chosen = filter_for(recordings, options.cutoff)
     rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)))
     if robot.weightless:
@@ -77,9 +81,14 @@ def structured_arm(
         if any("load" in columns for columns in choice.columns):
             links = minimise(problem).theta[: 10 * (robot.model.njoints - 1)]
             rows.reweigh(links)
+        doubt = 0.0
         if options.delay is None:
             choice, doubt, note = refined(choice, problem_of, robot.joints)
             notes.append(note)
+        if options.columns is None:
+            choice, said = with_offsets(choice, problem_of, robot.joints)
+            notes += said
+        if options.delay is None:
             others.append(problem_of(replace(choice, delay=choice.delay + _DOUBT * doubt)))
         problem = problem_of(choice)
         others += [problem_of(other) for other in _others(choice)]
@@ -103,8 +112,9 @@ def structured_arm(
             )
             for j, name in enumerate(robot.joints)
         ),
-        (*notes, *faults),
+        (*notes, *slow, *faults),
         chosen.cutoff,
+        lambda theta: arm_suspects(rows, choice, problem, theta),
     )
 
 

@@ -17,6 +17,7 @@ from .joints import TRUSTED, nearest_friction
 from .least_squares import least_squares
 from .precision import inflation, precision, tempered
 from .problem import Problem, folds, without
+from .residuals import doubts, followed, widened, with_doubts
 from .result import Curves, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
@@ -79,6 +80,7 @@ def calibrate(
         changes = np.array([_change(problem, fit, other, share) for other in others])
         exact = exact._replace(structure=changes)
     stated = bool((made.spread < TRUSTED).all())
+    left = followed(problem, fit.theta, exact.covariance, share, made.suspects(fit.theta))
     told("predicting held-out parts")
     held_out, plain = _held_out(problem, share)
     names = tuple(velocity.name for velocity in made.velocities)
@@ -88,6 +90,8 @@ def calibrate(
         idle = problem.hardly_moved(fit.theta, robot.system.velocity_units)
         held_out[idle] = np.nan
         found += [_not_judged(name) for name, still in zip(names, idle, strict=True) if still]
+    found += doubts(problem, exact, left, held_out)
+    exact = widened(exact, left)
     unexplained = structure_checks(names, _worse(held_out, judged))
     found += unexplained
     if unexplained:
@@ -112,7 +116,7 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    explains, sentence = scale.judged(*verdict(joints))
+    explains, sentence = scale.judged(*with_doubts(*verdict(joints), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
     return Identification(

@@ -20,7 +20,24 @@ _NOTHING = 0.9  # NRMSE above which a command has hardly to do with the motion, 
 _LIKELIER = 10.0  # fall of the cost that convicts a reversed command
 _UNIT = 20.0  # ratio of stated to needed forces that suggests another unit
 _FRICTION = frozenset({"viscous", "coulomb", "load", "quadratic", "cubic"})
+_ENOUGH = 50.0  # rows a second from which stated intervals hold
 _ROWS = 3.0  # usable rows per column that a joint needs
+
+
+def rate_checks(rate: float) -> list[Finding]:
+    """Whether rows come often enough, as measured on simulated arms (docs/results.md)."""
+    if rate >= _ENOUGH:
+        return []
+    return [
+        Finding(
+            "warning",
+            "low_rate",
+            "",
+            f"{rate:.3g} rows a second are few: dry friction and commands change between them",
+            f"Record at {_ENOUGH:.0f} Hz, better at 100 Hz or more.",
+            {"rate": rate},
+        )
+    ]
 
 
 def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
@@ -63,8 +80,9 @@ def _swapped(
     own = np.diag(errors)
     _, best = scipy.optimize.linear_sum_assignment(np.log(np.minimum(errors, 2.0) + 1e-9))
     moved = [j for j in range(k) if best[j] != j]
-    if not moved or np.mean(np.log(errors[moved, best[moved]] / own[moved])) > np.log(_SWAPPED):
-        return []
+    change = np.log(errors[moved, best[moved]] / own[moved])
+    if not moved or change.mean() > np.log(_SWAPPED) or change.max() >= 0:
+        return []  # a swap helps both
     words = ", ".join(f"{names[j]} by the command of {names[best[j]]}" for j in moved)
     return [
         Finding(

@@ -151,7 +151,7 @@ class JointRows:
         self.diagonal["coulomb"] = np.stack(
             [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
         )
-        self._joined = joined
+        self.joined = joined
         self.weight = weight_columns(
             self.robot.model, np.concatenate([m.q[m.usable.any(axis=1)] for _, _, m in parts])
         )
@@ -168,7 +168,7 @@ class JointRows:
         """
         weight = weight_of(self.robot.model, theta_links)
         self.diagonal["load"] = np.stack(
-            [self._joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
+            [self.joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
         )
 
     def commands(self, delay: Array) -> Array:
@@ -254,7 +254,7 @@ class JointRows:
     def slip(self, i: int, j: int, sign: int, speed: int) -> Array:
         """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
         s = SPEEDS[speed]
-        return self._joined(lambda m: np.tanh((m.v[:, [i]] + sign * m.v[:, [j]]) / s))[:, 0]
+        return self.joined(lambda m: np.tanh((m.v[:, [i]] + sign * m.v[:, [j]]) / s))[:, 0]
 
     def _coupling(self, i: int, j: int, sign: int, choice: Choice) -> tuple[Array, Block, Array]:
         """(N, n, 3) columns of the coupling of joints i and j, their block and their rms."""

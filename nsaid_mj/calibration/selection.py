@@ -15,9 +15,9 @@ import scipy.linalg
 
 from ..parameters import Array, Indices
 from .findings import Finding
-from .fit import minimise
+from .fit import cost_of, gramians, minimise
 from .joints import BASIC, SPEEDS, Choice, JointRows
-from .problem import Problem
+from .problem import Problem, folds
 
 _FOLDS = 5
 _RIDGE = 1e-3  # of the columns' rms: a prior of 30 times a column's natural size
@@ -25,7 +25,9 @@ _WORTH = 0.01  # mean relative gain in held-out error that a change must bring, 
 # error over the folds if that is larger
 REACH = 0.2  # delays are searched within ± this [s]
 _COARSE = 0.004  # spacing of the delays that are tried [s]
-_DELAY_WORTH = 0.04  # relative reduction of the unexplained part that a delay must bring
+_DELAY_WORTH = 0.04  # mean relative gain that a joint's own delay must bring
+_SURE = 2.0  # standard errors over the folds that it must exceed
+_PARABOLAS = 5  # steps of the correction of all delays
 _LOADED = 0.15  # share of the actuator's force that a joint's weight needs for a load column
 
 
@@ -76,8 +78,7 @@ def _choose_joint(
         tried.append(f"{words} {_rms(errors):.4f}")
         if not np.isfinite([errors, best]).all():
             return
-        change = np.log(errors / best)
-        if change.mean() < -max(_WORTH, change.std() / np.sqrt(_FOLDS - 1)):
+        if worthwhile(best, errors, _WORTH):
             best, choice = errors, trial
 
     def speeds() -> None:
@@ -88,7 +89,7 @@ def _choose_joint(
 
     speeds()
     if free:
-        names = ["quadratic", "cubic", "offset"]
+        names = ["quadratic", "cubic"]
         if _carries_weight(rows, u, joint):
             names.insert(0, "load")
         for name in names:
@@ -172,13 +173,82 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, list[Finding]
     found, findings = np.zeros(k), []
     for j, name in enumerate(rows.robot.joints):
         at = int(np.argmin(errors[:, j]))
-        if errors[at, j] > (1 - _DELAY_WORTH) * errors[best, j]:
+        if at != best and not _insists(rows, choice, j, candidates[best], candidates[at]):
             at = best  # most delays are shared: they are those of clocks and of the network
         if at in (0, len(candidates) - 1):
             findings.append(_at_the_edge(name, candidates[at]))
         else:
             found[j] = candidates[at]
+            if at != best:
+                found[j] += _COARSE * _vertex(errors[at - 1 : at + 2, j] ** 2)
     return replace(choice, delay=found), findings
+
+
+def with_offsets(
+    choice: Choice, problem_of: Callable[[Choice], Problem], names: tuple[str, ...]
+) -> tuple[Choice, list[Finding]]:
+    """The choice with offsets where they help the physical fit, in which all joints share links.
+
+    Joint by joint, with the links' columns free for each, weight stands in for an offset.
+
+    Args:
+        choice: with delays and all other columns.
+        problem_of: the fit of a choice.
+        names: of the joints.
+    """
+    best, findings = _shared_errors(problem_of(choice)), []
+    for j, name in enumerate(names):
+        trial = choice.at(j, add="offset")
+        errors = _shared_errors(problem_of(trial))
+        if np.isfinite([errors, best]).all() and worthwhile(best, errors, _WORTH):
+            text = f"a constant offset; held-out NRMSE {_rms(best):.4f} → {_rms(errors):.4f}"
+            findings.append(Finding("note", "columns", name, text, data={"columns": ["offset"]}))
+            choice, best = trial, errors
+    return choice, findings
+
+
+def _shared_errors(problem: Problem) -> Array:
+    """(5,) held-out errors of the physical fit: product of the joints' rms over the effort."""
+    whole = gramians(problem)
+    start, found = minimise(problem, whole).theta, []
+    for part in folds(problem, _FOLDS):
+        own = gramians(problem.select(part))
+        theta = minimise(problem, whole - own, start).theta
+        level = cost_of(own, problem.space).levels(theta)
+        used = (own.counts > 0) & (level > 0)
+        found.append(np.exp(0.5 * np.sum(np.log(level[used]))))
+    return np.array(found)
+
+
+def _insists(rows: JointRows, choice: Choice, joint: int, shared: float, own: float) -> bool:
+    """Whether a delay of its own predicts held-out parts of a joint's command much better."""
+    errors = [
+        held_out_errors(rows, choice, rows.commands(np.full(len(choice.delay), d))[:, joint], joint)
+        for d in (shared, own)
+    ]
+    if not np.isfinite(errors).all():
+        return False
+    return worthwhile(errors[0], errors[1], _DELAY_WORTH, _SURE)
+
+
+def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.0) -> bool:
+    """Whether held-out errors (folds,) fall by a share, and by more than they differ by chance.
+
+    Args:
+        before: errors of the simpler structure.
+        after: of the other.
+        worth: least mean fall of the errors' logarithm.
+        deviations: standard errors over the folds that the fall must exceed.
+    """
+    change = np.log(after / before)
+    error = change.std() / np.sqrt(len(change) - 1)
+    return bool(change.mean() < -max(worth, deviations * error))
+
+
+def _vertex(values: Array) -> float:
+    """Where the parabola through values at −1, 0, 1 is least, within ±½."""
+    bend = values[0] - 2 * values[1] + values[2]
+    return float(np.clip(0.5 * (values[0] - values[2]) / bend, -0.5, 0.5)) if bend > 0 else 0.0
 
 
 def refined(
@@ -186,7 +256,7 @@ def refined(
 ) -> tuple[Choice, float, Finding]:
     """The choice with its delays corrected by what all commands share, from the physical fit.
 
-    The cost is a parabola in the correction near its minimum. A millisecond matters: held commands
+    Mean squared residuals are parabolas in the correction. A millisecond matters: held commands
     that are interpolated precede the motion by half a sample.
 
     Args:
@@ -199,19 +269,22 @@ def refined(
     """
     h, start = 0.5 * _COARSE, None
     correction, curvature = 0.0, 0.0
-    for _ in range(3):
-        costs = []
+    for _ in range(_PARABOLAS):
+        levels = []
         for step in (-h, 0.0, h):
-            shifted = replace(choice, delay=choice.delay + correction + step)
-            fit = minimise(problem_of(shifted), start=start)
+            problem = problem_of(replace(choice, delay=choice.delay + correction + step))
+            fit = minimise(problem, start=start)
             start = fit.theta
-            costs.append(fit.cost)
+            levels.append(np.maximum(fit.levels, 1e-300))
+        # mean squares are parabolas in the delay; their logarithms, in J, only at the very minimum
+        weight = problem.usable.sum(axis=0) / np.min(levels, axis=0)
+        costs = 0.5 * np.array(levels) @ weight
         slope, curvature = (costs[2] - costs[0]) / (2 * h), np.diff(costs, 2)[0] / h**2
         if curvature <= 0:
             break
         change = float(np.clip(-slope / curvature, -4 * h, 4 * h))
         correction += change
-        if abs(change) < h:
+        if abs(change) < 0.5 * h:
             break
     final = replace(choice, delay=choice.delay + correction)
     deviation = float(1 / np.sqrt(curvature)) if curvature > 0 else h

@@ -7,19 +7,23 @@ W(q, v, v̇, u) θ = 0 still holds for what is left of it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import signal
+from scipy import interpolate, signal
 
+from ..log import Log
 from ..parameters import Array, Indices
 from .data import Recordings, Segment
 from .problem import Mask
 
 _ORDER = 4
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
+_ABOVE = 4.0  # power over the noise's at which it counts as motion
 _LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
 _WIDER = 5.0  # cut-off of the smoothing filter over that of the rows' filter
+_FINE = 200.0  # least rate at which an arm's regressors are computed [Hz]
 _SAMPLES = 10  # regressors computed per period of the rows' cut-off
 
 
@@ -112,13 +116,46 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     return Filter(cutoff, rate, max(1, int(rate / (_SAMPLES * cutoff))))
 
 
+def refined(recordings: Recordings) -> Recordings:
+    """The recordings between their rows too, by splines, at `_FINE` rows a second or more.
+
+    Friction and weight are not band-limited functions of a motion that is: computed at few rows
+    and then low-passed, they are not what the low-passed command answers.
+    """
+    times = int(np.ceil(_FINE / recordings.rate - 1e-9))
+    if times <= 1:
+        return recordings
+    segments = []
+    for segment in recordings.segments:
+        log = segment.log
+        if len(log.t) < 8:
+            segments.append(segment)
+            continue
+        t = np.linspace(log.t[0], log.t[-1], times * (len(log.t) - 1) + 1)
+        near = np.round(np.arange(len(t)) / times).astype(int)
+        q, v, u = (interpolate.make_interp_spline(log.t, x, 5)(t) for x in (log.q, log.v, log.u))
+        segments.append(segment._replace(log=Log(t, q, v, u), usable=segment.usable[near]))
+    return replace(recordings, segments=tuple(segments), rate=times * recordings.rate)
+
+
 def _bandwidth(recordings: Recordings) -> float:
-    """Frequency [Hz] below which 99 % of the velocities' power lies."""
+    """Frequency [Hz] below which 99 % of the velocities' power lies, without the noise's.
+
+    Noise and steps of an encoder are white in the positions: their density is that of the upper
+    half of the frequencies, and what does not exceed it `_ABOVE` times counts as noise.
+    """
     longest = max(recordings.segments, key=lambda s: len(s.log.t)).log
-    rate, v = recordings.rate, longest.v - longest.v.mean(axis=0)
-    size = np.maximum(v.std(axis=0), 1e-12)
-    frequencies, power = signal.welch(v / size, fs=rate, nperseg=min(len(v), int(4 * rate)), axis=0)
+    rate, own = recordings.rate, longest.q.shape == longest.v.shape
+    x = longest.q if own else longest.v
+    window = min(len(x), int(4 * rate))
+    x = signal.detrend(x, axis=0)
+    frequencies, power = signal.welch(x, fs=rate, window="hann", nperseg=window, axis=0)
     low = frequencies < 0.4 * rate
+    if own:
+        floor = np.median(power[frequencies > 0.25 * rate], axis=0)
+        power = np.where(power > _ABOVE * floor, power - floor, 0.0)
+        power *= (2 * np.pi * frequencies[:, None]) ** 2
+    power = power / np.maximum(power[low].sum(axis=0), 1e-300)
     total = np.cumsum(power[low].mean(axis=1))
     return float(frequencies[low][np.searchsorted(total, _SHARE * total[-1])])
 
@@ -133,10 +170,22 @@ def smooth(segment: Segment, chosen: Filter, differentiate: bool) -> Smooth:
     """
     log, every = segment.log, chosen.every
     q = chosen.low_pass(log.q)
-    v = np.gradient(q, 1 / chosen.rate, axis=0) if differentiate else chosen.low_pass(log.v)
-    a = np.gradient(v, 1 / chosen.rate, axis=0)
+    v = slope(log.t, q) if differentiate else chosen.low_pass(log.v)
+    a = slope(log.t, v)
     pick = slice(None, None, every)
     return Smooth(log.t[pick], q[pick], v[pick], a[pick], segment.usable[pick])
+
+
+def slope(t: Array, x: Array) -> Array:
+    """(N, n) derivative of samples x (N, n), by splines of fifth degree.
+
+    Central differences lose (ωh)²/6 of a frequency ω: 18 % of the acceleration at 6 Hz and 50 rows
+    a second; splines less than 0.1 % there.
+    """
+    degree = min(5, (len(t) - 1) | 1)
+    if degree > len(t) - 1:
+        return np.gradient(x, t, axis=0) if len(t) > 1 else np.zeros_like(x)
+    return np.asarray(interpolate.make_interp_spline(t, x, degree).derivative()(t))
 
 
 def smooth_commands(segment: Segment, chosen: Filter) -> Array:
@@ -147,5 +196,9 @@ def smooth_commands(segment: Segment, chosen: Filter) -> Array:
 def delayed(segment: Segment, chosen: Filter, u: Array, delay: Array) -> Array:
     """(N, n_u) smoothed commands u at the regressors' times, `delay` (n_u,) [s] after recording."""
     t = segment.log.t
-    at = t[:: chosen.every]
-    return np.column_stack([np.interp(at - delay[k], t, u[:, k]) for k in range(u.shape[1])])
+    at, curve = t[:: chosen.every], interpolate.CubicSpline(t, u)
+    found = np.empty((len(at), u.shape[1]))
+    for value in np.unique(delay):
+        own = delay == value
+        found[:, own] = curve(np.clip(at - value, t[0], t[-1]))[:, own]
+    return found

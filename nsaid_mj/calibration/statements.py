@@ -14,6 +14,7 @@ Z = 1.96  # of a 95 % interval
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
 _SHARP, _BLUNT = 0.05, 0.1  # relative deviations below and above which the prior does not matter
+_ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
 _TERMS = 6  # terms of a combination that are written out
 _TRADED = " over its gain"  # of a gain that its joint's friction may stand for
 _GOOD, _FAIR = 0.2, 0.5  # held-out NRMSE
@@ -90,7 +91,8 @@ def _relative_gains(
 ) -> dict[int, tuple[Status, str, float | None]]:
     """Status, combination and relative half-width of every gain.
 
-    It is identified where the log narrows its ratio to the best known gains.
+    It is identified where the log narrows its ratio to the best known gains, and its own interval
+    is no wider than ±50 %. A single gain has nothing but its own interval.
 
     Those are all gains, weighted by the inverse variances of their logarithms.
     """
@@ -109,7 +111,11 @@ def _relative_gains(
         weights[index] = 1 / fit.theta[index]
         apart = exact.of(weights)
         relative = Z * apart if others.any() else None
-        if len(at) == 1 or apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
+        if others.any() and apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
+            told = Z * deviation[number] < _ABSOLUTE  # else its ratio to other gains alone
+            words = "" if told else f"{problem.space.labels[index]} over the other gains"
+            found[index] = ("identified" if told else "only in combination", words, relative)
+        elif not others.any() and Z * deviation[number] < _ABSOLUTE:
             found[index] = ("identified", "", relative)
         else:
             words = f"friction and rotor inertia of {joint}{_TRADED}"

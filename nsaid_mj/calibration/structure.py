@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..parameters import Array
 from .findings import Finding
 from .problem import Problem
+from .residuals import Suspect
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Structured(NamedTuple):
         velocities: the choice for every velocity.
         findings: what was tried and noticed.
         cutoff: of the rows' filter [Hz].
+        suspects: effects outside the structure, at a (p,) θ̂, that the residuals may follow.
     """
 
     problem: Problem
@@ -67,3 +70,4 @@ class Structured(NamedTuple):
     velocities: tuple[Velocity, ...]
     findings: tuple[Finding, ...]
     cutoff: float
+    suspects: Callable[[Array], list[Suspect]] = lambda _: []

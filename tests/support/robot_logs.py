@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from nsaid_mj.calibration.data import RobotModel
+from nsaid_mj.calibration.links import positions
 
 JOINTS = ("shoulder", "elbow")
 
@@ -71,3 +73,107 @@ def write_csv(path: Path, values: dict[str, np.ndarray], delimiter: str = ",") -
     lines = [delimiter.join(values), *(delimiter.join(map(repr, row)) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """What a robot does that its model file does not say.
+
+    Attributes:
+        tilt: of the mount about the base's x axis [rad].
+        ratio: by joint, factor by which recorded positions are too large.
+        zero: by joint, angle that recorded positions are too large by [rad].
+        lag: time constant of the motors' force after the command [s].
+        delay: (n,) or one, of the motion after the recorded command [s].
+        stiction: Stribeck friction beyond Coulomb's, as a share of it.
+    """
+
+    tilt: float = 0.0
+    ratio: dict[int, float] = field(default_factory=dict)
+    zero: dict[int, float] = field(default_factory=dict)
+    lag: float = 0.0
+    delay: float | tuple[float, ...] = 0.0
+    stiction: float = 0.0
+
+
+def arm_log(
+    robot: RobotModel,
+    seed: int,
+    flaw: Flaw | None = None,
+    *,
+    duration: float = 20.0,
+    rate: float = 200.0,
+    fastest: float = 1.5,
+    sines: int = 6,
+    noise: float = 1e-4,
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """A log of positions and currents by inverse dynamics, and the true values of parameters.
+
+    Every joint moves as a sum of sines of random frequencies, with friction and a rotor that are
+    substantial; currents of about 5 A have noise of 0.5 %, and positions that of an encoder.
+
+    Args:
+        robot: whose inertias are the truth.
+        seed: of motion, gains and noise.
+        flaw: of the structure; None for a robot that is what its model says.
+        duration: [s].
+        rate: rows per second.
+        fastest: highest frequency of the motion [Hz].
+        sines: per joint; 1 for the motion that tells least.
+        noise: of positions [rad].
+    """
+    flaw, rng, n = flaw or Flaw(), np.random.default_rng([seed, 21]), len(robot.joints)
+    lowest = 0.5 * fastest if sines == 1 else 0.1
+    rates = 2 * np.pi * rng.uniform(lowest, fastest, (sines, n))
+    size, phases = rng.uniform(0.3, 1.0, (sines, n)) / rates, rng.uniform(0, 6.28, (sines, n))
+    size *= 1.5 / np.sqrt(np.sum((size * rates) ** 2, axis=0))  # 1 rad/s rms
+    constant = rng.uniform(0.7, 1.3, n)
+    friction = rng.uniform(0.5, 1.5, (3, n))
+    model = pin.Model(robot.model)
+    low, high = (getattr(model, f"{side}PositionLimit") for side in ("lower", "upper"))
+    middle = 0.5 * (low + high) if model.nq == n and np.isfinite([low, high]).all() else np.zeros(n)
+    turn = pin.exp3(np.array([flaw.tilt, 0, 0]))
+    model.gravity = pin.Motion(turn @ model.gravity.linear, np.zeros(3))
+    data = model.createData()
+
+    def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        angle = t[:, None, None] * rates + phases
+        q = middle + np.sum(size * np.sin(angle), axis=1)
+        return (
+            q,
+            np.sum(size * rates * np.cos(angle), 1),
+            -np.sum(size * rates**2 * np.sin(angle), 1),
+        )
+
+    def inertial(t: np.ndarray) -> np.ndarray:
+        q, v, a = motion(t)
+        rows = zip(positions(model, q), v, a, strict=True)
+        return np.array([pin.rnea(model, data, *row) for row in rows])
+
+    t = np.arange(round(duration * rate)) / rate
+    typical = np.sqrt(np.mean(inertial(t[::20]) ** 2, axis=0))
+    typical = np.maximum(typical, 0.05 * typical.max())
+    viscous, coulomb, rotor = friction * np.array([[0.15], [0.2], [0.02]]) * typical
+
+    def force(t: np.ndarray) -> np.ndarray:
+        _, v, a = motion(t)
+        dry = coulomb * (1 + flaw.stiction * np.exp(-((v / 0.1) ** 2))) * np.tanh(v / 0.02)
+        return inertial(t) + rotor * a + viscous * v + dry
+
+    delay = np.broadcast_to(flaw.delay, n)
+    own = {d: force(t + d) for d in set(delay.tolist())}
+    torque = np.column_stack([own[d][:, j] for j, d in enumerate(delay.tolist())])
+    if flaw.lag:
+        h = 1e-4
+        later = np.column_stack([force(t + d + h)[:, j] for j, d in enumerate(delay.tolist())])
+        torque = torque + flaw.lag * (later - torque) / h
+    constant = constant * typical / 5.0
+    u = torque / constant + 0.025 * rng.standard_normal(torque.shape)
+    q = motion(t)[0] + noise * rng.standard_normal(torque.shape)
+    for j in range(n):
+        q[:, j] = flaw.ratio.get(j, 1.0) * q[:, j] + flaw.zero.get(j, 0.0)
+    found = {"time": t}
+    for j, name in enumerate(robot.joints):
+        found |= {f"{name}_position": q[:, j], f"{name}_current": u[:, j]}
+    true = {"gain": constant, "rotor": rotor, "viscous": viscous, "coulomb": coulomb}
+    return found, {f"{k}_{j + 1}": float(x[j]) for k, x in true.items() for j in range(n)}

@@ -199,7 +199,8 @@ def _segments(
         grid = log.t
         usable = _trusted(grid, found, made, saturated, log.v.shape[1])
         if drop_rest:
-            moving = np.asarray(np.abs(log.v) >= np.maximum(limits, 1e-12))
+            speed = np.abs(rest.speed(found, log))
+            moving = np.asarray(speed >= np.maximum(limits, 1e-12))
             usable &= moving
             kept = moving_part(np.any(moving, axis=1), rest.rate)
             if kept.stop - kept.start < SHORTEST * rest.rate:

@@ -17,6 +17,7 @@ from .mapping import Map
 from .signals import Signal
 
 _MARGIN = 4.0  # standard deviations of a velocity's noise that count as rest
+_LOUD = 0.05  # such a margin, over a joint's speed, beyond which rest is hidden in the noise
 _WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
 
 
@@ -59,10 +60,40 @@ class Rest:
         joint that is ten times faster than its noise, at most a tenth of its speed, since fourth
         differences of few rows count a fast motion as noise. The limits of the map always hold.
         """
-        made = self._made
+        made, derived = self._made, self._derived(found)
+        deviations, steps = self._noise(found, derived)
+        coupling = np.eye(len(steps)) if made.coupling is None else made.coupling
+        spread = np.sqrt(coupling**2 @ np.square(deviations))
+        limits = np.maximum(_MARGIN * spread, np.abs(coupling) @ steps)
+        speeds = np.concatenate([self.speed(found, log) for log in logs])
+        fast = np.quantile(np.abs(speeds), 0.95, axis=0)
+        limits = np.where(fast > 10 * spread, np.minimum(limits, 0.1 * fast), limits)
+        return np.maximum(limits, self._own)
+
+    def speed(self, found: dict[str, Signal], log: Log) -> Array:
+        """(N, n) velocities by which rest is judged: the columns', or the quieter derivatives."""
+        if not self._derived(found):
+            return log.v
+        return np.column_stack([signals.derivative(column, self.rate) for column in log.q.T])
+
+    def _derived(self, found: dict[str, Signal]) -> bool:
+        """Whether rest is hidden in the noise of the velocities' columns, not of derivatives."""
+        if any(velocity is None for velocity in self._made.velocities):
+            return False  # the others' columns have their own units and delays
+        fast = [
+            float(np.quantile(np.abs(found[velocity.column.column].x), 0.95))
+            for velocity in self._made.velocities
+            if velocity is not None
+        ]
+        own, measured = (self._noise(found, derived)[0] for derived in (True, False))
+        loud = _MARGIN * measured > _LOUD * np.array(fast)
+        return bool((loud & (own < measured)).any() and (own <= measured).all())
+
+    def _noise(self, found: dict[str, Signal], derived: bool) -> tuple[Array, Array]:
+        """Standard deviations and smallest steps of the measured velocities, or the derivatives."""
         deviations, steps = [], []
-        for position, velocity in zip(made.positions, made.velocities, strict=True):
-            if velocity is None:
+        for position, velocity in zip(self._made.positions, self._made.velocities, strict=True):
+            if velocity is None or derived:
                 signal = found[position.column.column]
                 sigma = signals.noise(signal.x)
                 deviations.append(signals.derivative_noise(sigma, signal.rate, self.rate))
@@ -71,12 +102,7 @@ class Rest:
                 signal = found[velocity.column.column]
                 deviations.append(signals.noise(signal.x))
                 steps.append(signals.quantum(signal.x))
-        coupling = np.eye(len(steps)) if made.coupling is None else made.coupling
-        spread = np.sqrt(coupling**2 @ np.square(deviations))
-        limits = np.maximum(_MARGIN * spread, np.abs(coupling) @ np.array(steps))
-        fast = np.quantile(np.abs(np.concatenate([log.v for log in logs])), 0.95, axis=0)
-        limits = np.where(fast > 10 * spread, np.minimum(limits, 0.1 * fast), limits)
-        return np.maximum(limits, self._own)
+        return np.array(deviations), np.array(steps)
 
 
 def rows_of(signal: Signal, part: Stretch) -> tuple[int, int]:

@@ -1,0 +1,285 @@
+"""What is left in the residuals: which effects outside the structure they follow, and at what cost.
+
+A suspect is a set of columns Z that the rows might lack. Its coefficients γ are those of least
+squares in which all parameters take part without a prior, so that residuals that only the prior
+causes are not ascribed to it. In the fit they would move the estimate by one Gauss–Newton step,
+
+    δ = −H⁻¹ Xᵀ Z γ/σ²,     X the fit's columns, σ² the variance of the residuals, H the Hessian,
+
+the influence of a specification error (Newey, Maximum likelihood specification testing and
+conditional moment tests, Econometrica 53(5), 1985). Whether γ is more than chance is judged by the
+variance of the scores' sums over blocks in time, as residuals are correlated. Suspects enter one
+after another, the one that explains most first, until none is left that is more than chance.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.stats
+
+from ..parameters import Array
+from .findings import Finding
+from .fit import cost_of, gramians
+from .precision import Precision
+from .problem import Problem
+from .result import Explains
+
+_BLOCKS = 20  # of the log, for the variance of the scores
+_CHANCE = 0.01  # of any suspect entering by chance
+_EVEN = 0.01  # level of significance of the blocks' test
+_MOST = 8  # suspects that enter
+_MANY = 20_000  # rows of a longer log are thinned, as all of them would fill the memory
+_Z = 1.96  # of a 95 % interval
+_STATED = 0.5  # relative half-width below which a parameter's value is relied upon
+_TOLD = 0.1  # share of the residuals' variance that is told
+_MOVED = 0.1  # relative shift of such a parameter that is told
+_EXPLAINED = 0.1  # rms of what a suspect explains, over the command's standard deviation
+_OUTSIDE = 1e-3  # least share of a suspect's columns outside the span of the fit's own
+_SPAN = 1e-10  # of the largest information, below which a direction of θ is not in the rows
+
+
+class Suspect(NamedTuple):
+    """An effect that the structure does not have.
+
+    Attributes:
+        words: what a residual that shows it follows, such as "its acceleration".
+        where: the joint; "" where it concerns all.
+        columns: (N, n, c) what it adds to the rows, up to c unknown coefficients.
+        remedy: what to do about it.
+    """
+
+    words: str
+    where: str
+    columns: Array
+    remedy: str
+
+
+class Followed(NamedTuple):
+    """A suspect that the residuals follow.
+
+    Attributes:
+        suspect: the effect.
+        share: (n,) of the residuals' variance that it explains.
+        shift: (p,) by which it would move θ̂, less what chance does.
+        coefficients: (c,) γ of its columns.
+    """
+
+    suspect: Suspect
+    share: Array
+    shift: Array
+    coefficients: Array
+
+
+def followed(
+    problem: Problem, theta: Array, covariance: Array, share: Array, suspects: list[Suspect]
+) -> tuple[Followed, ...]:
+    """The suspects that the residuals of a fit follow, in the order in which they enter.
+
+    Args:
+        problem: rows and prior.
+        theta: (p,) θ̂.
+        covariance: (p, p) of θ̂ under the fit's own structure: H⁻¹.
+        share: (n,) rows per effectively independent row, with which the fit was made.
+        suspects: to be tried.
+    """
+    every = -(-len(problem.t) // _MANY)
+    if every > 1:
+        problem, share = problem.select(np.arange(0, len(problem.t), every)), share / every
+        suspects = [s._replace(columns=s.columns[::every]) for s in suspects]
+    rows = _Rows(problem, theta, share)
+    level = _CHANCE / max(len(suspects), 1)
+    left, entered = list(suspects), []
+    for _ in range(_MOST):
+        trials = [rows.trial(suspect.columns) for suspect in left]
+        beyond = [trial.beyond(level) for trial in trials]
+        if not any(beyond):
+            break
+        best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
+        entered.append((left.pop(best), beyond[best], rows.add(trials[best])))
+    found = []
+    if not entered:
+        return ()
+    coefficients = rows.coefficients([suspect for suspect, _, _ in entered])
+    for (suspect, certain, explained), gamma in zip(entered, coefficients, strict=True):
+        pull = rows.X_T @ rows.weighed(suspect.columns).reshape(-1, suspect.columns.shape[2])
+        shift = -covariance @ (pull @ gamma)
+        found.append(Followed(suspect, explained, certain * shift, gamma))
+    return tuple(found)
+
+
+def widened(exact: Precision, left: tuple[Followed, ...]) -> Precision:
+    """The precision with every shift as one standard deviation more."""
+    shifts = [each.shift[None] for each in left]
+    return exact._replace(structure=np.vstack([exact.structure, *shifts]))
+
+
+def doubts(
+    problem: Problem, exact: Precision, left: tuple[Followed, ...], held_out: Array
+) -> list[Finding]:
+    """What the residuals follow, in words: a warning each where it matters, else a note.
+
+    It matters where it explains much of the command itself, or would move a parameter that is
+    stated with a narrower interval. Frictions and offsets are not asked: what is left of them is
+    what most suspects are made of, and their intervals are widened.
+
+    Args:
+        problem: rows and prior.
+        exact: the precision before it is widened.
+        left: what the residuals follow.
+        held_out: (n,) NRMSE of held-out parts.
+    """
+    half = _Z * exact.deviation
+    size = np.maximum(np.abs(exact.theta), 1e-300)
+    kinds = [
+        (b.geometry != "free" and "friction" not in b.name)
+        for b, _ in problem.space
+        for _ in b.names
+    ]
+    stated = ~problem.known & np.array(kinds) & (half < _STATED * size)
+    findings = []
+    for suspect, share, shift, _ in left:
+        worst = int(np.argmax(np.where(stated, np.abs(shift) / size, 0.0)))
+        moved = float(abs(shift[worst]) / size[worst]) if stated[worst] else 0.0
+        explained = float(np.sqrt(np.nanmax(np.maximum(share, 0) * held_out**2)))
+        beyond = moved > _MOVED and abs(shift[worst]) > half[worst]
+        label = problem.space.labels[worst]
+        if not beyond and explained <= _EXPLAINED and share.max() < _TOLD:
+            continue
+        words = f", which would move {label} by {moved:.0%}" if moved > 0.01 else ""
+        findings.append(
+            Finding(
+                "warning" if beyond or explained > _EXPLAINED else "note",
+                "residuals",
+                suspect.where,
+                f"the residuals follow {suspect.words} ({share.max():.0%} of their variance"
+                f"{words})",
+                suspect.remedy,
+                {"share": float(share.max()), "moved": moved, "parameter": label},
+            )
+        )
+    return findings
+
+
+def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
+    """The verdict, less than "yes" where the residuals are not chance and it matters."""
+    serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
+    if explains == "no" or not serious:
+        return explains, sentence
+    words = "; ".join(f"{f.where or 'all joints'}: {f.text}. {f.remedy}" for f in serious)
+    return "partly", (
+        f"{sentence} What is left is not chance, and intervals are only as good as the "
+        f"structure. {words}"
+    )
+
+
+class _Trial(NamedTuple):
+    """What a suspect would explain.
+
+    Attributes:
+        basis: (N n, c) orthonormal basis of its columns outside the span of the fit's.
+        combine: (c', c) combinations of its columns of which that is the part outside.
+        gained: fall of the weighted sum of squares.
+        F: Hotelling's statistic.
+        degrees: of freedom of F.
+    """
+
+    basis: Array
+    combine: Array
+    gained: float
+    F: float
+    degrees: tuple[int, int]
+
+    def beyond(self, level: float) -> float:
+        """Share of the coefficients that is more than chance; 0 unless both tests convict.
+
+        The rows, counted as effectively independent ones, at the level of significance, and the
+        blocks, which are few and uneven, at 1 %.
+        """
+        chance = scipy.stats.chi2.isf(level, max(self.basis.shape[1], 1))
+        if self.gained < chance or scipy.stats.f.isf(_EVEN, *self.degrees) > self.F:
+            return 0.0
+        return 1 - 1 / self.F
+
+
+class _Rows:
+    """Weighted rows of a fit, and the suspects that have entered.
+
+    Attributes:
+        X_T: (p, N n) transposed columns of the fit: changes of the residuals over the effort.
+    """
+
+    def __init__(self, problem: Problem, theta: Array, share: Array):
+        used = problem.usable
+        residual = np.where(used, problem.residual(theta), 0.0)
+        power = np.sum(residual**2, axis=0) / np.maximum(used.sum(axis=0), 1)
+        self._weight = used / np.sqrt(np.where(power > 0, power, np.inf) * share)
+        effort = cost_of(gramians(problem), problem.space).effort
+        scaled = effort * theta / (effort @ theta**2)[:, None]  # as residuals are relative to u
+        X = (problem.Y - residual[:, :, None] * scaled) * self._weight[:, :, None]
+        self.X_T = X.reshape(-1, len(theta)).T
+        unit = self.X_T * problem.space.scale[:, None]
+        values, vectors = np.linalg.eigh(unit @ unit.T)
+        kept = values > _SPAN * values[-1]
+        self._own = self._basis = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
+        own = (residual * self._weight).reshape(-1, 1)
+        self._first = self._residual = self._outside(own, self._own)[:, 0]
+        self._n = used.shape[1]
+
+    @staticmethod
+    def _outside(Z: Array, basis: Array) -> Array:
+        """Z (N n, c) less its projection on a basis; twice, against rounding."""
+        for _ in range(2):
+            Z = Z - basis @ (basis.T @ Z)
+        return Z
+
+    def weighed(self, columns: Array) -> Array:
+        """Columns (N, n, c) with the rows' weights."""
+        return columns * self._weight[:, :, None]
+
+    def trial(self, columns: Array) -> _Trial:
+        """What further columns (N, n, c) would explain."""
+        Z = self.weighed(columns).reshape(-1, columns.shape[2])
+        size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
+        rest = self._outside(Z / size, self._basis)
+        values, vectors = np.linalg.eigh(rest.T @ rest)
+        kept = values > _OUTSIDE
+        if not kept.any():
+            return _Trial(rest[:, :0], vectors[:, :0], 0.0, 0.0, (1, 1))
+        combine = vectors[:, kept] / np.sqrt(values[kept])
+        basis = rest @ combine
+        own = basis * self._residual[:, None]
+        own = own.reshape(len(own) // self._n, self._n, -1).sum(axis=1)
+        F, degrees = _hotelling(own)
+        gained = float(np.sum(own.sum(axis=0) ** 2))
+        return _Trial(basis, combine / size[:, None], gained, F, degrees)
+
+    def add(self, trial: _Trial) -> Array:
+        """Takes a suspect in; returns (n,) the share of the residuals' variance it explains."""
+        before = self._power()
+        self._residual = self._residual - trial.basis @ (trial.basis.T @ self._residual)
+        self._basis = np.hstack([self._basis, trial.basis])
+        return np.where(before > 0, 1 - self._power() / np.where(before > 0, before, 1.0), 0.0)
+
+    def _power(self) -> Array:
+        return np.sum(self._residual.reshape(-1, self._n) ** 2, axis=0)
+
+    def coefficients(self, suspects: list[Suspect]) -> list[Array]:
+        """γ of suspects, all of them together in the fit."""
+        Z = np.hstack([self.weighed(s.columns).reshape(len(self._first), -1) for s in suspects])
+        size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
+        rest = self._outside(Z / size, self._own)
+        gamma = -np.linalg.lstsq(rest, self._first, rcond=_OUTSIDE)[0] / size
+        return np.split(gamma, np.cumsum([s.columns.shape[2] for s in suspects])[:-1])
+
+
+def _hotelling(scores: Array) -> tuple[float, tuple[int, int]]:
+    """Hotelling's F of the mean of block sums of scores (N, c), and its degrees of freedom."""
+    c = scores.shape[1]
+    if len(scores) < 2 * _BLOCKS or not c:
+        return 0.0, (1, 1)
+    blocks = np.add.reduceat(scores, np.arange(_BLOCKS) * len(scores) // _BLOCKS, axis=0)
+    mean, spread = blocks.mean(axis=0), np.atleast_2d(np.cov(blocks, rowvar=False))
+    T2 = _BLOCKS * float(mean @ np.linalg.lstsq(spread, mean, rcond=None)[0])
+    return T2 * (_BLOCKS - c) / (c * (_BLOCKS - 1)), (c, _BLOCKS - c)

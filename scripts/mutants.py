@@ -1,0 +1,131 @@
+"""Whether tests notice a wrong line: mutants of the code, one at a time, in a copy of the tree.
+
+    python scripts/mutants.py [calibration …] [--only WORDS]
+
+`scripts/mutants/ROOM.toml` has one line for each mutant of a room: the file, a text that occurs
+once in it, what replaces it, the tests that should fail, why it matters, and, for one that may
+survive, why that does not matter. Every named test must pass before anything is changed. Prints
+killed and survived, and ends with 1 if fewer than nine in ten are killed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+KILLED = 0.9  # least share
+TREES = ("nsaid_mj", "tests", "scripts", "assets", "scenarios")
+
+
+class Mutant(NamedTuple):
+    """One wrong line.
+
+    Attributes:
+        file: that is changed, from the root.
+        old: text that occurs once in it.
+        new: what replaces it.
+        tests: that should fail, from the root.
+        why: what would be wrong.
+        excuse: why its survival does not matter; "" if it must be killed.
+    """
+
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+    why: str
+    excuse: str = ""
+
+
+def mutants_of(room: str) -> list[Mutant]:
+    """The mutants of `scripts/mutants/ROOM.toml`.
+
+    Raises:
+        SystemExit: a text does not occur exactly once.
+    """
+    with (ROOT / "scripts/mutants" / f"{room}.toml").open("rb") as file:
+        data = tomllib.load(file)
+    found = []
+    for name, old, new, tests, *words in data["mutants"]:
+        count = (ROOT / data["code"] / name).read_text(encoding="utf-8").count(old)
+        if count != 1:
+            raise SystemExit(f"{name}: {old!r} occurs {count} times")
+        paths = tuple(f"{data['tests']}/{test}" for test in tests.split())
+        found.append(Mutant(f"{data['code']}/{name}", old, new, paths, *words))
+    return found
+
+
+def copied(folder: Path) -> None:
+    """Copies the tree with its caches, whose stamps are those of the files."""
+    for name in TREES:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, folder / name, symlinks=True)
+    for file in (*ROOT.glob("*.toml"), *ROOT.glob("*.md")):
+        shutil.copy2(file, folder / file.name)
+
+
+def passes(folder: Path, tests: tuple[str, ...]) -> bool:
+    """Whether tests pass in a copy of the tree.
+
+    Raises:
+        SystemExit: they cannot be run at all.
+    """
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    environment = os.environ | {"PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        command, check=False, cwd=folder, env=environment, capture_output=True, text=True
+    )
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"{' '.join(tests)}: {done.stdout[-500:]}{done.stderr[-500:]}")
+    return done.returncode == 0
+
+
+def survives(folder: Path, mutant: Mutant) -> bool:
+    """Whether the tests of a mutant pass although it is in the tree."""
+    path = folder / mutant.file
+    text, stamp = path.read_text(encoding="utf-8"), path.stat()
+    try:
+        path.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
+        return passes(folder, mutant.tests)
+    finally:
+        path.write_text(text, encoding="utf-8")
+        os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+
+
+def main() -> int:
+    """Runs the mutants and prints what became of them."""
+    rooms = sorted(path.stem for path in (ROOT / "scripts/mutants").glob("*.toml"))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("rooms", nargs="*", default=rooms)
+    parser.add_argument("--only", default="", help="words that the file or the reason has")
+    arguments = parser.parse_args()
+    mutants = [m for room in arguments.rooms for m in mutants_of(room)]
+    mutants = [m for m in mutants if arguments.only in f"{m.file} {m.why}"]
+    alive = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        copied(folder)
+        tests = tuple(sorted({test for mutant in mutants for test in mutant.tests}))
+        if not passes(folder, tests):
+            raise SystemExit("The tests fail without any mutant.")
+        for mutant in mutants:
+            left = survives(folder, mutant)
+            alive += [mutant] if left else []
+            print(f"{'SURVIVED' if left else 'killed  '} {mutant.file}: {mutant.why}", flush=True)
+    share = 1 - len(alive) / max(len(mutants), 1)
+    print(f"{len(mutants) - len(alive)} of {len(mutants)} killed ({share:.0%})")
+    for mutant in alive:
+        print(f"  {mutant.why}: {mutant.excuse or 'should have been killed'}")
+    return int(share < KILLED or any(not mutant.excuse for mutant in alive))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
