@@ -28,8 +28,9 @@ For `identify`:
 - *wrong*: a parameter that is "identified", or a gain relative to the others, is off by more than 3
   half-widths of its interval and by more than 5 %, of a body's first moments or inertia 5 % of the
   largest of them; or an interval is not a number.
-- *flagged*: the verdict is not "yes", or the log is refused.
-- *unsure*: no gain is "identified".
+- *flagged*: the verdict is not "yes", or the log is refused. A "partly" for the common scale alone
+  does not count: in half of the logs nothing fixes it, and the gains' ratios are judged.
+- *unsure*: no gain is "identified", nor a ratio of gains stated.
 
 The other bars: where the structure is exact, the shares of runs with coverage of at least .9, of
 runs that are right and confident, of false faults and of flagged runs. And where an effect moves a
