@@ -42,9 +42,12 @@ _SETTLED = 1 / 3  # share of it in which the filter may still learn
 _REPEATED = 2  # contradictions that are no single event, such as a collision
 _LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
 _CHANCE = 1e-4  # probability below which innovations are not white
+_CAUGHT = 0.05  # mean by which steps are shortened, above which θ̂ does not learn what it may
+_OWN = 10.0  # energy for each parameter that the error of such a θ̂ may leave by itself
 _PASSES = 3  # of the filter along a log that it does not explain at once
 _PARTS = (1, 4, 16)  # of a log, whose shifts of the estimate are compared with its covariance
 _LEARNED = 1e-3  # least share of its variance that a direction loses, to be judged by its shift
+_ROUNDING = 1e-15  # least variance, relative to the prior's
 _SHIFTED = 1.5  # mean squared normalised shift that is more than chance
 
 
@@ -170,9 +173,12 @@ class _Pass(NamedTuple):
 
 def _judged_pass(replay: Replay, log: Log) -> _Pass:
     seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
-    squares, number = replay.filter.totals
-    innovations = float(squares / max(1.0, number))
+    squares, number, shortened = replay.filter.totals
     times = replay.contradictions
+    caught = shortened > _CAUGHT * len(log.t)  # next to the cone's boundary θ̂ does not follow
+    if caught and not times and colour.energy < _OWN * len(replay.filter.theta):
+        colour = colour._replace(chance=1.0, energy=0.0)  # the error of θ̂ alone can leave as much
+    innovations = float(squares / max(1.0, number))
     late = tuple(time for time in times if time > log.t[0] + _SETTLED * seconds)
     level = NONE
     if len(late) >= _REPEATED:
@@ -227,6 +233,10 @@ def widened(stated: Confidence, scale: Array, factor: float) -> Confidence:
 
 
 def _no_wider(P: Array, prior: Array) -> Array:
-    """(p, p) (P⁻¹ + prior⁻¹)⁻¹, where P may be singular."""
-    P = prior - prior @ np.linalg.solve(prior + P, prior)
-    return 0.5 * (P + P.T)
+    """(p, p) (P⁻¹ + prior⁻¹)⁻¹ ≻ 0, where P may be singular, or indefinite by rounding."""
+    L = np.linalg.cholesky(prior)
+    inner = np.linalg.solve(L, np.linalg.solve(L, P).T)
+    values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
+    values = np.maximum(values, _ROUNDING * max(1.0, values[-1]))
+    root = L @ vectors * np.sqrt(values / (1 + values))
+    return root @ root.T

@@ -22,6 +22,7 @@ from .simulation import Simulated, joint_names, simulated
 
 HALF_WIDTHS = 3.0  # largest error of an identified parameter [half-widths of its interval]
 LEAST = 0.05  # relative error from which it can be wrong
+WIDE = 0.5  # relative half-width of a ratio from which it says nothing
 _MASSES = 0.25  # largest relative error of the model file's masses
 _RATES = (500.0, 250.0, 100.0, 50.0)  # of the log [Hz], each one half as likely as the one before
 
@@ -179,8 +180,12 @@ def _size(system: Any, truth: Array, name: str) -> float:
 
 def _judge_ratios(said: Judgement, gains: list[Any], truth: Array) -> None:
     """Judges the gains of identified actuators relative to each other."""
-    shown = ("identified", "only in combination")
-    use = [k for k, p in enumerate(gains) if p.status in shown and p.relative is not None]
+    use = [
+        k
+        for k, p in enumerate(gains)
+        if p.relative is not None
+        and (p.status == "identified" or (p.status == "only in combination" and p.relative < WIDE))
+    ]
     if len(use) < 2:
         return
     half = np.array([gains[k].relative for k in use])

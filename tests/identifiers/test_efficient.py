@@ -160,7 +160,7 @@ def test_a_lost_actuator_is_found_and_the_others_are_left_alone() -> None:
 def test_where_the_structure_is_wrong_the_memorys_estimate_is_handed_out() -> None:
     found = followed("bluerov2", 10, 20.0, mismatch=Mismatch(lag=0.05))
     inside = found.state.filter
-    assert inside.restarts > 5 and not inside.handed
+    assert inside.restarts >= 3 and not inside.handed
     np.testing.assert_array_equal(found.state.theta_hat, inside.guard.theta_hat)
 
 

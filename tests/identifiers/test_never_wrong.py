@@ -291,7 +291,7 @@ def test_a_seizure_that_is_none_is_revoked_along_a_run() -> None:
         ("loss", (0.1, -0.05, 0.2), True),
         ("loss", (0.1, 0.05, 0.2), False),
         ("payload", (-0.1, -0.3, 0.1), True),
-        ("friction", (-0.1, -0.3, -0.1), False),
+        ("friction", (-0.1, -0.3, 0.1), False),  # linear and quadratic parts trade
         ("stuck", (0.0, -1.0, 1.0), False),  # a command of 0 is a seizure, too
     ],
 )
@@ -355,7 +355,7 @@ def test_a_slow_effect_far_below_the_noise_is_seen(period: int) -> None:
     e[:, 2] += 0.25 * np.sin(2 * np.pi * k / period)
     found = whiteness(e)
     assert found.chance < 1e-4 and found.channel == 2
-    assert period / 2.1 < found.period < 2.1 * period
+    assert period / 2.6 < found.period < 2.6 * period  # lines are 1/5000 apart, octaves one wide
     assert 60 < found.energy < 320
 
 

@@ -78,7 +78,8 @@ class Filter(NamedTuple):
             squared normalised innovations and of log det S.
         safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
         safe_P: (2, p, p) P_θθ there.
-        totals: (2,) sum of all squared normalised innovations, and their number.
+        totals: (3,) sum of all squared normalised innovations, their number, and by how much the
+            steps of θ̂ were shortened: the sum of 1 − share.
     """
 
     q: Array
@@ -102,7 +103,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
     return Filter(
         q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
-        np.zeros(2),
+        np.zeros(3),
     )  # fmt: skip
 
 
@@ -248,6 +249,7 @@ def _update(law, filter, R, y, work):
     for k in range(p):
         step[k] *= scale[k]
     share = move_inside(law.cone, theta, step, trial)
+    filter.totals[2] += 1.0 - share
     learned = share * (2.0 - share)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
     for i in range(p):  # BLAS may round the two triangles differently
         for k in range(i + 1):

@@ -61,6 +61,7 @@ from .witness import EfficientConfig, Witness, mend
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
+_CAUGHT = 10.0  # ratio of the filter's mean residual to the memory's, of one that is far away
 _CAREFUL = 25.0  # on the memory's covariance, where the filter goes on from its estimate
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
 _MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
@@ -232,7 +233,7 @@ class EfficientIdentifier(Identifier):
         """After a contradiction at a log's end: trials of what may have failed, or a new start."""
         kalman, system, here = inside.filter, self.system, self._here(inside, log)
         young = inside.calm < _MATURE and inside.loose is None
-        if young and inside.restarts < _STARTS:
+        if young and inside.restarts < _STARTS and inside.signals.as_recorded:
             return self._started_again(inside, here)
         inside.watch.rewind(here.t, kalman)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
@@ -361,9 +362,13 @@ class EfficientIdentifier(Identifier):
         has seen no scale, of which the prior's uncertainty is kept.
         """
         stated = self.guard.confidence(inside.guard)
-        if stated is None:
+        memory, kalman, theta = inside.guard.memory, inside.filter, inside.guard.theta_hat
+        remembered = None if memory is None else quotient(memory.means, self.system.space)
+        if stated is None or remembered is None or self._memory.recorder.rows.levels.exact:
             return inside
-        kalman, theta = inside.filter, inside.guard.theta_hat
+        theirs = np.maximum(remembered.levels(theta), _EXPLAINED)
+        if np.mean(remembered.levels(kalman.theta) / theirs) < _CAUGHT:
+            return inside
         theta_s, prior = theta / self._scale, self._covariance(theta)
         scale = 1 / float(theta_s @ np.linalg.solve(prior, theta_s))
         P = _CAREFUL * stated.covariance / np.outer(self._scale, self._scale)
@@ -422,7 +427,7 @@ class EfficientIdentifier(Identifier):
             if stated is not None:
                 return stated
             kalman = kalman._replace(Ptt=prior)  # too few data: what is known is the prior
-        squares, number = kalman.totals
+        squares, number, _ = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
         units = np.outer(self._scale, self._scale)
         sign = np.where(inside.factors < 0, -1.0, 1.0)

@@ -22,7 +22,8 @@ _LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
 _GROWN = 0.01  # change of the share that is lost which is noted
 SEIZED = ("reversed", "broken", "stuck")
 """Kinds of faults under which a command does not reach its actuator as given."""
-_MEASURED = ("loss", "friction", "payload", "bias")  # whose size is 0 where nothing has failed
+_MEASURED = ("loss", "payload", "bias")  # whose size is 0 where nothing has failed; of friction's
+# coefficients each may be, as they trade with one another, while their change is evident
 
 
 class Loose(NamedTuple):

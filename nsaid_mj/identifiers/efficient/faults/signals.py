@@ -53,10 +53,15 @@ class Signals(NamedTuple):
                 held[command] = event.size if event.kind == "stuck" else 0.0
         return Signals(sign, held, bias)
 
+    @property
+    def as_recorded(self) -> bool:
+        """Whether nothing is known of failed actuators."""
+        return bool((self.sign == 1).all() and np.isnan(self.held).all())
+
     def acting(self, system: SecondOrderSystem, log: Log) -> Log:
         """The log with the commands that act and the sensors' errors removed."""
         t, q, v, u = log
-        if not (self.sign == 1).all() or not np.isnan(self.held).all():
+        if not self.as_recorded:
             u = np.where(np.isnan(self.held), self.sign * u, self.held)
         place, rate = np.split(self.bias, 2)
         if place.any():
