@@ -214,7 +214,7 @@ def test_innovations_below_their_stated_size_are_no_misfit_whatever_their_colour
 
 def replayed(e: Array, *contradictions: float, innovations: float = 1.0) -> Any:
     """As much of a pass of the filter as is judged."""
-    kalman = filter_at(*np.zeros((3, 1)), np.eye(1))
+    kalman = filter_at(np.zeros(1), np.zeros(1), np.zeros(1), np.eye(1))
     kalman.totals[:2] = innovations * e.size, e.size
     along = SimpleNamespace(innovation=e)
     return SimpleNamespace(contradictions=contradictions, along=along, filter=kalman)
@@ -238,7 +238,7 @@ def test_a_pass_is_judged_by_its_late_contradictions_its_size_and_its_colour() -
 def test_every_piece_between_faults_is_judged_under_the_signals_that_act() -> None:
     made = plant("bluerov2")
     what = {h.kind: h for h in reversed(hypotheses_of(made.system, made.truth))}
-    t = 0.125 * np.arange(1201)
+    t = np.linspace(0, 150, 1201)
     log = Log.unchecked(t, *np.zeros((3, len(t), 1)))
     events = [
         event_of(what[kind], begin, begin + 1, (0.3, 0.2, 0.4), 1.0)
