@@ -1,0 +1,299 @@
+"""The parts of the law `efficient` and of its misfit one by one, without a run of the filter."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter1d
+from scipy.stats import chi2
+
+from nsaid_mj.evaluation import misfit
+from nsaid_mj.evaluation.whiteness import whiteness
+from nsaid_mj.identifiers.cone.barrier import cone_of, inside, local_norm
+from nsaid_mj.identifiers.cone.prior import drawn_inside
+from nsaid_mj.identifiers.efficient.faults.events import event_of
+from nsaid_mj.identifiers.efficient.faults.hypotheses import Hypothesis, hypotheses_of, inexact
+from nsaid_mj.identifiers.efficient.faults.signals import Signals
+from nsaid_mj.identifiers.efficient.faults.trials import Verdict
+from nsaid_mj.identifiers.efficient.guarded import Guarded
+from nsaid_mj.identifiers.efficient.kalman import (
+    Filter,
+    Law,
+    _predict,
+    _update,
+    _workspaces,
+    filter_at,
+)
+from nsaid_mj.identifiers.efficient.law import EfficientIdentifier
+from nsaid_mj.identifiers.efficient.steps import move_inside
+from nsaid_mj.log import Log
+from nsaid_mj.parameters import Array, Block, ParameterSpace
+from tests.support.plants import plant
+
+# -- the filter's sample ---------------------------------------------------------------------------
+
+P, N = 4, 2  # parameters and velocities
+
+
+def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Filter, Law]:
+    """A filter of three positive numbers and a free one, in the middle of a run."""
+    rng, scale = np.random.default_rng(seed), np.array([0.5, 2.0, 10.0, 0.1])
+    names, units = ("a", "b", "c"), ("1", "1", "1")
+    space = ParameterSpace((
+        Block("gain", names, units, scale[:3], "positive"),
+        Block("offset", ("d",), ("1",), scale[3:]),
+    ))  # fmt: skip
+    root = rng.standard_normal((2 * N + P, 2 * N + P))
+    joint = 0.02 * root @ root.T
+    theta = scale * np.array([1.5, 0.7, 1.0, 0.02])
+    kalman = filter_at(np.zeros(N), np.zeros(N), theta, joint[2 * N :, 2 * N :].copy())
+    kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
+    return kalman, Law(0, cone_of(space), scale, gamma, 10, walk)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [0.01, 30.0])
+def test_an_update_learns_what_the_step_that_is_taken_learns(size: float) -> None:
+    """Joseph's form with the gain that is applied, and the error of the scale carried along."""
+    for seed in range(5):
+        kalman, law = filter_and_law(seed)
+        rng = np.random.default_rng(seed)
+        R, y = rng.uniform(0.05, 0.1, 2 * N), size * rng.standard_normal(2 * N)
+        theta, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
+        S = Pxx + np.diag(R)
+        K, Kx = np.linalg.solve(S, Pxt).T, np.linalg.solve(S, Pxx).T
+        step = law.scale * (K @ y)
+        share = min(1.0, 0.5 / np.linalg.norm(step[:3] / theta[:3]))
+        assert (share == 1) == (size < 1)
+        after = theta + share * step
+        joseph = Ptt - share * (K @ Pxt + Pxt.T @ K.T) + share**2 * K @ S @ K.T
+        w = theta / law.scale / np.sum((theta / law.scale) ** 2)
+        T = np.eye(P) + np.outer((after - theta) / law.scale, w)
+        given = y.copy()
+        square, spread = _update(law, kalman, R, given, _workspaces(N, P)[1])
+        np.testing.assert_allclose(kalman.theta, after, rtol=1e-9)
+        np.testing.assert_allclose(kalman.Ptt, T @ joseph @ T.T, rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(kalman.Pxt, (Pxt - Kx @ Pxt) @ T.T, rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(kalman.Pxx, Pxx - Kx @ Pxx, rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(given, Kx @ y, rtol=1e-7)
+        assert square == pytest.approx(y @ np.linalg.solve(S, y))
+        assert spread == pytest.approx(np.linalg.slogdet(S)[1])
+
+
+def test_a_prediction_carries_the_covariance_and_adds_linearisation_and_walk() -> None:
+    gamma, walk, dt = 0.3, 0.04, 0.01
+    kalman, law = filter_and_law(1, gamma, walk)
+    rng = np.random.default_rng(0)
+    F, B = rng.standard_normal((2 * N, 3 * N)), rng.standard_normal((N, P))
+    _, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
+    _predict(law, dt, F, B, kalman, _workspaces(N, P)[0])
+    joint = np.block([[Pxx, Pxt], [Pxt.T, Ptt]])
+    Phi = np.hstack([F[:, : 2 * N], F[:, 2 * N :] @ B])
+    effect = F[:, 2 * N :] @ B @ Ptt @ B.T @ F[:, 2 * N :].T
+    expected = Phi @ joint @ Phi.T + gamma**2 * np.diag(np.diag(effect))
+    np.testing.assert_allclose(kalman.Pxx, expected, rtol=1e-9)
+    np.testing.assert_allclose(kalman.Pxt, Phi @ joint[:, 2 * N :], rtol=1e-9)
+    relative = np.array([1.5, 0.7, 1.0, 0.1])  # that of a parameter near 0 is a tenth
+    np.testing.assert_allclose(kalman.Ptt, Ptt + walk * dt * np.diag(relative**2), rtol=1e-12)
+
+
+def test_a_step_is_half_of_a_dikin_ellipsoid_unless_rounding_leaves_the_cone() -> None:
+    """Next to the boundary of a matrix's cone, where half of the ellipsoid is lost in rounding."""
+    names = tuple(f"m{i}" for i in range(6))
+    space = ParameterSpace((Block("mass", names, ("kg",) * 6, np.ones(6), "spd"),))
+    cone, trial, halved = cone_of(space), np.empty(6), 0
+    for seed in range(400):
+        rng = np.random.default_rng(seed)
+        X = rng.standard_normal((3, 3))
+        near = X[:, :2] @ X[:, :2].T + 10 ** -rng.uniform(8, 17) * X[:, 2:] @ X[:, 2:].T
+        theta = near[np.triu_indices(3)]
+        step = rng.standard_normal(6)
+        length = local_norm(cone, theta, step)
+        if not (inside(cone, theta) and 0.5 < length < np.inf):
+            continue
+        share = move_inside(cone, theta, step, trial)
+        assert inside(cone, theta) and local_norm(cone, theta, step) < np.inf
+        assert share <= 0.5 / length * (1 + 1e-9)
+        halved += 0 < share < 0.4 / length
+    assert halved > 0
+    theta, step = np.array([1.0, 0, 0, 1, 0, 1]), np.array([0.0, 3, 0, 0, 0, 0])
+    assert move_inside(cone, theta, step, trial) == pytest.approx(0.5 / np.sqrt(18.0))
+
+
+# -- hypotheses and what is known after them -------------------------------------------------------
+
+
+def test_all_of_theta_may_seem_off_by_a_little_or_by_a_fifth() -> None:
+    made = plant("bluerov2")
+    shares = [h.share for h in inexact(made.system, made.truth)]
+    assert min(shares) < 1e-3 and max(shares) >= 0.1
+    assert (np.diff(np.log10(shares)) <= 1).all()
+
+
+def test_a_broken_actuator_is_at_a_command_of_zero_and_a_velocity_has_its_own_error() -> None:
+    made = plant("bluerov2")
+    what = hypotheses_of(made.system, made.truth)
+    broken = [h for h in what if h.kind == "broken"][2]
+    off = next(h for h in what if h.names == ("velocity 2",))
+    events = [event_of(h, 1.0, 2.0, (0.3, 0.2, 0.4), 1.0) for h in (broken, off)]
+    signals = Signals.after(made.system, events)
+    assert signals.held[broken.command] == 0 and np.isfinite(signals.held).sum() == 1
+    assert np.flatnonzero(signals.bias).tolist() == [made.system.n + 1] == [off.channel]
+
+
+def test_a_short_run_does_not_make_the_walk_fast() -> None:
+    assert Guarded.walk(SimpleNamespace(wander=(2e-4, 1e-4)), 0.1) == pytest.approx(1e-4)  # type: ignore[arg-type]
+
+
+def isolated(inside_: Guarded, hypothesis: Hypothesis, size: Any) -> Guarded:
+    """What a verdict for a hypothesis makes of a state."""
+    made = plant("bluerov2")
+    trial = SimpleNamespace(
+        reported=lambda _: (hypothesis, size),
+        settled=lambda *_: (inside_.filter, inside_.signals.under(hypothesis)),
+        theta=inside_.filter.theta,
+    )
+    law = SimpleNamespace(
+        system=made.system,
+        _scale=made.system.space.scale,
+        _noted=lambda state, h, _b, t, found: state._replace(
+            events=(*state.events, event_of(h, found[0], t, size, 1.0))
+        ),
+    )
+    log = Log.unchecked(np.array([3.0]), *np.zeros((3, 1, 1)))
+    return EfficientIdentifier._isolated(law, inside_, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
+
+
+def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:
+    made = plant("bluerov2")
+    system, truth = made.system, made.truth
+    what = {h.kind: h for h in reversed(hypotheses_of(system, truth))}
+    k = system.space.index(what["stuck"].names[0])
+    kalman = filter_at(np.zeros(system.n), np.zeros(system.n), truth, np.eye(system.p))
+    start = Guarded(
+        kalman, None, 0, 0, 9.0, True, 0, 0,  # type: ignore[arg-type]
+        Signals.sound(system), np.ones(system.p), truth.copy(),
+    )  # fmt: skip
+    size = (0.3, 0.2, 0.4)
+    back = isolated(start, what["reversed"], size)
+    assert back.factors[k] == -1 and (back.factors == 1).sum() == system.p - 1
+    assert [event.kind for event in back.events] == ["reversed"]
+    assert back.calm == 0 and back.returns == 1
+    kalman.theta[k] *= 0.5  # as the filter went on under the reversal
+    stuck = isolated(back, what["stuck"], size)
+    assert stuck.factors[k] == 0 and stuck.intact[k] == truth[k]  # from before the first fault
+    sound = what["stuck"]._replace(kind="sound")
+    well = isolated(stuck, sound, (0.0, 0.0, 0.0))
+    assert (well.factors == 1).all() and well.events == () and well.wander == (0.0, 0.0)
+    assert [e.kind for e in isolated(start, what["loss"], size).events] == ["loss"]
+    none = isolated(start, what["loss"], (0.3, -0.2, 0.8))
+    assert none.events == () and (none.factors == 1).all()
+    off = isolated(start, inexact(system, truth)[2], (0.0, 0.0, 0.0))
+    assert off.events == () and off.wander == (0.02**2, 0.02**2)
+
+
+# -- the misfit ------------------------------------------------------------------------------------
+
+
+def test_the_mean_is_chi_square_of_one_degree() -> None:
+    n = 4096
+    found = whiteness(np.full((n, 2), np.sqrt(12 / n)) * np.array([1.0, 0.0]))
+    cells = 2 * 11 * 2  # two families, 10 octaves and the mean, two channels
+    assert found.period == np.inf and found.channel == 0
+    assert found.chance == pytest.approx(cells * chi2.sf(12, 1))
+
+
+def test_innovations_below_their_stated_size_are_no_misfit_whatever_their_colour() -> None:
+    white = np.random.default_rng(3).standard_normal((4000, 3))
+    e = uniform_filter1d(white, 20, axis=0) * np.sqrt(20)
+    assert whiteness(0.2 * e).chance > 0.5
+    assert whiteness(e).chance < 1e-4
+
+
+def replayed(e: Array, *contradictions: float, innovations: float = 1.0) -> Any:
+    """As much of a pass of the filter as is judged."""
+    kalman = filter_at(np.zeros(1), np.zeros(1), np.zeros(1), np.eye(1))
+    kalman.totals[:2] = innovations * e.size, e.size
+    along = SimpleNamespace(innovation=e)
+    return SimpleNamespace(contradictions=contradictions, along=along, filter=kalman)
+
+
+def test_a_pass_is_judged_by_its_late_contradictions_its_size_and_its_colour() -> None:
+    t = np.linspace(0, 30, 3001)
+    log = Log.unchecked(t, *np.zeros((3, len(t), 1)))
+
+    def level(*replay: Any, **more: float) -> str:
+        return misfit._judged_pass(replayed(*replay, **more), log).level
+
+    for seed in range(10):
+        assert level(np.random.default_rng(seed).standard_normal((3000, 4))) == "none"
+    e = np.random.default_rng(0).standard_normal((3000, 4))
+    assert level(e, 3.0, 5.0, 9.0) == "none"  # while the filter may still learn
+    assert level(e, 3.0, 20.0) == level(e, innovations=1.5) == level(e + 0.15) == "some"
+    assert level(e, 20.0, 21.0) == "contradicts"
+
+
+def test_every_piece_between_faults_is_judged_under_the_signals_that_act() -> None:
+    made = plant("bluerov2")
+    what = {h.kind: h for h in reversed(hypotheses_of(made.system, made.truth))}
+    t = np.linspace(0, 150, 1201)
+    log = Log.unchecked(t, *np.zeros((3, len(t), 1)))
+    events = [
+        event_of(what[kind], begin, begin + 1, (0.3, 0.2, 0.4), 1.0)
+        for kind, begin in (("loss", 50.0), ("reversed", 100.0))
+    ]
+    unknown = events[0]._replace(kind="unknown", time=60.0, found=61.0)
+    run = SimpleNamespace(system=made.system, faults=(events[0], unknown, events[1]))
+    found = list(misfit._pieces(run, log))  # type: ignore[arg-type]
+    rows = [(240, 400), (409, 800), (809, 1201)]  # the last 120 s; none of an unknown change
+    assert [(piece.start, piece.stop) for _, piece, _ in found] == rows
+    assert [len(part.t) for part, *_ in found] == [end - start for start, end in rows]
+    assert [(signals.sign == 1).all() for *_, signals in found] == [True, True, False]
+
+
+def test_an_estimate_is_judged_inside_the_cone_with_gains_that_are_sound() -> None:
+    made = plant("bluerov2")
+    space, gains = made.system.space, made.system.space.actuators
+    prior = drawn_inside(space, made.truth, 0.3, np.random.default_rng(0))
+    theta = made.truth.copy()
+    theta[gains[1]] *= -1
+    theta[gains[2]] = 0.0
+    found = misfit._sound(made.system, theta, prior)
+    expected = made.truth.copy()
+    expected[gains[2]] = prior[gains[2]]
+    np.testing.assert_array_equal(found, expected)
+    bodies = [place for block, place in space if block.geometry not in {"free", "positive"}]
+    theta[bodies[0]] *= -1
+    assert inside(cone_of(space), misfit._sound(made.system, theta, prior))
+
+
+@pytest.mark.parametrize("kept", [2, 1])
+def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
+    """The second of two parameters moves by three deviations of what is learned of it."""
+    scale, P0 = np.array([2.0, 5.0]), np.diag([0.04, 0.01])
+    left = np.diag([0.04 * (1 if kept == 1 else 0.5), 0.01 * 0.1])
+    moved = scale * np.array([0.0, 3 * np.sqrt(0.01 * 0.9)])
+    rows = np.linspace(0, 1, 1601)[:, None] * moved + 1.0
+    along = SimpleNamespace(theta=rows)
+    learning: Any = SimpleNamespace(
+        contradictions=(), along=along, filter=SimpleNamespace(Ptt=left)
+    )
+    found = misfit._shifts(scale, np.ones(2), P0, learning)
+    np.testing.assert_allclose(found, [9 / kept, 9 / 4 / kept, 9 / 16 / kept], rtol=1e-9)
+    witness: Any = SimpleNamespace(law=SimpleNamespace(scale=scale))
+    for energy in (0.0, 24.0):
+        widening = misfit._widening(witness, np.ones(2), P0, learning, energy)
+        assert widening == pytest.approx(np.sqrt(max(1 + energy, 9 / kept)))
+    learning.contradictions = (1.0,)
+    assert misfit._shifts(scale, np.ones(2), P0, learning) == []
+
+
+def test_two_pieces_contradicted_once_each_contradict_the_structure() -> None:
+    one = misfit.Misfit("some", (3.0,), 1.0, 10.0, 0.5, 1.0)
+    none = misfit.Misfit("none", (), 2.0, 30.0, 0.01, 4.0)
+    both = misfit._worst([one, none])
+    assert (both.level, both.innovations, both.seconds) == ("some", 1.75, 40.0)
+    assert (both.chance, both.widening) == (0.01, 4.0)
+    assert misfit._worst([one, one]).level == "contradicts"
