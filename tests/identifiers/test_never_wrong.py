@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.evaluation.confidence import known
+from nsaid_mj.evaluation.confidence import Known, known
 from nsaid_mj.evaluation.misfit import Misfit, misfit_of, widened
 from nsaid_mj.evaluation.whiteness import whiteness
 from nsaid_mj.experiment.library import load
@@ -34,6 +34,7 @@ from nsaid_mj.identifiers.efficient.witness import Witness
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
+from nsaid_mj.plants.world.faults.text import parse_faults
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.system import SecondOrderSystem, gains_by_command
 
@@ -96,17 +97,20 @@ class Rows:
         return self._theta_hat
 
 
-def standardised(found: Ran, widening: float = 1.0) -> np.ndarray:
-    """(a,) errors of the gains relative to their mean, in stated standard deviations."""
-    setup, theta = found.setup, found.state.theta_hat
-    system, truth = setup.system, setup.plant.truth
+def known_of(found: Ran, widening: float = 1.0) -> Known:
+    setup, theta, system = found.setup, found.state.theta_hat, found.setup.system
     stated = setup.identifiers()[""].confidence(found.state)
     assert stated is not None
     stated = widened(stated, system.space.scale, widening)
     nullspace = structural(system, theta, np.random.default_rng(0))
-    k = system.space.actuators
-    ratio = theta[k] / truth[k]
-    return (ratio / ratio.mean() - 1) / known(stated, theta, nullspace, system.space).actuators
+    return known(stated, theta, nullspace, system.space)
+
+
+def standardised(found: Ran, widening: float = 1.0) -> np.ndarray:
+    """(a,) errors of the gains relative to their mean, in stated standard deviations."""
+    k, truth = found.setup.system.space.actuators, found.setup.plant.truth
+    ratio = found.state.theta_hat[k] / truth[k]
+    return (ratio / ratio.mean() - 1) / known_of(found, widening).actuators
 
 
 @cache
@@ -272,17 +276,27 @@ def test_a_seizure_can_be_taken_back() -> None:
     assert revoked((event, other), stuck.part) == (other,)
 
 
-def test_a_seizure_that_is_none_is_revoked_along_a_run() -> None:
-    """A thruster that stands still for 4 s, and then obeys again."""
+@pytest.mark.parametrize(
+    ("text", "seed"),
+    [
+        ("stuck 5 at 6 s until 9 s", 303),
+        ("reversed 3 at 6 s until 9 s", 304),
+        ("broken 1 at 6 s until 9 s", 305),
+    ],
+)
+def test_an_actuator_that_obeys_again_is_no_longer_taken_for_failed(text: str, seed: int) -> None:
+    """Its gain had stayed 0 to the end, and its interval had not been a number."""
+    found = ran("bluerov2", seed, 13.0, faults=parse_faults(text))
+    assert found.state.faults == () and found.inside.returns == 2
+    assert found.inside.signals.as_recorded and (found.inside.factors == 1).all()
+    assert np.abs(standardised(found)).max() < 5
 
-    def stand_still(log: Log) -> Log:
-        u, during = log.u.copy(), (log.t > 6) & (log.t <= 10)
-        u[during, 2] = u[during, 2] + 0.7  # recorded otherwise than it acts
-        return log._replace(u=u)
 
-    found = ran("bluerov2", 303, 18.0, stand_still)
-    assert {event.kind for event in found.state.faults} <= {"unknown", "loss"}
-    assert np.isnan(found.inside.signals.held).all() and (found.theta_hat[-1] != 0).all()
+def test_a_failed_actuators_gain_has_finite_intervals() -> None:
+    found = ran("bluerov2", 303, 9.0, faults=parse_faults("stuck 5 at 6 s"))
+    assert (found.theta_hat[-1] == 0).sum() == 1
+    with np.errstate(divide="raise", invalid="raise"):
+        assert np.isfinite(known_of(found).actuators).all()
 
 
 @pytest.mark.parametrize(
