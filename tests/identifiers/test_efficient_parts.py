@@ -15,6 +15,7 @@ from nsaid_mj.evaluation.whiteness import whiteness
 from nsaid_mj.identifiers.cone.barrier import cone_of, inside, local_norm
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.faults.events import event_of
+from nsaid_mj.identifiers.efficient.faults.evidence import Jump
 from nsaid_mj.identifiers.efficient.faults.hypotheses import Hypothesis, hypotheses_of, inexact
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
 from nsaid_mj.identifiers.efficient.faults.trials import Verdict
@@ -297,3 +298,10 @@ def test_two_pieces_contradicted_once_each_contradict_the_structure() -> None:
     assert (both.level, both.innovations, both.seconds) == ("some", 1.75, 40.0)
     assert (both.chance, both.widening) == (0.01, 4.0)
     assert misfit._worst([one, one]).level == "contradicts"
+
+
+def test_a_change_is_evident_as_a_whole_even_where_its_parts_trade() -> None:
+    trade = np.array([[1.0, -0.999], [-0.999, 1.0]])  # each to ±1, their sum to ±0.045
+    assert Jump(0.0, np.array([0.3, 0.3]), trade).evident
+    assert not Jump(0.0, np.array([0.6, -0.6]), trade).evident
+    assert not Jump(0.0, np.zeros(2), trade).evident

@@ -147,6 +147,8 @@ class EfficientIdentifier(Identifier):
         if inside.step % self._every == 0 and count > 1:
             here = self._here(inside, log)
             inside = self._renewed(inside, here) if inside.stale else inside
+            if not (inside.trials or np.isfinite(inside.filter.Ptt).all()):
+                inside = self._started_again(inside, here)
             inside = self._watched(self._judged(inside, here), here.t)
             best = inside.filter.theta if inside.handed else inside.guard.theta_hat
             best = best * inside.factors
@@ -373,6 +375,8 @@ class EfficientIdentifier(Identifier):
         scale = 1 / float(theta_s @ np.linalg.solve(prior, theta_s))
         P = _CAREFUL * stated.covariance / np.outer(self._scale, self._scale)
         P += 1e3 * scale * np.outer(theta_s, theta_s)
+        if not np.isfinite(P).all():
+            return inside
         P = prior - prior @ np.linalg.solve(prior + P, prior)  # and no less certain than the prior
         kalman.theta[:], kalman.Ptt[:] = theta, 0.5 * (P + P.T)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
@@ -424,7 +428,7 @@ class EfficientIdentifier(Identifier):
         kalman, prior = inside.filter, self._covariance(self.guard.prior)
         if not inside.handed:
             stated = self.guard.confidence(inside.guard)
-            if stated is not None:
+            if stated is not None and np.isfinite(stated.covariance).all():
                 return stated
             kalman = kalman._replace(Ptt=prior)  # too few data: what is known is the prior
         squares, number, _ = kalman.totals

@@ -20,6 +20,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ....parameters import Array
 
+_EVIDENT = 9.0  # mean squared deviation of δ that is more than chance
+
 
 class Jump(NamedTuple):
     """A jump of θ under one hypothesis.
@@ -33,6 +35,12 @@ class Jump(NamedTuple):
     evidence: float
     delta: Array
     covariance: Array
+
+    @property
+    def evident(self) -> bool:
+        """Whether δ as a whole is beyond chance, even where its components trade."""
+        squares = float(self.delta @ np.linalg.solve(self.covariance, self.delta))
+        return squares > _EVIDENT * len(self.delta)
 
     def interval(self, size: Array) -> tuple[float, float, float]:
         """sizeᵀδ with the ends of its 95 % interval, for a vector `size` (d,)."""

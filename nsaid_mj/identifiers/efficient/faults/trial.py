@@ -110,7 +110,9 @@ class Trial(NamedTuple):
             return hypothesis, (0.0, 0.0, 0.0)
         shift = (kalman.theta - self.theta) / space.scale
         jump = jumped(self.P, kalman.Ptt, shift, hypothesis.D)
-        if hypothesis.kind == "friction":
+        if hypothesis.kind == "friction" and not jump.evident:
+            hypothesis = hypothesis._replace(kind="none")
+        elif hypothesis.kind == "friction":
             hypothesis = most_changed(space, hypothesis, jump)
         change = jump.interval(hypothesis.size)
         if hypothesis.kind != "stuck":

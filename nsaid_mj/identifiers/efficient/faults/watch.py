@@ -104,7 +104,9 @@ def slow_change(
         if evidence[k] > max(_SURE, best.evidence if best else 0.0):
             hypothesis, jump = hypotheses[k], jumps[k]
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
-            if hypothesis.kind == "friction":
+            if hypothesis.kind == "friction" and not jump.evident:
+                hypothesis = hypothesis._replace(kind="none")
+            elif hypothesis.kind == "friction":
                 hypothesis = most_changed(space, hypothesis, jump)
             best = Found(
                 hypothesis,
