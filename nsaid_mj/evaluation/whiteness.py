@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import gamma
 
-from ..parameters import Array
+from ..parameters import Array, Indices
 
 _FEWEST = 32  # samples that have a spectrum
 
@@ -58,7 +58,7 @@ def whiteness(e: Array) -> Whiteness:
     return Whiteness(chance, energy, best.channel, len(e) * best.period)
 
 
-def _judged(sums: Array, shape: Array, first: Array, level: Array) -> Whiteness:
+def _judged(sums: Array, shape: Array, first: Indices, level: Array) -> Whiteness:
     """Judges cells of a spectrum, with the period in units of the log's length.
 
     Args:
