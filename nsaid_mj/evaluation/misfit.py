@@ -128,7 +128,7 @@ def _sound(system: SecondOrderSystem, theta: Array, prior: Array) -> Array:
 
 
 def _worst(found: list[Misfit]) -> Misfit:
-    """The misfit of several parts of a log: the worst level, all contradictions, all the energy."""
+    """The misfit of several parts of a log: the worst level, and the widening of the last part."""
     order = [NONE, SOME, CONTRADICTS]
     times = tuple(time for one in found for time in one.contradictions)
     level = max((one.level for one in found), key=order.index)
@@ -172,6 +172,7 @@ class _Pass(NamedTuple):
 
 
 def _judged_pass(replay: Replay, log: Log) -> _Pass:
+    """Judges the innovations of one pass along a log."""
     seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
     squares, number, shortened = replay.filter.totals
     times = replay.contradictions
@@ -202,7 +203,7 @@ def _widening(witness: Witness, theta: Array, P: Array, learning: Replay, energy
 
 
 def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[float]:
-    """Mean squared shift of θ̂ in parts of a log, relative to what its covariance allows; 1."""
+    """Mean squared shifts of θ̂ over a log and its parts, normalised: 1 where P is right."""
     unit = 1 / np.sqrt(np.diag(P))
     values, vectors = np.linalg.eigh(P * np.outer(unit, unit))
     whiten = (vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))).T * unit

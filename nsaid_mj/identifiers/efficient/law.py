@@ -10,10 +10,13 @@ the filter has explained the motion.
 
 Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
 before, something may have failed: the filter returns to its estimate from before, and tries which
-single fault explains the motion best, see `faults`. Only what that has hit is set free. Slow
+single fault explains the motion best, or whether the structure is just not quite exact, see
+`faults`. Only what a fault has hit is set free; where the structure is not exact, θ may walk. Slow
 changes are found from the shift of the estimate, see `faults.watch`. If no fault explains the
 motion, or if the filter is young, it starts again at the memory's estimate, which alone is handed
-out until the filter has again explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the
+out until the filter has again explained `_PROBATION` seconds. A filter that nothing contradicts but
+that has never explained the data is held back by the cone: it goes on from the memory's estimate
+with `_CAREFUL` times its covariance. If the memory loses M̂ ≻ 0 while the
 filter's estimate is handed out, it goes on from that.
 """
 
@@ -374,7 +377,7 @@ class EfficientIdentifier(Identifier):
         theta_s, prior = theta / self._scale, self._covariance(theta)
         scale = 1 / float(theta_s @ np.linalg.solve(prior, theta_s))
         P = _CAREFUL * stated.covariance / np.outer(self._scale, self._scale)
-        P += 1e3 * scale * np.outer(theta_s, theta_s)
+        P += 1e3 * scale * np.outer(theta_s, theta_s)  # unknown, so that the prior's remains
         if not np.isfinite(P).all():
             return inside
         P = prior - prior @ np.linalg.solve(prior + P, prior)  # and no less certain than the prior
