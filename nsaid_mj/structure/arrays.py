@@ -1,0 +1,158 @@
+"""The data layout of a compiled robot: what every kernel of this room reads, and its workspace.
+
+A robot is a tree of bodies, numbered from the base outwards. Each hangs on its parent, or on the
+ground, by a joint. All kernels work in one inertial *common frame*: the world's for a fixed base,
+and for a free flyer or a vehicle in the plane the one that coincides with the base at the measured
+pose. Spatial vectors are [linear, angular], about the common frame's origin and in its axes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FIXED, FREE, PLANAR, HINGE, SLIDE, CIRCLE = range(6)
+"""Kinds of joint: weld, free flyer, pose in the plane, angle, travel, angle as (cos, sin)."""
+
+VELOCITIES = (0, 6, 3, 1, 1, 1)
+POSITIONS = (0, 7, 3, 1, 1, 2)
+"""Numbers of velocities and positions of each kind of joint."""
+
+(
+    PARENT, KIND, AT_Q, AT_V, COUNT, TEN, FIRST, LAST, TERM, TERMS, RIGID, GENERAL, BODY,
+) = range(13)  # fmt: skip
+"""Columns of `StructureArrays.bodies`: parent or −1; kind of joint; its first position, first
+velocity and number of velocities; first of ten rigid-body parameters or −1; range of `entries`, and
+of `terms`; whether the body, or one that it carries, has rigid-body parameters, and whether
+entries."""
+
+OF, FROM, TO, OWNER = 0, 1, 2, 3
+"""Columns of `StructureArrays.terms`: parameter; range of `entries`; body."""
+
+COSINE, SINE, PLACE, AXIS, JOINT = 9, 18, 27, 30, 36
+"""Columns of `StructureArrays.joints`: R₀, R_c and R_s (9 each), with R₀ + R_c cos + R_s sin the
+body's axes in its parent's; position in the parent's frame; unit twist in the body's axes."""
+
+SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, COLUMN = range(7)
+"""Columns of `StructureArrays.columns`: number of the kind; body; command or −1; offset in
+`constants`; offset in `nonzeros`; parameter."""
+
+POSITION, TWIST, RATE, FRAME = 9, 12, 6, 18
+"""Columns of a state. A body's row: rotation to the common frame (9), position, twist V. A
+velocity's row: its axis S, and Ṡ = dS/dt in an inertial frame. The row after: up and gravity. Then
+of every term the matrix (36), in the common frame, that its parameter multiplies."""
+FALL = 3
+
+
+class StructureArrays(NamedTuple):
+    """One robot's equations.
+
+    Attributes:
+        bodies: (b, BODY) see `PARENT` and following.
+        joints: (b, JOINT) see `COSINE` and following.
+        gravity: (3,) in the world's axes [m/s²].
+        rotors: (r, 2) rows [velocity, parameter]: inertia of what turns with a joint alone.
+        entries: (e, 3) rows [i, j, parameter], i ≤ j: entry of a body's 6×6 inertia in its axes.
+        values: (e,) the entry is value · θ.
+        terms: (k, 4) the entries of one parameter on a body that moves in the common frame, see
+            `OF`; the entries of a free base, constant there, belong to none.
+        columns: (c, COLUMN) the terms of F θ; see `SORT` and following.
+        constants: all columns' constants.
+        nonzeros: (z, 2) rows [velocity, parameter] of the entries of F that can differ from 0.
+    """
+
+    bodies: Integers
+    joints: Array
+    gravity: Array
+    rotors: Integers
+    entries: Integers
+    values: Array
+    terms: Integers
+    columns: Integers
+    constants: Array
+    nonzeros: Integers
+
+
+VELOCITY, DRIFT, WRENCH, PUSH, MOTION = 0, 6, 12, 18, 24
+"""Columns of `Workspace.motion`: W; J̇ w; the wrench; J a."""
+
+SQUARE, INERTIA = 10, 46
+"""Columns of `Workspace.inertia`: ten rigid-body parameters, then the other entries (6, 6)."""
+
+SCRATCH, SPARE, ROWS = 96, 6, 7
+"""Sizes of the workspace; its last row is for `slopes`, those before are for a step."""
+
+
+class Workspace(NamedTuple):
+    """Memory of a stage. Kernels allocate nothing.
+
+    Attributes:
+        motion: (b · MOTION,) of the bodies.
+        inertia: (b · INERTIA,) of every body with those that it carries, in the common frame.
+        M: (n, n) mass matrix, lower triangle.
+        L: (n, n) its factor.
+        rows: (ROWS, n) vectors of velocities.
+        scratch: (SCRATCH,) vectors of one body.
+    """
+
+    motion: Array
+    inertia: Array
+    M: Array
+    L: Array
+    rows: Array
+    scratch: Array
+
+    @staticmethod
+    def of(bodies: int, n: int) -> Workspace:
+        """Memory for a robot of so many bodies and velocities."""
+        return Workspace(
+            np.zeros(bodies * MOTION),
+            np.zeros(bodies * INERTIA),
+            np.zeros((n, n)),
+            np.zeros((n, n)),
+            np.zeros((ROWS, n)),
+            np.zeros(SCRATCH),
+        )
+
+
+SPEED_SLOPE, TURN_SLOPE, LOAD, SLOPE = 36, 72, 108, 114
+BENT, TWICE, MOVED = 0, 6, 12
+"""Columns of `Slopes.bodies`, after the inertia, and of `Slopes.axes`: Ψ̇, Ψ̈, Ψ̇ + Ṡ."""
+
+
+class Slopes(NamedTuple):
+    """Memory for derivatives of the forward dynamics, see `slopes`.
+
+    Attributes:
+        state: of a sample.
+        bodies: (b · SLOPE,) of every body with those it carries: inertia (6, 6), derivatives of its
+            wrench by twist (6, 6) and by a turn (6, 6), and the wrench.
+        axes: (n · FRAME,) of every velocity.
+        F: (z,) entries of F.
+        by_state: (n, 2n) derivatives of v̇.
+        flow: (4n, 3n) workspace of a step's derivatives.
+    """
+
+    state: Array
+    bodies: Array
+    axes: Array
+    F: Array
+    by_state: Array
+    flow: Array
+
+    @staticmethod
+    def of(bodies: int, n: int, state: int, nonzeros: int) -> Slopes:
+        """Memory for a robot of so many bodies, velocities, numbers of a state, entries of F."""
+        return Slopes(
+            np.zeros(state),
+            np.zeros(bodies * SLOPE),
+            np.zeros(n * FRAME),
+            np.zeros(nonzeros),
+            np.zeros((n, 2 * n)),
+            np.zeros((4 * n, 3 * n)),
+        )

@@ -1,0 +1,55 @@
+"""Command curves of actuators: what share of its gain a command gives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...parameters import Array
+from ..compiled import f8, i8, routine, vector
+
+
+@routine(f8(vector, i8, f8))
+def follow_curve(c, at, u):
+    """The curve at a command u.
+
+    Args:
+        c: constants. c[at] = k > 0 is the number of coefficients of u, u|u|, u³, u³|u| …, which
+            follow; c[at] = −k that of points of a table, whose commands and then values follow.
+        at: where the curve begins.
+        u: command.
+    """
+    count = int(c[at])
+    if count >= 0:
+        total, size = 0.0, abs(u)
+        for i in range(at + count, at, -1):
+            total = total * size + c[i]
+        return total * u
+    first, last = at + 1, at - count
+    if u <= c[first]:
+        return c[first - count]
+    for i in range(first + 1, last + 1):
+        if u <= c[i]:
+            share = (u - c[i - 1]) / (c[i] - c[i - 1])
+            return c[i - 1 - count] + share * (c[i - count] - c[i - 1 - count])
+    return c[last - count]
+
+
+def polynomial(*coefficients: float) -> Array:
+    """A curve by its coefficients of u, u|u|, u³, u³|u| and so on."""
+    return np.array([len(coefficients), *coefficients])
+
+
+def odd(*coefficients: float) -> Array:
+    """A curve by its coefficients of u, u³, u⁵ and so on."""
+    spread = np.zeros(2 * len(coefficients) - 1)
+    spread[::2] = coefficients
+    return polynomial(*spread)
+
+
+def interpolated(commands: Array, values: Array) -> Array:
+    """A curve by the values at increasing commands; constant beyond the ends."""
+    return np.array([-len(commands), *commands, *values])
+
+
+LINEAR, SQUARED = polynomial(1.0), polynomial(0.0, 1.0)
+"""The curves u, and u|u| of a rotor whose command is its speed."""

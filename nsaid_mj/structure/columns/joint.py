@@ -1,0 +1,121 @@
+"""Kinds of columns on a joint: one force or torque each, per unit of the parameter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import AT_Q, AT_V, CIRCLE, FALL, FRAME, KIND, PARENT, POSITION
+from ..compiled import f8, helper, i8, routine, table, vector
+from ..spatial import add_cross, clear, dot, rotate
+from .curve import follow_curve
+from .kind import CURVE, LISTED, Kind
+
+VISCOUS, QUADRATIC, CUBIC, COULOMB, STRIBECK, LOAD, OFFSET, SPRING, MOTOR, SERVO = range(10)
+_SPEED = ("speed", (1, 0.05))
+
+KINDS = (
+    Kind(VISCOUS, "viscous", "viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), share=0.2),
+    Kind(
+        QUADRATIC, "quadratic", "quadratic friction", "quadratic",
+        ("N·m·s²/rad²", "N·s²/m²"), "free",
+    ),
+    Kind(CUBIC, "cubic", "cubic friction", "cubic", ("N·m·s³/rad³", "N·s³/m³"), "free"),
+    Kind(
+        COULOMB, "coulomb", "Coulomb friction", "coulomb", ("N·m", "N"), share=0.2,
+        constants=dict([_SPEED]),
+    ),
+    Kind(
+        STRIBECK, "stribeck", "Stribeck friction", "stribeck", ("N·m", "N"),
+        constants=dict([_SPEED, ("stribeck", (1, 0.13))]),
+    ),
+    Kind(
+        LOAD, "load", "load-dependent friction", "load", ("1", "1"), share=0.05,
+        constants=dict([_SPEED, ("bodies", (LISTED, None))]),
+    ),
+    Kind(OFFSET, "offset", "offset", "offset", ("N·m", "N"), "free", share=0.05),
+    Kind(
+        SPRING, "spring", "stiffness", "stiffness", ("N·m/rad", "N/m"),
+        constants={"rest": (1, 0.0)}, drawn="ring",
+    ),
+    Kind(
+        MOTOR, "motor", "motor gain", "gain", ("N·m/unit", "N/unit"), share=1.0, actuator=True,
+        commanded=True, constants={"curve": (CURVE, 1.0)}, drawn="ring",
+    ),
+    Kind(
+        SERVO, "servo", "servo gain", "kp", ("N·m/rad", "N/m"), share=1.0, actuator=True,
+        commanded=True, constants={"limit": (1, np.inf)}, drawn="ring",
+    ),
+)  # fmt: skip
+
+
+@helper(f8(table, i8, vector))
+def coordinate(bodies, b, q):
+    """Angle or travel of a body's joint."""
+    at = bodies[b, AT_Q]
+    if bodies[b, KIND] == CIRCLE:
+        return np.arctan2(q[at + 1], q[at])
+    return q[at]
+
+
+@routine(f8(vector, i8, table, i8, vector, i8, vector))
+def _weight_on_joint(c, at, bodies, b, state, ground, x):
+    """Generalised force on a joint of the weight of the bodies it carries.
+
+    c[at] is the number of numbers that follow: body, mass and first moment in body axes (3) of
+    every body that has a nominal weight.
+    """
+    axis, total = (bodies.shape[0] + bodies[b, AT_V]) * FRAME, 0.0
+    for k in range(at + 1, at + 1 + int(c[at]), 5):
+        body = int(c[k])
+        own = body
+        while own > b:  # a parent's number is smaller
+            own = bodies[own, PARENT]
+        if own == b:
+            rotate(state, body * FRAME, c, k + 2, x, 0)
+            clear(x, 6, 6)
+            for i in range(3):
+                x[i] += c[k + 1] * state[body * FRAME + POSITION + i]
+                x[6 + i] = c[k + 1] * state[ground + FALL + i]
+            add_cross(x, 0, state, ground + FALL, 1.0, x, 9)
+            total += dot(state, axis, x, 6)
+    return total
+
+
+@routine(f8(i8, vector, i8, table, i8, vector, i8, f8, f8, f8, vector))
+def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
+    """Force of a column on the joint of body b, per unit of its parameter.
+
+    Args:
+        kind: number of the kind.
+        c: constants of all columns.
+        at: where the column's own begin.
+        bodies: of the robot.
+        b: the body.
+        state: at the sample.
+        ground: where in it the row of the ground begins.
+        angle: angle or travel of the joint.
+        v: velocity of the joint.
+        u: command; 0 if the column reads none.
+        x: workspace of twelve numbers.
+    """
+    if kind == VISCOUS:
+        return -v
+    if kind == QUADRATIC:
+        return -abs(v) * v
+    if kind == CUBIC:
+        return -v * v * v
+    if kind == COULOMB:
+        return -np.tanh(v / c[at])
+    if kind == STRIBECK:  # what friction loses with speed, above Coulomb's
+        return -np.tanh(v / c[at]) * np.exp(-((v / c[at + 1]) ** 2))
+    if kind == LOAD:  # on the weight of nominal bodies
+        return -np.tanh(v / c[at]) * abs(_weight_on_joint(c, at + 1, bodies, b, state, ground, x))
+    if kind == OFFSET:
+        return 1.0
+    if kind == SPRING:
+        return c[at] - angle
+    if kind == MOTOR:
+        return follow_curve(c, at, u)
+    if kind == SERVO:
+        return min(max(u - angle, -c[at]), c[at])
+    return np.nan

@@ -1,0 +1,33 @@
+"""The one step in which all kernels are compiled, or loaded from the cache."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import cache
+
+from numba import config
+
+from ..numerics.kernels import FOLDER
+from . import motion, regressor, transition  # noqa: F401 (marks all functions)
+from .compiled import MARKED
+
+
+@cache
+def ready() -> None:
+    """Compiles all functions, callees first, or loads the kernels; done once in a process.
+
+    numba caches kernels only: the other functions are part of them. A file in the cache folder,
+    written last, says that all kernels are there. If it errs, numba compiles what is missing, with
+    more specialisations than necessary.
+    """
+    if config.DISABLE_JIT:
+        return
+    complete = FOLDER / "structure.complete"
+    found = complete.exists()
+    for made, signature, called in MARKED:
+        if called or not found:
+            made.compile(signature)
+            made.disable_compile()
+    if not found:
+        with suppress(OSError):
+            complete.touch()

@@ -1,0 +1,99 @@
+"""The force regressor F at one sample, as its entries that can differ from 0."""
+
+from __future__ import annotations
+
+from .arrays import (
+    AT,
+    AT_V,
+    CONSTANTS,
+    COUNT,
+    FALL,
+    FRAME,
+    FREE,
+    INPUT,
+    KIND,
+    NONZEROS,
+    PARENT,
+    SORT,
+    TWIST,
+)
+from .columns.fluid import FLUID_KINDS, GRAVITY, UP, write_fluid
+from .columns.fluid import F as WRENCH
+from .columns.joint import coordinate, joint_force
+from .columns.thrust import THRUST_KINDS, write_thrust
+from .columns.wheels import write_wheel
+from .compiled import STRUCTURE, boolean, f8, helper, i8, kernel, routine, table, vector, void
+from .spatial import clear, dot, into_body, out_of_body, unrotate
+
+BODY_KINDS = 100
+_COMMON = 18  # in the scratch: the wrench in the common frame
+
+
+@helper(void(vector, i8, i8, vector))
+def write_surroundings(state, frame, ground, x):
+    """Writes what a body's kinds read: its twist, up and gravity, in its axes."""
+    into_body(state, frame, state, frame + TWIST, x, 0)
+    unrotate(state, frame, state, ground, x, UP)
+    unrotate(state, frame, state, ground + FALL, x, GRAVITY)
+
+
+@routine(void(i8, vector, i8, f8, vector))
+def write_wrench(kind, c, own, command, x):
+    """Writes the wrench of a column on a body, in its axes, per unit of its parameter."""
+    clear(x, WRENCH, 6)
+    if kind < FLUID_KINDS:
+        write_fluid(kind, c, own, x)
+    elif kind < THRUST_KINDS:
+        write_thrust(kind, c, own, x, command)
+    else:
+        write_wheel(kind, c, own, x, command)
+
+
+@helper(void(table, vector, i8, vector, vector, i8))
+def project(bodies, state, b, x, F, to):
+    """Writes the generalised forces of the wrench in x on body b, from F[to] on."""
+    if bodies[b, KIND] == FREE:
+        for i in range(6):
+            F[to + i] = x[WRENCH + i]
+        return
+    out_of_body(state, b * FRAME, x, WRENCH, x, _COMMON)
+    while b >= 0:
+        first = bodies[b, AT_V]
+        for j in range(first, first + bodies[b, COUNT]):
+            F[to] = dot(state, (bodies.shape[0] + j) * FRAME, x, _COMMON)
+            to += 1
+        b = bodies[b, PARENT]
+
+
+@kernel(void(STRUCTURE, vector, vector, vector, vector, boolean, vector, vector))
+def write_forces(structure, state, q, v, u, whole, x, F):
+    """Writes F at a sample.
+
+    Args:
+        structure: the robot.
+        state: (s,) of `kinematics.place`.
+        q: (m,) positions.
+        v: (n,) velocities.
+        u: (n_u,) commands.
+        whole: whether to write all columns, or only those that read a command.
+        x: (SCRATCH,) workspace.
+        F: (z,) entries that can differ from 0; written.
+    """
+    bodies, columns, c, seen = structure.bodies, structure.columns, structure.constants, -1
+    ground = (bodies.shape[0] + v.shape[0]) * FRAME
+    for k in range(columns.shape[0]):
+        kind, b, own = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
+        if columns[k, INPUT] < 0 and not whole:
+            continue
+        command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
+        to = columns[k, NONZEROS]
+        if kind < BODY_KINDS:
+            angle, rate = coordinate(bodies, b, q), v[bodies[b, AT_V]]
+            F[to] = joint_force(kind, c, own, bodies, b, state, ground, angle, rate, command, x)
+            seen = -1
+            continue
+        if b != seen:
+            write_surroundings(state, b * FRAME, ground, x)
+            seen = b
+        write_wrench(kind, c, own, command, x)
+        project(bodies, state, b, x, F, to)

@@ -1,0 +1,214 @@
+"""Inertias of bodies, compiled: from θ into the common frame, products with twists, and powers.
+
+Ten rigid-body parameters m, h = m c and Ī (about the frame's origin, in the order m, h, xx, xy, yy,
+xz, yz, zz) have formulas of their own. All other inertias are 6×6 matrices.
+"""
+
+from __future__ import annotations
+
+from .arrays import (
+    FIRST,
+    FRAME,
+    GENERAL,
+    INERTIA,
+    LAST,
+    OF,
+    POSITION,
+    RIGID,
+    SQUARE,
+    TEN,
+    TERM,
+    TERMS,
+)
+from .compiled import f8, helper, i8, matrix, table, vector, void
+from .spatial import add_cross, clear, dot3, rotate
+
+_PRODUCT = void(vector, i8, vector, i8, f8, vector, i8)
+
+# -- ten parameters --------------------------------------------------------------------------------
+
+
+@helper(void(vector, i8, vector, i8, vector, i8))
+def write_rigid(state, frame, theta, at, inertia, to):
+    """Writes ten parameters θ[at : at + 10] of a body as the common frame has them."""
+    m, p = theta[at], frame + POSITION
+    xx, xy, yy, xz, yz, zz = (
+        theta[at + 4], theta[at + 5], theta[at + 6], theta[at + 7], theta[at + 8], theta[at + 9]
+    )  # fmt: skip
+    rotate(state, frame, theta, at + 1, inertia, to + 1)
+    px, py, pz = state[p], state[p + 1], state[p + 2]
+    kx, ky = inertia[to + 1] + 0.5 * m * px, inertia[to + 2] + 0.5 * m * py
+    kz = inertia[to + 3] + 0.5 * m * pz
+    for r in range(3):  # R Ī Rᵀ
+        a, b, c = state[frame + 3 * r], state[frame + 3 * r + 1], state[frame + 3 * r + 2]
+        x, y, z = a * xx + b * xy + c * xz, a * xy + b * yy + c * yz, a * xz + b * yz + c * zz
+        for s in range(r + 1):
+            R = frame + 3 * s
+            inertia[to + 4 + r * (r + 1) // 2 + s] = (
+                x * state[R] + y * state[R + 1] + z * state[R + 2]
+            )
+    both = 2 * (px * kx + py * ky + pz * kz)
+    inertia[to] = m
+    inertia[to + 1] += m * px
+    inertia[to + 2] += m * py
+    inertia[to + 3] += m * pz
+    inertia[to + 4] += both - 2 * px * kx
+    inertia[to + 5] -= px * ky + py * kx
+    inertia[to + 6] += both - 2 * py * ky
+    inertia[to + 7] -= px * kz + pz * kx
+    inertia[to + 8] -= py * kz + pz * ky
+    inertia[to + 9] += both - 2 * pz * kz
+
+
+@helper(_PRODUCT)
+def add_turning(inertia, at, x, i, factor, y, k):
+    """y += factor · Ī x, of 3-vectors."""
+    xx, xy, yy = inertia[at + 4], inertia[at + 5], inertia[at + 6]
+    xz, yz, zz = inertia[at + 7], inertia[at + 8], inertia[at + 9]
+    a, b, c = factor * x[i], factor * x[i + 1], factor * x[i + 2]
+    y[k] += xx * a + xy * b + xz * c
+    y[k + 1] += xy * a + yy * b + yz * c
+    y[k + 2] += xz * a + yz * b + zz * c
+
+
+@helper(_PRODUCT)
+def add_rigid(inertia, at, x, i, factor, f, k):
+    """f += factor · I x of ten parameters: [m v + ω × h, h × v + Ī ω]."""
+    for r in range(3):
+        f[k + r] += factor * inertia[at] * x[i + r]
+    add_cross(x, i + 3, inertia, at + 1, factor, f, k)
+    add_cross(inertia, at + 1, x, i, factor, f, k + 3)
+    add_turning(inertia, at, x, i + 3, factor, f, k + 3)
+
+
+# -- 6×6 matrices ----------------------------------------------------------------------------------
+
+
+@helper(void(table, table, vector, table, i8, vector, i8, vector, vector, i8))
+def write_square(bodies, entries, values, terms, b, state, ground, theta, square, at):
+    """Writes the 6×6 part of body b's inertia under θ, in the common frame, at square[at].
+
+    Args:
+        bodies: of the robot.
+        entries: of the robot.
+        values: of the robot.
+        terms: of the robot.
+        b: the body.
+        state: at the sample.
+        ground: where in it the row of the ground begins.
+        theta: (p,) parameters.
+        square: written.
+        at: where.
+    """
+    clear(square, at, 36)
+    for k in range(bodies[b, TERM], bodies[b, TERMS]):
+        gain, start = theta[terms[k, OF]], ground + FRAME + 36 * k
+        for i in range(36):
+            square[at + i] += gain * state[start + i]
+    if bodies[b, TERM] == bodies[b, TERMS]:  # a base: its axes are the common frame's
+        for e in range(bodies[b, FIRST], bodies[b, LAST]):
+            i, j, entry = entries[e, 0], entries[e, 1], values[e] * theta[entries[e, 2]]
+            square[at + 6 * i + j] += entry
+            if i != j:
+                square[at + 6 * j + i] += entry
+
+
+@helper(_PRODUCT)
+def add_square(square, at, x, i, factor, f, k):
+    """f += factor · I x of the 6×6 matrix at square[at]."""
+    for r in range(6):
+        total = 0.0
+        for c in range(6):
+            total += square[at + 6 * r + c] * x[i + c]
+        f[k + r] += factor * total
+
+
+@helper(void(table, i8, vector, vector, i8, f8, vector, i8))
+def add_momentum(bodies, b, inertia, x, i, factor, f, k):
+    """f += factor · I x, with all that body b's row of `Workspace.inertia` holds."""
+    if bodies[b, RIGID]:
+        add_rigid(inertia, b * INERTIA, x, i, factor, f, k)
+    if bodies[b, GENERAL]:
+        add_square(inertia, b * INERTIA + SQUARE, x, i, factor, f, k)
+
+
+# -- powers: what multiplies θ in xᵀ I y -----------------------------------------------------------
+
+
+@helper(void(table, table, vector, i8, vector, i8, i8, i8, matrix, i8))
+def add_power(bodies, entries, values, b, x, i, j, heavy, out, row):
+    """out[row] (p,) += what multiplies θ in xᵀ I y of body b, twists in its axes.
+
+    Args:
+        bodies: of the robot.
+        entries: of the robot.
+        values: of the robot.
+        b: the body.
+        x: array with all twists.
+        i: where the twist x is.
+        j: where y is.
+        heavy: where y is for the ten parameters; they may have weight.
+        out: added to.
+        row: where.
+    """
+    k, w = bodies[b, TEN], i + 3
+    if k >= 0:
+        out[row, k] += dot3(x, i, x, heavy)
+        for r in range(3):
+            s, t = (r + 1) % 3, (r + 2) % 3
+            out[row, k + 1 + r] += (
+                x[i + s] * x[heavy + 3 + t] - x[i + t] * x[heavy + 3 + s]
+                + x[heavy + s] * x[w + t] - x[heavy + t] * x[w + s]
+            )  # fmt: skip
+            for c in range(r):
+                both = x[w + r] * x[heavy + 3 + c] + x[w + c] * x[heavy + 3 + r]
+                out[row, k + 4 + r * (r + 1) // 2 + c] += both
+            out[row, k + 4 + r * (r + 3) // 2] += x[w + r] * x[heavy + 3 + r]
+    for e in range(bodies[b, FIRST], bodies[b, LAST]):
+        r, c = entries[e, 0], entries[e, 1]
+        power = x[i + r] * x[j + c]
+        if r != c:
+            power += x[i + c] * x[j + r]
+        out[row, entries[e, 2]] += values[e] * power
+
+
+@helper(void(vector, i8, i8, matrix, i8, i8))
+def add_weight(x, i, g, out, row, k):
+    """out[row, k : k + 4] += what multiplies m and h in xᵀ I [g, 0] of ten parameters."""
+    out[row, k] += dot3(x, i, x, g)
+    for r in range(3):
+        s, t = (r + 1) % 3, (r + 2) % 3
+        out[row, k + 1 + r] += x[g + s] * x[i + 3 + t] - x[g + t] * x[i + 3 + s]
+
+
+@helper(void(vector, i8, vector, vector, i8))
+def add_common_power(state, frame, power, out, k):
+    """out[k : k + 10] += powers of ten parameters in body axes, from those of the common frame.
+
+    The transpose of the map of `write_rigid`: a body's θ and its powers are dual.
+
+    Args:
+        state: of the robot.
+        frame: where in it the body's row begins.
+        power: (10,) powers in the common frame.
+        out: added to.
+        k: where.
+    """
+    p = frame + POSITION
+    xx, xy, yy = 2 * power[4], power[5], 2 * power[6]  # 2 Z: powers hold off-diagonals twice
+    xz, yz, zz = power[7], power[8], 2 * power[9]
+    px, py, pz = state[p], state[p + 1], state[p + 2]
+    trace = xx + yy + zz
+    kx = trace * px - (xx * px + xy * py + xz * pz)
+    ky = trace * py - (xy * px + yy * py + yz * pz)
+    kz = trace * pz - (xz * px + yz * py + zz * pz)
+    hx, hy, hz = power[1] + kx, power[2] + ky, power[3] + kz
+    out[k] += power[0] + px * (hx - 0.5 * kx) + py * (hy - 0.5 * ky) + pz * (hz - 0.5 * kz)
+    for c in range(3):
+        a, b, d = state[frame + c], state[frame + 3 + c], state[frame + 6 + c]
+        out[k + 1 + c] += a * hx + b * hy + d * hz
+        x, y, z = xx * a + xy * b + xz * d, xy * a + yy * b + yz * d, xz * a + yz * b + zz * d
+        for s in range(c):
+            R = frame + s
+            out[k + 4 + c * (c + 1) // 2 + s] += x * state[R] + y * state[R + 3] + z * state[R + 6]
+        out[k + 4 + c * (c + 3) // 2] += 0.5 * (x * a + y * b + z * d)

@@ -1,0 +1,158 @@
+"""The state of a tree at one sample: what the kernels need and no estimate changes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .arrays import (
+    AT_Q,
+    AT_V,
+    AXIS,
+    CIRCLE,
+    COSINE,
+    COUNT,
+    FALL,
+    FRAME,
+    FREE,
+    FROM,
+    HINGE,
+    KIND,
+    OWNER,
+    PARENT,
+    PLACE,
+    PLANAR,
+    POSITION,
+    RATE,
+    SINE,
+    SLIDE,
+    TO,
+    TWIST,
+)
+from .compiled import STRUCTURE, helper, i8, kernel, matrix, table, vector, void
+from .spatial import add_cross, add_turned, clear, turn_square, unrotate
+
+
+@helper(void(vector, i8, vector, i8))
+def write_rotation(q, at, R, r):
+    """Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at]."""
+    x, y, z, w = q[at], q[at + 1], q[at + 2], q[at + 3]
+    R[r], R[r + 4] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
+    R[r + 8] = 1 - 2 * (x * x + y * y)
+    R[r + 1], R[r + 2], R[r + 5] = 2 * (x * y - z * w), 2 * (x * z + y * w), 2 * (y * z - x * w)
+    R[r + 3], R[r + 6], R[r + 7] = 2 * (x * y + z * w), 2 * (x * z - y * w), 2 * (y * z + x * w)
+
+
+@helper(void(i8, vector, vector, vector, i8, i8))
+def _place_base(kind, gravity, q, state, frame, ground):
+    """A base defines the common frame; in it, gravity and the upward direction turn."""
+    if kind == FREE:
+        write_rotation(q, 3, state, frame)
+    else:
+        clear(state, frame, 9)
+        state[frame], state[frame + 3] = np.cos(q[2]), np.sin(q[2])
+        state[frame + 1], state[frame + 4] = -state[frame + 3], state[frame]
+        state[frame + 8] = 1.0
+    for i in range(3):
+        state[ground + i] = state[frame + 6 + i]
+    unrotate(state, frame, gravity, 0, state, ground + FALL)
+    clear(state, frame, 12)
+    state[frame], state[frame + 4], state[frame + 8] = 1.0, 1.0, 1.0
+
+
+@helper(void(i8, vector, i8, matrix, i8, vector, i8))
+def _place_body(kind, q, at, joints, b, state, frame):
+    """Writes rotation and position of a body in its parent's frame."""
+    cosine, sine = 1.0, 0.0
+    if kind == HINGE:
+        cosine, sine = np.cos(q[at]), np.sin(q[at])
+    elif kind == CIRCLE:
+        cosine, sine = q[at], q[at + 1]
+    for i in range(9):
+        state[frame + i] = (
+            joints[b, i] + cosine * joints[b, COSINE + i] + sine * joints[b, SINE + i]
+        )
+    for i in range(3):
+        state[frame + POSITION + i] = joints[b, PLACE + i]
+        if kind == SLIDE:
+            for j in range(3):
+                travel = q[at] * joints[b, AXIS + j]
+                state[frame + POSITION + i] += travel * joints[b, 3 * i + j]
+
+
+@helper(void(vector, i8, i8))
+def _compose(state, above, frame):
+    """Overwrites a pose in the parent's frame by that in the common frame."""
+    for c in range(3):
+        x, y, z = state[frame + c], state[frame + 3 + c], state[frame + 6 + c]
+        for r in range(3):
+            R = above + 3 * r
+            state[frame + 3 * r + c] = state[R] * x + state[R + 1] * y + state[R + 2] * z
+    p = frame + POSITION
+    x, y, z = state[p], state[p + 1], state[p + 2]
+    for r in range(3):
+        R = above + 3 * r
+        state[p + r] = (
+            state[above + POSITION + r] + state[R] * x + state[R + 1] * y + state[R + 2] * z
+        )
+
+
+@helper(void(table, matrix, i8, vector, vector))
+def _move(bodies, joints, b, v, state):
+    """Writes a body's twist V, and S and Ṡ = V × S of its joint's velocities."""
+    parent, kind, first = bodies[b, PARENT], bodies[b, KIND], bodies[b, AT_V]
+    frame, axes = b * FRAME, bodies.shape[0] * FRAME
+    for i in range(TWIST, TWIST + 6):
+        state[frame + i] = state[parent * FRAME + i] if parent >= 0 else 0.0
+    for j in range(first, first + bodies[b, COUNT]):
+        axis = axes + j * FRAME
+        clear(state, axis, 6)
+        if kind in (FREE, PLANAR):
+            state[axis + (5 if kind == PLANAR and j == 2 else j)] = 1.0
+        else:
+            for r in range(3):
+                for c in range(3):
+                    R = state[frame + 3 * r + c]
+                    state[axis + r] += R * joints[b, AXIS + c]
+                    state[axis + 3 + r] += R * joints[b, AXIS + 3 + c]
+            add_cross(state, frame + POSITION, state, axis + 3, 1.0, state, axis)
+        for i in range(6):
+            state[frame + TWIST + i] += v[j] * state[axis + i]
+    for j in range(first, first + bodies[b, COUNT]):
+        axis = axes + j * FRAME
+        clear(state, axis + RATE, 6)
+        add_turned(state, frame + TWIST, state, axis, 1.0, state, axis + RATE)
+
+
+@kernel(void(STRUCTURE, vector, vector, vector))
+def place(structure, q, v, state):
+    """Writes the state at q (m,) and v (n,).
+
+    Args:
+        structure: the robot.
+        q: (m,) positions.
+        v: (n,) velocities.
+        state: (s,) written; see `arrays.POSITION`.
+    """
+    bodies, joints, gravity = structure.bodies, structure.joints, structure.gravity
+    entries, values, terms = structure.entries, structure.values, structure.terms
+    ground = (bodies.shape[0] + v.shape[0]) * FRAME
+    for i in range(3):
+        state[ground + i], state[ground + FALL + i] = 0.0, gravity[i]
+    state[ground + 2] = 1.0
+    for b in range(bodies.shape[0]):
+        kind, parent = bodies[b, KIND], bodies[b, PARENT]
+        if kind in (FREE, PLANAR):
+            _place_base(kind, gravity, q, state, b * FRAME, ground)
+        else:
+            _place_body(kind, q, bodies[b, AT_Q], joints, b, state, b * FRAME)
+            if parent >= 0:
+                _compose(state, parent * FRAME, b * FRAME)
+        _move(bodies, joints, b, v, state)
+    for k in range(terms.shape[0]):
+        at = ground + FRAME + 36 * k
+        clear(state, at, 36)
+        for e in range(terms[k, FROM], terms[k, TO]):
+            i, j = entries[e, 0], entries[e, 1]
+            state[at + 6 * i + j] = values[e]
+            state[at + 6 * j + i] = values[e]
+        turn_square(state, terms[k, OWNER] * FRAME, state, at)

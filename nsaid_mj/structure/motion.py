@@ -1,0 +1,169 @@
+"""What an estimate does not change along a log: kinematics, forces, and momentum's balance."""
+
+from __future__ import annotations
+
+from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST
+from .compiled import (
+    STRUCTURE,
+    WORKSPACE,
+    boolean,
+    cube,
+    f8,
+    helper,
+    kernel,
+    matrix,
+    routine,
+    vector,
+    void,
+)
+from .forces import write_forces
+from .inertia import add_power, add_weight
+from .kinematics import place
+from .poses import half_way
+from .spatial import into_body, unrotate
+
+_V, _G, _S, _RATE_S = 0, 12, 18, 24  # vectors in the body's axes
+
+
+@kernel(
+    void(
+        STRUCTURE,
+        boolean,
+        vector,
+        matrix,
+        matrix,
+        matrix,
+        WORKSPACE,
+        matrix,
+        matrix,
+        matrix,
+        matrix,
+        cube,
+    )
+)
+def along(structure, hermite, t, q, v, u, work, states, middles, qm, vm, F):
+    """Writes states and forces at N samples and half-way between them, commands held in a step.
+
+    Args:
+        structure: the robot.
+        hermite: cubic Hermite interpolation between samples; else the mean of both velocities.
+        t: (N,) times [s].
+        q: (N, m) positions.
+        v: (N, n) velocities.
+        u: (N, n_u) commands.
+        work: memory.
+        states: (N, s) at the samples; written.
+        middles: (N−1, s) half-way between; written.
+        qm: (N−1, m) positions half-way; written.
+        vm: (N−1, n) velocities half-way; written.
+        F: (3, N−1, z) entries of F at start, middle and end of every step; written.
+    """
+    x, steps = work.scratch, t.shape[0] - 1
+    place(structure, q[0], v[0], states[0])
+    for k in range(steps):
+        dt = t[k + 1] - t[k]
+        half_way(
+            structure.bodies,
+            q[k],
+            v[k],
+            q[k + 1],
+            v[k + 1],
+            dt,
+            hermite,
+            work.rows,
+            x,
+            qm[k],
+            vm[k],
+        )
+        place(structure, qm[k], vm[k], middles[k])
+        place(structure, q[k + 1], v[k + 1], states[k + 1])
+        for z in range(F.shape[2] if k else 0):
+            F[0, k, z] = F[2, k - 1, z]
+        write_forces(structure, states[k], q[k], v[k], u[k], k == 0, x, F[0, k])
+        write_forces(structure, middles[k], qm[k], vm[k], u[k], True, x, F[1, k])
+        write_forces(structure, states[k + 1], q[k + 1], v[k + 1], u[k], True, x, F[2, k])
+
+
+@routine(void(STRUCTURE, vector, vector, f8, vector, matrix, matrix))
+def _write_balance(structure, state, v, leak, x, momentum, drive):
+    """Writes W_M v, and a W_M v + weight + (the regressor of Cᵀ v), (n, p) each.
+
+    In an inertial frame, row j of a body is S_jᵀ I V, and S_jᵀ I (a V + g) + Ṡ_jᵀ I V; only
+    rigid-body parameters have weight.
+    """
+    bodies, entries, values = structure.bodies, structure.entries, structure.values
+    rotors, axes = structure.rotors, bodies.shape[0] * FRAME
+    ground = axes + v.shape[0] * FRAME
+    for i in range(v.shape[0]):
+        for k in range(momentum.shape[1]):
+            momentum[i, k], drive[i, k] = 0.0, 0.0
+    for b in range(bodies.shape[0]):
+        frame, ancestor = b * FRAME, b
+        into_body(state, frame, state, frame + TWIST, x, _V)
+        unrotate(state, frame, state, ground + FALL, x, _G)
+        while ancestor >= 0:
+            first = bodies[ancestor, AT_V]
+            for j in range(first, first + bodies[ancestor, COUNT]):
+                axis = axes + j * FRAME
+                into_body(state, frame, state, axis, x, _S)
+                into_body(state, frame, state, axis + RATE, x, _RATE_S)
+                add_power(bodies, entries, values, b, x, _S, _V, _V, momentum, j)
+                add_power(bodies, entries, values, b, x, _RATE_S, _V, _V, drive, j)
+                if bodies[b, TEN] >= 0:
+                    add_weight(x, _S, _G, drive, j, bodies[b, TEN])
+            ancestor = bodies[ancestor, PARENT]
+    for r in range(rotors.shape[0]):
+        i, k = rotors[r, 0], rotors[r, 1]
+        momentum[i, k] += v[i]
+    for i in range(v.shape[0]):
+        for k in range(momentum.shape[1]):
+            drive[i, k] += leak * momentum[i, k]
+
+
+@helper(void(STRUCTURE, matrix, vector, matrix))
+def _add_forces(structure, drive, F, out):
+    """Writes drive + F, (n, p), from the entries of F."""
+    nonzeros = structure.nonzeros
+    for i in range(drive.shape[0]):
+        for k in range(drive.shape[1]):
+            out[i, k] = drive[i, k]
+    for z in range(nonzeros.shape[0]):
+        out[nonzeros[z, 0], nonzeros[z, 1]] += F[z]
+
+
+@kernel(
+    void(
+        STRUCTURE, f8, matrix, matrix, matrix, matrix, cube, WORKSPACE, matrix, matrix,
+        cube, cube, cube, cube,
+    )
+)  # fmt: skip
+def balance(
+    structure, leak, v, vm, states, middles, F, work, drive, unused, momenta, start, half, end
+):
+    """Writes the terms of the filtered momentum balance of a motion.
+
+    Args:
+        structure: the robot.
+        leak: rate a of the filter [1/s].
+        v: (N, n) velocities at the samples.
+        vm: (N−1, n) velocities half-way between.
+        states: of `along`.
+        middles: of `along`.
+        F: of `along`.
+        work: memory.
+        drive: (n, p) workspace.
+        unused: (n, p) workspace.
+        momenta: (N, n, p) W_M(q, v) at the samples; written.
+        start: (N−1, n, p) a W_M v + F + Cᵀ v at the start of every step; written.
+        half: (N−1, n, p) the same half-way; written.
+        end: (N−1, n, p) the same at the end; written.
+    """
+    steps = v.shape[0] - 1
+    for k in range(steps + 1):
+        _write_balance(structure, states[k], v[k], leak, work.scratch, momenta[k], drive)
+        if k > 0:
+            _add_forces(structure, drive, F[2, k - 1], end[k - 1])
+        if k < steps:
+            _add_forces(structure, drive, F[0, k], start[k])
+            _write_balance(structure, middles[k], vm[k], leak, work.scratch, unused, drive)
+            _add_forces(structure, drive, F[1, k], half[k])

@@ -1,0 +1,146 @@
+"""The parts of which a robot is made: joints, bodies, inertias, and terms of F θ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import CIRCLE, FIXED, FREE, HINGE, PLANAR, SLIDE, Array
+
+JointKind = Literal["fixed", "free", "planar", "hinge", "slide", "circle"]
+KINDS_OF_JOINT: dict[str, int] = {
+    "fixed": FIXED,
+    "free": FREE,
+    "planar": PLANAR,
+    "hinge": HINGE,
+    "slide": SLIDE,
+    "circle": CIRCLE,
+}
+"""Names of the kinds of joint; `circle` is a hinge whose position is (cos, sin)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body and the joint by which it hangs on its parent.
+
+    Attributes:
+        joint: kind of joint.
+        parent: number of its parent, −1 for the ground; parents come first.
+        axis: (3,) unit vector of the joint in the body's axes, for a hinge or slide.
+        rotation: (3, 3) the body's axes in its parent's where the joint's position is 0.
+        position: (3,) of the joint in the parent's frame [m].
+        name: of the body.
+    """
+
+    joint: JointKind
+    parent: int = -1
+    axis: ArrayLike = (0.0, 0.0, 1.0)
+    rotation: ArrayLike = field(default_factory=lambda: np.eye(3))
+    position: ArrayLike = (0.0, 0.0, 0.0)
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """A part of a body's 6×6 inertia, linear in θ, in the body's axes about its origin.
+
+    Attributes:
+        body: number of the body.
+        start: index in θ of the first of its parameters.
+        tensor: (6, 6, s) with I = tensor · θ[start : start + s]; None for the ten parameters of a
+            rigid body, m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz, which alone have weight.
+    """
+
+    body: int
+    start: int
+    tensor: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """The inertia of what turns or slides with a joint alone: a motor's rotor.
+
+    Attributes:
+        dof: number of the velocity.
+        parameter: index in θ [kg·m² or kg].
+    """
+
+    dof: int
+    parameter: int
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Column:
+    """One term of F θ: a force of known direction and unknown size.
+
+    Several columns may share a parameter.
+
+    Attributes:
+        kind: name of one of `columns.KINDS`.
+        parameter: index in θ.
+        body: number of the body on which it acts, or −1.
+        dof: number of the velocity, for a force of a joint, or −1.
+        input: number of the command it reads, or −1.
+        constants: what else the kind has to know, by name.
+    """
+
+    kind: str
+    parameter: int
+    body: int
+    dof: int
+    input: int
+    constants: Mapping[str, ArrayLike]
+
+    def __init__(
+        self,
+        kind: str,
+        parameter: int,
+        *,
+        body: int = -1,
+        dof: int = -1,
+        input: int = -1,
+        **constants: ArrayLike,
+    ):
+        for name, value in locals().copy().items():
+            if name != "self":
+                object.__setattr__(self, name, value)
+
+
+# -- tensors of inertias ---------------------------------------------------------------------------
+
+
+def full(axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)) -> Array:
+    """(6, 6, s) any symmetric matrix on some axes: the upper triangle, row by row."""
+    pairs = [(i, j) for at, i in enumerate(axes) for j in axes[at:]]
+    return tied([(i, j, k, 1.0) for k, (i, j) in enumerate(pairs)])
+
+
+def tied(entries: list[tuple[int, int, int, float]]) -> Array:
+    """(6, 6, s) a matrix with value · θ_k at (i, j) and (j, i), from rows (i, j, k, value)."""
+    tensor = np.zeros((6, 6, 1 + max(k for _, _, k, _ in entries)))
+    for i, j, k, value in entries:
+        tensor[i, j, k] = tensor[j, i, k] = value
+    return tensor
+
+
+def point_mass(point: ArrayLike) -> Array:
+    """(6, 6, 1) of a mass of 1 kg at a point; its weight is a column `payload`."""
+    to_point = np.hstack([np.eye(3), np.cross(np.eye(3), np.asarray(point, dtype=float)).T])
+    return (to_point.T @ to_point)[:, :, None]
+
+
+def cylinder(centre: ArrayLike, axis: ArrayLike, length: float) -> Array:
+    """(6, 6, 1) added inertia of a slender cylinder: 1 kg, spread evenly along its axis.
+
+    It resists motion across the axis only.
+    """
+    e, c = np.asarray(axis, dtype=float), np.asarray(centre, dtype=float)
+    across = np.eye(3) - np.outer(e, e)
+    to_centre = np.hstack([np.eye(3), np.cross(np.eye(3), c).T])
+    inertia = to_centre.T @ across @ to_centre
+    inertia[3:, 3:] += length**2 / 12 * across
+    return (0.5 * (inertia + inertia.T))[:, :, None]

@@ -1,0 +1,91 @@
+"""The combined regressor W of (10) at one sample, column by column."""
+
+from __future__ import annotations
+
+from .arrays import (
+    AT_V,
+    COUNT,
+    DRIFT,
+    FALL,
+    FRAME,
+    MOTION,
+    PARENT,
+    PUSH,
+    RATE,
+    TWIST,
+    VELOCITY,
+)
+from .compiled import STRUCTURE, WORKSPACE, f8, helper, i8, kernel, matrix, vector, void
+from .inertia import add_power
+from .spatial import add_turned, clear, into_body
+from .stage import accumulate
+
+_V, _W, _X, _HEAVY, _S, _P, _R = 0, 6, 12, 18, 24, 30, 36  # vectors in the body's axes
+
+
+@helper(void(vector, i8, i8, vector, i8, f8, vector))
+def _write_motion(state, frame, ground, motion, own, weight, x):
+    """Writes V, W, A + ½ T, and A + ½ T − g, in the body's axes."""
+    clear(x, _P, 6)
+    add_turned(motion, own + VELOCITY, state, frame + TWIST, 0.5, x, _P)
+    for i in range(6):
+        x[_P + i] += motion[own + DRIFT + i] + motion[own + PUSH + i]
+    into_body(state, frame, state, frame + TWIST, x, _V)
+    into_body(state, frame, motion, own + VELOCITY, x, _W)
+    into_body(state, frame, x, _P, x, _X)
+    for i in range(3):
+        x[_P + i] -= weight * state[ground + FALL + i]
+    into_body(state, frame, x, _P, x, _HEAVY)
+
+
+@helper(void(STRUCTURE, i8, vector, i8, i8, vector, matrix))
+def _add_row(structure, b, state, axis, j, x, W):
+    """Adds a body's columns to row j of W, that of the velocity with the axis state[axis]."""
+    bodies, entries, values = structure.bodies, structure.entries, structure.values
+    into_body(state, b * FRAME, state, axis, x, _S)
+    clear(x, _P, 12)
+    add_turned(x, _V, x, _S, -0.5, x, _P)
+    add_turned(x, _W, x, _S, -0.5, x, _R)
+    add_power(bodies, entries, values, b, x, _S, _X, _HEAVY, W, j)
+    add_power(bodies, entries, values, b, x, _P, _W, _W, W, j)
+    add_power(bodies, entries, values, b, x, _R, _V, _V, W, j)
+
+
+@kernel(void(STRUCTURE, vector, vector, vector, f8, vector, WORKSPACE, matrix))
+def write_regressor(structure, state, w, a, weight, F, work, W):
+    """Writes W(t, x, w, a) (n, p): W_M + W_C − F of (10).
+
+    Row j of a body's columns is S_jᵀ f, with f as in `stage`; in the body's own axes it is
+    Sᵀ I (A + ½ T − g) − ½ (V × S)ᵀ I W − ½ (W × S)ᵀ I V.
+
+    Args:
+        structure: the robot.
+        state: (s,) at the measured state.
+        w: (n,) velocity that C multiplies.
+        a: (n,) acceleration.
+        weight: 1 with the weight of rigid bodies, 0 without.
+        F: (z,) the entries of F that can differ from 0.
+        work: memory.
+        W: (n, p) written.
+    """
+    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
+    motion, x, axes = work.motion, work.scratch, bodies.shape[0] * FRAME
+    ground = axes + w.shape[0] * FRAME
+    for i in range(W.shape[0]):
+        for k in range(W.shape[1]):
+            W[i, k] = 0.0
+    accumulate(bodies, state, 0, w, motion, VELOCITY)
+    accumulate(bodies, state, RATE, w, motion, DRIFT)
+    accumulate(bodies, state, 0, a, motion, PUSH)
+    for b in range(bodies.shape[0]):
+        _write_motion(state, b * FRAME, ground, motion, b * MOTION, weight, x)
+        ancestor = b
+        while ancestor >= 0:
+            first = bodies[ancestor, AT_V]
+            for j in range(first, first + bodies[ancestor, COUNT]):
+                _add_row(structure, b, state, axes + j * FRAME, j, x, W)
+            ancestor = bodies[ancestor, PARENT]
+    for r in range(rotors.shape[0]):
+        W[rotors[r, 0], rotors[r, 1]] += a[rotors[r, 0]]
+    for z in range(nonzeros.shape[0]):
+        W[nonzeros[z, 0], nonzeros[z, 1]] -= F[z]
