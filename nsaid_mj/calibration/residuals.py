@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 import scipy.stats
 
 from ..parameters import Array
@@ -220,7 +221,7 @@ class _Rows:
         X = (problem.Y - residual[:, :, None] * scaled) * self._weight[:, :, None]
         self.X_T = X.reshape(-1, len(theta)).T
         unit = self.X_T * problem.space.scale[:, None]
-        values, vectors = np.linalg.eigh(unit @ unit.T)
+        values, vectors = scipy.linalg.eigh(unit @ unit.T)
         kept = values > _SPAN * values[-1]
         self._own = self._basis = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
         own = (residual * self._weight).reshape(-1, 1)
@@ -243,7 +244,7 @@ class _Rows:
         Z = self.weighed(columns).reshape(-1, columns.shape[2])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         rest = self._outside(Z / size, self._basis)
-        values, vectors = np.linalg.eigh(rest.T @ rest)
+        values, vectors = scipy.linalg.eigh(rest.T @ rest)
         kept = values > _OUTSIDE
         if not kept.any():
             return _Trial(rest[:, :0], vectors[:, :0], 0.0, 0.0, (1, 1))

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from ..control import DriverConfig, FourierTracking
 from ..errors import NoMotion
@@ -118,7 +119,7 @@ class Design:
         rng, found = np.random.default_rng(0), []
         for P, theta in zip(self.covariances, self.experiment.draws, strict=True):
             rows = self.asked.rows(theta)
-            values, vectors = np.linalg.eigh(rows @ P @ rows.T)
+            values, vectors = scipy.linalg.eigh(rows @ P @ rows.T)
             root = vectors * np.sqrt(np.maximum(values, 0.0))
             errors = rng.standard_normal((_SAMPLED, len(values))) @ root.T
             found.append(np.abs(errors).max(axis=1))

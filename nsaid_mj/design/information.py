@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
 from ..dynamics.information import acceleration_rows, information_along
 from ..errors import InvalidInput, NoEstimate, UnknownName
@@ -95,7 +96,7 @@ def gramian_cost(
     """
     theta, basis = experiment.draws[draw], experiment.bases[draw]
     own = basis.T @ gramian(experiment, log, theta) @ basis
-    values, vectors = np.linalg.eigh(own)
+    values, vectors = scipy.linalg.eigh(own)
     values = np.maximum(values, 1e-14 * values[-1])
     if criterion == "condition":
         return float(np.sqrt(values[-1] / values[0]))

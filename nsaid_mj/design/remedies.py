@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 
 from ..control import DesignedSignals, DesignedTracking
 from ..log import Log, SensorLevels
@@ -80,7 +81,7 @@ def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
         draw: number of the draw.
     """
     basis = found.experiment.bases[draw]
-    variance, vectors = np.linalg.eigh(basis.T @ covariance @ basis)
+    variance, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
     return basis @ vectors[:, variance > (WEAK * PRIOR) ** 2][:, ::-1]
 
 

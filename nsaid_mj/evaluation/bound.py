@@ -12,10 +12,12 @@ system is linearised at the measured states, whose noise changes the bound in th
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
 from ..errors import NoEstimate
 from ..identifiers.cone.barrier import cone_of
 from ..identifiers.efficient.kalman import Law, covariance_along, filter_at
+from ..identifiers.efficient.steps import margin_of
 from ..log import Log, SensorLevels
 from ..parameters import Array
 from .figures import Judge
@@ -46,7 +48,7 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
     scale = np.array(system.space.scale)
     cone = cone_of(system.space)
-    law = Law(system.forward, cone, scale, _ROUNDING, 1)
+    law = Law(system.forward, cone, scale, margin_of(cone, scale), _ROUNDING, 1, np.zeros(system.p))
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
     prior = basis @ (basis.T @ truth.prior_covariance @ basis) @ basis.T
@@ -66,7 +68,7 @@ def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, fl
         covariance: (p, p) of `cramer_rao`.
     """
     basis, scale = truth.nullspace.P_perp, truth.system.space.scale
-    values, vectors = np.linalg.eigh(basis.T @ covariance @ basis)
+    values, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
     root = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     draws = np.random.default_rng(0).standard_normal((_DRAWS, root.shape[1])) @ root.T
     found = [judge(truth.theta + scale * draw) for draw in draws]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from ..identifiers import Confidence
 from ..nullspace import Nullspace
@@ -123,7 +124,7 @@ def known(
     """
     basis, size = nullspace.P_perp, float(np.linalg.norm(theta_hat / space.scale))
     covariance, prior = (_within(part, basis, space.scale) for part in confidence[:2])
-    variance, vectors = np.linalg.eigh(covariance)
+    variance, vectors = scipy.linalg.eigh(covariance)
     before = np.einsum("ik,ij,jk->k", vectors, prior, vectors)
     k = space.actuators
     share = np.eye(len(k)) - 1 / len(k)

@@ -12,6 +12,8 @@ well the structure explains the motion:
 - how far, relative to its stated covariance, the estimate has moved in the first run, as a whole
   and from part to part, says whether the intervals hold.
 
+Where the gains were found to drift, the log is judged from then on, and they walk here as well.
+
 Faults that were found divide the log; what made a fault known is not held against the structure,
 but everything else is.
 """
@@ -22,12 +24,14 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from ..experiment.loop import Run
 from ..experiment.setup import told
 from ..identifiers import Confidence, NullspaceAID
 from ..identifiers.cone.barrier import cone_of, inside
 from ..identifiers.cone.prior import drawn_inside
+from ..identifiers.efficient.drift import walks
 from ..identifiers.efficient.faults.signals import Signals
 from ..identifiers.efficient.witness import Replay, Witness
 from ..log import Log
@@ -42,11 +46,11 @@ _SETTLED = 1 / 3  # share of it in which the filter may still learn
 _REPEATED = 2  # contradictions that are no single event, such as a collision
 _LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
 _CHANCE = 1e-4  # probability below which innovations are not white
-_CAUGHT = 0.05  # mean by which steps are shortened, above which θ̂ does not learn what it may
-_OWN = 10.0  # energy for each parameter that the error of such a θ̂ may leave by itself
+_DOUBTFUL = 1e-2  # probability below which intervals are widened, though nothing is said
 _PASSES = 3  # of the filter along a log that it does not explain at once
 _PARTS = (1, 4, 16)  # of a log, whose shifts of the estimate are compared with its covariance
 _LEARNED = 1e-3  # least share of its variance that a direction loses, to be judged by its shift
+_VAGUE = 0.1  # deviation of θ over the prior's, where a log begins along which the gains drift
 _ROUNDING = 1e-15  # least variance, relative to the prior's
 _SHIFTED = 1.5  # mean squared normalised shift that is more than chance
 
@@ -61,6 +65,7 @@ class Misfit(NamedTuple):
         seconds: length of log that was judged [s].
         chance: probability of innovations as coloured as these, were the structure exact.
         widening: factor on the stated standard deviations, ≥ 1, that makes up for the misfit.
+        drift: largest mean rate at which a gain drifts, relative to itself [1/min]; 0 if constant.
     """
 
     level: str
@@ -69,6 +74,7 @@ class Misfit(NamedTuple):
     seconds: float
     chance: float
     widening: float
+    drift: float = 0.0
 
     def keys(self) -> dict[str, Any]:
         """The keys of summary.json."""
@@ -79,6 +85,7 @@ class Misfit(NamedTuple):
             "misfit_seconds": self.seconds,
             "misfit_chance": self.chance,
             "misfit_widening": self.widening,
+            "misfit_drift": self.drift,
         }
 
 
@@ -99,10 +106,50 @@ def misfit_of(run: Run) -> Misfit | None:
     for log, rows, signals in _pieces(run, record.log):
         theta = _sound(system, np.array(record["theta_hat"][rows.stop - 1]), run.prior)
         P = witness.covariance(theta)
-        if stated is not None and rows.stop == len(record):
+        last = rows.stop == len(record)
+        if stated is not None and last:
             P = _no_wider(stated.covariance / np.outer(system.space.scale, system.space.scale), P)
-        found.append(judged(witness, theta, P, signals.acting(system, log)))
+        drift = _drifting(run, log, rows) if last else None
+        if drift is None:
+            found.append(judged(witness, theta, P, signals.acting(system, log)))
+        else:
+            start, variance = drift
+            acting = signals.acting(system, log.part(start, len(log.t)))
+            along = record["theta_hat"][rows][start:]
+            found.append(_drifted(witness, system, along, variance, acting))
     return _worst(found) if found else None
+
+
+def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
+    """The row of the run's last piece of a log from which the gains were found to drift.
+
+    With it the variance that a gain gains in a second [1/s]; None if they are constant.
+    """
+    state = run.states[""].filter if "" in run.states else None
+    if state is None or not state.drift:
+        return None
+    start = int(np.searchsorted(log.t, state.since + 1e-9))
+    return (start, state.drift) if rows.stop - rows.start - start >= _FEWEST else None
+
+
+def _drifted(
+    witness: Witness, system: SecondOrderSystem, along: Array, variance: float, log: Log
+) -> Misfit:
+    """Judges a log of N measurements along which the gains drift, with θ̂ (N, p).
+
+    One pass, as the gains at its end are not those at its start.
+    """
+    space = system.space
+    k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
+    witness.law = witness.law._replace(walk=walks(len(space), k, 0.0, variance))
+    theta = _sound(system, np.array(along[0]), np.array(along[-1]))
+    one = _judged_pass(witness.replay(theta, _VAGUE**2 * witness.covariance(theta), log), log)
+    level = SOME if one.level == NONE else one.level
+    widening = float(np.sqrt(1 + one.energy)) if one.level != NONE else 1.0
+    rates = np.abs(along[-1][k] / np.where(along[0][k] == 0, np.inf, along[0][k]) - 1) / minutes
+    drift = float(np.where(along[0][k] == 0, 0.0, rates).max())
+    chance, seconds = min(1.0, one.chance), 60 * minutes
+    return Misfit(level, one.late, one.innovations, seconds, chance, widening, drift)
 
 
 def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
@@ -155,7 +202,8 @@ def judged(witness: Witness, theta: Array, P: Array, log: Log) -> Misfit:
             break
     order = [NONE, SOME, CONTRADICTS]
     best = min(found, key=lambda one: (order.index(one.level), -one.chance))
-    widening = _widening(witness, theta, P, learning, best.energy if best.level != NONE else 0.0)
+    energy = best.energy if best.level != NONE or best.chance < _DOUBTFUL else 0.0
+    widening = _widening(witness, theta, P, learning, energy)
     seconds = float(log.t[-1] - log.t[0])
     late, innovations, chance = best.late, best.innovations, min(1.0, best.chance)
     return Misfit(best.level, late, innovations, seconds, chance, widening)
@@ -174,11 +222,8 @@ class _Pass(NamedTuple):
 def _judged_pass(replay: Replay, log: Log) -> _Pass:
     """Judges the innovations of one pass along a log."""
     seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
-    squares, number, shortened = replay.filter.totals
+    squares, number = replay.filter.totals
     times = replay.contradictions
-    caught = shortened > _CAUGHT * len(log.t)  # next to the cone's boundary θ̂ does not follow
-    if caught and not times and colour.energy < _OWN * len(replay.filter.theta):
-        colour = colour._replace(chance=1.0, energy=0.0)  # the error of θ̂ alone can leave as much
     innovations = float(squares / max(1.0, number))
     late = tuple(time for time in times if time > log.t[0] + _SETTLED * seconds)
     level = NONE
@@ -205,10 +250,11 @@ def _widening(witness: Witness, theta: Array, P: Array, learning: Replay, energy
 def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[float]:
     """Mean squared shifts of θ̂ over a log and its parts, normalised: 1 where P is right."""
     unit = 1 / np.sqrt(np.diag(P))
-    values, vectors = np.linalg.eigh(P * np.outer(unit, unit))
+    values, vectors = scipy.linalg.eigh(P * np.outer(unit, unit))
     whiten = (vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))).T * unit
+    # scipy's driver `evr`: numpy's divide and conquer has failed on such a matrix of a sound run
     lost = np.eye(len(P)) - whiten @ learning.filter.Ptt @ whiten.T
-    share, vectors = np.linalg.eigh(0.5 * (lost + lost.T))
+    share, vectors = scipy.linalg.eigh(0.5 * (lost + lost.T))
     kept = share > _LEARNED
     if learning.contradictions or not kept.any():
         return []
@@ -237,7 +283,7 @@ def _no_wider(P: Array, prior: Array) -> Array:
     """(p, p) (P⁻¹ + prior⁻¹)⁻¹ ≻ 0, where P may be singular, or indefinite by rounding."""
     L = np.linalg.cholesky(prior)
     inner = np.linalg.solve(L, np.linalg.solve(L, P).T)
-    values, vectors = np.linalg.eigh(0.5 * (inner + inner.T))
+    values, vectors = scipy.linalg.eigh(0.5 * (inner + inner.T))
     values = np.maximum(values, _ROUNDING * max(1.0, values[-1]))
     root = L @ vectors * np.sqrt(values / (1 + values))
     return root @ root.T

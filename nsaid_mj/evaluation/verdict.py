@@ -24,7 +24,8 @@ def verdict(summary: dict[str, Any]) -> str:
     simulated plant, because every θ leaves more than `CONTRADICTED` of the forces on a held-out
     trajectory unexplained; an estimate within `CONVERGED` of the true set has *converged*;
     one that is closer to it than the prior is *still converging*. If the truth is unknown, the
-    stated confidence and the force residual replace the distance.
+    stated confidence and the force residual replace the distance. A misfit of `some` is told with
+    the widening of the intervals, or as gains that drift.
 
     Args:
         summary: see `summarize`; keys that need a truth may be absent.
@@ -62,6 +63,13 @@ def verdict(summary: dict[str, Any]) -> str:
         known = "" if worst is None else f"least known direction to ±{_share(worst)}"
         where = ", ".join(filter(None, (known, predicts.removeprefix(", "))))
         where = where or "no measure of convergence available"
+    if drift := summary.get("misfit_drift"):
+        where += f"; gains drift by up to {100 * drift:.2g} % a minute"
+    elif summary.get("misfit") == "some":
+        where += (
+            f"; the structure leaves something over, for which the intervals are "
+            f"{summary['misfit_widening']:.2g} times wider"
+        )
     if arrived:
         return f"converged: {where}"
     if summary["law"] in {"memory", "efficient"}:

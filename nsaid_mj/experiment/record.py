@@ -235,7 +235,7 @@ def _sound(columns: dict[str, Array], rows: slice) -> bool:
 
     A disk that lost power leaves zeros where data were to come.
     """
-    t = columns.get("t", np.arange(rows.stop))
+    t = columns["t"] if "t" in columns else np.arange(rows.stop)
     steady = (np.diff(t[max(0, rows.start - 1) : rows.stop]) > 0).all()
     estimates = [column[rows] for name, column in columns.items() if name.startswith("theta_hat")]
     return (

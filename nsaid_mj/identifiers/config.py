@@ -6,6 +6,7 @@ from dataclasses import field
 from typing import Literal, Self
 
 import numpy as np
+import scipy.linalg
 from pydantic import model_validator
 
 from ..bounds import NonNegative, Positive, PositiveShare, config
@@ -121,7 +122,7 @@ def floored_inverse(gramian: Array, floor: float) -> Array:
     Raises:
         InvalidInput: the matrix is 0.
     """
-    values, vectors = np.linalg.eigh(gramian)
+    values, vectors = scipy.linalg.eigh(gramian)
     if not values[-1] > 0:
         raise InvalidInput(
             "gamma",

@@ -60,7 +60,7 @@ def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int =
     nothing = np.zeros(24, dtype=bool)
     weights = np.append(size_of_links(model, links.reshape(-1, 20), weight), np.zeros(4))
     return Problem(
-        space, Y, np.ones((rows, 2), dtype=bool), np.arange(rows) * 0.05,
+        space, Y, np.ones((rows, 2), dtype=bool), np.arange(rows, dtype=float) * 0.05,
         np.zeros(rows, dtype=np.intp), np.concatenate([own, [1.0, 1.0, 1.0, 2.0]]),
         np.concatenate([np.full(20, np.inf), np.full(4, 2.0)]), nothing,
         Size(weights, 0.25, nothing),

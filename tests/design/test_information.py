@@ -10,6 +10,7 @@ from nsaid_mj.design.information import PRIOR, gramian, predicted
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers.cone.barrier import cone_of
 from nsaid_mj.identifiers.efficient.kalman import Law, covariance_along, filter_at
+from nsaid_mj.identifiers.efficient.steps import margin_of
 from nsaid_mj.log import Log
 
 
@@ -27,7 +28,8 @@ def motion(experiment: Experiment, every: int = 1) -> Log:
 def test_the_information_equals_the_covariance_of_the_filter(experiment):
     system, log = experiment.system, motion(experiment)
     scale = np.array(system.space.scale)
-    law = Law(system.forward, cone_of(system.space), scale, 0.0, 1)
+    cone, constant = cone_of(system.space), np.zeros(system.p)
+    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, constant)
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     basis = experiment.bases[0]
     prior = PRIOR**2 * basis @ basis.T

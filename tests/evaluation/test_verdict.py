@@ -79,6 +79,11 @@ def test_without_the_delay_the_same_run_converges():
     assert found["confidence"]["forces_covered"] >= 0.9
 
 
+def test_what_the_structure_leaves_over_is_told_with_the_widening_of_the_intervals():
+    found = summary("ur5", "memory", 6.0) | {"misfit": "some", "misfit_widening": 3.21}
+    assert found["verdict"] in verdict(found) and "3.2 times wider" in verdict(found)
+
+
 def test_an_adaptation_that_is_too_fast_ends_early():
     found = summary("scalar_rov", "paper", 10.0, gain=1e6)
     assert found["verdict"].startswith(f"ended early: {found['status']} at t = ")

@@ -10,9 +10,10 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
+from nsaid_mj.dynamics.transition import transition_work
 from nsaid_mj.evaluation import misfit
 from nsaid_mj.evaluation.whiteness import whiteness
-from nsaid_mj.identifiers.cone.barrier import cone_of, inside, local_norm
+from nsaid_mj.identifiers.cone.barrier import cone_of, inside
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.faults.events import event_of
 from nsaid_mj.identifiers.efficient.faults.evidence import Jump
@@ -23,13 +24,15 @@ from nsaid_mj.identifiers.efficient.guarded import Guarded
 from nsaid_mj.identifiers.efficient.kalman import (
     Filter,
     Law,
+    _innovate,
+    _linear_share,
     _predict,
     _update,
     _workspaces,
     filter_at,
 )
 from nsaid_mj.identifiers.efficient.law import EfficientIdentifier
-from nsaid_mj.identifiers.efficient.steps import move_inside
+from nsaid_mj.identifiers.efficient.steps import margin_of, project_inside
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from tests.support.plants import plant
@@ -52,12 +55,15 @@ def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Fi
     theta = scale * np.array([1.5, 0.7, 1.0, 0.02])
     kalman = filter_at(np.zeros(N), np.zeros(N), theta, joint[2 * N :, 2 * N :].copy())
     kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
-    return kalman, Law(0, cone_of(space), scale, gamma, 10, walk)  # type: ignore[arg-type]
+    cone, walks = cone_of(space), np.full(P, walk)
+    return kalman, Law(0, cone, scale, margin_of(cone, scale), gamma, 10, walks)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("size", [0.01, 30.0])
-def test_an_update_learns_what_the_step_that_is_taken_learns(size: float) -> None:
-    """Joseph's form with the gain that is applied, and the error of the scale carried along."""
+@pytest.mark.parametrize(("size", "share"), [(0.01, 1.0), (0.01, 0.25), (30.0, 1.0)])
+def test_an_update_is_kalmans_then_projected_with_the_scale_carried_along(
+    size: float, share: float
+) -> None:
+    """With Joseph's form for the gain that is applied, where a share of the step is taken."""
     for seed in range(5):
         kalman, law = filter_and_law(seed)
         rng = np.random.default_rng(seed)
@@ -65,20 +71,26 @@ def test_an_update_learns_what_the_step_that_is_taken_learns(size: float) -> Non
         theta, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
         S = Pxx + np.diag(R)
         K, Kx = np.linalg.solve(S, Pxt).T, np.linalg.solve(S, Pxx).T
-        step = law.scale * (K @ y)
-        share = min(1.0, 0.5 / np.linalg.norm(step[:3] / theta[:3]))
-        assert (share == 1) == (size < 1)
-        after = theta + share * step
-        joseph = Ptt - share * (K @ Pxt + Pxt.T @ K.T) + share**2 * K @ S @ K.T
+        free = theta + share * law.scale * (K @ y)
+        P_after = Ptt - share * (K @ Pxt + Pxt.T @ K.T) + share**2 * K @ S @ K.T
+        given = y.copy()
+        work = _workspaces(N, P)[1]
+        square, spread = _innovate(law, kalman, R, given, work)
+        _update(law, kalman, R, share, given, work)
+        out = not (free[:3] > 0).all()
+        assert out == (size > 1)
+        after = kalman.theta
+        assert (after[:3] > 0).all()
+        assert (after == pytest.approx(free, rel=1e-9)) == (not out)
+        # the joint estimate moves along P: an error of θ that is learned corrects the state as well
+        moved = (after - free) / law.scale
+        learned = np.linalg.solve(P_after, moved)
+        np.testing.assert_allclose(given, Kx @ y + (Pxt - Kx @ Pxt) @ learned, rtol=1e-6, atol=1e-9)
         w = theta / law.scale / np.sum((theta / law.scale) ** 2)
         T = np.eye(P) + np.outer((after - theta) / law.scale, w)
-        given = y.copy()
-        square, spread = _update(law, kalman, R, given, _workspaces(N, P)[1])
-        np.testing.assert_allclose(kalman.theta, after, rtol=1e-9)
-        np.testing.assert_allclose(kalman.Ptt, T @ joseph @ T.T, rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(kalman.Ptt, T @ P_after @ T.T, rtol=1e-7, atol=1e-12)
         np.testing.assert_allclose(kalman.Pxt, (Pxt - Kx @ Pxt) @ T.T, rtol=1e-7, atol=1e-12)
         np.testing.assert_allclose(kalman.Pxx, Pxx - Kx @ Pxx, rtol=1e-7, atol=1e-12)
-        np.testing.assert_allclose(given, Kx @ y, rtol=1e-7)
         assert square == pytest.approx(y @ np.linalg.solve(S, y))
         assert spread == pytest.approx(np.linalg.slogdet(S)[1])
 
@@ -100,27 +112,52 @@ def test_a_prediction_carries_the_covariance_and_adds_linearisation_and_walk() -
     np.testing.assert_allclose(kalman.Ptt, Ptt + walk * dt * np.diag(relative**2), rtol=1e-12)
 
 
-def test_a_step_is_half_of_a_dikin_ellipsoid_unless_rounding_leaves_the_cone() -> None:
-    """Next to the boundary of a matrix's cone, where half of the ellipsoid is lost in rounding."""
-    names = tuple(f"m{i}" for i in range(6))
-    space = ParameterSpace((Block("mass", names, ("kg",) * 6, np.ones(6), "spd"),))
-    cone, trial, halved = cone_of(space), np.empty(6), 0
-    for seed in range(400):
-        rng = np.random.default_rng(seed)
-        X = rng.standard_normal((3, 3))
-        near = X[:, :2] @ X[:, :2].T + 10 ** -rng.uniform(8, 17) * X[:, 2:] @ X[:, 2:].T
-        theta = near[np.triu_indices(3)]
-        step = rng.standard_normal(6)
-        length = local_norm(cone, theta, step)
-        if not (inside(cone, theta) and 0.5 < length < np.inf):
+def test_a_projection_onto_one_number_is_that_of_the_constrained_minimum() -> None:
+    """The nearest point of the half-space in the metric P⁻¹, from Lagrange's condition."""
+    for seed in range(20):
+        kalman, law = filter_and_law(seed)
+        theta, bound = kalman.theta.copy(), 2 * law.margin[1]
+        theta[1] = -0.3 * law.scale[1]
+        gain = kalman.Ptt[:, 1] / kalman.Ptt[1, 1]
+        nearest = theta + law.scale * gain * (bound - theta[1]) / law.scale[1]
+        if not (nearest[[0, 2]] > law.margin[[0, 2]]).all():
             continue
-        share = move_inside(cone, theta, step, trial)
-        assert inside(cone, theta) and local_norm(cone, theta, step) < np.inf
-        assert share <= 0.5 / length * (1 + 1e-9)
-        halved += 0 < share < 0.4 / length
-    assert halved > 0
-    theta, step = np.array([1.0, 0, 0, 1, 0, 1]), np.array([0.0, 3, 0, 0, 0, 0])
-    assert move_inside(cone, theta, step, trial) == pytest.approx(0.5 / np.sqrt(18.0))
+        start, y, plane = kalman.theta, np.zeros(2 * N), np.empty(P)
+        project_inside(
+            law.cone, law.margin, start, theta, law.scale, kalman.Ptt, kalman.Pxt, y, plane
+        )
+        np.testing.assert_allclose(theta, nearest, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["bluerov2", "f1tenth", "ur5"])
+def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(name: str) -> None:
+    """M(θ̂ + share δ) ≻ ½ M(θ̂), and not with twice the share unless that is 1."""
+    made, shortened = plant(name), 0
+    system, truth = made.system, made.truth
+    space, n = system.space, system.n
+    cone, scale = cone_of(space), np.array(space.scale)
+    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.3, 10, np.zeros(system.p))
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        q, v, u = system.random_state(rng)
+        kalman = filter_at(q, v, truth, np.eye(system.p))
+        predicting = transition_work(system.forward, n, len(q), system.p)
+        work = _workspaces(n, system.p)[1]
+        work[6][:] = truth * 10 ** rng.uniform(-1, 1) * rng.standard_normal(system.p)
+        share = _linear_share(law, q, v, u, kalman, predicting, work)
+
+        def least(theta: np.ndarray, q: np.ndarray = q) -> float:
+            units = np.eye(n)
+            x = np.tile(np.concatenate([q, v]), (n, 1))
+            M = system.W_M(x, units) @ theta
+            return float(np.linalg.eigvalsh(M)[0])
+
+        assert 0 < share <= 1
+        assert least(0.5 * truth + share * work[6]) > 0
+        if share < 1:
+            assert least(0.5 * truth + 2 * share * work[6]) <= 0
+            shortened += 1
+    assert 0 < shortened < 30
 
 
 # -- hypotheses and what is known after them -------------------------------------------------------

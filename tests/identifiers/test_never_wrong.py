@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.evaluation.confidence import Known, known
@@ -29,11 +29,12 @@ from nsaid_mj.identifiers.efficient.faults.hypotheses import (
 )
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
 from nsaid_mj.identifiers.efficient.guarded import Guarded
-from nsaid_mj.identifiers.efficient.steps import carry_scale, move_inside
+from nsaid_mj.identifiers.efficient.steps import carry_scale, margin_of, project_inside
 from nsaid_mj.identifiers.efficient.witness import Witness
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
+from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.text import parse_faults
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.system import SecondOrderSystem, gains_by_command
@@ -122,36 +123,76 @@ def system_of(name: str) -> tuple[SecondOrderSystem, np.ndarray]:
 # -- the step of the filter ------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
+PACKED = ("bluerov2", "crazyflie", "remus100", "f1tenth", "panda")
+
+
+@settings(max_examples=1000, deadline=None)
 @given(
-    name=st.sampled_from(["bluerov2", "crazyflie", "remus100", "f1tenth", "panda"]),
     seed=st.integers(0, 2**32 - 1),
-    edge=st.floats(0, 14),
-    length=st.floats(-3, 12),
+    kinds=st.one_of(
+        st.lists(st.sampled_from(["inertia", "mass", "numbers", "free"]), min_size=1, max_size=6),
+        st.sampled_from(PACKED),
+    ),
+    length=st.floats(-3, 6),
+    edge=st.floats(0, 6),
 )
-def test_a_step_never_leaves_the_cone(name: str, seed: int, edge: float, length: float) -> None:
-    """However long, and however close to the boundary θ̂ already is."""
-    system, truth = system_of(name)
-    rng, space, cone = np.random.default_rng(seed), system.space, cone_of(system.space)
-    theta = drawn_inside(space, truth, 0.5, rng)
-    step = space.scale * rng.standard_normal(len(space))
-    far = theta + step  # towards the boundary, up to a distance of 10^−edge of the way
-    out = [t for t in np.linspace(0, 100, 400) if not inside(cone, theta + t * (far - theta))]
-    if out:
-        low, high = 0.0, out[0]
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            is_in = inside(cone, theta + middle * step)
-            low, high = (middle, high) if is_in else (low, middle)
-        theta = theta + (1 - 10**-edge) * low * step
+def test_a_projected_step_is_inside_and_closer_to_the_truth(
+    seed: int, kinds: list[str] | str, length: float, edge: float
+) -> None:
+    """However long, and however close to the boundary θ̂ and the truth are."""
+    rng = np.random.default_rng(seed)
+    if isinstance(kinds, str):
+        system, given_truth = system_of(kinds)
+        space, truth = system.space, drawn_inside(system.space, given_truth, 0.5, rng)
+    else:
+        space, truth = random_parameters(rng, kinds, edge)
+    cone, p, scale = cone_of(space), len(space), np.array(space.scale)
+    margin = margin_of(cone, scale)
+    truth = truth + 2 * margin
+    root = rng.standard_normal((p, p)) * np.logspace(0, -rng.uniform(0, 3), p)
+    P, cross = root @ root.T, rng.standard_normal((2, p))
+    start = truth + 10**length * scale * (root @ rng.standard_normal(p))
+    before = drawn_inside(space, truth, 0.3, rng)
+    theta, lost = start.copy(), start.copy()
+    project_inside(cone, margin, before, theta, scale, P, cross, np.zeros(2), np.empty(p))
     assert inside(cone, theta)
-    before = theta.copy()
-    share = move_inside(cone, theta, 10**length * step, np.empty(len(space)))
-    assert inside(cone, theta) and np.isfinite(theta).all()
-    assert 0 <= share <= 1
-    assert (theta == before).all() == (
-        share == 0 or (before + share * 10**length * step == before).all()
-    )
+    nowhere = np.full(p, np.nan)  # to tell whether the projections sufficed
+    project_inside(cone, margin, nowhere, lost, scale, P, cross, np.zeros(2), np.empty(p))
+    if np.isfinite(lost).all():
+        whiten = np.linalg.solve(root, np.diag(1 / scale))
+        far, near = (float(np.sum((whiten @ (x - truth)) ** 2)) for x in (start, theta))
+        assert near <= far * (1 + 1e-6)
+        assert (theta == start).all() == inside(cone, start - margin)
+    event("projected" if np.isfinite(lost).all() else "halved")
+
+
+def random_parameters(
+    rng: np.random.Generator, kinds: list[str], edge: float
+) -> tuple[ParameterSpace, np.ndarray]:
+    """Blocks of parameters and a θ inside their cones, down to 10^−edge from the boundary."""
+    blocks, truth = [], []
+    for i, kind in enumerate(kinds):
+        X = rng.standard_normal((4, 4)) * np.append(np.ones(3), 10 ** -(edge / 2))
+        X *= 10 ** rng.uniform(-1, 1)
+        match kind:
+            case "inertia":
+                Sigma = (X @ X.T)[:3, :3]
+                inertia = np.trace(Sigma) * np.eye(3) - Sigma
+                m, h = X[3] @ X[3], (X @ X.T)[:3, 3]
+                order = [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)]
+                own = [m, *h, *(inertia[at] for at in order)]
+                geometry = "pseudo_inertia"
+            case "mass":
+                own, geometry = list((X @ X.T)[np.triu_indices(4)]), "spd"
+            case "numbers":
+                own, geometry = list(10 ** rng.uniform(-3, 1, 3)), "positive"
+            case _:
+                own, geometry = list(rng.standard_normal(2)), "free"
+        scale = np.full(len(own), np.abs(own).max())
+        names = tuple(f"{kind} {i} {j}" for j in range(len(own)))
+        blocks.append(Block(f"{kind} {i}", names, ("1",) * len(own), scale, geometry))
+        truth += own
+    return ParameterSpace(tuple(blocks)), np.array(truth)
 
 
 @settings(max_examples=30, deadline=None)

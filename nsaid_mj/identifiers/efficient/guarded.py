@@ -8,6 +8,7 @@ from ...log import Log
 from ...parameters import Array
 from ..base import State
 from ..faults import FaultEvent
+from .drift import Rivals
 from .faults.events import Loose
 from .faults.signals import Signals
 from .faults.trials import Trials
@@ -37,10 +38,12 @@ class Guarded(NamedTuple):
         loose: a gain that may go on falling; None if there is none.
         stale: whether the memory's data are of the robot before a fault.
         intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from before.
-        moves: times the filter went on from the memory's estimate and covariance.
-        trusted: whether the filter has explained enough data since it began at a prior.
         wander: shares by which all of θ seemed to be off, as the structure is not exact: the sum of
             their squares, and the largest square.
+        drift: variance that every gain, relative to itself, gains in a second, as the gains drift;
+            0 if they are constant [1/s].
+        since: when the gains were found to drift [s].
+        rivals: filters of which one tells whether the gains drift; None where θ is constant.
     """
 
     filter: Filter
@@ -60,9 +63,10 @@ class Guarded(NamedTuple):
     events: tuple[FaultEvent, ...] = ()
     loose: Loose | None = None
     stale: bool = False
-    moves: int = 0
-    trusted: bool = False
     wander: tuple[float, float] = (0.0, 0.0)
+    drift: float = 0.0
+    since: float = 0.0
+    rivals: Rivals | None = None
 
     @property
     def theta(self) -> Array:

@@ -6,9 +6,10 @@
     θ̂ ← θ̂ + share scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,
     P ← P̄ − P̄ Hᵀ S⁻¹ H P̄,    P_θθ with the factor share (2 − share).
 
-share < 1 where the step of θ̂ would leave half of a Dikin ellipsoid of the cone: P shrinks by what
-the shorter step learns (Joseph's form with the gain that is applied). Then the error of the common
-scale is carried along with θ̂; see `steps`.
+share < 1 where the step would halve M̂: P shrinks by what the shorter step learns (Joseph's form
+with the gain that is applied). Then θ̂, and with it x̂, is projected into the cone in the metric
+P⁻¹, which takes it no further from any θ inside, and the error of the common scale is carried
+along; see `steps`.
 
 θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that of
 (x, c) carried along by [Φ F_c]. P_θθ is as before the step: only measurements change it.
@@ -25,13 +26,18 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...dynamics.forward import Structure, difference_into, integrate_into
+from ...dynamics.forward import (
+    Structure,
+    difference_into,
+    integrate_into,
+    write_acceleration,
+)
 from ...dynamics.transition import transition, transition_work
 from ...numerics.linalg import cholesky
 from ...parameters import Array
-from ..cone.barrier import Cone
+from ..cone.barrier import Cone, inside
 from .noise import MEMORY, Noise, add_increment, noise_variance
-from .steps import carry_scale, move_inside
+from .steps import carry_scale, project_inside
 
 COMPLETED, CONTRADICTED, ROUNDED = 0, 1, 2
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
@@ -40,6 +46,7 @@ _WARM_UP = 20  # fourth differences before the noise is known well enough to beg
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
 SMALL = 0.1
 """Size of a parameter near 0, relative to its scale, of which a relative change is a share."""
+_SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 _FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
 
@@ -50,17 +57,19 @@ class Law(NamedTuple):
         structure: of the system; see `dynamics.forward`.
         cone: of physical parameters.
         scale: (p,) of θ.
+        margin: (p,) of `steps.margin_of`.
         gamma: γ.
         window: samples over which innovations are tested.
-        walk: variance that θ, relative to itself, gains in a second [1/s]; 0 where θ is constant.
+        walk: (p,) variance that θ, relative to itself, gains in a second [1/s]; 0 where constant.
     """
 
     structure: Structure
     cone: Cone
     scale: Array
+    margin: Array
     gamma: float
     window: int
-    walk: float = 0.0
+    walk: Array
 
 
 class Filter(NamedTuple):
@@ -78,8 +87,7 @@ class Filter(NamedTuple):
             squared normalised innovations and of log det S.
         safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
         safe_P: (2, p, p) P_θθ there.
-        totals: (3,) sum of all squared normalised innovations, their number, and by how much the
-            steps of θ̂ were shortened: the sum of 1 − share.
+        totals: (2,) sum of all squared normalised innovations, and their number.
     """
 
     q: Array
@@ -103,7 +111,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
     return Filter(
         q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
-        np.zeros(3),
+        np.zeros(2),
     )  # fmt: skip
 
 
@@ -208,22 +216,21 @@ def _predict(law, dt, F, B, filter, work):
             for k in range(n):
                 own = F[i, size + j] * with_c[size + j, k] * F[i, size + k]
                 Pxx[i, i] += gamma * gamma * own
-    if law.walk > 0.0:
-        for k in range(law.scale.shape[0]):
+    for k in range(law.scale.shape[0]):
+        if law.walk[k] > 0.0:
             relative = max(abs(filter.theta[k]) / law.scale[k], SMALL)
-            Ptt[k, k] += law.walk * dt * relative * relative
+            Ptt[k, k] += law.walk[k] * dt * relative * relative
 
 
 @njit(cache=True)
-def _update(law, filter, R, y, work):
-    """Updates θ̂ and P by an innovation y (2n,); writes the step of the state into y.
+def _innovate(law, filter, R, y, work):
+    """Factors S and writes the step of θ̂ for an innovation y (2n,) into `work`.
 
     Returns:
         The squared normalised innovation and log det S; NaN if S is not positive definite.
     """
-    theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened, gained, e, step, at, trial = work
-    scale = law.scale
+    Pxx, Pxt = filter.Pxx, filter.Pxt
+    S, L, inverse, whitened, gained, e, step, _, _ = work
     size, p = Pxt.shape
     for i in range(size):
         for j in range(size):
@@ -243,13 +250,22 @@ def _update(law, filter, R, y, work):
     np.dot(inverse, y, e)
     np.dot(inverse, Pxt, whitened)
     np.dot(whitened.T, whitened, gained)
-    for k in range(p):
-        at[k] = theta[k]
     np.dot(e, whitened, step)
     for k in range(p):
-        step[k] *= scale[k]
-    share = move_inside(law.cone, theta, step, trial)
-    filter.totals[2] += 1.0 - share
+        step[k] *= law.scale[k]
+    return np.dot(e, e), spread
+
+
+@njit(cache=True)
+def _update(law, filter, R, share, y, work):
+    """Moves θ̂ by a share of its step, updates P, and writes the step of the state into y (2n,)."""
+    theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
+    S, L, inverse, whitened, gained, e, step, at, trial = work
+    scale = law.scale
+    size, p = Pxt.shape
+    for k in range(p):
+        at[k] = theta[k]
+        theta[k] += share * step[k]
     learned = share * (2.0 - share)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
     for i in range(p):  # BLAS may round the two triangles differently
         for k in range(i + 1):
@@ -259,7 +275,6 @@ def _update(law, filter, R, y, work):
         for j in range(size):
             L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
     np.dot(L, whitened, Pxt)
-    carry_scale(at, theta, scale, Pxt, Ptt, step, trial)
     np.dot(inverse.T, e, y)
     y[:] = np.dot(Pxx, y)  # y − R S⁻¹ y would cancel
     np.dot(inverse, Pxx, S)
@@ -267,7 +282,26 @@ def _update(law, filter, R, y, work):
     for i in range(size):
         for j in range(size):
             Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
-    return np.dot(e, e), spread
+    project_inside(law.cone, law.margin, at, theta, scale, Ptt, Pxt, y, trial)
+    carry_scale(at, theta, scale, Pxt, Ptt, step, trial)
+
+
+@njit(cache=True)
+def _linear_share(law, q, v, u, filter, predicting, work):
+    """Largest share 2⁻ᵏ of θ̂'s step that keeps half of M̂ at a state q (m,), v (n,).
+
+    Along a longer step M̂⁻¹, and with it the derivatives of the prediction, are not nearly constant.
+    """
+    forward, a, step, trial, share = predicting[0], predicting[3][0], work[6], work[8], 1.0
+    while share > _SMALLEST:
+        for k in range(step.shape[0]):
+            trial[k] = 0.5 * filter.theta[k] + share * step[k]
+        if inside(law.cone, trial):  # then M̂ ≻ 0 there
+            return share
+        if write_acceleration(law.structure, q, v, u, trial, forward, a) > 0.0:
+            return share
+        share *= 0.5
+    return 0.0
 
 
 # Whatever does not depend on the structure is a function of its own, which is compiled only once.
@@ -343,7 +377,10 @@ def follow_filter(law, filter, t, q, v, u, along):
             difference_into(structure, q1, q[k], y[:n])
             for i in range(n):
                 y[n + i] = v[k, i] - v1[i]
-            square, spread = _update(law, filter, R, y, updating)
+            square, spread = _innovate(law, filter, R, y, updating)
+        if square < np.inf:
+            share = _linear_share(law, q[k], v[k], u[k - 1], filter, step, updating)
+            _update(law, filter, R, share, y, updating)
         if not square < np.inf:
             _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
             return k, ROUNDED if pivot > 0.0 else CONTRADICTED
@@ -392,6 +429,7 @@ def covariance_along(law, filter, R, t, q, v, u):
             return k - 1
         _predict(law, t[k] - t[k - 1], F, B, filter, predicting)
         y[:] = 0.0
-        if not _update(law, filter, R, y, updating)[0] < np.inf:
+        if not _innovate(law, filter, R, y, updating)[0] < np.inf:
             return k - 1
+        _update(law, filter, R, 1.0, y, updating)
     return t.shape[0] - 1

@@ -11,13 +11,13 @@ the filter has explained the motion.
 Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
 before, something may have failed: the filter returns to its estimate from before, and tries which
 single fault explains the motion best, or whether the structure is just not quite exact, see
-`faults`. Only what a fault has hit is set free; where the structure is not exact, θ may walk. Slow
-changes are found from the shift of the estimate, see `faults.watch`. If no fault explains the
-motion, or if the filter is young, it starts again at the memory's estimate, which alone is handed
-out until the filter has again explained `_PROBATION` seconds. A filter that nothing contradicts but
-that has never explained the data is held back by the cone: it goes on from the memory's estimate
-with `_CAREFUL` times its covariance. If the memory loses M̂ ≻ 0 while the
-filter's estimate is handed out, it goes on from that.
+`faults`. Only what a fault has hit is set free; where the structure is not exact, θ may walk, or
+the gains alone, if that explains the motion better: then they drift, see `drift`, and θ̂ is handed
+out from the filter, as the memory averages over it. Slow changes are found from the shift of the
+estimate, see `faults.watch`. If no fault explains the motion, or if the filter is young, it starts
+again at the memory's estimate, which alone is handed out until the filter has again explained
+`_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the filter's estimate is handed out, it goes
+on from that.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
 from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier
+from .drift import Rivals, going_on, walks
 from .faults.events import event_of, grown, loosened, revoked, without_effect
 from .faults.hypotheses import (
     Hypothesis,
@@ -64,8 +65,6 @@ from .witness import EfficientConfig, Witness, mend
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
-_CAUGHT = 10.0  # ratio of the filter's mean residual to the memory's, of one that is far away
-_CAREFUL = 25.0  # on the memory's covariance, where the filter goes on from its estimate
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
 _MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
 _STARTS = 3  # new starts of a young filter, before a structure that is not exact is considered
@@ -142,10 +141,14 @@ class EfficientIdentifier(Identifier):
             np.full(count, np.inf),
             np.full(count, inside.guard.spent),
         )
-        inside = self._filtered(inside, log, estimates)
+        before, inside = inside, self._filtered(inside, log, estimates)
         if not inside.pause and count > 1:
             acting = inside.signals.acting(self.system, log)
             inside = inside._replace(guard=self._memory.absorb(inside.guard, acting))
+        if inside.rivals is not None and count > 1:
+            acting = inside.signals.acting(self.system, log)
+            rivals = inside.rivals.followed(self._law, self.system.space.actuators, acting)
+            inside = inside._replace(rivals=rivals)
         inside = inside._replace(step=inside.step + count - 1)
         if inside.step % self._every == 0 and count > 1:
             here = self._here(inside, log)
@@ -153,6 +156,8 @@ class EfficientIdentifier(Identifier):
             if not (inside.trials or np.isfinite(inside.filter.Ptt).all()):
                 inside = self._started_again(inside, here)
             inside = self._watched(self._judged(inside, here), here.t)
+            if not inside.trials:
+                inside = self._compared(inside, before, here.t)
             best = inside.filter.theta if inside.handed else inside.guard.theta_hat
             best = best * inside.factors
             estimates.theta_hat[-1], estimates.spent[-1] = best, inside.guard.spent
@@ -162,6 +167,11 @@ class EfficientIdentifier(Identifier):
             State(float(log.t[-1]), *last, pivot, status, filter=inside, faults=inside.events),
             estimates,
         )
+
+    def _walk(self, inside: Guarded) -> Array:
+        """(p,) variance that θ, relative to itself, gains in a second [1/s]."""
+        space, all_of = self.system.space, inside.walk(self._seconds(inside))
+        return walks(len(space), space.actuators, all_of, inside.drift)
 
     def _seconds(self, inside: Guarded) -> float:
         """Time since the first sample [s]."""
@@ -186,10 +196,6 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not inside.pause:
             inside = inside._replace(handed=self._explains(inside))
-            proven = inside.handed and self._determined(memory)
-            inside = inside._replace(trusted=inside.trusted or proven)
-            if not inside.trusted and inside.calm >= _PROBATION and not inside.trials:
-                inside = self._moved_to_memory(inside, here)
         awake = memory.alarmed or not memory.sure or not inside.handed
         longest = 0 if awake else int(_PAUSE * inside.calm / self._interval)
         pause = min(inside.pause - 1, longest) if inside.pause else longest
@@ -215,7 +221,7 @@ class EfficientIdentifier(Identifier):
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
                 piece = inside.signals.acting(self.system, log.part(at, count))
-                law = self._law._replace(walk=inside.walk(self._seconds(inside)))
+                law = self._law._replace(walk=self._walk(inside))
                 row, end = follow_filter(law, kalman, *piece, along.part(at))
                 last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
                 thetas[at + 1 : last + 1] *= inside.factors
@@ -317,7 +323,7 @@ class EfficientIdentifier(Identifier):
         young = inside.calm < _MATURE  # errors of linearisation are beyond what P_θθ tells
         if young or inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
             return inside
-        if inside.calm < _SETTLED or loose is not None:
+        if inside.calm < _SETTLED or loose is not None or inside.drift:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
         what = appear_slowly(hypotheses_of(self.system, kalman.theta))
         what += inexact(self.system, kalman.theta)
@@ -332,6 +338,31 @@ class EfficientIdentifier(Identifier):
         if hypothesis.kind == "none" or without_effect(hypothesis.kind, found.size):
             return inside
         return self._noted(inside, hypothesis, before, t, noted)
+
+    def _compared(self, inside: Guarded, before: Guarded, t: float) -> Guarded:
+        """At an interval's end: whether the gains drift, if θ is not constant; see `drift`."""
+        rivals, failed = inside.rivals, len(inside.events) > len(before.events)
+        if rivals is None or failed:
+            returned = inside.returns > before.returns or inside.wander != before.wander
+            if rivals is None and (failed or not returned):
+                return inside
+            prior = self._covariance(inside.filter.theta)
+            return inside._replace(rivals=Rivals.at(inside.filter, prior, t))
+        best = rivals.preferred(t, inside.drift)
+        if best is None:
+            over = not inside.drift and rivals.given_up(t)
+            return inside._replace(rivals=None) if over else inside
+        ended = not best.gains
+        return inside._replace(
+            filter=going_on(best),
+            watch=Watch(),
+            wander=(best.all_of * self._seconds(inside), 0.0),
+            drift=best.gains,
+            since=inside.since if inside.drift else t,
+            rivals=None if ended and not best.all_of else rivals,
+            handed=True,
+            stale=inside.stale or ended,
+        )
 
     def _noted(
         self, inside: Guarded, hypothesis: Hypothesis, before: Array, t: float, found: Any
@@ -355,35 +386,7 @@ class EfficientIdentifier(Identifier):
         kalman.theta[:], kalman.Ptt[:] = theta, self._covariance(theta)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         restarts = inside.restarts + 1
-        return inside._replace(
-            calm=0.0, handed=False, trusted=False, restarts=restarts, watch=Watch()
-        )
-
-    def _moved_to_memory(self, inside: Guarded, here: Measurement) -> Guarded:
-        """A filter that is caught far away goes on from the memory's estimate and covariance.
-
-        From a prior that reaches to the boundary of the cone, its steps can be damped until hardly
-        any is left: nothing contradicts it, but it does not explain what is remembered. The memory
-        has seen no scale, of which the prior's uncertainty is kept.
-        """
-        stated = self.guard.confidence(inside.guard)
-        memory, kalman, theta = inside.guard.memory, inside.filter, inside.guard.theta_hat
-        remembered = None if memory is None else quotient(memory.means, self.system.space)
-        if stated is None or remembered is None or self._memory.recorder.rows.levels.exact:
-            return inside
-        theirs = np.maximum(remembered.levels(theta), _EXPLAINED)
-        if np.mean(remembered.levels(kalman.theta) / theirs) < _CAUGHT:
-            return inside
-        theta_s, prior = theta / self._scale, self._covariance(theta)
-        scale = 1 / float(theta_s @ np.linalg.solve(prior, theta_s))
-        P = _CAREFUL * stated.covariance / np.outer(self._scale, self._scale)
-        P += 1e3 * scale * np.outer(theta_s, theta_s)  # unknown, so that the prior's remains
-        if not np.isfinite(P).all():
-            return inside
-        P = prior - prior @ np.linalg.solve(prior + P, prior)  # and no less certain than the prior
-        kalman.theta[:], kalman.Ptt[:] = theta, 0.5 * (P + P.T)
-        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        return inside._replace(calm=0.0, moves=inside.moves + 1, watch=Watch())
+        return inside._replace(calm=0.0, handed=False, restarts=restarts, watch=Watch())
 
     def _determined(self, memory: Memory) -> bool:
         """Whether the memory has data enough for its residual to judge an estimate."""
@@ -395,6 +398,8 @@ class EfficientIdentifier(Identifier):
         assert memory is not None
         if not kalman.tally[0]:
             return False
+        if inside.drift:
+            return True
         if inside.loose is not None or inside.trials:
             return inside.handed  # the memory averages over what is changing
         remembered = quotient(memory.means, system.space)
@@ -434,7 +439,7 @@ class EfficientIdentifier(Identifier):
             if stated is not None and np.isfinite(stated.covariance).all():
                 return stated
             kalman = kalman._replace(Ptt=prior)  # too few data: what is known is the prior
-        squares, number, _ = kalman.totals
+        squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
         units = np.outer(self._scale, self._scale)
         sign = np.where(inside.factors < 0, -1.0, 1.0)

@@ -5,36 +5,136 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..cone.barrier import inside, local_norm
+from ...parameters import Array
+from ..cone.barrier import Cone, coordinates, inside, matrix, matrix_into, read, tied
 
-_REACH = 0.5  # longest update of θ̂ in the cone's metric: half of a Dikin ellipsoid
-_HALVINGS = 30  # of an update that rounding takes out of the cone
+_MARGIN = 1e-6  # distance of θ̂ from the cone's boundary, relative to the scale of θ
+_SMALLEST = 1e-9  # share of a step, below which θ̂ stays
+_PASSES = 30  # of projections, at most, until θ̂ is inside
+
+
+def margin_of(cone: Cone, scale: Array) -> Array:
+    """(p,) a small θ inside the cone, with diagonal matrices: θ̂ minus this stays inside.
+
+    Args:
+        cone: of physical parameters.
+        scale: (p,) of θ.
+    """
+    margin, pairing = np.zeros(len(scale)), coordinates(cone)
+    margin[cone.positive] = _MARGIN * scale[cone.positive]
+    for block, (*_, first, last) in enumerate(cone.blocks):
+        i, j, at = cone.entries[first:last].T
+        if tied(cone, block):
+            margin[at[i == j]] = _MARGIN * scale[at[i == j]]
+        else:
+            diagonal = np.abs(matrix(cone, block, scale).diagonal())
+            read(cone, block, _MARGIN * np.diag(diagonal), pairing, margin)
+    return margin
 
 
 @njit(cache=True)
-def move_inside(cone, theta, step, trial):
-    """Moves θ̂ (p,) by a share of a step (p,), inside half of a Dikin ellipsoid of the cone.
+def _negative(P, k, x):
+    """Writes x (k,) with xᵀ P x <= 0 for a symmetric P (k, k) that is not positive definite.
 
-    Inside that ellipsoid is inside the cone, but for rounding next to the boundary: there the share
-    is halved until θ̂ and its metric are sound, and is 0 if they never are. `trial` (p,) is
-    workspace.
+    P is given by its lower triangle, and overwritten by its factors L D Lᵀ.
 
     Returns:
-        The share, at most 1.
+        Whether there is such an x.
     """
-    length = local_norm(cone, theta, step)
-    if not length < np.inf:
-        return 0.0
-    share = min(1.0, _REACH / length) if length > 0.0 else 1.0
-    for _ in range(_HALVINGS):
+    for i in range(k):
+        for j in range(i):
+            total = P[i, j]
+            for m in range(j):
+                total -= P[i, m] * P[j, m] * P[m, m]
+            P[i, j] = total / P[j, j]
+            P[i, i] -= P[i, j] * P[i, j] * P[j, j]
+        if not P[i, i] > 0.0:
+            x[:], x[i] = 0.0, 1.0
+            for j in range(i - 1, -1, -1):
+                for m in range(j + 1, i + 1):
+                    x[j] -= P[m, j] * x[m]
+            return True
+    return False
+
+
+@njit(cache=True)
+def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state):
+    """Projects θ̂ and the state onto plane · θ = bound, in the metric P⁻¹.
+
+    plane (p,) is 0 but for the parameters from `start` to `end`.
+    """
+    missing, variance = bound, 0.0
+    for i in range(start, end):
+        missing -= plane[i] * theta[i]
+        for j in range(start, end):
+            variance += plane[i] * scale[i] * Ptt[i, j] * scale[j] * plane[j]
+    if not variance > 0.0:
+        return
+    for k in range(theta.shape[0]):
+        own = 0.0
+        for j in range(start, end):
+            own += Ptt[k, j] * scale[j] * plane[j]
+        theta[k] += scale[k] * own * missing / variance
+    for k in range(state.shape[0]):
+        own = 0.0
+        for j in range(start, end):
+            own += Pxt[k, j] * scale[j] * plane[j]
+        state[k] += own * missing / variance
+
+
+@njit(cache=True)
+def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
+    """Projects θ̂ (p,) into the cone, by half-spaces that contain it, in the metric P⁻¹.
+
+    Such a projection brings θ̂ closer to every point of the half-space, and so to the true θ:
+    (θ̂ − θ)ᵀ P⁻¹ (θ̂ − θ) never rises, and P stays an honest covariance without being widened.
+    Where a block's matrix is not positive definite, xᵀ P_b(θ) x > 0 is such a half-space, with x
+    from the first pivot of its factorisation that is not positive.
+
+    Args:
+        cone: of physical parameters.
+        margin: (p,) of `margin_of`.
+        before: (p,) θ̂ before the step, inside; where `_PASSES` projections onto each half-space do
+            not suffice, or θ̂ is not finite, the step is halved until it ends inside.
+        theta: (p,) θ̂; overwritten.
+        scale: (p,) of θ.
+        Ptt: (p, p) covariance of θ/scale.
+        Pxt: (2n, p) covariance of the state with θ/scale.
+        state: (2n,) update of the state; overwritten.
+        plane: (p,) workspace.
+    """
+    largest = 0
+    for block in range(cone.blocks.shape[0]):
+        largest = max(largest, cone.blocks[block, 2])
+    x, P = np.empty(largest), np.empty((largest, largest))
+    for _ in range(_PASSES):
+        outside = False
+        for j in cone.positive:
+            if not theta[j] >= margin[j]:
+                plane[j], outside = 1.0, True
+                _onto(plane, j, j + 1, 2.0 * margin[j], theta, scale, Ptt, Pxt, state)
+        for block in range(cone.blocks.shape[0]):
+            start, end, k, first, last = cone.blocks[block]
+            for j in range(start, end):
+                plane[j] = theta[j] - margin[j]
+            own, values = cone.entries[first:last], cone.values[first:last]
+            matrix_into(own, values, start, plane[start:end], P, k)
+            if _negative(P, k, x[:k]):
+                bound, outside = 0.0, True
+                plane[start:end] = 0.0
+                for e in range(first, last):
+                    i, j, at = cone.entries[e]
+                    plane[at] += cone.weights[e] * x[i] * x[j]
+                for j in range(start, end):
+                    bound += 2.0 * plane[j] * margin[j]
+                _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state)
+        if not outside:
+            return
+    share = 1.0
+    while not (inside(cone, theta) or share == 0.0):
+        share = 0.5 * share if share > _SMALLEST else 0.0
         for k in range(theta.shape[0]):
-            trial[k] = theta[k] + share * step[k]
-        if inside(cone, trial) and local_norm(cone, trial, step) < np.inf:
-            for k in range(theta.shape[0]):
-                theta[k] = trial[k]
-            return share
-        share *= 0.5
-    return 0.0
+            theta[k] = 0.5 * (theta[k] + before[k]) if share > 0.0 else before[k]
 
 
 @njit(cache=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from ...bounds import Config, NonNegative, Positive, config
 from ...errors import InvalidInput
@@ -24,6 +25,7 @@ from .kalman import (
     noise_variance,
     restart_state,
 )
+from .steps import margin_of
 
 USUAL = 0.3
 """Largest relative error of a prior of which nothing is said."""
@@ -90,7 +92,8 @@ class Witness:
         cone, scale = cone_of(system.space), np.array(system.space.scale)
         window = max(10, round(config.innovation_window / dt))
         gamma = config.linearisation
-        self.law = Law(system.forward, cone, scale, gamma, window)
+        constant = np.zeros(system.p)
+        self.law = Law(system.forward, cone, scale, margin_of(cone, scale), gamma, window, constant)
 
     def covariance(self, theta: Array) -> Array:
         """(p, p) P_θθ of θ̂/scale before any data: that of the draw of a prior."""
@@ -119,6 +122,6 @@ class Witness:
 
 def mend(kalman: Filter, here: Measurement) -> None:
     """Makes P_θθ positive definite after rounding errors, and starts the state again."""
-    values, vectors = np.linalg.eigh(kalman.Ptt)
+    values, vectors = scipy.linalg.eigh(kalman.Ptt)
     kalman.Ptt[:] = (vectors * np.maximum(values, _INDEFINITE * values[-1])) @ vectors.T
     restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))

@@ -42,16 +42,23 @@ class FedBack(NamedTuple):
     def unknown(n: int, n_u: int) -> FedBack:
         """Before any sample of n velocities and n_u commands."""
         width = 2 * n + n_u
-        zero = np.zeros((3, width)), np.zeros(width), np.zeros((n_u, 2 * n)), np.zeros(2 * n)
-        return FedBack(*zero, 0)
+        return FedBack(
+            np.zeros((3, width)), np.zeros(width), np.zeros((n_u, 2 * n)), np.zeros(2 * n), 0
+        )
 
     def along(self, system: SecondOrderSystem, log: Log) -> FedBack:
         """The covariance at the end of a log, whose last command is not used."""
         moves = [system.difference(*pair) for pair in zip(log.q[:-1], log.q[1:], strict=True)]
         steps = np.hstack([np.array(moves), np.diff(log.v, axis=0)])
-        parts = [part.copy() for part in self[:4]]
-        _add(*parts, self.seen, steps, log.u[:-1])
-        return FedBack(*parts, self.seen + len(steps))
+        after = self._replace(
+            increments=self.increments.copy(),
+            pending=self.pending.copy(),
+            together=self.together.copy(),
+            variance=self.variance.copy(),
+            seen=self.seen + len(steps),
+        )
+        _add(*after[:4], self.seen, steps, log.u[:-1])
+        return after
 
     def deviations(self) -> Array:
         """(2n, n_u) deviations of the commands that follow each measurement's noise."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
 from ...parameters import Array
 
@@ -29,14 +30,14 @@ def common_root(whole: Array, part: Array) -> tuple[Array, Array]:
     balance = np.outer(unit, unit)
     L = cholesky(whole / balance)
     half = np.linalg.solve(L, np.linalg.solve(L, part / balance).T)
-    shares, vectors = np.linalg.eigh(0.5 * (half + half.T))
+    shares, vectors = scipy.linalg.eigh(0.5 * (half + half.T))
     return unit[:, None] * (L @ vectors), np.array(shares, dtype=np.float64)
 
 
 def square_root(matrix: Array) -> Array:
     """(p, p) R with R Rᵀ = a matrix ⪰ 0; negative eigenvalues, from rounding, count as 0."""
     unit = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
+    values, vectors = scipy.linalg.eigh(matrix / np.outer(unit, unit))
     return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
 
 
@@ -55,7 +56,7 @@ def eliminated(matrix: Array, freed: np.ndarray) -> Array:
     """
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    values, vectors = np.linalg.eigh(matrix * np.outer(unit, unit))
+    values, vectors = scipy.linalg.eigh(matrix * np.outer(unit, unit))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     axes, lengths, _ = np.linalg.svd(root[:, freed], full_matrices=False)
     axes = axes[:, lengths**2 > _SINGULAR * max(1.0, values[-1])]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from ...bounds import Config, NonNegative, Positive, config
 from ...log import Log, Measurement, SensorLevels
@@ -232,7 +233,7 @@ class Evidence(NamedTuple):
         if not self.number:
             return 0.0
         whole = np.eye(root.shape[1]) + root.T @ self.information @ root
-        values, vectors = np.linalg.eigh(whole)
+        values, vectors = scipy.linalg.eigh(whole)
         explained = (vectors.T @ (root.T @ self.slope)) ** 2 / np.maximum(values, 1.0)
         return max(0.0, self.squares - float(explained.sum())) / self.number
 

@@ -1,0 +1,158 @@
+"""Whether the actuators' gains drift, as with temperature or a battery: rival filters beside it.
+
+Once a constant θ no longer explains the motion, filters under three models of how θ changes follow
+the same data from the same estimate:
+
+    θ constant;    all of θ a random walk, as W is not exact;    the gains alone a random walk,
+
+the walks at several variances per second. The likelihood of the innovations, of which what is old
+is forgotten, matches the variance and chooses the model. Where the gains alone walk, the plant's
+parameters stay as certain as they are; a battery's sag is seen as well, since the gains fall
+relative to them. A random walk lags behind a ramp: at the most likely variance by 0.7 standard
+deviations, at the next one by 0.1. Gains that would have to walk fast, or that leave innovations
+larger than stated, do not drift: W is not exact, or a part fails.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import NamedTuple
+
+import numpy as np
+
+from ...log import Log
+from ...parameters import Array, Indices
+from .kalman import COMPLETED, Along, Filter, Law, follow_filter
+
+_WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
+"""Variances that a gain, relative to itself, may gain in a second; the last is no drift [1/s]."""
+_ALL = (1e-8, 1e-6)  # that all of θ may
+_FREED = 0.1  # standard deviation of θ with which rivals begin, over that of a prior
+_MEMORY = 20.0  # time in which evidence is forgotten [s]
+_EARLIEST = 5.0  # time after which they are compared [s]
+_LONGEST = 30.0  # time after which gains that seem constant are taken for constant [s]
+_SURE = 15.0  # logarithm of the likelihood ratio at which a model is accepted
+_BEHIND = 50.0  # of a model that is tried again, below the best
+_WHITE = 1.1  # mean squared normalised innovation, at most, of gains that drift
+_BETTER = 3.0  # at which another variance is
+
+
+class Rival(NamedTuple):
+    """A filter under one model of how θ changes; its tally holds the evidence.
+
+    Attributes:
+        filter: at the last sample.
+        all_of: variance per second of all of θ, relative to itself [1/s].
+        gains: that of the gains in addition [1/s].
+    """
+
+    filter: Filter
+    all_of: float
+    gains: float
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the likelihood of the innovations that are not forgotten."""
+        found = float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
+        return found if np.isfinite(found) else -np.inf
+
+    @property
+    def white(self) -> bool:
+        """Whether its innovations are no larger than stated."""
+        squares, number = self.filter.totals
+        return bool(squares <= _WHITE * number)
+
+    def followed(self, law: Law, actuators: Indices, log: Log) -> Rival:
+        """The rival after a log, under the signals that act."""
+        own, count = deepcopy(self.filter), len(log.t)
+        fade = np.exp(-(log.t[-1] - log.t[0]) / _MEMORY)
+        own.tally[2:] *= fade
+        out = Along.empty(count, log.v.shape[1], len(law.scale))
+        walk = walks(len(law.scale), actuators, self.all_of, self.gains)
+        _, end = follow_filter(law._replace(walk=walk, window=10**9), own, *log, out)
+        own.tally[2] += 0.0 if end == COMPLETED else np.inf
+        return self._replace(filter=own)
+
+    def led_by(self, best: Rival) -> Rival:
+        """The model at the estimate of the best one, its evidence behind, so that it may win yet.
+
+        A filter that was wrong for long is of no use when its model becomes right.
+        """
+        own = deepcopy(best.filter)
+        own.tally[2] += 2 * _BEHIND
+        return self._replace(filter=own)
+
+
+class Rivals(NamedTuple):
+    """Rivals that began at the same time.
+
+    Attributes:
+        each: of every model and variance, the walks of the gains alone last.
+        begin: when they began [s].
+    """
+
+    each: tuple[Rival, ...]
+    begin: float
+
+    @staticmethod
+    def at(kalman: Filter, prior: Array, t: float) -> Rivals:
+        """Rivals that begin at time t [s] with the filter's estimate, but less certain of it.
+
+        A share of the prior's covariance (p, p) there frees no parameter to leave the cone.
+        """
+        start = deepcopy(kalman)
+        start.Ptt[:] += _FREED**2 * prior
+        start.tally[1:], start.totals[:] = 0.0, 0.0
+        models = [(0.0, 0.0), *((w, 0.0) for w in _ALL), *((0.0, w) for w in _WALKS)]
+        return Rivals(tuple(Rival(start, *model) for model in models), t)
+
+    def followed(self, law: Law, actuators: Indices, log: Log) -> Rivals:
+        """The rivals after a log, under the signals that act."""
+        each = tuple(rival.followed(law, actuators, log) for rival in self.each)
+        best = max(each, key=lambda rival: rival.evidence)
+        least = best.evidence - 2 * _BEHIND
+        each = tuple(one if one.evidence >= least else one.led_by(best) for one in each)
+        return self._replace(each=each)
+
+    def preferred(self, t: float, drift: float) -> Rival | None:
+        """The rival to go on with at time t [s]; None while nothing speaks against going on.
+
+        Args:
+            t: time [s].
+            drift: variance per second by which the gains walk now; 0 if they are constant [1/s].
+        """
+        if t - self.begin < _EARLIEST:
+            return None
+        evidence = np.array([rival.evidence for rival in self.each])
+        first = len(self.each) - len(_WALKS)
+        gains, other = first + int(np.argmax(evidence[first:])), int(np.argmax(evidence[:first]))
+        slow = gains + 1 < len(self.each) and self.each[gains].white
+        if drift and (not slow or evidence[other] > evidence[gains] + _SURE):
+            return self.each[other]
+        if not drift and not (slow and evidence[gains] > evidence[other] + _SURE):
+            return None
+        wider = gains + 1  # the lag is then well below the deviation
+        now = [i for i, rival in enumerate(self.each) if drift and rival.gains == drift]
+        likely = max(first, now[0] - 1) if now else None  # of which that now was made
+        if likely is not None and evidence[gains] < evidence[likely] + _BETTER:
+            return None
+        return None if now == [wider] else self.each[wider]
+
+    def given_up(self, t: float) -> bool:
+        """Whether gains that seem constant have been compared for long enough at time t [s]."""
+        return t - self.begin > _LONGEST
+
+
+def walks(count: int, actuators: Indices, all_of: float, gains: float) -> Array:
+    """(p,) variances per second of all of θ, and of the gains in addition [1/s]."""
+    found = np.full(count, all_of)
+    found[actuators] += gains
+    return found
+
+
+def going_on(rival: Rival) -> Filter:
+    """A rival's filter, its innovations to be tested from here on."""
+    kalman = deepcopy(rival.filter)
+    kalman.tally[1:] = 0.0
+    kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
+    return kalman
