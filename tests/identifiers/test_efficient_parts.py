@@ -146,11 +146,10 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
         work[6][:] = truth * 10 ** rng.uniform(-1, 1) * rng.standard_normal(system.p)
         share = _linear_share(law, q, v, u, kalman, predicting, work)
 
-        def least(theta: np.ndarray, q: np.ndarray = q) -> float:
-            units = np.eye(n)
-            x = np.tile(np.concatenate([q, v]), (n, 1))
-            M = system.W_M(x, units) @ theta
-            return float(np.linalg.eigvalsh(M)[0])
+        W_M = system.W_M(np.tile(np.concatenate([q, v]), (n, 1)), np.eye(n))
+
+        def least(theta: np.ndarray, W_M: np.ndarray = W_M) -> float:
+            return float(np.linalg.eigvalsh(W_M @ theta)[0])
 
         assert 0 < share <= 1
         assert least(0.5 * truth + share * work[6]) > 0
