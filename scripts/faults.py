@@ -1,6 +1,6 @@
 """Faults found by the law `efficient`: how soon, how rightly, how often wrongly.
 
-`python scripts/faults.py loss|slow|kinds|matched|picture [--scenarios ur5,bluerov2,crazyflie]
+`python scripts/faults.py loss|slow|kinds|drift|matched|picture [--scenarios ur5,bluerov2,crazyflie]
 [--seeds 10:30] [--seconds 180]`, under noisy sensors and with the scenario's own time step.
 
 - `loss`: an actuator loses 40 % at 6 s; which one goes round with the seed. Delay of the isolated
@@ -8,6 +8,8 @@
   largest of the others, all relative to the mean of the healthy ones, over the same before.
 - `slow`: an actuator loses 1 %/s from 12 s on, up to 30 %; what it has lost when that is found.
 - `kinds`: every kind of fault at 6 s; what it was taken for.
+- `drift`: every second gain fades for `--seconds`; the largest error of any gain afterwards, and its
+  error over its stated standard deviation, all gains relative to their mean.
 - `picture`: docs/faults.png.
 - `matched`: no fault, for `--seconds` on every seed; the events are false alarms.
 
@@ -24,12 +26,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from nsaid_mj.evaluation import Truth
+from nsaid_mj.evaluation.confidence import known
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.base import Estimates, State
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.log import Log
+from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import parse_faults
 from nsaid_mj.plants.world.faults.kinds import ActuatorFault, Bias, Friction, Payload
 
@@ -235,6 +239,37 @@ def kinds(names: list[str], seeds: list[int]) -> None:
     )
 
 
+def drift(names: list[str], seeds: list[int], seconds: float) -> None:
+    """Prints how gains that drift are followed."""
+    rows = []
+    for name, rate in ((name, rate) for name in names for rate in (1, 10)):
+        errors: list[float] = []
+        deviations: list[float] = []
+        named, seen, commands = 0, 0, Setup.of(load(name)).system.n_u
+        for seed in seeds:
+            fading = range(1 + seed % 2, 1 + commands, 2)
+            text = "; ".join(f"loss 0.9 of {k} rate {rate / 60} %/s at 0 s" for k in fading)
+            found = followed(name, seed, text, seconds)
+            inside, system = found.state.filter, found.setup.system
+            k, truth = system.space.actuators, Truth(found.setup, found.log.t[-1])
+            ratio = found.state.theta_hat[k] / truth.theta_at(found.log.t[-1])[k]
+            stated = found.setup.identifiers()[""].confidence(found.state)
+            assert stated is not None
+            nullspace = structural(system, found.state.theta_hat, np.random.default_rng(0))
+            sure = known(stated, found.state.theta_hat, nullspace, system.space).actuators
+            error = np.abs(ratio / ratio.mean() - 1)
+            errors.append(float(error.max()))
+            deviations.append(float((error / sure).max()))
+            named, seen = named + len(found.events), seen + (inside.drift > 0)
+            print(f"{name}, {rate} %/min, seed {seed}: {errors[-1]:.2g}", flush=True)
+        rows.append(
+            f"| {name} | {rate} %/min | {median_and_worst(errors)} | "
+            f"{median_and_worst(deviations, '')} | {seen}/{len(seeds)} | {named} |"
+        )
+    print("\n| | drift | error of a gain | over its deviation | followed | faults named |")
+    print("|---|---|---|---|---|---|\n" + "\n".join(rows))
+
+
 def isolated(found: Followed, event: FaultEvent) -> bool:
     """Whether an event names the kind and the part of the run's first fault."""
     fault, system = found.setup.plant.faults[0], found.setup.system
@@ -328,10 +363,12 @@ def picture(path: Path) -> None:
 def main() -> None:
     """Runs a study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("study", choices=["loss", "slow", "kinds", "matched", "picture"])
+    parser.add_argument("study", choices=["loss", "slow", "kinds", "drift", "matched", "picture"])
     parser.add_argument("--scenarios", default="ur5,bluerov2,crazyflie")
     parser.add_argument("--seeds", default="10:30")
-    parser.add_argument("--seconds", type=float, default=180.0, help="of each matched run [s]")
+    parser.add_argument(
+        "--seconds", type=float, default=180.0, help="of each run that drifts or has no fault [s]"
+    )
     parser.add_argument("--share", type=float, default=0.4, help="that is lost at once")
     chosen = parser.parse_args()
     names = chosen.scenarios.split(",")
@@ -343,6 +380,8 @@ def main() -> None:
         slow(names, seeds)
     elif chosen.study == "kinds":
         kinds(names, seeds)
+    elif chosen.study == "drift":
+        drift(names, seeds, chosen.seconds)
     elif chosen.study == "picture":
         picture(Path("docs/faults.png"))
     else:

@@ -1,5 +1,6 @@
 """The law `efficient`: accuracy against the bound, honesty, contradictions, changed actuators."""
 
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -206,6 +207,18 @@ def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
         (witness_of(found), NONE),
     ):
         assert judged(witness, theta, witness.covariance(theta), found.log).level == level
+
+
+@pytest.mark.parametrize(("unnamed", "tried"), [(0, True), (1, False)])
+def test_after_trials_in_vain_a_fault_is_sought_after_twice_as_long_a_calm(
+    unnamed: int, tried: bool
+) -> None:
+    run = followed("bluerov2", 1, 3.0)
+    law: Any = run.setup.identifiers()[""]
+    inside = deepcopy(run.state.filter)._replace(calm=3.0, unnamed=unnamed)
+    after = law._contradicted(inside, inside.recent)
+    assert (after.trials is not None) == tried
+    assert after.restarts == inside.restarts + (not tried)
 
 
 @pytest.mark.parametrize("seed", range(3))

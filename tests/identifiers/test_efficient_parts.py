@@ -15,11 +15,12 @@ from nsaid_mj.evaluation import misfit
 from nsaid_mj.evaluation.whiteness import whiteness
 from nsaid_mj.identifiers.cone.barrier import cone_of, inside
 from nsaid_mj.identifiers.cone.prior import drawn_inside
+from nsaid_mj.identifiers.efficient.faults import trials as trying
 from nsaid_mj.identifiers.efficient.faults.events import event_of
 from nsaid_mj.identifiers.efficient.faults.evidence import Jump
 from nsaid_mj.identifiers.efficient.faults.hypotheses import Hypothesis, hypotheses_of, inexact
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
-from nsaid_mj.identifiers.efficient.faults.trials import Verdict
+from nsaid_mj.identifiers.efficient.faults.trials import Trials, Verdict
 from nsaid_mj.identifiers.efficient.guarded import Guarded
 from nsaid_mj.identifiers.efficient.kalman import (
     Filter,
@@ -229,6 +230,27 @@ def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:
     assert none.events == () and (none.factors == 1).all()
     off = isolated(start, inexact(system, truth)[2], (0.0, 0.0, 0.0))
     assert off.events == () and off.wander == (0.02**2, 0.02**2)
+
+
+def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All repetitions together are then along no more than twice the whole log."""
+    window, lengths = 10, []
+    tried: Any = SimpleNamespace(evidence=0.0)
+    tried.followed = lambda *_: tried
+    monkeypatch.setattr(
+        trying, "_repeated", lambda one, a, b, trials, c: lengths.append(len(trials.log.t)) or one
+    )
+    log = Log(np.arange(101) * 0.01, *np.zeros((3, 101, 1)))
+    law: Any = SimpleNamespace(window=window)
+    trials = Trials((tried,), None, None, log.first(2), 1)  # type: ignore[arg-type]
+    for end in range(window, 101, window):
+        start = len(trials.log.t) - 1
+        trials = trying.follow_trials(law, SimpleNamespace(), trials, log.part(start, end + 1))  # type: ignore[arg-type]
+        trials = trials._replace(samples=0)
+    assert lengths == [11, 21, 41, 81]
+    late = log.last(11)._replace(t=log.t[-11:] + 1)
+    trying.follow_trials(law, SimpleNamespace(), trials, late)  # type: ignore[arg-type]
+    assert lengths[4:] == [111], "when time is up, whatever the length"
 
 
 # -- the misfit ------------------------------------------------------------------------------------

@@ -43,6 +43,7 @@ class Guarded(NamedTuple):
         drift: variance that every gain, relative to itself, gains in a second, as the gains drift;
             0 if they are constant [1/s].
         since: when the gains were found to drift [s].
+        unnamed: trials in a row that found nothing to explain the motion.
         rivals: filters of which one tells whether the gains drift; None where θ is constant.
     """
 
@@ -67,6 +68,7 @@ class Guarded(NamedTuple):
     drift: float = 0.0
     since: float = 0.0
     rivals: Rivals | None = None
+    unnamed: int = 0
 
     @property
     def theta(self) -> Array:

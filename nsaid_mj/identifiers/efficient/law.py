@@ -9,15 +9,15 @@ data to notice a change by itself, it pauses between two intervals for a share o
 the filter has explained the motion.
 
 Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
-before, something may have failed: the filter returns to its estimate from before, and tries which
-single fault explains the motion best, or whether the structure is just not quite exact, see
-`faults`. Only what a fault has hit is set free; where the structure is not exact, θ may walk, or
-the gains alone, if that explains the motion better: then they drift, see `drift`, and θ̂ is handed
-out from the filter, as the memory averages over it. Slow changes are found from the shift of the
-estimate, see `faults.watch`. If no fault explains the motion, or if the filter is young, it starts
-again at the memory's estimate, which alone is handed out until the filter has again explained
-`_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the filter's estimate is handed out, it goes
-on from that.
+before, twice as many after trials in vain, something may have failed: the filter returns to its
+estimate from before, and tries which single fault explains the motion best, or whether the
+structure is just not quite exact, see `faults`. Only what a fault has hit is set free; where the
+structure is not exact, θ may walk, or the gains alone, if that explains the motion better: then
+they drift, see `drift`, and θ̂ is handed out from the filter, as the memory averages over it. Slow
+changes are found from the shift of the estimate, see `faults.watch`. If no fault explains the
+motion, or if the filter is young, it starts again at the memory's estimate, which alone is handed
+out until the filter has again explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the
+filter's estimate is handed out, it goes on from that.
 """
 
 from __future__ import annotations
@@ -243,7 +243,7 @@ class EfficientIdentifier(Identifier):
     def _contradicted(self, inside: Guarded, log: Log) -> Guarded:
         """After a contradiction at a log's end: trials of what may have failed, or a new start."""
         kalman, system, here = inside.filter, self.system, self._here(inside, log)
-        young = inside.calm < _MATURE and inside.loose is None
+        young = inside.calm < 2**inside.unnamed * _MATURE and inside.loose is None
         if young and inside.restarts < _STARTS and inside.signals.as_recorded:
             return self._started_again(inside, here)
         inside.watch.rewind(here.t, kalman)
@@ -276,6 +276,7 @@ class EfficientIdentifier(Identifier):
                 begin, size = trials.begin, (0.0, 0.0, 0.0)
                 event = event_of(unknown(self.system), begin, float(log.t[-1]), size, 1.0)
                 inside = inside._replace(events=(*inside.events, event), stale=True)
+            inside = inside._replace(unnamed=inside.unnamed + 1)
             return self._started_again(inside, self._here(inside, log))
         return self._isolated(inside, found, trials.begin, log)
 
@@ -303,6 +304,7 @@ class EfficientIdentifier(Identifier):
             events=events,
             calm=0.0,
             returns=inside.returns + 1,
+            unnamed=0 if kind != "none" else inside.unnamed,
         )
         inside = inside.wandered(hypothesis.share)
         if kind in {"none", "sound"} or without_effect(kind, size):

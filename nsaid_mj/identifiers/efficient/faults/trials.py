@@ -41,6 +41,7 @@ class Trials(NamedTuple):
         log: from that sample on, as recorded.
         samples: in the current window.
         counted: sample of the log from which on innovations count as evidence.
+        due: length of the log from which on the trials are repeated, at a window's end.
     """
 
     each: tuple[Trial | BiasTrial, ...]
@@ -49,6 +50,7 @@ class Trials(NamedTuple):
     log: Log
     samples: int
     counted: int = 0
+    due: int = 0
 
     @property
     def begin(self) -> float:
@@ -89,16 +91,20 @@ def begin_trials(
 
 
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
-    """The trials after a log; at a window's end they are repeated where that makes them exact."""
+    """The trials after a log; at a window's end they are repeated where that makes them exact.
+
+    The log then is at least twice as long as the last time, or time is up, so that all repetitions
+    together take no longer than a few along all of it.
+    """
     each = tuple(trial.followed(law, system, log) for trial in trials.each)
     known = trials.log.first(len(trials.log.t) - 1).joined(log)
     trials = trials._replace(each=each, log=known, samples=trials.samples + len(log.t) - 1)
-    if trials.samples < law.window:
+    over = float(log.t[-1]) - trials.begin >= _LONGEST
+    if trials.samples < law.window or (len(known.t) < trials.due and not over):
         return trials
     least = max(trial.evidence for trial in each) - _NEAR
-    return trials._replace(
-        each=tuple(_repeated(trial, law, system, trials, least) for trial in each)
-    )
+    each = tuple(_repeated(trial, law, system, trials, least) for trial in each)
+    return trials._replace(each=each, due=2 * len(known.t) - 1)
 
 
 def narrowed(law: Law, trials: Trials, window: float) -> Trials:
