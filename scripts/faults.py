@@ -8,8 +8,8 @@
   largest of the others, all relative to the mean of the healthy ones, over the same before.
 - `slow`: an actuator loses 1 %/s from 12 s on, up to 30 %; what it has lost when that is found.
 - `kinds`: every kind of fault at 6 s; what it was taken for.
-- `drift`: every second gain fades for `--seconds`; the largest error of any gain afterwards, and its
-  error over its stated standard deviation, all gains relative to their mean.
+- `drift`: every second gain fades for `--seconds`; the largest error of any gain afterwards,
+  and over its stated standard deviation, all gains relative to their mean.
 - `picture`: docs/faults.png.
 - `matched`: no fault, for `--seconds` on every seed; the events are false alarms.
 
