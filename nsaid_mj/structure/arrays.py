@@ -24,12 +24,13 @@ POSITIONS = (0, 7, 3, 1, 1, 2)
 """Numbers of velocities and positions of each kind of joint."""
 
 (
-    PARENT, KIND, AT_Q, AT_V, COUNT, TEN, FIRST, LAST, TERM, TERMS, RIGID, GENERAL, BODY,
-) = range(13)  # fmt: skip
+    PARENT, KIND, AT_Q, AT_V, COUNT, TEN, FIRST, LAST, TERM, TERMS, RIGID, GENERAL, DENSE,
+    BODY,
+) = range(14)  # fmt: skip
 """Columns of `StructureArrays.bodies`: parent or −1; kind of joint; its first position, first
 velocity and number of velocities; first of ten rigid-body parameters or −1; range of `entries`, and
-of `terms`; whether the body, or one that it carries, has rigid-body parameters, and whether
-entries."""
+of `terms`; whether the body, or one that it carries, has rigid-body parameters, whether entries,
+and whether entries or columns."""
 
 OF, FROM, TO, OWNER = 0, 1, 2, 3
 """Columns of `StructureArrays.terms`: parameter; range of `entries`; body."""
@@ -38,9 +39,12 @@ COSINE, SINE, PLACE, AXIS, JOINT = 9, 18, 27, 30, 36
 """Columns of `StructureArrays.joints`: R₀, R_c and R_s (9 each), with R₀ + R_c cos + R_s sin the
 body's axes in its parent's; position in the parent's frame; unit twist in the body's axes."""
 
-SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, COLUMN = range(7)
+SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, READS, COLUMN = range(8)
 """Columns of `StructureArrays.columns`: number of the kind; body; command or −1; offset in
-`constants`; offset in `nonzeros`; parameter."""
+`constants`; offset in `nonzeros`; parameter; what its value depends on, see `NOTHING`."""
+
+NOTHING, SPEED, POSE = range(3)
+"""What a column reads of the state of its body or joint."""
 
 POSITION, TWIST, RATE, FRAME = 9, 12, 6, 18
 """Columns of a state. A body's row: rotation to the common frame (9), position, twist V. A
@@ -120,7 +124,7 @@ class Workspace(NamedTuple):
         )
 
 
-SPEED_SLOPE, TURN_SLOPE, LOAD, SLOPE = 36, 72, 108, 114
+SPEED_SLOPE, TURN_SLOPE, LOAD, IMPULSE, CHANGE, SLOPE = 36, 72, 108, 114, 120, 126
 BENT, TWICE, MOVED = 0, 6, 12
 """Columns of `Slopes.bodies`, after the inertia, and of `Slopes.axes`: Ψ̇, Ψ̈, Ψ̇ + Ṡ."""
 
@@ -130,8 +134,9 @@ class Slopes(NamedTuple):
 
     Attributes:
         state: of a sample.
-        bodies: (b · SLOPE,) of every body with those it carries: inertia (6, 6), derivatives of its
-            wrench by twist (6, 6) and by a turn (6, 6), and the wrench.
+        bodies: (b · SLOPE,) of every body with those it carries: of entries and columns the inertia
+            (6, 6) and the derivatives of the wrench by twist (6, 6) and by a turn (6, 6); the
+            wrench of all; of rigid-body parameters the momentum, and the rate of Ī (6,).
         axes: (n · FRAME,) of every velocity.
         F: (z,) entries of F.
         by_state: (n, 2n) derivatives of v̇.

@@ -13,6 +13,11 @@ in the body's own axes, the derivatives of τ = Σ Jᵀ (I A + V ×* I V + f) ar
     ∂τ_i/∂q_j = S_iᵀ (B Ψ̇_j + I Ψ̈_j + K S_j + S_j ×* f),  ∂τ_i/∂v_j = S_iᵀ (B S_j + I (Ψ̇_j + Ṡ_j)),
 
 the term with the wrench f for i ≺ j only, and I, B, K, f summed over the bodies that j carries.
+For ten rigid-body parameters, with p and l the linear and angular momentum and N the rate of Ī,
+
+    B m = [2 ω_m × p, N ω_m + ω_m × l],
+
+and K vanishes if gravity is part of A. All else is kept as 6×6 matrices.
 After Singh, Russell and Wensing, Efficient Analytical Derivatives of Rigid-Body Dynamics using
 Spatial Vector Algebra, IEEE Robotics and Automation Letters 7 (2022), which holds for any constant
 6×6 inertia. Columns are differentiated by forward differences of one body or one joint.
@@ -25,27 +30,34 @@ from .arrays import (
     AT,
     AT_V,
     BENT,
+    CHANGE,
     CONSTANTS,
     COUNT,
+    DENSE,
     DRIFT,
     FALL,
     FIRST,
     FRAME,
+    IMPULSE,
     INERTIA,
     INPUT,
     LAST,
     LOAD,
     MOTION,
     MOVED,
+    NOTHING,
     PARAMETER,
     PARENT,
+    POSE,
     PUSH,
     RATE,
+    READS,
+    RIGID,
     SLOPE,
     SORT,
     SPARE,
+    SPEED,
     SPEED_SLOPE,
-    SQUARE,
     TEN,
     TURN_SLOPE,
     TWICE,
@@ -59,15 +71,17 @@ from .compiled import (
     STRUCTURE,
     WORKSPACE,
     f8,
+    helper,
     i8,
     kernel,
     matrix,
     routine,
+    table,
     vector,
     void,
 )  # fmt: skip
 from .forces import BODY_KINDS, write_forces, write_surroundings, write_wrench
-from .inertia import add_rigid, add_square, write_rigid, write_square
+from .inertia import add_rigid, add_square, add_turning, write_rigid, write_square
 from .kinematics import place
 from .poses import integrate
 from .regressor import write_regressor
@@ -84,93 +98,93 @@ from .stage import accelerate
 
 STEP = 1e-7
 """Step of the forward differences, relative to 1 + |value|."""
-_TOTAL, _KEPT = 30, 48  # in the scratch, after what `forces` uses
+_TOTAL, _HERE, _THERE, _KEPT = 30, 36, 42, 48  # in the scratch, after what `forces` uses
 
 
-@routine(void(STRUCTURE, i8, vector, vector, vector, i8))
-def _write_column_wrench(structure, b, u, theta, x, to):
-    """Writes the sum of all columns' wrenches on a body, in its axes, into x[to : to + 6]."""
+@routine(void(STRUCTURE, i8, i8, vector, vector, vector, i8))
+def _write_column_wrench(structure, b, reads, u, theta, x, to):
+    """Writes into x[to : to + 6] the wrench on a body, in its axes, of all columns that read so."""
     columns = structure.columns
     clear(x, to, 6)
     for k in range(columns.shape[0]):
-        if columns[k, AT] == b and columns[k, SORT] >= BODY_KINDS:
+        if columns[k, AT] == b and columns[k, READS] == reads and columns[k, SORT] >= BODY_KINDS:
             command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
             write_wrench(columns[k, SORT], structure.constants, columns[k, CONSTANTS], command, x)
             for i in range(6):
                 x[to + i] += theta[columns[k, PARAMETER]] * x[WRENCH + i]
 
 
-@routine(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
-def _add_columns(structure, b, state, ground, u, theta, x, slopes, own):
+@helper(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
+def _write_columns(structure, b, state, ground, u, theta, x, slopes, own):
     """Writes minus the columns' wrench on a body, and its derivatives, in the common frame."""
-    columns, frame, busy = structure.columns, b * FRAME, False
-    for k in range(columns.shape[0]):
-        busy = busy or (columns[k, AT] == b and columns[k, SORT] >= BODY_KINDS)
-    if not busy:
-        return
+    frame = b * FRAME
     write_surroundings(state, frame, ground, x)
-    _write_column_wrench(structure, b, u, theta, x, _TOTAL)
-    for c in range(9):  # six twists, then three turns
-        at = own + SPEED_SLOPE + c if c < 6 else own + TURN_SLOPE + c - 3
-        for i in range(12):
-            x[_KEPT + i] = x[i]
-        step = STEP * (1.0 + abs(x[c])) if c < 6 else STEP
-        if c < 6:
-            x[c] += step
-        else:  # what is fixed in the world turns the other way
-            clear(x, 66, 3)
-            x[60 + c] = 1.0
-            add_cross(x, 66, x, _KEPT + 6, -step, x, 6)
-            add_cross(x, 66, x, _KEPT + 9, -step, x, 9)
-        _write_column_wrench(structure, b, u, theta, x, _TOTAL + 6)
+    clear(x, _TOTAL, 6)
+    for reads in range(3):  # `NOTHING`, `SPEED`, `POSE`
+        _write_column_wrench(structure, b, reads, u, theta, x, _HERE)
         for i in range(6):
-            slopes[at + 6 * i] = (x[_TOTAL + i] - x[_TOTAL + 6 + i]) / step
-        for i in range(12):
-            x[i] = x[_KEPT + i]
-    for i in range(6):
-        x[_TOTAL + i] = -x[_TOTAL + i]
+            x[_TOTAL + i] -= x[_HERE + i]
+        for c in range(0 if reads == SPEED else 6, 6 * reads if reads < POSE else 9):
+            at = own + SPEED_SLOPE + c if c < 6 else own + TURN_SLOPE + c - 3
+            for i in range(12):
+                x[_KEPT + i] = x[i]
+            step = STEP * (1.0 + abs(x[c])) if c < 6 else STEP
+            if c < 6:
+                x[c] += step
+            else:  # what is fixed in the world turns the other way
+                clear(x, 66, 3)
+                x[60 + c] = 1.0
+                add_cross(x, 66, x, _KEPT + 6, -step, x, 6)
+                add_cross(x, 66, x, _KEPT + 9, -step, x, 9)
+            _write_column_wrench(structure, b, reads, u, theta, x, _THERE)
+            for i in range(6):
+                slopes[at + 6 * i] = (x[_HERE + i] - x[_THERE + i]) / step
+            for i in range(12):
+                x[i] = x[_KEPT + i]
     out_of_body(state, frame, x, _TOTAL, slopes, own + LOAD)
     turn_square(state, frame, slopes, own + SPEED_SLOPE)
     turn_square(state, frame, slopes, own + TURN_SLOPE)
 
 
-@routine(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
-def _add_inertia(structure, b, state, ground, theta, x, inertia, slopes, own):
-    """Writes I (6, 6), and adds weight and its derivative by a turn, for one body."""
-    bodies, at = structure.bodies, b * INERTIA
-    clear(inertia, at + SQUARE, 36)
-    if bodies[b, LAST] > bodies[b, FIRST]:
-        write_square(
-            bodies, structure.entries, structure.values, structure.terms, b, state, ground, theta,
-            inertia, at + SQUARE,
-        )  # fmt: skip
-    for i in range(36):
-        slopes[own + i] = inertia[at + SQUARE + i]
-    if bodies[b, TEN] < 0:
-        return
-    write_rigid(state, b * FRAME, theta, bodies[b, TEN], inertia, at)
-    for c in range(6):
-        clear(x, 0, 12)
-        x[c] = 1.0
-        add_rigid(inertia, at, x, 0, 1.0, x, 6)
-        for i in range(6):
-            slopes[own + 6 * i + c] += x[6 + i]
-        if c >= 3:  # gravity, as the body sees it, turns by −e × g
-            clear(x, 12, 12)
-            add_cross(x, 3, state, ground + FALL, 1.0, x, 12)
-            add_rigid(inertia, at, x, 12, 1.0, x, 18)
-            for i in range(6):
-                slopes[own + TURN_SLOPE + 6 * i + c] += x[18 + i]
-    clear(x, 0, 6)
+@helper(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
+def _add_rigid(structure, b, state, ground, theta, motion, x, slopes, own):
+    """Writes a body's momentum and N, of ten parameters, and adds I (A − g) + V ×* I V.
+
+    With twist (v, ω), N = T + Tᵀ + 2 h·v − h vᵀ − v hᵀ, T = ω × Ī.
+    """
+    at, twist, change = b * MOTION, b * FRAME + TWIST, own + CHANGE
+    write_rigid(state, b * FRAME, theta, structure.bodies[b, TEN], x, 0)
+    for i in range(6):
+        x[12 + i] = motion[at + DRIFT + i] + motion[at + PUSH + i]
     for i in range(3):
-        x[i] = state[ground + FALL + i]
-    add_rigid(inertia, at, x, 0, -1.0, slopes, own + LOAD)
+        x[12 + i] -= state[ground + FALL + i]
+    clear(slopes, own + IMPULSE, 6)
+    add_rigid(x, 0, state, twist, 1.0, slopes, own + IMPULSE)
+    add_rigid(x, 0, x, 12, 1.0, slopes, own + LOAD)
+    add_pushed(state, twist, slopes, own + IMPULSE, 1.0, slopes, own + LOAD)
+    hx, hy, hz, vx, vy, vz = x[1], x[2], x[3], state[twist], state[twist + 1], state[twist + 2]
+    wx, wy, wz = state[twist + 3], state[twist + 4], state[twist + 5]
+    xx, xy, yy, xz, yz, zz = x[4], x[5], x[6], x[7], x[8], x[9]
+    both = 2.0 * (hx * vx + hy * vy + hz * vz)
+    slopes[change] = both + 2.0 * (wy * xz - wz * xy - hx * vx)
+    slopes[change + 1] = wy * yz - wz * yy + wz * xx - wx * xz - hx * vy - hy * vx
+    slopes[change + 2] = both + 2.0 * (wz * xy - wx * yz - hy * vy)
+    slopes[change + 3] = wy * zz - wz * yz + wx * xy - wy * xx - hx * vz - hz * vx
+    slopes[change + 4] = wz * xz - wx * zz + wx * yy - wy * xy - hy * vz - hz * vy
+    slopes[change + 5] = both + 2.0 * (wx * yz - wy * xz - hz * vz)
 
 
-@routine(void(vector, i8, vector, i8, vector, vector, i8))
-def _add_motion(state, frame, motion, at, x, slopes, own):
-    """Adds I A + V ×* I V and its derivative by the twist; I (6, 6) is at slopes[own]."""
-    twist = frame + TWIST
+@helper(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
+def _add_entries(structure, b, state, ground, theta, motion, x, slopes, own):
+    """Writes I of a body's entries, and adds I A + V ×* I V and its derivatives.
+
+    Entries have no weight: the part of gravity in Ψ̈ is taken back by a turn.
+    """
+    at, twist = b * MOTION, b * FRAME + TWIST
+    write_square(
+        structure.bodies, structure.entries, structure.values, structure.terms, b, state, ground,
+        theta, slopes, own,
+    )  # fmt: skip
     clear(x, 0, 12)
     for i in range(6):
         x[6 + i] = motion[at + DRIFT + i] + motion[at + PUSH + i]
@@ -188,16 +202,23 @@ def _add_motion(state, frame, motion, at, x, slopes, own):
         add_square(slopes, own, x, 24, 1.0, x, 18)
         for i in range(6):
             slopes[own + SPEED_SLOPE + 6 * i + c] += x[18 + i]
+        if c >= 3:
+            clear(x, 12, 12)
+            add_cross(x, 9, state, ground + FALL, 1.0, x, 12)
+            add_square(slopes, own, x, 12, -1.0, x, 18)
+            for i in range(6):
+                slopes[own + TURN_SLOPE + 6 * i + c] += x[18 + i]
 
 
-@routine(void(STRUCTURE, i8, vector, vector, vector))
-def _write_axes(structure, b, state, motion, axes):
-    """Writes Ψ̇, Ψ̈ and Ψ̇ + Ṡ of the axes of one body's joint."""
+@helper(void(STRUCTURE, i8, vector, i8, vector, vector))
+def _write_axes(structure, b, state, ground, motion, axes):
+    """Writes Ψ̇, Ψ̈, with gravity in it, and Ψ̇ + Ṡ of the axes of one body's joint."""
     bodies = structure.bodies
     above, parent = bodies[b, PARENT] * FRAME + TWIST, bodies[b, PARENT]
     for j in range(bodies[b, AT_V], bodies[b, AT_V] + bodies[b, COUNT]):
         axis, out = (bodies.shape[0] + j) * FRAME, j * FRAME
         clear(axes, out, FRAME)
+        add_cross(state, axis + 3, state, ground + FALL, 1.0, axes, out + TWICE)
         if parent >= 0:
             at = parent * MOTION
             add_turned(state, above, state, axis, 1.0, axes, out + BENT)
@@ -216,8 +237,44 @@ def _add_transposed(A, at, x, i, y, k):
             y[k + c] += A[at + 6 * r + c] * x[i + r]
 
 
-@routine(void(STRUCTURE, vector, SLOPES))
-def _gather(structure, x, slopes):
+@helper(void(vector, i8, vector, i8, vector, i8))
+def _add_bent(body, at, m, i, f, k):
+    """f += B m of the ten parameters of all that a body carries."""
+    p, rate = at + IMPULSE, at + CHANGE - 4  # as `add_turning` counts
+    add_cross(m, i + 3, body, p, 2.0, f, k)
+    add_cross(m, i + 3, body, p + 3, 1.0, f, k + 3)
+    add_turning(body, rate, m, i + 3, 1.0, f, k + 3)
+
+
+@helper(void(table, i8, vector, vector, i8, i8, vector, vector, vector))
+def _write_felt(bodies, b, state, far, own, axis, x, inertia, body):
+    """Writes of an axis S: B Ψ̇ + I Ψ̈ + K S, B S + I (Ψ̇ + Ṡ), Bᵀ S, I S, Kᵀ S and S ×* f."""
+    at = b * SLOPE
+    clear(x, 0, 36)
+    if bodies[b, RIGID]:
+        ten = b * INERTIA
+        add_rigid(inertia, ten, far, own + TWICE, 1.0, x, 0)
+        _add_bent(body, at, far, own + BENT, x, 0)
+        add_rigid(inertia, ten, far, own + MOVED, 1.0, x, 6)
+        _add_bent(body, at, state, axis, x, 6)
+        add_turning(body, at + CHANGE - 4, state, axis + 3, 1.0, x, 15)
+        add_cross(body, at + IMPULSE + 3, state, axis + 3, 1.0, x, 15)
+        add_cross(body, at + IMPULSE, state, axis, 2.0, x, 15)
+        add_rigid(inertia, ten, state, axis, 1.0, x, 18)
+    if bodies[b, DENSE]:
+        add_square(body, at + SPEED_SLOPE, far, own + BENT, 1.0, x, 0)
+        add_square(body, at, far, own + TWICE, 1.0, x, 0)
+        add_square(body, at + TURN_SLOPE, state, axis, 1.0, x, 0)
+        add_square(body, at + SPEED_SLOPE, state, axis, 1.0, x, 6)
+        add_square(body, at, far, own + MOVED, 1.0, x, 6)
+        _add_transposed(body, at + SPEED_SLOPE, state, axis, x, 12)
+        add_square(body, at, state, axis, 1.0, x, 18)  # I is symmetric
+        _add_transposed(body, at + TURN_SLOPE, state, axis, x, 24)
+    add_pushed(state, axis, body, at + LOAD, 1.0, x, 30)
+
+
+@helper(void(STRUCTURE, vector, vector, SLOPES))
+def _gather(structure, x, inertia, slopes):
     """Writes ∂τ/∂q and ∂τ/∂v into `slopes.by_state`, from the tips inwards."""
     bodies, state, body, far = structure.bodies, slopes.state, slopes.bodies, slopes.axes
     A, n, rows = slopes.by_state, slopes.by_state.shape[0], bodies.shape[0] * FRAME
@@ -228,16 +285,7 @@ def _gather(structure, x, slopes):
         at, parent = b * SLOPE, bodies[b, PARENT]
         for j in range(bodies[b, AT_V], bodies[b, AT_V] + bodies[b, COUNT]):
             axis, own = rows + j * FRAME, j * FRAME
-            clear(x, 0, 36)
-            add_square(body, at + SPEED_SLOPE, far, own + BENT, 1.0, x, 0)
-            add_square(body, at, far, own + TWICE, 1.0, x, 0)
-            add_square(body, at + TURN_SLOPE, state, axis, 1.0, x, 0)
-            add_square(body, at + SPEED_SLOPE, state, axis, 1.0, x, 6)
-            add_square(body, at, far, own + MOVED, 1.0, x, 6)
-            _add_transposed(body, at + SPEED_SLOPE, state, axis, x, 12)
-            add_square(body, at, state, axis, 1.0, x, 18)  # I is symmetric
-            _add_transposed(body, at + TURN_SLOPE, state, axis, x, 24)
-            add_pushed(state, axis, body, at + LOAD, 1.0, x, 30)
+            _write_felt(bodies, b, state, far, own, axis, x, inertia, body)
             ancestor = b
             while ancestor >= 0:
                 first = bodies[ancestor, AT_V]
@@ -251,34 +299,29 @@ def _gather(structure, x, slopes):
                         A[j, i] += dot(state, other, x, 24)
                         A[j, n + i] = dot(state, other, x, 12) + dot(far, its + MOVED, x, 18)
                 ancestor = bodies[ancestor, PARENT]
-        for i in range(SLOPE if parent >= 0 else 0):
-            body[parent * SLOPE + i] += body[at + i]
+        if parent >= 0:
+            first = 0 if bodies[b, DENSE] else LOAD
+            for i in range(first, SLOPE if bodies[b, RIGID] else IMPULSE):
+                body[parent * SLOPE + i] += body[at + i]
 
 
-@routine(void(STRUCTURE, vector, vector, vector, vector, vector, SLOPES))
+@helper(void(STRUCTURE, vector, vector, vector, vector, vector, SLOPES))
 def _add_joints(structure, q, v, u, theta, x, slopes):
     """Adds the derivatives of joints' columns by their own position and velocity."""
     bodies, columns, c, n = structure.bodies, structure.columns, structure.constants, v.shape[0]
     state, A, ground = slopes.state, slopes.by_state, (bodies.shape[0] + n) * FRAME
     for k in range(columns.shape[0]):
         kind, b, at = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
-        if kind >= BODY_KINDS:
+        if kind >= BODY_KINDS or columns[k, READS] == NOTHING:
             continue
-        j, gain, here = bodies[b, AT_V], theta[columns[k, PARAMETER]], 0.0
+        j, gain, fast = bodies[b, AT_V], theta[columns[k, PARAMETER]], columns[k, READS] == SPEED
         command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
         angle, rate = coordinate(bodies, b, q), v[j]
-        step = STEP * (1.0 + abs(rate))
-        for way in range(3):  # here, elsewhere, faster
-            force = joint_force(
-                kind, c, at, bodies, b, state, ground,
-                angle + (STEP if way == 1 else 0.0), rate + (step if way == 2 else 0.0), command, x,
-            )  # fmt: skip
-            if way == 0:
-                here = force
-            elif way == 1:
-                A[j, j] -= gain * (force - here) / STEP
-            else:
-                A[j, n + j] -= gain * (force - here) / step
+        step = STEP * (1.0 + abs(rate)) if fast else STEP
+        here = joint_force(kind, c, at, bodies, b, state, ground, angle, rate, command, x)
+        angle, rate = (angle, rate + step) if fast else (angle + step, rate)
+        there = joint_force(kind, c, at, bodies, b, state, ground, angle, rate, command, x)
+        A[j, n + j if fast else j] -= gain * (there - here) / step
 
 
 @routine(void(STRUCTURE, vector, vector, vector, WORKSPACE, SLOPES))
@@ -334,12 +377,16 @@ def linearise(structure, q, v, u, theta, scale, work, slopes, a, B):
     write_regressor(structure, state, v, a, 1.0, slopes.F, work, B)
     for b in range(bodies.shape[0]):
         own = b * SLOPE
-        clear(slopes.bodies, own + SPEED_SLOPE, SLOPE - SPEED_SLOPE)
-        _add_columns(structure, b, state, ground, u, theta, x, slopes.bodies, own)
-        _add_inertia(structure, b, state, ground, theta, x, work.inertia, slopes.bodies, own)
-        _add_motion(state, b * FRAME, work.motion, b * MOTION, x, slopes.bodies, own)
-        _write_axes(structure, b, state, work.motion, slopes.axes)
-    _gather(structure, x, slopes)
+        first = 0 if bodies[b, DENSE] else LOAD
+        clear(slopes.bodies, own + first, SLOPE - first)
+        if bodies[b, DENSE]:
+            _write_columns(structure, b, state, ground, u, theta, x, slopes.bodies, own)
+        if bodies[b, LAST] > bodies[b, FIRST]:
+            _add_entries(structure, b, state, ground, theta, work.motion, x, slopes.bodies, own)
+        if bodies[b, TEN] >= 0:
+            _add_rigid(structure, b, state, ground, theta, work.motion, x, slopes.bodies, own)
+        _write_axes(structure, b, state, ground, work.motion, slopes.axes)
+    _gather(structure, x, work.inertia, slopes)
     _add_joints(structure, q, v, u, theta, x, slopes)
     _add_loads(structure, q, v, theta, work, slopes)
     for i in range(v.shape[0]):

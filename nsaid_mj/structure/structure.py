@@ -19,6 +19,7 @@ from .forces import BODY_KINDS
 from .parts import KINDS_OF_JOINT, Body, Column, Inertia, Rotor
 
 _BASES = (layout.FREE, layout.PLANAR)
+_READS = ("", "velocity", "pose")
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,15 +146,18 @@ class Structure:
     def _bodies(self, ranges: list[tuple[int, ...]]) -> layout.Integers:
         rows = np.zeros((len(self.bodies), layout.BODY), dtype=np.int64)
         ten = {i.body: i.start for i in self.inertias if i.tensor is None}
+        busy = {c.body for c in self.columns if KINDS[c.kind].number >= BODY_KINDS}
         for b, body in enumerate(self.bodies):
             kind = self.kinds[b]
             at_q, at_v = self.starts[b]
             count = layout.VELOCITIES[kind]
             own, general = ten.get(b, -1), ranges[b][1] > ranges[b][0]
-            rows[b] = (body.parent, kind, at_q, at_v, count, own, *ranges[b], own >= 0, general)
+            dense = general or b in busy
+            flags = own >= 0, general, dense
+            rows[b] = (body.parent, kind, at_q, at_v, count, own, *ranges[b], *flags)
         for b in range(len(rows) - 1, 0, -1):
             if (parent := rows[b, layout.PARENT]) >= 0:
-                for flag in (layout.RIGID, layout.GENERAL):
+                for flag in (layout.RIGID, layout.GENERAL, layout.DENSE):
                     rows[parent, flag] |= rows[b, flag]
         return rows
 
@@ -188,9 +192,8 @@ class Structure:
             moved = self.path(body) if kind.number >= BODY_KINDS else [column.dof]
             if self.kinds[body] == layout.FREE:
                 moved = sorted(moved)
-            rows.append(
-                (kind.number, body, column.input, len(constants), len(nonzeros), column.parameter)
-            )
+            places = len(constants), len(nonzeros), column.parameter
+            rows.append((kind.number, body, column.input, *places, _READS.index(kind.reads)))
             constants += packed(kind, column)
             nonzeros += [(velocity, column.parameter) for velocity in moved]
         return (

@@ -25,12 +25,16 @@ UP, GRAVITY, F = 6, 9, 12
 _POINT, _AXIS, _AXES = ("point", (3, 0.0)), ("axis", (3, None)), ("axes", (6, None))
 
 KINDS = (
-    Kind(WEIGHT, "weight", "net weight", "net weight", "N", "free", constants=dict([_POINT])),
-    Kind(BUOYANCY, "buoyancy", "buoyancy", "buoyancy", "N", constants=dict([_POINT])),
     Kind(
-        RIGHTING, "righting", "righting moment", "righting", "N·m", "free", constants=dict([_AXIS])
+        WEIGHT, "weight", "net weight", "net weight", "N", "free", constants=dict([_POINT]),
+        reads="pose",
     ),
-    Kind(PAYLOAD, "payload", "payload", "payload", "kg", constants=dict([_POINT])),
+    Kind(BUOYANCY, "buoyancy", "buoyancy", "buoyancy", "N", constants=dict([_POINT]), reads="pose"),
+    Kind(
+        RIGHTING, "righting", "righting moment", "righting", "N·m", "free", constants=dict([_AXIS]),
+        reads="pose",
+    ),
+    Kind(PAYLOAD, "payload", "payload", "payload", "kg", constants=dict([_POINT]), reads="pose"),
     Kind(
         LINEAR_DRAG, "linear_drag", "linear drag", "d", ("N·m·s/rad", "N·s/m"), "free",
         constants=dict([_AXES]),

@@ -32,18 +32,18 @@ KINDS = (
         LOAD, "load", "load-dependent friction", "load", ("1", "1"), share=0.05,
         constants=dict([_SPEED, ("bodies", (LISTED, None))]),
     ),
-    Kind(OFFSET, "offset", "offset", "offset", ("N·m", "N"), "free", share=0.05),
+    Kind(OFFSET, "offset", "offset", "offset", ("N·m", "N"), "free", share=0.05, reads=""),
     Kind(
         SPRING, "spring", "stiffness", "stiffness", ("N·m/rad", "N/m"),
-        constants={"rest": (1, 0.0)}, drawn="ring",
+        constants={"rest": (1, 0.0)}, drawn="ring", reads="pose",
     ),
     Kind(
         MOTOR, "motor", "motor gain", "gain", ("N·m/unit", "N/unit"), share=1.0, actuator=True,
-        commanded=True, constants={"curve": (CURVE, 1.0)}, drawn="ring",
+        commanded=True, constants={"curve": (CURVE, 1.0)}, drawn="ring", reads="",
     ),
     Kind(
         SERVO, "servo", "servo gain", "kp", ("N·m/rad", "N/m"), share=1.0, actuator=True,
-        commanded=True, constants={"limit": (1, np.inf)}, drawn="ring",
+        commanded=True, constants={"limit": (1, np.inf)}, drawn="ring", reads="pose",
     ),
 )  # fmt: skip
 

@@ -9,6 +9,7 @@ from typing import Literal
 from ...parameters import Geometry
 
 Drawn = Literal["", "arrow", "ring", "patch"]
+Reads = Literal["", "velocity", "pose"]
 CURVE, LISTED = -1, -2
 """Sizes of a constant that is a command curve, see `curve.follow_curve`, whose default is a power
 of the command; and of one that is a list of numbers, preceded by their count."""
@@ -30,6 +31,8 @@ class Kind:
             column's value in operation it gives the scale of the parameter.
         actuator: whether the parameter scales a command.
         commanded: whether it reads a command.
+        reads: what of the state its value depends on: the pose of its body or joint, the velocity
+            (load-dependent friction also the pose), or nothing.
         constants: names and sizes of its constants, with their defaults, None if required.
         drawn: as what its force is drawn, at `point` if it has one.
     """
@@ -43,6 +46,7 @@ class Kind:
     share: float = 0.1
     actuator: bool = False
     commanded: bool = False
+    reads: Reads = "velocity"
     constants: Mapping[str, tuple[int, float | None]] = field(default_factory=dict)
     drawn: Drawn = ""
 

@@ -20,19 +20,20 @@ _CURVED = dict([*_PLACE, ("curve", (CURVE, 1.0))])
 KINDS = (
     Kind(
         THRUSTER, "thruster", "thruster gain", "thrust", "N", share=1.0, actuator=True,
-        commanded=True, constants=_CURVED, drawn="arrow",
+        commanded=True, constants=_CURVED, drawn="arrow", reads="",
     ),
     Kind(
         NOZZLE, "nozzle", "nozzle gain", "nozzle", "N", share=1.0, actuator=True,
-        commanded=True, constants=_CURVED, drawn="arrow",
+        commanded=True, constants=_CURVED, drawn="arrow", reads="",
     ),
     Kind(
         ROTOR, "rotor", "rotor thrust gain", "thrust", "N", share=1.0, actuator=True,
-        commanded=True, constants=dict([*_PLACE, ("curve", (CURVE, 2.0))]), drawn="arrow",
+        commanded=True, constants=dict([*_PLACE, ("curve", (CURVE, 2.0))]), drawn="arrow", reads="",
     ),
     Kind(
         ROTOR_TORQUE, "rotor_torque", "rotor torque gain", "torque", "N·m", actuator=True,
         commanded=True, constants={"direction": (3, None), "curve": (CURVE, 2.0)}, drawn="ring",
+        reads="",
     ),
     Kind(
         ROTOR_INFLOW, "rotor_inflow", "translational lift", "lift", "N·s²/m²", "free",
@@ -52,7 +53,7 @@ KINDS = (
     ),
     Kind(
         PROPELLER_TORQUE, "propeller_torque", "propeller gain", "torque", "N·m", actuator=True,
-        commanded=True, constants={"direction": (3, None)}, drawn="ring",
+        commanded=True, constants={"direction": (3, None)}, drawn="ring", reads="",
     ),
     Kind(
         FIN, "fin", "fin lift", "fin lift", "N·s²/m²/rad", actuator=True, commanded=True,

@@ -20,7 +20,7 @@ KINDS = (
     ),
     Kind(
         DRIVE, "drive", "drive gain", "k_d", "N", share=1.0, actuator=True, commanded=True,
-        drawn="arrow",
+        drawn="arrow", reads="",
     ),
     Kind(
         DRIVE_LOSS, "drive_loss", "drive loss", "k_v", "N·s/m", actuator=True, commanded=True,
