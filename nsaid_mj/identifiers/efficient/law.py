@@ -302,7 +302,7 @@ class EfficientIdentifier(Identifier):
             factors=factors,
             intact=intact,
             events=events,
-            calm=0.0,
+            calm=inside.calm if kind == "none" and not hypothesis.share else 0.0,
             returns=inside.returns + 1,
             unnamed=0 if kind != "none" else inside.unnamed,
         )

@@ -28,7 +28,9 @@ _CERTAIN = 0.995  # probability at which a hypothesis is accepted
 _LONGEST = 1.0  # time after which the most probable one is accepted [s]
 _NEAR = 200.0  # evidence that a trial of a sensor's error can gain by being repeated
 _PASSES, _BETTER = 4, 0.99  # of linearising a trial again, and what each must achieve
-_PATIENT = ("several", "bias", "payload")  # not accepted before; of the last two for their size
+_PATIENT = ("several", "bias", "payload")
+"""Kinds not accepted before, as is a structure that is not exact: with all of θ free it explains a
+fault as well, until more data tell how many numbers it needs; of the last two for their size."""
 
 
 class Trials(NamedTuple):
@@ -110,8 +112,9 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
 def narrowed(law: Law, trials: Trials, window: float) -> Trials:
     """The trials that go on at the end of a window [s], and are free to follow a growing fault.
 
-    Improbable ones are dropped. Where not even the best explains its window, or only the one with
-    most freedom, the others have yet to learn the size of a large change: the evidence is counted
+    Improbable ones are dropped, single faults by comparison among themselves: with much of θ free
+    anything is explained for a while. Where not even the best explains its window, or only that of
+    all actuators, the others have yet to learn the size of a large change: the evidence is counted
     anew from here.
     """
     for trial in trials.each:
@@ -124,7 +127,10 @@ def narrowed(law: Law, trials: Trials, window: float) -> Trials:
         each = tuple(trial.forgetting() for trial in trials.each)
         trials = trials._replace(counted=len(trials.log.t) - 1)
     else:
-        each = tuple(trial for trial, p in zip(trials.each, share, strict=True) if p >= _DROPPED)
+        what = [trial.hypothesis for trial in trials.each]
+        single = np.array([h.share == 0 and h.kind != "several" for h in what])
+        least = _DROPPED * np.where(single, share[single].max(initial=0.0), 1.0)
+        each = tuple(trial for trial, kept in zip(trials.each, share >= least, strict=True) if kept)
     return trials._replace(each=each, samples=0)
 
 
@@ -199,7 +205,8 @@ def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
     trial, fits = trials.each[best], explains(law, trials.each[best])
     alike = [(t.hypothesis.kind, t.hypothesis.part) for t in trials.each]
     confidence = sum(float(p) for p, one in zip(share, alike, strict=True) if one == alike[best])
-    sure = fits and confidence >= _CERTAIN and trial.hypothesis.kind not in _PATIENT
+    patient = trial.hypothesis.kind in _PATIENT or trial.hypothesis.share > 0
+    sure = fits and confidence >= _CERTAIN and not patient
     if not late and not sure:
         return None
     if not fits:
