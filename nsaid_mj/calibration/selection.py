@@ -211,8 +211,8 @@ def _shared_errors(problem: Problem) -> Array:
     """(5,) held-out errors of the physical fit: product of the joints' rms over the effort."""
     whole = gramians(problem)
     start, found = minimise(problem, whole).theta, []
-    for part in folds(problem, _FOLDS):
-        own = gramians(problem.select(part))
+    for _, part in folds(problem, _FOLDS):
+        own = gramians(part)
         theta = minimise(problem, whole - own, start).theta
         level = cost_of(own, problem.space).levels(theta)
         used = (own.counts > 0) & (level > 0)
