@@ -9,7 +9,7 @@ from nsaid_mj.calibration.data import Recordings, Segment
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC, Choice, JointRows
+from nsaid_mj.calibration.joints import BASIC, SPEEDS, Choice, JointRows
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.precision import precision
 from nsaid_mj.calibration.problem import Problem
@@ -203,6 +203,19 @@ def test_delays_are_found_to_a_fraction_of_the_grid():
     for start in (choice, far):
         best = refined(start, lambda c: rows.problem(c, gain, spread), ("a", "b"))[0]
         np.testing.assert_allclose(best.delay, 0.0137, atol=5e-4)
+
+
+def test_dry_friction_of_another_speed_is_no_delay():
+    """Until the speed is chosen, a delay of its own would imitate it."""
+    (values, true), (exact, _) = (
+        arm_log(two_joints(), 2, flaw, duration=8.0, fastest=0.5, noise=noise)
+        for flaw, noise in ((Flaw(delay=0.012), 1e-5), (Flaw(), 0.0))
+    )
+    t = values["time"]
+    v = np.interp(t + 0.012, t, np.gradient(exact["elbow_position"], t))
+    slower = true["coulomb_2"] / true["gain_2"] * (np.tanh(v / 0.2) - np.tanh(v / 0.02))
+    choice, _ = choose(rows_of(values | {"elbow_current": values["elbow_current"] + slower}))
+    assert np.ptp(choice.delay) == 0 and SPEEDS[choice.speed[1]] == 0.2
 
 
 def test_an_offset_is_chosen_where_the_shared_fit_needs_it():
