@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.ndimage import uniform_filter1d
 
@@ -25,7 +26,7 @@ from nsaid_mj.calibration.residuals import (
 from nsaid_mj.calibration.scale import with_known
 from nsaid_mj.calibration.selection import choose, refined, with_offsets
 from nsaid_mj.calibration.smoothing import filter_for
-from nsaid_mj.calibration.suspects import _between
+from nsaid_mj.calibration.suspects import _answered, _between
 from nsaid_mj.log import Log
 from tests.calibration.test_fit import TRUE, problem_of
 from tests.support.robot_logs import Flaw, arm_log, motion, two_joints, write_csv
@@ -152,6 +153,19 @@ def test_noise_of_either_force_is_not_followed_by_its_own_derivative():
     lagging = force - 0.03 * bent(force)
     assert abs(score(lagging + noises[0], force)) > 0.7
     assert abs(score(lagging, force + noises[0])) > 0.5
+
+
+def test_noise_of_the_acceleration_is_told_from_a_ratio_by_the_commands():
+    """Where noise n of the acceleration is the residual, joint j's column has M n_j of it."""
+    rows = rows_of(arm_log(two_joints(), 1, duration=5.0)[0])
+    model, rotor = rows.robot.model, np.array([0.3, 0.1])
+    data, q = model.createData(), rows.joined(lambda m: m.q)
+    upper = np.array([np.triu(pin.crba(model, data, x)) for x in q])
+    inertia = upper + np.triu(upper, 1).transpose(0, 2, 1)
+    noise = np.random.default_rng(0).standard_normal(q.shape)
+    residual = np.einsum("kij,kj->ki", inertia + np.diag(rotor), noise)
+    found = _answered(rows, model, rotor, residual)
+    np.testing.assert_allclose(found, inertia * noise[:, None, :], rtol=1e-9, atol=1e-12)
 
 
 # -- whole logs -----------------------------------------------------------------------------------
