@@ -22,7 +22,6 @@ from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.logs import prepare, read_map, read_tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.precision import tempered
-from nsaid_mj.calibration.problem import without
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.resources import asset
 
@@ -75,7 +74,7 @@ def main() -> None:
         "middle": np.arange(2 * N // 5, 3 * N // 5),
     }
     for name, part in parts.items():
-        rest, own = without(problem, part), problem.select(part)
+        rest, own = (problem.select(rows) for rows in (np.delete(np.arange(N), part), part))
         theta = minimise(rest, tempered(rest, share)).theta
         ours, plain = own.nrmse(theta), own.nrmse(least_squares(rest, theta[at]))
         ratios += (ours / plain).tolist()

@@ -16,7 +16,7 @@ from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
 from .least_squares import least_squares
 from .precision import inflation, precision, tempered
-from .problem import Problem, folds, without
+from .problem import Problem, folds
 from .residuals import doubts, followed, widened, with_doubts
 from .result import Curves, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
@@ -185,8 +185,7 @@ def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
     idles in one fifth has hardly any there.
     """
     at, total, counts = problem.space.actuators, 0.0, np.zeros(problem.Y.shape[1])
-    for part in folds(problem, _FOLDS):
-        rest, own = without(problem, part), problem.select(part)
+    for rest, own in folds(problem, _FOLDS):
         if not rest.usable.any():
             continue
         theta = minimise(rest, tempered(rest, share)).theta

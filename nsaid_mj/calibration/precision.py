@@ -105,8 +105,8 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     inverse = scipy.linalg.inv(inner + 1e-12 * np.trace(inner) / len(inner) * np.eye(len(inner)))
     covariance[np.ix_(free, free)] = inverse * np.outer(scale[free], scale[free])
     estimates = []
-    for part in folds(problem, _PARTS):
-        rest = total - tempered(problem.select(part), share)
+    for _, part in folds(problem, _PARTS):
+        rest = total - tempered(part, share)
         if (rest.counts > 0)[total.counts > 0].all():  # some joints may be at rest throughout
             estimates.append(minimise(problem, rest, fit.theta).theta)
     apart = np.zeros((1, len(scale)))

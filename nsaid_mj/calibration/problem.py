@@ -13,6 +13,7 @@ from ..parameters import Array, Indices, ParameterSpace
 
 _IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is not actuated
 _TRIFLE = 0.1  # of the largest force: below it, a velocity that nothing drives is not judged
+_RIDGE = 1e-9  # of the trace of a velocity's information, for directions it does not see
 Mask = NDArray[np.bool_]
 
 
@@ -141,15 +142,28 @@ def _rms(x: Array, counts: Indices) -> Array:
     return np.sqrt(np.sum(x**2, axis=0) / np.maximum(counts, 1))
 
 
-def folds(problem: Problem, count: int) -> list[Indices]:
-    """Contiguous parts of the rows in time, as index arrays of about equal length."""
-    return [
-        np.asarray(part, dtype=np.intp) for part in np.array_split(np.arange(len(problem.t)), count)
-    ]
+def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:
+    """The problem without each of its parts, and of that part alone.
+
+    A part is contiguous in time and has an equal share of what the rows of every velocity tell: a
+    joint that moves only once would else be predicted from rows in which it hardly moves.
+    """
+    told = np.cumsum(_leverages(problem), axis=0)
+    number = np.minimum((count * told / np.maximum(told[-1], 1e-300)).astype(int), count - 1)
+    found = []
+    for k in range(count):
+        own = problem.usable & (number == k)
+        rest = replace(problem, usable=problem.usable & ~own)
+        found.append((rest, replace(problem, usable=own).select(own.any(axis=1))))
+    return found
 
 
-def without(problem: Problem, part: Indices) -> Problem:
-    """The problem without some rows."""
-    keep = np.ones(len(problem.t), dtype=bool)
-    keep[part] = False
-    return problem.select(np.flatnonzero(keep))
+def _leverages(problem: Problem) -> Array:
+    """(N, n) leverages of the usable rows of every velocity in their own least squares."""
+    found = np.zeros(problem.usable.shape)
+    for i in range(problem.Y.shape[1]):
+        X = problem.Y[:, i] * problem.usable[:, i, None] * problem.space.scale
+        A = X.T @ X
+        A[np.diag_indices_from(A)] += max(_RIDGE * float(np.trace(A)), 1e-300)
+        found[:, i] = np.sum(X * np.linalg.solve(A, X.T).T, axis=1)
+    return found

@@ -132,7 +132,7 @@ def doubts(
         held_out: (n,) NRMSE of held-out parts.
     """
     half = _Z * exact.deviation
-    size = np.maximum(np.abs(exact.theta), 1e-300)
+    size = _sizes(problem, exact.theta)
     kinds = [
         (b.geometry != "free" and "friction" not in b.name)
         for b, _ in problem.space
@@ -161,6 +161,20 @@ def doubts(
             )
         )
     return findings
+
+
+def _sizes(problem: Problem, theta: Array) -> Array:
+    """(p,) what changes of a parameter are relative to: its own size.
+
+    Of a body's first moments or inertia it is the largest of them: single ones depend on its axes.
+    """
+    size, units = np.maximum(np.abs(theta), 1e-300), np.array(problem.space.units)
+    for block, rows in problem.space:
+        if block.geometry == "pseudo_inertia":
+            own = size[rows]
+            for unit in np.unique(units[rows]):
+                own[units[rows] == unit] = own[units[rows] == unit].max()
+    return size
 
 
 def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:

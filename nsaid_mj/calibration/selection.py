@@ -55,20 +55,27 @@ def choose(
         np.zeros(k) if delay is None else delay,
         coupled,
     )
-    choice, findings = start, []
+    choice, shared, findings = start, start.delay, []
     if delay is None:
-        choice, findings = _with_delays(rows, choice)
-    u = rows.commands(choice.delay)
+        choice, shared, findings = _with_delays(rows, choice)
     for j in range(k):
-        choice, told = _choose_joint(rows, choice, u[:, j], j, columns is None)
+        own, told, errors = _choose_joint(rows, choice, j, columns is None)
+        if choice.delay[j] != shared[j]:
+            delays = choice.delay.copy()
+            delays[j] = shared[j]
+            alike = _choose_joint(rows, replace(choice, delay=delays), j, columns is None)
+            if not _insists(alike[2], errors):  # friction of another speed imitates a delay
+                own, told, _ = alike
+        choice = own
         findings.append(told)
     return choice, findings
 
 
 def _choose_joint(
-    rows: JointRows, choice: Choice, u: Array, joint: int, free: bool
-) -> tuple[Choice, Finding]:
-    """The choice with the best speed and columns at one joint."""
+    rows: JointRows, choice: Choice, joint: int, free: bool
+) -> tuple[Choice, Finding, Array]:
+    """The choice with the best speed and columns at one joint, in words too, and its errors."""
+    u = rows.commands(choice.delay)[:, joint]
     best = held_out_errors(rows, choice, u, joint)
     first, tried = _rms(best), []
 
@@ -97,7 +104,7 @@ def _choose_joint(
         speeds()
     name = rows.robot.joints[joint]
     used = ", ".join(sorted(choice.columns[joint]))
-    return choice, Finding(
+    told = Finding(
         "note",
         "columns",
         name,
@@ -106,6 +113,7 @@ def _choose_joint(
         data={"columns": sorted(choice.columns[joint]), "speed": SPEEDS[choice.speed[joint]],
               "held_out": _rms(best)},
     )  # fmt: skip
+    return choice, told, best
 
 
 def _carries_weight(rows: JointRows, u: Array, joint: int) -> bool:
@@ -156,11 +164,12 @@ def _rms(errors: Array) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, list[Finding]]:
+def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[Finding]]:
     """The choice with delays on a grid: one that all commands share, others where joints differ.
 
     Every joint's row is fitted by least squares at every candidate delay. The columns do not depend
-    on the delay, so one orthogonal basis of them serves all candidates.
+    on the delay, so one orthogonal basis of them serves all candidates. Returned are also the
+    shared delays (k,).
     """
     k = len(rows.robot.joints)
     candidates = np.arange(-REACH, REACH + 1e-9, _COARSE)
@@ -173,15 +182,18 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, list[Finding]
     found, findings = np.zeros(k), []
     for j, name in enumerate(rows.robot.joints):
         at = int(np.argmin(errors[:, j]))
-        if at != best and not _insists(rows, choice, j, candidates[best], candidates[at]):
-            at = best  # most delays are shared: they are those of clocks and of the network
+        if at != best:
+            u = [rows.commands(np.full(k, d))[:, j] for d in candidates[[best, at]]]
+            if not _insists(*(held_out_errors(rows, choice, x, j) for x in u)):
+                at = best  # most delays are shared: they are those of clocks and of the network
         if at in (0, len(candidates) - 1):
             findings.append(_at_the_edge(name, candidates[at]))
         else:
             found[j] = candidates[at]
             if at != best:
                 found[j] += _COARSE * _vertex(errors[at - 1 : at + 2, j] ** 2)
-    return replace(choice, delay=found), findings
+    shared = np.where(found == 0, 0.0, candidates[best])  # 0 at the edge
+    return replace(choice, delay=found), shared, findings
 
 
 def with_offsets(
@@ -211,8 +223,8 @@ def _shared_errors(problem: Problem) -> Array:
     """(5,) held-out errors of the physical fit: product of the joints' rms over the effort."""
     whole = gramians(problem)
     start, found = minimise(problem, whole).theta, []
-    for part in folds(problem, _FOLDS):
-        own = gramians(problem.select(part))
+    for _, part in folds(problem, _FOLDS):
+        own = gramians(part)
         theta = minimise(problem, whole - own, start).theta
         level = cost_of(own, problem.space).levels(theta)
         used = (own.counts > 0) & (level > 0)
@@ -220,15 +232,11 @@ def _shared_errors(problem: Problem) -> Array:
     return np.array(found)
 
 
-def _insists(rows: JointRows, choice: Choice, joint: int, shared: float, own: float) -> bool:
-    """Whether a delay of its own predicts held-out parts of a joint's command much better."""
-    errors = [
-        held_out_errors(rows, choice, rows.commands(np.full(len(choice.delay), d))[:, joint], joint)
-        for d in (shared, own)
-    ]
-    if not np.isfinite(errors).all():
+def _insists(shared: Array, own: Array) -> bool:
+    """Whether held-out errors (folds,) are much smaller with a joint's own delay."""
+    if not np.isfinite([shared, own]).all():
         return False
-    return worthwhile(errors[0], errors[1], _DELAY_WORTH, _SURE)
+    return worthwhile(shared, own, _DELAY_WORTH, _SURE)
 
 
 def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.0) -> bool:

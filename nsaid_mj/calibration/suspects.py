@@ -8,7 +8,7 @@ Effects of the kinematics are linearised at the estimate, by the derivatives of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from .links import positions, weight_of
 from .problem import Problem
 from .residuals import Suspect
 from .smoothing import Smooth
+
+_SMALL = 0.1  # of the rms force: below it the force of a dead zone is not followed
 
 
 def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array) -> list[Suspect]:
@@ -34,11 +36,69 @@ def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array
     for i in range(1, model.njoints):
         phi = theta[10 * i - 10 : 10 * i]
         model.inertias[i] = pin.Inertia.FromDynamicParameters(phi)
-    force = problem.residual(theta) - problem.actuation(theta)
-    return [*_kinematic(rows, model), *_lags(rows, force), *_own(rows, choice, force)]
+    residual, driven = problem.residual(theta), -problem.actuation(theta)
+    either = zip(_of_forces(rows, driven + residual), _of_forces(rows, driven), strict=True)
+    residual = np.where(problem.usable, residual, 0.0)
+    labels = problem.space.labels
+    rotor = np.array([
+        theta[labels.index(label)] if (label := f"rotor inertia of {name}") in labels else 0.0
+        for name in rows.robot.joints
+    ])  # fmt: skip
+    return [
+        *_kinematic(rows, model, rotor, residual),
+        *(_between(needed, stated, residual) for needed, stated in either),
+        *_own(rows, choice),
+    ]
 
 
-def _kinematic(rows: JointRows, model: pin.Model) -> Iterator[Suspect]:
+def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
+    """Effects on forces (N, n)."""
+    yield from _lags(rows, force)
+    yield from command_suspects(force[:, :, None] * np.eye(force.shape[1]), rows.robot.joints)
+
+
+def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
+    """A suspect with the columns, between those of two forces, that residuals (N, n) follow least.
+
+    The force that the motion needs has the noise of the acceleration, that of the command the
+    current's. Either is in the residual too, which therefore follows its own second derivative; an
+    effect is followed whichever of both forces, or of their accelerations, its columns are made of.
+    """
+    own, other = (np.einsum("ni,nic->ic", residual, s.columns) for s in (needed, stated))
+    change = np.where(own == other, 1.0, own - other)
+    share = np.clip(own / change, 0.0, 1.0)
+    return needed._replace(columns=needed.columns + share * (stated.columns - needed.columns))
+
+
+def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
+    """Forces that are no multiple of a command: weaker one way, bent, or with a dead zone.
+
+    Args:
+        forces: (N, n, k) of every actuator.
+        names: of the actuators.
+    """
+    for k, name in enumerate(names):
+        own = forces[:, :, k]
+        signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
+        size = np.abs(signed) / max(float(np.sqrt(np.mean(signed**2))), 1e-300)
+        for words, factor, remedy in (
+            (
+                "the sign of its force",
+                np.sign(signed),
+                "Its drive is weaker one way than the other.",
+            ),
+            ("the size of its force", size, "Check saturation and torque ripple."),
+            ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "Check small commands."),
+        ):
+            columns = (own * factor[:, None])[:, :, None]
+            yield Suspect(
+                words, name, columns, f"Its force is no multiple of the command. {remedy}"
+            )
+
+
+def _kinematic(
+    rows: JointRows, model: pin.Model, rotor: Array, residual: Array
+) -> Iterator[Suspect]:
     """A mount that is not level; zero and ratio of every joint's encoder."""
     names, down = rows.robot.joints, model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
@@ -52,6 +112,7 @@ def _kinematic(rows: JointRows, model: pin.Model) -> Iterator[Suspect]:
             "Check how the base is mounted: the model's gravity should be as many degrees off.",
         )
     slopes = rows.joined(lambda m: _slopes(model, m))
+    answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
         yield Suspect(
             "a shift of its position",
@@ -59,12 +120,14 @@ def _kinematic(rows: JointRows, model: pin.Model) -> Iterator[Suspect]:
             slopes[:, 0, :, j, None],
             "Check the encoder's zero against the model's.",
         )
-        yield Suspect(
+        ratio = Suspect(
             "a scale of its position",
             name,
             slopes[:, 1, :, j, None],
             "Check the gear ratio and the unit of its position in the map.",
         )
+        stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
+        yield _between(ratio, stated, residual)
 
 
 def _weight(model: pin.Model, gravity: Array) -> Callable[[Array], Array]:
@@ -86,11 +149,25 @@ def _slopes(model: pin.Model, motion: Smooth) -> Array:
     return found
 
 
-def _lags(rows: JointRows, force: Array) -> Iterator[Suspect]:
-    """First and second derivatives of the forces: of all together, and of each.
+def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) -> Array:
+    """(N, n, n) the part of `_slopes` by acceleration that the commands do not ask for.
 
-    Those of the recorded commands would not do: a command contains the residual.
+    Args:
+        rows: of the training log.
+        model: with the estimated links.
+        rotor: (n,) inertias of the rotors.
+        residual: (N, n) forces that the measured motion needs beyond those of the commands.
     """
+    data, found = model.createData(), np.empty((*residual.shape, model.nv))
+    for k, q in enumerate(positions(model, rows.joined(lambda m: m.q))):
+        upper = np.triu(pin.crba(model, data, q))
+        inertia = upper + np.triu(upper, 1).T
+        found[k] = inertia * np.linalg.solve(inertia + np.diag(rotor), residual[k])
+    return found
+
+
+def _lags(rows: JointRows, force: Array) -> Iterator[Suspect]:
+    """First and second derivatives of the forces: of all together, and of each."""
     rates = np.empty((*force.shape, 2))
     for number in np.unique(rows.segment):
         own = rows.segment == number
@@ -107,8 +184,8 @@ def _lags(rows: JointRows, force: Array) -> Iterator[Suspect]:
         yield Suspect("the rate of its force", name, _on(j, force.shape[1], rates[:, j]), remedy)
 
 
-def _own(rows: JointRows, choice: Choice, force: Array) -> Iterator[Suspect]:
-    """Shapes of friction, position, force and the neighbours' motion, on each joint's row."""
+def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
+    """Shapes of friction, position and the neighbours' motion, on each joint's row."""
     n, names = len(rows.robot.joints), rows.robot.joints
     a, v = rows.diagonal["rotor"], rows.diagonal["viscous"]
     coupled = [{i, j} for i, j, _ in choice.coupled]
@@ -135,10 +212,6 @@ def _own(rows: JointRows, choice: Choice, force: Array) -> Iterator[Suspect]:
             "its load": (
                 rows.diagonal["load"][choice.speed[j]][:, [j]],
                 "Its friction grows with the load: name the column `load`.",
-            ),
-            "the size of its force": (
-                (force * np.abs(force))[:, [j]],
-                "Its force is no multiple of the command: check saturation and torque ripple.",
             ),
         }  # fmt: skip
         for i in (j - 1, j + 1):

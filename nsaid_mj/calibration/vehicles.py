@@ -21,6 +21,7 @@ from .problem import Problem, Size, size_weights
 from .selection import REACH
 from .smoothing import Filter, filter_for
 from .structure import Options, Structured, Velocity
+from .suspects import command_suspects
 
 EXTRA = {"damping": "free", "offset": "free"}
 """Further columns of a vehicle, one per velocity: damping −d v, and a constant force."""
@@ -203,6 +204,7 @@ def structured_vehicle(
         at = filter_for(validation, chosen.cutoff)
         checked = VehicleRows(robot, validation, at).problem(delay, columns)
     at = problem.space.actuators
+    labels = [problem.space.labels[i] for i in at]
     common = float(np.median(delay))
     return Structured(
         problem,
@@ -213,6 +215,7 @@ def structured_vehicle(
         tuple(Velocity(n, tuple(sorted(columns)), np.nan, common) for n in velocity_names(robot)),
         tuple(findings),
         chosen.cutoff,
+        lambda theta: list(command_suspects(problem.Y[:, :, at] * theta[at], labels)),
     )
 
 

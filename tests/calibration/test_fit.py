@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.calibration.calibrate import _along, with_known
+from nsaid_mj.calibration.calibrate import _along, _held_out, with_known
 from nsaid_mj.calibration.fit import Prior, _derivatives, cost_of, gramians, minimise
 from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.precision import combinations, inflation, precision, tempered
-from nsaid_mj.calibration.problem import Problem, folds, without
+from nsaid_mj.calibration.problem import Problem, folds
 from nsaid_mj.calibration.statements import parameters_in_words, suggest
 from nsaid_mj.errors import InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.parameters import Block, ParameterSpace
@@ -138,10 +138,22 @@ def test_estimates_stay_positive_and_the_gradient_vanishes(seed, noise):
 def test_gramians_of_parts_add_up():
     problem = problem_of(noise=0.1)
     whole = gramians(problem)
-    part = folds(problem, 5)[2]
-    rest, own = gramians(without(problem, part)), gramians(problem.select(part))
+    rest, own = map(gramians, folds(problem, 5)[2])
     np.testing.assert_allclose(rest.sums + own.sums, whole.sums, rtol=1e-12)
     np.testing.assert_array_equal(rest.counts + own.counts, whole.counts)
+
+
+def test_every_part_has_its_share_of_a_joint_that_moves_only_once():
+    """Else it would be predicted from rows in which it never moves."""
+    problem = problem_of(noise=0.1)
+    problem.usable[:, 1] = (np.arange(400) >= 100) & (np.arange(400) < 160)
+    parts = folds(problem, 5)
+    for rest, own in parts:
+        np.testing.assert_array_equal((rest.usable.sum(axis=0) + own.usable.sum(axis=0)), [400, 60])
+        assert (abs(own.usable.sum(axis=0) / [80, 12] - 1) < 0.5).all()
+        assert (np.diff(own.t[own.usable[:, 1]]) < 0.06).all()
+    held_out, _ = _held_out(problem, np.ones(2))
+    assert (held_out < 0.2).all()
 
 
 def test_the_estimate_along_the_log_ends_at_the_batch_estimate():

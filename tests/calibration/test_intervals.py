@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration import calibrate, checks, precision, selection
-from nsaid_mj.calibration.calibrate import _change, _doubted, _held_out
+from nsaid_mj.calibration.calibrate import _change, _doubted
 from nsaid_mj.calibration.checks import structure_checks
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.precision import Precision, inflation, tempered
@@ -167,19 +167,6 @@ def test_a_joint_that_is_not_explained_has_its_own_parameters_doubted():
     space = type(problem.space)(blocks)
     own = _doubted(replace(problem, space=space), ["elbow"], arm=True)
     np.testing.assert_array_equal(own, [0, 1, 0, 1, 0, 0, 1])
-
-
-def test_held_out_errors_are_of_rows_that_took_no_part():
-    """An offset that acts in the last fifth alone: predicted if seen, not if held out."""
-    problem = problem_of(noise=0.01, rows=500)
-    Y = problem.Y.copy()
-    Y[:400, 0, 4] = 0.0
-    Y[:, 0, 5] = -(Y[:, 0, :5] @ (TRUE[:5] + 20 * np.eye(5)[4])) / TRUE[5]
-    problem = replace(problem, Y=Y, spread=problem.spread * 10)
-    share = np.ones(2)
-    held_out = _held_out(problem, share)[0][0]
-    assert problem.nrmse(minimise(problem).theta)[0] < 0.05
-    assert held_out > 0.3
 
 
 def test_a_structure_as_good_counts_with_its_whole_change_and_a_worse_one_with_less():

@@ -3,20 +3,30 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from scipy.ndimage import uniform_filter1d
 
 from nsaid_mj.calibration.data import Recordings, Segment
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC, Choice, JointRows
+from nsaid_mj.calibration.joints import BASIC, SPEEDS, Choice, JointRows
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.precision import precision
 from nsaid_mj.calibration.problem import Problem
-from nsaid_mj.calibration.residuals import Suspect, doubts, followed, widened, with_doubts
+from nsaid_mj.calibration.residuals import (
+    Followed,
+    Suspect,
+    doubts,
+    followed,
+    widened,
+    with_doubts,
+)
 from nsaid_mj.calibration.scale import with_known
 from nsaid_mj.calibration.selection import choose, refined, with_offsets
 from nsaid_mj.calibration.smoothing import filter_for
+from nsaid_mj.calibration.suspects import _answered, _between
 from nsaid_mj.log import Log
 from tests.calibration.test_fit import TRUE, problem_of
 from tests.support.robot_logs import Flaw, arm_log, motion, two_joints, write_csv
@@ -101,6 +111,63 @@ def test_what_explains_a_tenth_of_the_command_matters_even_if_nothing_moves():
     assert not doubts(problem, exact, (still[0]._replace(share=np.full(2, 0.05)),), np.zeros(2))
 
 
+def test_a_product_of_inertia_that_is_nearly_0_is_measured_against_the_body():
+    """Its own size depends on the body's axes."""
+    rows = rows_of(arm_log(two_joints(), 0, duration=10.0)[0])
+    choice = Choice((BASIC, BASIC), (1, 1), np.zeros(2))
+    problem = rows.problem(choice, np.ones(2), np.full(2, 2.0))
+    exact = precision(problem, minimise(problem), np.ones(2))
+    theta, at = exact.theta.copy(), problem.space.labels.index("Ixy of link 2")
+    largest = np.abs(theta[problem.space.labels.index("Izz of link 2")])
+    theta[at], zero = 1e-3 * largest, np.zeros((1, len(theta)))
+    exact = exact._replace(
+        theta=theta, covariance=1e-12 * np.diag(theta**2), structure=zero, parts=zero
+    )
+    for share, level in ((0.05, "note"), (0.5, "warning")):
+        shift = np.zeros(len(theta))
+        shift[at] = share * largest
+        suspect = Suspect("the moon", "", np.zeros((len(rows.t), 2, 1)), "")
+        left = (Followed(suspect, np.full(2, 0.5), shift, np.zeros(1)),)
+        assert doubts(problem, exact, left, np.zeros(2))[0].level == level
+
+
+def test_noise_of_either_force_is_not_followed_by_its_own_derivative():
+    """A force's noise goes with its second derivative, of whichever side it is; an effect does."""
+    rng = np.random.default_rng(0)
+    t = 0.05 * np.arange(2000)
+    force = np.column_stack([np.sin(2 * t), np.cos(1.3 * t)])
+    noises = uniform_filter1d(rng.normal(0, 0.05, (2, 2000, 2)), 5, axis=1)  # low-passed rows
+
+    def bent(force: np.ndarray) -> np.ndarray:
+        return np.gradient(np.gradient(force, t, axis=0), t, axis=0)
+
+    def score(needed: np.ndarray, stated: np.ndarray) -> float:
+        one, other = (Suspect("its rate", "1", bent(x)[:, :, None], "") for x in (needed, stated))
+        residual = needed - stated
+        z = _between(one, other, residual).columns[:, 0, 0]
+        return float(z @ residual[:, 0] / np.linalg.norm(z) / np.linalg.norm(residual[:, 0]))
+
+    assert abs(score(force + noises[0], force)) < 0.05
+    assert abs(score(force, force + noises[0])) < 0.05
+    assert abs(score(force + noises[0], force + noises[1])) < 0.05
+    lagging = force - 0.03 * bent(force)
+    assert abs(score(lagging + noises[0], force)) > 0.7
+    assert abs(score(lagging, force + noises[0])) > 0.5
+
+
+def test_noise_of_the_acceleration_is_told_from_a_ratio_by_the_commands():
+    """Where noise n of the acceleration is the residual, joint j's column has M n_j of it."""
+    rows = rows_of(arm_log(two_joints(), 1, duration=5.0)[0])
+    model, rotor = rows.robot.model, np.array([0.3, 0.1])
+    data, q = model.createData(), rows.joined(lambda m: m.q)
+    upper = np.array([np.triu(pin.crba(model, data, x)) for x in q])
+    inertia = upper + np.triu(upper, 1).transpose(0, 2, 1)
+    noise = np.random.default_rng(0).standard_normal(q.shape)
+    residual = np.einsum("kij,kj->ki", inertia + np.diag(rotor), noise)
+    found = _answered(rows, model, rotor, residual)
+    np.testing.assert_allclose(found, inertia * noise[:, None, :], rtol=1e-9, atol=1e-12)
+
+
 # -- whole logs -----------------------------------------------------------------------------------
 
 
@@ -165,6 +232,25 @@ def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, tmp_path):
     assert all(gain.low <= true[gain.name] <= gain.high for gain in gains)
 
 
+@pytest.mark.parametrize(
+    ("words", "change"),
+    [
+        ("the sign of its force", lambda u: np.where(u < 0, u / 0.8, u)),
+        ("a dead zone of its force", lambda u: u + 0.2 * np.sign(u) * np.abs(u).mean()),
+    ],
+)
+def test_a_drive_that_is_no_multiple_of_its_command_is_told(tmp_path, words, change):
+    robot = two_joints()
+    values, true = arm_log(robot, 3)
+    values["elbow_current"] = change(values["elbow_current"])
+    log = write_csv(tmp_path / "log.csv", values)
+    found = identify(robot, log, known={"gain_1": true["gain_1"]})
+    told = [f for f in found.findings if f.code == "residuals" and f.where == "elbow"]
+    assert any(words in f.text for f in told), told
+    gain = found.parameters[[p.name for p in found.parameters].index("gain_2")]
+    assert found.explains == "partly" or gain.low <= true["gain_2"] <= gain.high
+
+
 def test_a_structure_that_is_right_is_not_doubted(ur5, tmp_path):
     for seed in (1, 2):
         found, off = outcome(ur5, tmp_path, seed, Flaw(delay=0.015))
@@ -203,6 +289,19 @@ def test_delays_are_found_to_a_fraction_of_the_grid():
     for start in (choice, far):
         best = refined(start, lambda c: rows.problem(c, gain, spread), ("a", "b"))[0]
         np.testing.assert_allclose(best.delay, 0.0137, atol=5e-4)
+
+
+def test_dry_friction_of_another_speed_is_no_delay():
+    """Until the speed is chosen, a delay of its own would imitate it."""
+    (values, true), (exact, _) = (
+        arm_log(two_joints(), 2, flaw, duration=8.0, fastest=0.5, noise=noise)
+        for flaw, noise in ((Flaw(delay=0.012), 1e-5), (Flaw(), 0.0))
+    )
+    t = values["time"]
+    v = np.interp(t + 0.012, t, np.gradient(exact["elbow_position"], t))
+    slower = true["coulomb_2"] / true["gain_2"] * (np.tanh(v / 0.2) - np.tanh(v / 0.02))
+    choice, _ = choose(rows_of(values | {"elbow_current": values["elbow_current"] + slower}))
+    assert np.ptp(choice.delay) == 0 and SPEEDS[choice.speed[1]] == 0.2
 
 
 def test_an_offset_is_chosen_where_the_shared_fit_needs_it():

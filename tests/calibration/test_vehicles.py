@@ -65,3 +65,18 @@ def test_a_weighed_quadrotor_has_a_scale(flight):
                             strict=True):  # fmt: skip
         assert thrust.status == "identified" and thrust.low <= true <= thrust.high
         assert thrust.value == pytest.approx(true, rel=0.02)
+
+
+def test_a_thruster_with_a_dead_zone_is_told(tmp_path):
+    setup = Setup.of(replace(load("bluerov2"), duration=10.0, sensors="noisy", seed=3))
+    with setup.plant.running():
+        log = setup.simulate()
+    u = log.u + 0.05 * np.sign(log.u) * np.sqrt(np.mean(log.u**2, axis=0))
+    parts = zip("qvu", (log.q, log.v, u), strict=True)
+    names = [f"{name}_{k}" for name, part in parts for k in range(part.shape[1])]
+    table = np.column_stack([log.t, log.q, log.v, u])
+    header = ",".join(["t", *names])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=header, comments="")
+    found = identify("bluerov2", tmp_path / "log.csv")
+    told = [f.text for f in found.findings if f.code == "residuals" and "thruster" in f.where]
+    assert any("of its force" in text for text in told)
