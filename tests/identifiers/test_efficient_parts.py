@@ -18,7 +18,12 @@ from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.faults import trials as trying
 from nsaid_mj.identifiers.efficient.faults.events import event_of
 from nsaid_mj.identifiers.efficient.faults.evidence import Jump
-from nsaid_mj.identifiers.efficient.faults.hypotheses import Hypothesis, hypotheses_of, inexact
+from nsaid_mj.identifiers.efficient.faults.hypotheses import (
+    Hypothesis,
+    hypotheses_of,
+    inexact,
+    nothing,
+)
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
 from nsaid_mj.identifiers.efficient.faults.trials import Trials, Verdict
 from nsaid_mj.identifiers.efficient.guarded import Guarded
@@ -229,7 +234,9 @@ def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:
     none = isolated(start, what["loss"], (0.3, -0.2, 0.8))
     assert none.events == () and (none.factors == 1).all()
     off = isolated(start, inexact(system, truth)[2], (0.0, 0.0, 0.0))
-    assert off.events == () and off.wander == (0.02**2, 0.02**2)
+    assert off.events == () and off.wander == (0.02**2, 0.02**2) and off.calm == 0
+    same = isolated(start, nothing(system), (0.0, 0.0, 0.0))
+    assert same.calm == start.calm and same.events == ()  # as if it had not been contradicted
 
 
 def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,6 +258,35 @@ def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.Mo
     late = log.last(11)._replace(t=log.t[-11:] + 1)
     trying.follow_trials(law, SimpleNamespace(), trials, late)  # type: ignore[arg-type]
     assert lengths[4:] == [111], "when time is up, whatever the length"
+
+
+def tried(hypothesis: Hypothesis, evidence: float) -> Any:
+    """A trial whose innovations are those of chance."""
+    kalman = filter_at(np.zeros(1), np.zeros(1), np.ones(1), np.eye(1))
+    kalman.tally[1], kalman.noise.seen[0] = 100.0, 1000.0
+    return SimpleNamespace(
+        hypothesis=hypothesis, evidence=evidence, squares=100.0, filter=kalman,
+        freed=lambda _: None, forgetting=lambda: None,
+    )  # fmt: skip
+
+
+def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fault() -> None:
+    """With all of θ free anything is explained for a while."""
+    made = plant("bluerov2")
+    what = {h.kind: h for h in reversed(hypotheses_of(made.system, made.truth))}
+    broad = inexact(made.system, made.truth)[-1]
+    each = (
+        tried(broad, 900.0), tried(what["payload"], 800.0), tried(what["loss"], 790.0),
+        tried(what["friction"], 700.0), tried(nothing(made.system), 300.0),
+    )  # fmt: skip
+    log = Log(np.array([0.0, 0.01]), *np.zeros((3, 2, 1)))
+    trials = Trials(each, None, None, log, 10)  # type: ignore[arg-type]
+    law: Any = Law(0, None, None, None, 0.0, 10, None)  # type: ignore[arg-type]
+    assert trying.verdict(law, trials, 0.11) is None
+    late = trying.verdict(law, trials, 1.2)
+    assert late is not None and late.trial is each[0]
+    left = [trial.hypothesis.kind for trial in trying.narrowed(law, trials, 0.1).each]
+    assert left == ["none", "payload", "loss"]
 
 
 # -- the misfit ------------------------------------------------------------------------------------
