@@ -16,16 +16,19 @@ from nsaid_mj.evaluation.whiteness import whiteness
 from nsaid_mj.identifiers.cone.barrier import cone_of, inside
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.faults import trials as trying
+from nsaid_mj.identifiers.efficient.faults import watch as watching
 from nsaid_mj.identifiers.efficient.faults.events import event_of
 from nsaid_mj.identifiers.efficient.faults.evidence import Jump
 from nsaid_mj.identifiers.efficient.faults.hypotheses import (
     Hypothesis,
+    appear_slowly,
     hypotheses_of,
     inexact,
     nothing,
 )
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
 from nsaid_mj.identifiers.efficient.faults.trials import Trials, Verdict
+from nsaid_mj.identifiers.efficient.faults.watch import Watch
 from nsaid_mj.identifiers.efficient.guarded import Guarded
 from nsaid_mj.identifiers.efficient.kalman import (
     Filter,
@@ -287,6 +290,25 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     assert late is not None and late.trial is each[0]
     left = [trial.hypothesis.kind for trial in trying.narrowed(law, trials, 0.1).each]
     assert left == ["none", "payload", "loss"]
+
+
+def test_a_slow_change_that_leaves_no_covariance_is_rounding(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After minutes of exact sensors P is singular to rounding along a healthy robot's motion."""
+    made = plant("bluerov2")
+    system, truth, scale = made.system, made.truth, made.system.space.scale
+    k, p = int(system.space.actuators[2]), len(made.truth)
+    P = 1e-8 * np.eye(p)
+    after = truth.copy()
+    after[k] += 0.05 * scale[k]
+    kalman = filter_at(np.zeros(system.m), np.zeros(system.n), after, 0.5 * P)
+    watch = Watch((0.0, 0.5), (truth, truth), (P, P), (np.ones(2 * system.n),) * 2)
+    what = appear_slowly(hypotheses_of(system, truth))
+    found = watching.slow_change(watch, kalman, system.space, what)
+    assert found is not None and found.hypothesis.names == (system.space.names[k],)
+    monkeypatch.setattr(watching, "with_jump", lambda *_: (np.zeros(p), np.diag([-1.0] * p)))
+    assert watching.slow_change(watch, kalman, system.space, what) is None
 
 
 # -- the misfit ------------------------------------------------------------------------------------

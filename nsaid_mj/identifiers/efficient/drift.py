@@ -22,7 +22,7 @@ import numpy as np
 
 from ...log import Log
 from ...parameters import Array, Indices
-from .kalman import COMPLETED, Along, Filter, Law, follow_filter
+from .kalman import COMPLETED, Along, Filter, Law, follow_filter, keep_above_rounding
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Variances that a gain, relative to itself, may gain in a second; the last is no drift [1/s]."""
@@ -70,6 +70,7 @@ class Rival(NamedTuple):
         out = Along.empty(count, log.v.shape[1], len(law.scale))
         walk = walks(len(law.scale), actuators, self.all_of, self.gains)
         _, end = follow_filter(law._replace(walk=walk, window=10**9), own, *log, out)
+        keep_above_rounding(own.Ptt, np.empty_like(own.Ptt))
         own.tally[2] += 0.0 if end == COMPLETED else np.inf
         return self._replace(filter=own)
 

@@ -167,7 +167,7 @@ def restart_state(filter, q, v, R):
 
 
 @njit(cache=True)
-def _keep_above_rounding(P, L):
+def keep_above_rounding(P, L):
     """Adds a floor to P (p, p) where its own rounding errors could make it indefinite.
 
     Along P_s nothing is learned, while exact data reduce the variance of other directions to where
@@ -326,7 +326,7 @@ def _hand_out(theta, v, theta_row, v_row):
 @njit(cache=True)
 def _begin_window(theta, Ptt, safe, safe_P, tally, factor):
     """Begins another window of innovations; `factor` (p, p) is workspace."""
-    _keep_above_rounding(Ptt, factor)
+    keep_above_rounding(Ptt, factor)
     safe[0], safe[1] = safe[1], theta
     safe_P[0], safe_P[1] = safe_P[1], Ptt
     tally[1:] = 0.0

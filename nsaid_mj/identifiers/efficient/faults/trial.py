@@ -10,7 +10,7 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
-from ..kalman import COMPLETED, Along, Filter, Law, follow_filter
+from ..kalman import COMPLETED, Along, Filter, Law, follow_filter, keep_above_rounding
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
 from .signals import Signals
@@ -67,6 +67,7 @@ class Trial(NamedTuple):
             q, v = np.concatenate([sound.q, q[1:]]), np.concatenate([sound.v, v[1:]])
         out = Along.empty(count, system.n, system.p)
         _, end = follow_filter(law._replace(window=10**9), own, t, q, v, u, out)
+        keep_above_rounding(own.Ptt, np.empty_like(own.Ptt))
         own.tally[1] = self.filter.tally[1] + count - 1
         own.tally[2] += 0.0 if end == COMPLETED else np.inf
         return self._replace(filter=own)

@@ -104,6 +104,8 @@ def slow_change(
         if evidence[k] > max(_SURE, best.evidence if best else 0.0):
             hypothesis, jump = hypotheses[k], jumps[k]
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
+            if not np.linalg.eigvalsh(new_P)[0] > 0.0:
+                continue  # P_s is singular to rounding, and so is all that was computed from it
             if hypothesis.kind == "friction" and not jump.evident:
                 hypothesis = hypothesis._replace(kind="none")
             elif hypothesis.kind == "friction":
