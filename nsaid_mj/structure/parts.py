@@ -110,6 +110,31 @@ class Column:
                 object.__setattr__(self, name, value)
 
 
+def columns_at(
+    kind: str,
+    parameter: int,
+    points: ArrayLike,
+    directions: ArrayLike | None = None,
+    **constants: ArrayLike,
+) -> list[Column]:
+    """Columns of the first body's actuators, one for each parameter and command.
+
+    Args:
+        kind: of the columns.
+        parameter: index in θ of the first.
+        points: (k, 3) where they act, in the body's axes [m].
+        directions: (k, 3) unit vectors along which they push, if the kind has a direction.
+        constants: what all have in common.
+    """
+    columns = []
+    for i, point in enumerate(np.asarray(points, dtype=float)):
+        along = {} if directions is None else {"direction": np.asarray(directions)[i]}
+        columns.append(
+            Column(kind, parameter + i, body=0, input=i, point=point, **along, **constants)
+        )
+    return columns
+
+
 # -- tensors of inertias ---------------------------------------------------------------------------
 
 
