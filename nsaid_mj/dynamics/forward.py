@@ -214,7 +214,7 @@ def _write_acceleration(structure, q, v, u, theta, work, a):
         stage, slopes = work
         place(structure, q, v, slopes.state)
         write_forces(structure, slopes.state, q, v, u, True, stage.scratch, slopes.F)
-        return structure_accelerate(structure, slopes.state, slopes.F, v, theta, stage, a)
+        return structure_accelerate(structure, slopes.state, slopes.F, v, theta.copy(), stage, a)
 
     return _chosen(structure, tree, data)
 
@@ -226,7 +226,8 @@ def _linearise(structure, q, v, u, theta, scale, work, a, A, B):
 
     def data(structure, q, v, u, theta, scale, work, a, A, B):
         stage, slopes = work
-        pivot = structure_linearise(structure, q, v, u, theta, scale, stage, slopes, a, B)
+        own, size = theta.copy(), scale.copy()  # kernels take no array that is read-only
+        pivot = structure_linearise(structure, q, v, u, own, size, stage, slopes, a, B)
         A[:] = slopes.by_state
         return pivot
 

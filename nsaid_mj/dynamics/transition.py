@@ -85,9 +85,8 @@ def _choose_work(structure, n, m, p):
 def _choose_step(structure, q, v, u, dt, theta, scale, work, q1, v1):
     def data(structure, q, v, u, dt, theta, scale, work, q1, v1):
         (stage, slopes), at, B, _, F = work
-        pivot = structure_step(
-            structure, q, v, u, dt, theta, scale, stage, slopes, at, q1, v1, F, B
-        )
+        own, size = theta.copy(), scale.copy()  # kernels take no array that is read-only
+        pivot = structure_step(structure, q, v, u, dt, own, size, stage, slopes, at, q1, v1, F, B)
         return pivot, F, B
 
     def other(structure, q, v, u, dt, theta, scale, work, q1, v1):
