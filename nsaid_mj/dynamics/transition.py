@@ -12,6 +12,8 @@ error is of third order in the step. θ acts through the n components of c alone
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numba.extending import overload
@@ -51,11 +53,11 @@ def transition(structure, q, v, u, dt, theta, scale, work, q1, v1):
     return _step(structure, q, v, u, dt, theta, scale, work, q1, v1)
 
 
-def _work(structure, n, m, p):
+def _work(structure, n, m, p) -> Any:
     """`transition_work`, selected by the structure's type."""
 
 
-def _step(structure, q, v, u, dt, theta, scale, work, q1, v1):
+def _step(structure, q, v, u, dt, theta, scale, work, q1, v1) -> Any:
     """`transition`, selected by the structure's type."""
 
 

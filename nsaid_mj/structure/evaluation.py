@@ -127,7 +127,7 @@ class Evaluation:
         momenta, spare = np.empty((len(v), *size)), np.empty((2, *size))
         terms = np.empty((3, len(vm), *size))
         balance(self.arrays, leak, v, vm, *along, self._work, *spare, momenta, *terms)
-        return momenta, *terms
+        return momenta, terms[0], terms[1], terms[2]
 
     def mass_matrix(self, q: Array, theta: Array) -> Array:
         """(n, n) M(q, θ)."""

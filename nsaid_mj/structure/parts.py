@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,7 +115,7 @@ def columns_at(
     parameter: int,
     points: ArrayLike,
     directions: ArrayLike | None = None,
-    **constants: ArrayLike,
+    **constants: Any,
 ) -> list[Column]:
     """Columns of the first body's actuators, one for each parameter and command.
 
