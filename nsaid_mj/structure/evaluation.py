@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import FALL, FRAME, Array
+from .arrays import Array
 from .forces import write_forces
 from .kinematics import place
-from .motion import along, balance, between, evaluate, write_force_regressors
 from .poses import difference, integrate
 from .regressor import write_regressor
 from .slopes import linearise
@@ -74,60 +73,11 @@ class Evaluation:
 
     def F(self, q: Array, v: Array, u: Array) -> Array:
         """(n, p) force regressor of (4), with the weight of rigid bodies."""
-        return self.forces(q[None], v[None], u[None])[0]
-
-    def forces(self, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples q (N, m), v (N, n), u (N, n_u)."""
-        F, out = self._none.copy(), np.empty((*v.shape, self.structure.p))
-        write_force_regressors(self.arrays, q, v, u, self._state, F, self._still, self._work, out)
-        return out
-
-    def transport(self, q: Array, v: Array) -> Array:
-        """(n, p) regressor of Cᵀ v."""
-        size = self.structure.n, self.structure.p
         self._place(q, v)
-        fall = (len(self.structure.bodies) + size[0]) * FRAME + FALL
-        self._state[fall : fall + 3] = 0.0  # without weight
-        terms, none, F = np.zeros((2, *size)), np.empty((0, *size)), np.empty((3, 0, 0))
-        empty, out = np.empty((0, 0)), np.empty(size)
-        balance(
-            self.arrays, 0.0, v[None], empty, self._state[None], empty, F, self._work, out,
-            terms[0], terms[1:], none, none, none,
-        )  # fmt: skip
-        return out
-
-    def evaluate(
-        self, q: Array, v: Array, u: Array, w: Array, theta: Array
-    ) -> tuple[Array, Array, float]:
-        """â of (29), NaN if M̂ is not positive definite, W of (10), and M̂'s smallest pivot."""
-        a, W = np.empty(self.structure.n), np.empty((self.structure.n, self.structure.p))
-        F = self._none.copy()
-        return a, W, evaluate(self.arrays, q, v, u, w, theta, self._state, F, self._work, a, W)
-
-    def midpoints(self, hermite: bool, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
-        """(N−1, m) and (N−1, n) states half-way between N samples; see `motion.between`."""
-        qm, vm = np.empty((len(t) - 1, self.structure.m)), np.empty((len(t) - 1, self.structure.n))
-        between(self.arrays, hermite, t, q, v, self._work, qm, vm)
-        return qm, vm
-
-    def along(
-        self, q: Array, v: Array, qm: Array, vm: Array, u: Array
-    ) -> tuple[Array, Array, Array]:
-        """States at N samples and half-way, and F; see `motion.along`."""
-        states, middles = self.structure.state(len(q)), self.structure.state(len(qm))
-        F = np.zeros((3, len(qm), len(self._none)))
-        along(self.arrays, q, v, qm, vm, u, self._work, states, middles, F)
-        return states, middles, F
-
-    def balance(
-        self, leak: float, v: Array, vm: Array, along: tuple[Array, Array, Array]
-    ) -> tuple[Array, Array, Array, Array]:
-        """The momentum balance's terms, from velocities and the result of `along`."""
-        size = self.structure.n, self.structure.p
-        momenta, spare = np.empty((len(v), *size)), np.empty((2, *size))
-        terms = np.empty((3, len(vm), *size))
-        balance(self.arrays, leak, v, vm, *along, self._work, *spare, momenta, *terms)
-        return momenta, terms[0], terms[1], terms[2]
+        columns = np.zeros((self.structure.n, self.structure.p))
+        np.add.at(columns, tuple(self.arrays.nonzeros.T), self._forces(q, v, u))
+        self._place(q, self._still)
+        return columns - self._regressor(self._still, self._still, 1.0, self._none)
 
     def mass_matrix(self, q: Array, theta: Array) -> Array:
         """(n, n) M(q, θ)."""

@@ -41,3 +41,53 @@ def thrusters(F, start, allocation, curve, u):
         for i in range(F.shape[0]):
             F[i, start + j] = allocation[i, j] * thrust
     return start + u.shape[0]
+
+
+@njit(cache=True)
+def fins(F, start, allocation, v, angles):
+    """Lift |u| (u δ − eᵀ(v + ω × r)) of every fin at r along e, then its drag (u δ)²; 2 k columns.
+
+    To first order u δ − eᵀ(v + ω × r) is u times the fin's angle of attack; u is the body's v_x.
+
+    Args:
+        F: (6, p) force regressor; written.
+        start: first column.
+        allocation: (2, 6, k) unit wrenches of the lifts, and of the drags.
+        v: (6,) body twist.
+        angles: (k,) deflections δ [rad]; a positive one lifts along e.
+
+    Returns:
+        The column after the last one written.
+    """
+    k = angles.shape[0]
+    u = v[0]
+    for j in range(k):
+        sideways = 0.0  # eᵀ(v + ω × r), by the same wrench
+        for i in range(6):
+            sideways += allocation[0, i, j] * v[i]
+        lift, drag = abs(u) * (u * angles[j] - sideways), abs(u) * u * angles[j] ** 2
+        for i in range(6):
+            F[i, start + j] = allocation[0, i, j] * lift
+            F[i, start + k + j] = allocation[1, i, j] * drag
+    return start + 2 * k
+
+
+@njit(cache=True)
+def propeller(F, start, v, u, slip):
+    """Thrust |n| (n − slip v_x) along x, and torque |n| n about −x; 2 columns.
+
+    The thrust is a propeller's curve over its advance ratio, to first order.
+
+    Args:
+        F: (6, p) force regressor; written.
+        start: first column.
+        v: (6,) body twist.
+        u: speed n of the shaft relative to full speed, in [−1, 1].
+        slip: relative loss of full thrust per m/s of advance at full shaft speed [s/m].
+
+    Returns:
+        The column after the last one written.
+    """
+    F[0, start] = abs(u) * (u - slip * v[0])
+    F[3, start + 1] = -abs(u) * u
+    return start + 2
