@@ -91,7 +91,7 @@ def torpedo(s: Any, q: Array, v: Array, a: Array, u: Array, theta: Array) -> Arr
     force -= theta[10] * abs(x) * np.array([0, y, z, 0, 0, 0])
     force += theta[11] * abs(x) * np.array([0, 0, 0, 0, -z, y])
     force -= theta[12] * np.r_[up(q), 0, 0, 0]
-    force += about(np.cross(theta[13] * Z, up(q)))
+    force += about(np.asarray(np.cross(theta[13] * Z, up(q)), dtype=float))
     n, forward = u[-1], np.array([1.0, 0, 0])
     force += theta[14] * abs(n) * (n - s.slip * x) * np.r_[forward, 0, 0, 0]
     force -= theta[15] * abs(n) * n * about(forward)
