@@ -15,8 +15,9 @@ from nsaid_mj.experiment.loop import Run, run
 from nsaid_mj.resources import scenarios
 
 FOLDER = Path(__file__).parent / "directions"
-TOLERANCE = 1e-6
-"""Largest change of an entry that is not seen as one. Rounding differs between machines."""
+TOLERANCE = 5e-6
+"""Largest change of an entry that is not seen as one. Rounding differs between machines: one gave a
+direction of `wrist_first`, whose last steps hardly excite some masses, that was 1.4e-6 off."""
 
 
 def names() -> list[str]:
