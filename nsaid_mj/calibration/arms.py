@@ -65,7 +65,7 @@ def structured_arm(
         return rows.problem(choice, gain, spread)
 
     def alike(logs: Recordings, filters: Filter) -> Problem:
-        """The same structure of other rows: load friction follows the same weight."""
+        """The chosen structure, and the weight for load friction, for the rows of another log."""
         other = JointRows(robot, logs, filters, gain)
         other.reweigh(links)
         return other.problem(choice, gain, spread)

@@ -124,7 +124,8 @@ def _write_columns(structure, b, state, ground, u, theta, x, slopes, own):
         _write_column_wrench(structure, b, reads, u, theta, x, _HERE)
         for i in range(6):
             x[_TOTAL + i] -= x[_HERE + i]
-        for c in range(0 if reads == SPEED else 6, 6 * reads if reads < POSE else 9):
+        first, last = 0 if reads == SPEED else 6, 9 if reads == POSE else 6
+        for c in range(first, last):  # of six twists, then three turns
             at = own + SPEED_SLOPE + c if c < 6 else own + TURN_SLOPE + c - 3
             for i in range(12):
                 x[_KEPT + i] = x[i]

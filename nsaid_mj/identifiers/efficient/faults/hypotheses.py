@@ -225,7 +225,7 @@ def _frictions(system: SecondOrderSystem) -> list[Hypothesis]:
 
 
 def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hypothesis:
-    """The same friction, reported as the change of the coefficient that is the most evident."""
+    """A change of friction or drag, reported as that of its most evident coefficient."""
     evident = np.abs(jump.delta) / np.sqrt(np.diag(jump.covariance))
     first = int(np.argmax(evident))
     order = [first, *(i for i in range(len(evident)) if i != first)]
