@@ -23,6 +23,11 @@ What the words mean, for the laws `efficient` and `memory`, at the end of a run:
 - *confident*: neither flagged nor unsure; where no misfit is given at all, nobody is warned. The
   verdict's word "converged" is not used: of a simulated plant it is decided by the truth.
 
+Of a run that is wrong and confident, `trace` says whether it could have been known: it is the sum
+of the squared changes that the effect makes to all normalised innovations of the filter. Below 25,
+one who knew the form of the change would see it at less than 5 standard deviations: the motion says
+nothing against θ̂, and other masses or gains explain it as well as the effect does.
+
 For `identify`:
 
 - *wrong*: a parameter that is "identified", or a gain relative to the others, is off by more than 3

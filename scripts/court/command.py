@@ -17,8 +17,8 @@ from pathlib import Path
 
 from .cases import LAWS, TOGETHER, Case, drawn
 from .effects import EFFECTS, FAULTS
-from .judging import CRASH, NOT_RUN, Judgement, judge_online
-from .online import identified
+from .judging import CONFIDENT, CRASH, NOT_RUN, WRONG, Judgement, judge_online
+from .online import identified, trace_of
 from .simulation import NotRun, simulated
 from .table import Line, bars, by_effect, kind_of, overall, worst
 
@@ -37,7 +37,10 @@ def judged(case: Case) -> Judgement:
         return judged_offline(case)
     found = simulated(case)
     plant = found.setup.plant
-    return judge_online(identified(found), found.setup.system, case.effect, plant.faults)
+    said = judge_online(identified(found), found.setup.system, case.effect, plant.faults)
+    if (said.truth, said.manner) == (WRONG, CONFIDENT) and case.effect != "none":
+        said.figures["trace"] = trace_of(case)
+    return said
 
 
 def line_of(case: Case, limit: float = LIMIT, verbose: bool = False) -> Line:

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from nsaid_mj.evaluation.misfit import misfit_of
 from nsaid_mj.evaluation.summary import confidence
 from nsaid_mj.evaluation.truth import Truth
 from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
 from nsaid_mj.experiment.record import Record
-from nsaid_mj.identifiers import Status
+from nsaid_mj.experiment.setup import told
+from nsaid_mj.identifiers import NullspaceAID, Status
+from nsaid_mj.identifiers.efficient.witness import Witness
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.numerics.threads import single_threaded
 from nsaid_mj.parameters import Array
 
-from .simulation import Simulated
+from .cases import Case
+from .simulation import Simulated, simulated
 
 
 class _Unheld(Truth):
@@ -93,3 +98,24 @@ def identified(simulated: Simulated) -> Stated:
     stated = confidence(run, truth, misfit.widening if misfit else 1.0)
     innovations = misfit.innovations if misfit else None
     return Stated("completed", theta, true, level, innovations, stated, state.faults)
+
+
+@single_threaded
+def trace_of(case: Case) -> float:
+    """What an effect leaves to be seen: the sum of the squared changes of all innovations.
+
+    They are the normalised innovations of the filter of `efficient`, once it has learned what it
+    may, of the run with the effect less those of the same run, with the same noise, without it. A
+    test by one who knew the form of the change, but not its size, would see the root of this sum
+    in standard deviations; no test sees more.
+    """
+    innovations = []
+    for one in (case, replace(case, effect="none", size=0.0)):
+        found = simulated(one)
+        setup, log = found.setup, found.log
+        config = told(setup.scenario.identifier, setup.scenario)
+        assert isinstance(config, NullspaceAID)
+        witness = Witness(setup.system, setup.scenario.dt, config.efficient)
+        learned = witness.replay(setup.prior, witness.covariance(setup.prior), log).filter
+        innovations.append(witness.replay(learned.theta, learned.Ptt, log).along.innovation)
+    return float(np.nansum((innovations[0] - innovations[1]) ** 2))

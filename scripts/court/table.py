@@ -13,6 +13,7 @@ from .judging import COVERED, CRASH, FLAGGED, NOT_RUN, RIGHT, WRONG
 
 Line = dict[str, Any]
 _MOVED = 3.0  # stated standard deviations from which an effect has moved a gain
+_SEEN = 25.0  # least trace of an effect that could be seen: at 5 standard deviations, at best
 
 
 def kind_of(line: Line) -> str:
@@ -20,6 +21,11 @@ def kind_of(line: Line) -> str:
     if line["outcome"] in (CRASH, NOT_RUN):
         return line["outcome"]
     return f"{line['truth']}, {line['manner']}"
+
+
+def unseen(line: Line) -> bool:
+    """Whether a run's effect leaves too little in the innovations for any test to see it."""
+    return line.get("figures", {}).get("trace", np.inf) < _SEEN
 
 
 def moved(line: Line, control: Line | None) -> bool | None:
@@ -152,5 +158,6 @@ def worst(lines: Sequence[Line]) -> str:
     found = [line for line in lines if kind_of(line) in ("wrong, confident", CRASH)]
     return "\n".join(
         f"{line['words']} → {'; '.join(line.get('wrong') or [line.get('error', '')])}"
+        + (f"; trace {line['figures']['trace']:.3g}" if "trace" in line.get("figures", {}) else "")
         for line in sorted(found, key=lambda line: line["case"]["number"])
     )

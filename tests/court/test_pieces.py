@@ -15,10 +15,10 @@ from scripts.court import command
 from scripts.court.cases import LAWS, Case, drawn
 from scripts.court.effects import EFFECTS
 from scripts.court.judging import Judgement, judge_gains, judge_online
-from scripts.court.online import Stated
+from scripts.court.online import Stated, trace_of
 from scripts.court.robots import random_tree, rotation, with_wrong_masses
 from scripts.court.simulation import NotRun, simulated
-from scripts.court.table import bars, by_effect, kind_of, moved, overall
+from scripts.court.table import bars, by_effect, kind_of, moved, overall, unseen
 
 
 def least_moment(urdf: str) -> float:
@@ -197,6 +197,19 @@ def test_gains_are_judged_relative_to_the_common_scale():
     judge_gains(off, np.array([1.5, 1.5, 1.6]), np.full(3, 1e-3))
     assert not same.wrong
     assert off.wrong
+
+
+def test_an_effect_leaves_the_more_of_a_trace_the_larger_it_is():
+    none, small, large = (
+        trace_of(short("arm", name, size))
+        for name, size in (("none", 0.0), ("delay", 1.0), ("delay", 25.0))
+    )
+    assert none == 0 and large > 100 * max(small, 1.0)
+    hidden, plain = (
+        Judgement(wrong=["a"], coverage=0.5, figures={"trace": trace}) for trace in (1.0, 30.0)
+    )
+    assert unseen(line(short("arm"), hidden)) and not unseen(line(short("arm"), plain))
+    assert not unseen(line(short("arm"), Judgement(wrong=["a"], coverage=0.5)))
 
 
 # -- lines and tables ------------------------------------------------------------------------------
