@@ -167,6 +167,21 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
+@helper(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
+def write_equations(structure, state, w, theta, work, force):
+    """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
+    bodies, rotors = structure.bodies, structure.rotors
+    ground = (bodies.shape[0] + w.shape[0]) * FRAME
+    accumulate(bodies, state, 0, w, work.motion, VELOCITY)
+    accumulate(bodies, state, RATE, w, work.motion, DRIFT)
+    _load(structure, state, ground, theta, work)
+    _gather(bodies, state, work, force)
+    for r in range(rotors.shape[0]):
+        work.M[rotors[r, 0], rotors[r, 0]] += theta[rotors[r, 1]]
+    for i in range(force.shape[0]):
+        force[i] = -force[i]
+
+
 @kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector))
 def accelerate(structure, state, F, w, theta, work, a):
     """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 if it succeeded.
@@ -180,16 +195,8 @@ def accelerate(structure, state, F, w, theta, work, a):
         work: memory; afterwards it holds the bodies' motions without J a, and M̂'s factor.
         a: (n,) written.
     """
-    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
-    ground = (bodies.shape[0] + w.shape[0]) * FRAME
-    accumulate(bodies, state, 0, w, work.motion, VELOCITY)
-    accumulate(bodies, state, RATE, w, work.motion, DRIFT)
-    _load(structure, state, ground, theta, work)
-    _gather(bodies, state, work, a)
-    for r in range(rotors.shape[0]):
-        work.M[rotors[r, 0], rotors[r, 0]] += theta[rotors[r, 1]]
-    for i in range(a.shape[0]):
-        a[i] = -a[i]
+    nonzeros = structure.nonzeros
+    write_equations(structure, state, w, theta, work, a)
     for z in range(nonzeros.shape[0]):
         a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
     return solve_positive(work.M, work.L, a)  # (29)
