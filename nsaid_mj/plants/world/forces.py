@@ -64,24 +64,29 @@ class Forces:
             reading: where the structure's coordinates are in MuJoCo's.
             lagged: whether the actuators have an activation state.
         """
-        s = self.structure
-        n, state = s.n, len(s.state())
-        memory = s.m, n, n, 9, n, n, (n, n), (n, n), state, state
         base = [(reading.free[1] + i, 0, 0, 0) for i in range(6 if reading.group == 6 else 0)]
         joints = [(dof, at, to, circle) for at, dof, to, circle in reading.joints]
-        parts = [
-            *s.arrays,
-            np.array([*base, *joints], dtype=np.int64),
-            np.array(self.theta, dtype=np.float64),
-            *(np.zeros(size) for size in memory),
-            *s.workspace(),
-        ]
-        lengths = [part.size for part in parts]
-        places = _HEADER + np.cumsum([0, *lengths])
+        parts = self._parts(np.array([*base, *joints], dtype=np.int64))
+        places = _HEADER + np.cumsum([0, *(part.size for part in parts)])
         layout = [(at, *(*part.shape, 1)[:2]) for at, part in zip(places, parts, strict=False)]
-        head = [places[-1], lagged, s.n_u, self.added, *self.flow, reading.group, reading.free[0]]
+        commands, flow = self.structure.n_u, self.flow
+        head = [places[-1], lagged, commands, self.added, *flow, reading.group, reading.free[0]]
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([np.array(head, dtype=np.float64), np.ravel(layout), *flat])
+
+    def _parts(self, dofs: Any) -> list[Any]:
+        """The parts of the userdata, with the places of all velocities (n, 4)."""
+        s, n = self.structure, self.structure.n
+        state = len(s.state())
+        memory = s.m, n, n, 9, n, n, (n, n), (n, n), state, state
+        own = [np.zeros(size) for size in memory]
+        return [*s.arrays, dofs, np.array(self.theta, dtype=np.float64), *own, *s.workspace()]
+
+    @property
+    def size(self) -> int:
+        """Length of `numbers`."""
+        parts = self._parts(np.zeros((self.structure.n, 4), dtype=np.int64))
+        return _HEADER + sum(part.size for part in parts)
 
     @property
     def added(self) -> bool:
@@ -89,11 +94,13 @@ class Forces:
         general = [i for i in self.structure.inertias if i.tensor is not None]
         return any(self.theta[i.start : i.start + np.shape(i.tensor)[2]].any() for i in general)
 
-    def gain_places(self, numbers: Array) -> list[list[int]]:
+    @property
+    def gain_places(self) -> list[list[int]]:
         """For every command, the indices in `numbers` of its actuator's parameters."""
-        start, columns = int(numbers[_LAYOUT + 3 * _THETA]), self.structure.columns
+        start = _HEADER + sum(part.size for part in self.structure.arrays) + 4 * self.structure.n
+        acting = [c for c in self.structure.columns if KINDS[c.kind].actuator]
         return [
-            sorted({start + c.parameter for c in columns if c.input == k and KINDS[c.kind].actuator})
+            sorted({start + c.parameter for c in acting if c.input == k})
             for k in range(self.structure.n_u)
         ]
 
@@ -230,7 +237,8 @@ def _vector(d, k):
 @njit(inline="always")
 def _matrix(d, k, x):
     """Part k of the userdata d, of rows and columns, as numbers of x: d, or its integers."""
-    at, rows, columns = int(d[_LAYOUT + 3 * k]), int(d[_LAYOUT + 3 * k + 1]), int(d[_LAYOUT + 3 * k + 2])
+    at, rows = int(d[_LAYOUT + 3 * k]), int(d[_LAYOUT + 3 * k + 1])
+    columns = int(d[_LAYOUT + 3 * k + 2])
     return x[at : at + rows * columns].reshape((rows, columns))
 
 
