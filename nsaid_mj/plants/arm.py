@@ -16,8 +16,8 @@ from ..parameters import Array
 from ..systems.compiled import CompiledMultibody
 from ..systems.multibody import JointScales, MotorTree, Multibody
 from ..systems.optional import pin
-from .world.callbacks import coulomb_friction
 from .world.coordinates import joint_map
+from .world.forces import Forces, column_forces
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.robots import Base, Robot, load_robot
@@ -169,7 +169,11 @@ class Arm(Plant):
         mismatch: Mismatch,
     ):
         self.robot, self.system, self._hidden = robot, system, hidden
-        spec = arm_spec(robot.model, hidden, dt)
+        spec, k = arm_spec(robot.model, hidden, dt), system.n_u
+        acting = np.zeros(system.p)
+        acting[-2 * k : -k] = hidden.coulomb  # MuJoCo's own `frictionloss` creeps
+        forces = Forces(system.structure, acting, np.zeros(3))
+        spec.nuserdata, self.passive = forces.size, column_forces()
         try:
             self._compile(spec, mismatch)
         except ValueError as error:
@@ -178,7 +182,7 @@ class Arm(Plant):
             ) from error
         self.joints = joint_map(self.model, list(robot.model.names)[1:])
         self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
-        self.passive = coulomb_friction()
+        self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
         self._compare_engines()
         self._check_stiffness(dt)
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
@@ -196,10 +200,7 @@ class Arm(Plant):
 
     def _place(self, position: Array, velocity: Array) -> None:
         self.joints.write(self.data, position, velocity)
-        nv = self.model.nv
-        self.data.userdata[0] = nv
-        self.data.userdata[1 + self.joints.motors] = self._hidden.coulomb
-        self.data.userdata[1 + nv + self.joints.motors] = 1 / self.system.friction_speed
+        self.data.userdata[:] = self._numbers
 
     def coordinates(self) -> tuple[Array, Array]:
         """(n,) position numbers, joint angles [rad] or displacements [m], and (n,) velocities."""
@@ -279,7 +280,6 @@ class Arm(Plant):
 def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float) -> Any:
     """MuJoCo's specification of a Pinocchio model, with motors on all of its 1-DOF joints."""
     spec = tree_spec(model, dt)
-    spec.nuserdata = 1 + 2 * model.nv
     for k, name in enumerate(list(model.names)[-len(hidden.gain) :]):
         joint = spec.joint(name)
         joint.damping = [hidden.viscous[k], 0, 0]
