@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -56,6 +56,8 @@ class Guess(Table):
 class QuadrotorSheet(Sheet):
     """A quadrotor's data sheet; axes x forward, y left, z up, origin at the rotors' centre."""
 
+    family: ClassVar[str] = "quadrotor"
+
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
     centre_of_mass: list[NotNegative] = several(
@@ -86,6 +88,7 @@ class QuadrotorPlant(ParametricPlantConfig):
             authority is small.
     """
 
+    sheet: ClassVar[type[Sheet]] = QuadrotorSheet
     vehicle: Name = "hummingbird"
     spread: Share = 0.1
 

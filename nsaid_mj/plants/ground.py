@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -29,6 +29,8 @@ class Guess(Table):
 class CarSheet(Sheet):
     """A car's data sheet; axes x forward, y left, z up."""
 
+    family: ClassVar[str] = "car"
+
     mass: Positive = one("a number > 0 [kg]")
     inertia: Positive = one("a number > 0, about the vertical through the centre of mass [kg·m²]")
     front: Positive = one("distance from the centre of mass to the front axle > 0 [m]")
@@ -54,6 +56,7 @@ class CarPlant(ParametricPlantConfig):
             nominal values.
     """
 
+    sheet: ClassVar[type[Sheet]] = CarSheet
     vehicle: Name = "f1tenth"
     spread: Share = 0.2
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -61,6 +61,8 @@ class Nozzles(Table):
 class FreeFlyerSheet(Sheet):
     """A free-flyer's data sheet; axes x forward, y right, z down."""
 
+    family: ClassVar[str] = "free-flyer"
+
     mass: Positive = one("a number > 0 [kg]")
     centre: list[Number] = several(3, "three numbers [m]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
@@ -83,6 +85,7 @@ class AstrobeePlant(ParametricPlantConfig):
         spread: largest relative deviation of the nozzles' true thrust from the published value.
     """
 
+    sheet: ClassVar[type[Sheet]] = FreeFlyerSheet
     vehicle: Name = "astrobee"
     spread: Share = 0.2
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -88,6 +88,8 @@ class Guess(Table):
 class TorpedoSheet(Sheet):
     """A torpedo's data sheet; axes x forward, y right, z down, origin at the centre of buoyancy."""
 
+    family: ClassVar[str] = "torpedo"
+
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three moments about the origin > 0 [kg·m²]")
     gravity_centre: list[Number] = several(3, "three numbers [m], z > 0 if self-righting")
@@ -138,6 +140,7 @@ class REMUS100Plant(ParametricPlantConfig):
             propeller and fins from the published values.
     """
 
+    sheet: ClassVar[type[Sheet]] = TorpedoSheet
     vehicle: Name = "remus100"
     spread: Share = 0.2
 

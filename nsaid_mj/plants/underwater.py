@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -115,6 +115,8 @@ class Thrusters(Table):
 class UnderwaterSheet(Sheet):
     """An underwater vehicle's data sheet; x forward, y right, z down from the centre of mass."""
 
+    family: ClassVar[str] = "underwater"
+
     mass: Positive = one("a number > 0 [kg]")
     volume: Positive = one("a number > 0 [m³]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
@@ -168,6 +170,7 @@ class BlueROV2Plant(ParametricPlantConfig):
             from the published values.
     """
 
+    sheet: ClassVar[type[Sheet]] = UnderwaterSheet
     vehicle: Name = "bluerov2"
     spread: Share = 0.2
 

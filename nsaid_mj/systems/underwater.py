@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,25 +71,26 @@ class UnderwaterVehicle(StructuredSystem):
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(-1, 1, self.n_u)
 
 
-def mass_block(diagonal: Array) -> Block:
-    """The 21 entries of a symmetric M (6, 6), upper triangle row by row.
+def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
+    """The entries of a symmetric M (n, n), upper triangle row by row.
 
     Args:
-        diagonal: (6,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
+        diagonal: (n,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
+        axes: along and about which the body moves, of the six.
     """
-    rows, columns = np.triu_indices(6)
+    rows, columns = np.triu_indices(len(axes))
     share = np.where(rows == columns, 1.0, 0.25)
+    scale = share * np.sqrt(diagonal[rows] * diagonal[columns])
+    rows, columns = np.asarray(axes)[rows], np.asarray(axes)[columns]
     pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
     units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
     return Block(
         "mass matrix",
         tuple(f"M_{i + 1}{j + 1}" for i, j in pairs),
         tuple(units.tolist()),
-        share * np.sqrt(diagonal[rows] * diagonal[columns]),
+        scale,
         "spd",
-        labels=tuple(
-            _mass_label(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
-        ),
+        labels=tuple(_mass_label(i, j) for i, j in pairs),
     )
 
 

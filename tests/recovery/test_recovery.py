@@ -24,6 +24,7 @@ BARS = {
     "astrobee": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.01, "conserved_drift": 1e-8},
     "f1tenth": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.02, "conserved_drift": 2e-6},
     "bmw320i": {"theta_perp_ratio": 0.08, "conserved_drift": 2e-6},
+    "catamaran": {"theta_perp_ratio": 0.08, "actuator_ratio_error": 0.005, "conserved_drift": 1e-6},
     "hummingbird": {"theta_perp_ratio": 0.13, "conserved_drift": 1e-5},
     "crazyflie": {"theta_perp_ratio": 0.15, "conserved_drift": 1e-5},
     "rover": {"force_residual_ratio": 0.25, "conserved_drift": 1e-8},
