@@ -1,27 +1,38 @@
 """Forward dynamics v̇ = f(q, v, u, θ) of a structure with all its derivatives, compiled.
 
-A structure is a tuple whose type selects the code: a `Linkage`, a `Body`, or one registered by a
-system's own file. Positions change by tangent steps.
+A structure is a tuple whose type selects the code: a `StructureArrays`, a `Linkage`, or one
+registered by a system's own file. Positions change by tangent steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ..numerics.linalg import solve_many, solve_positive
-from ..numerics.spatial import (
-    coadjoint,
-    planar_difference,
-    planar_integrate,
-    pose_difference,
-    pose_integrate,
+from ..numerics.linalg import solve_many
+from ..numerics.spatial import pose_difference, pose_integrate
+from ..structure.arrays import (
+    FRAME,
+    INERTIA,
+    MOTION,
+    ROWS,
+    SCRATCH,
+    SLOPE,
+    Slopes,
+    StructureArrays,
+    Workspace,
 )
-from .structures import ConstantInertia, Linkage
+from ..structure.forces import write_forces
+from ..structure.kinematics import place
+from ..structure.poses import difference as structure_difference
+from ..structure.poses import group_of as structure_group
+from ..structure.poses import integrate as structure_integrate
+from ..structure.slopes import linearise as structure_linearise
+from ..structure.stage import accelerate as structure_accelerate
+from .structures import Linkage
 from .tree import BASE, CIRCLE, accelerate, tree_place, tree_room, tree_work
 from .tree_derivatives import derivative_work, write_derivatives
 from .tree_regressor import write_joints, write_links, write_rotors
@@ -30,51 +41,11 @@ STEP = 1e-7
 """Step of the differences where there are no analytic derivatives, relative to 1 + |v|."""
 
 
-class Body(NamedTuple):
-    """One body whose M is constant in its own frame.
-
-    Attributes:
-        inertia: M(θ).
-        group: number of velocities that form a body twist: 6, 3 or 0.
-        forces: its forces, whose type selects the code of `force_regressor`.
-    """
-
-    inertia: ConstantInertia
-    group: int
-    forces: Any
-
-
 Structure = Any
-"""A `Linkage`, a `Body`, or another tuple with overloads of the functions below."""
+"""A `StructureArrays`, a `Linkage`, or another tuple with overloads of the functions below."""
 
 
 # -- selected by the structure's type -----------------------------------------------------------
-
-
-def force_regressor(forces, q, v, u, F):
-    """Writes F (n, p) of (4) of one body into zeros; it depends on the attitude in q alone."""
-
-
-def force_law(kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Makes a compiled function the `force_regressor` of forces of a kind, a NamedTuple."""
-
-    def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        def chosen(forces, q, v, u, F):
-            return function.py_func if forces.instance_class is kind else None
-
-        overload(force_regressor)(chosen)
-        return function
-
-    return register
-
-
-@njit(cache=True)
-def forces_along(forces, q, v, u, p):
-    """(N, n, p) F of one body at N samples q (N, m), v (N, n), u (N, n_u)."""
-    F = np.zeros((v.shape[0], v.shape[1], p))
-    for k in range(v.shape[0]):
-        force_regressor(forces, q[k], v[k], u[k], F[k])
-    return F
 
 
 def forward_work(structure, n, p):
@@ -182,111 +153,35 @@ def _tree_linearise(linkage, q, v, u, theta, scale, work, a, A, B):
     return pivot
 
 
-# -- one body -------------------------------------------------------------------------------------
+# -- a structure ---------------------------------------------------------------------------------
 
 
 @njit(cache=True)
-def body_integrate(group, q, step, out):
-    """Writes the pose reached from q (m,) by a tangent step (n,)."""
-    if group == 6:
-        out[:] = pose_integrate(q, step)
-    elif group == 3:
-        out[:] = planar_integrate(q, step)
-    else:
-        for i in range(q.shape[0]):
-            out[i] = q[i] + step[i]
+def structure_work(structure, n):
+    """Allocates the workspace of a stage."""
+    bodies = structure.bodies.shape[0]
+    return Workspace(
+        np.zeros(bodies * MOTION),
+        np.zeros(bodies * INERTIA),
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros((ROWS, n)),
+        np.zeros(SCRATCH),
+    )
 
 
 @njit(cache=True)
-def body_difference(group, q0, q1, out):
-    """Writes the tangent step (n,) from pose q0 (m,) to q1."""
-    if group == 6:
-        out[:] = pose_difference(q0, q1)
-    elif group == 3:
-        out[:] = planar_difference(q0, q1)
-    else:
-        for i in range(q0.shape[0]):
-            out[i] = q1[i] - q0[i]
-
-
-@njit(cache=True)
-def _force(forces, q, v, u, theta, F, force):
-    """Writes F (n, p) and F θ (n,)."""
-    F[:] = 0.0
-    force_regressor(forces, q, v, u, F)
-    for i in range(F.shape[0]):
-        total = 0.0
-        for k in range(F.shape[1]):
-            total += F[i, k] * theta[k]
-        force[i] = total
-
-
-@njit(cache=True)
-def _body_acceleration(body, q, v, u, theta, work, a):
-    (entries, values), group, forces = body
-    M, L, _, F, _, _, force, _, h = work
-    M[:] = 0.0
-    for e in range(values.shape[0]):
-        M[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2]]
-    _force(forces, q, v, u, theta, F, force)
-    np.dot(M, v, h)
-    own = coadjoint(group, v, h)
-    for i in range(v.shape[0]):
-        a[i] = force[i] + own[i]
-    return solve_positive(M, L, a)
-
-
-@njit(cache=True)
-def _body_linearise(body, q, v, u, theta, scale, work, a, A, B):
-    (entries, values), group, forces = body
-    M, L, push, F, moved, step, force, other, h = work
-    n, p = F.shape
-    pivot = _body_acceleration(body, q, v, u, theta, work, a)
-    if not pivot > 0.0:
-        return pivot
-    step[:] = 0.0
-    for j in range(n):
-        step[j] = 1.0
-        turned, push[j] = coadjoint(group, step, h), coadjoint(group, v, step)
-        for i in range(n):
-            A[i, n + j] = turned[i]
-        step[j] = 0.0
-    for j in range(n):
-        for r in range(n):
-            for i in range(n):
-                A[i, n + j] += M[r, j] * push[r, i]
-    for i in range(n):
-        for k in range(p):
-            B[i, k] = F[i, k]
-    for e in range(values.shape[0]):
-        i, j, k = entries[e, 0], entries[e, 1], entries[e, 2]
-        B[i, k] -= values[e] * a[j]
-        for r in range(n):
-            B[r, k] += values[e] * v[j] * push[i, r]
-    for i in range(n):
-        for k in range(p):
-            B[i, k] *= scale[k]
-    for j in range(n):
-        if j < group // 2 or group == 0 or (group == 3 and j < 2):  # forces depend on attitude only
-            A[:, j] = 0.0
-            continue
-        step[j] = STEP
-        body_integrate(group, q, step, moved)
-        _force(forces, moved, v, u, theta, F, other)
-        for i in range(n):
-            A[i, j] = (other[i] - force[i]) / STEP
-        step[j] = 0.0
-    step[:] = v
-    for j in range(n):
-        width = STEP * (1.0 + abs(v[j]))
-        step[j] += width
-        _force(forces, q, step, u, theta, F, other)
-        for i in range(n):
-            A[i, n + j] += (other[i] - force[i]) / width
-        step[j] = v[j]
-    solve_many(L, A)
-    solve_many(L, B)
-    return pivot
+def slopes_work(structure, n):
+    """Allocates the workspace of derivatives."""
+    bodies, terms = structure.bodies.shape[0], structure.terms.shape[0]
+    return Slopes(
+        np.zeros((bodies + n + 1 + 2 * terms) * FRAME),
+        np.zeros(bodies * SLOPE),
+        np.zeros(n * FRAME),
+        np.zeros(structure.nonzeros.shape[0]),
+        np.zeros((n, 2 * n)),
+        np.zeros((4 * n, 3 * n)),
+    )
 
 
 # -- dispatch -------------------------------------------------------------------------------------
@@ -304,20 +199,10 @@ def _forward_work(structure, n, p):
             np.zeros((n, p)),
         )
 
-    def body(structure, n, p):
-        return (
-            np.empty((n, n)),
-            np.empty((n, n)),
-            np.empty((n, n)),
-            np.empty((n, p)),
-            np.empty(7 if n == 6 else n),
-            np.empty(n),
-            np.empty(n),
-            np.empty(n),
-            np.empty(n),
-        )
+    def data(structure, n, p):
+        return structure_work(structure, n), slopes_work(structure, n)
 
-    return _chosen(structure, tree, body)
+    return _chosen(structure, tree, data)
 
 
 @overload(write_acceleration)
@@ -325,10 +210,13 @@ def _write_acceleration(structure, q, v, u, theta, work, a):
     def tree(structure, q, v, u, theta, work, a):
         return _tree_acceleration(structure, q, v, u, theta, work, a)
 
-    def body(structure, q, v, u, theta, work, a):
-        return _body_acceleration(structure, q, v, u, theta, work, a)
+    def data(structure, q, v, u, theta, work, a):
+        stage, slopes = work
+        place(structure, q, v, slopes.state)
+        write_forces(structure, slopes.state, q, v, u, True, stage.scratch, slopes.F)
+        return structure_accelerate(structure, slopes.state, slopes.F, v, theta.copy(), stage, a)
 
-    return _chosen(structure, tree, body)
+    return _chosen(structure, tree, data)
 
 
 @overload(linearise)
@@ -336,10 +224,14 @@ def _linearise(structure, q, v, u, theta, scale, work, a, A, B):
     def tree(structure, q, v, u, theta, scale, work, a, A, B):
         return _tree_linearise(structure, q, v, u, theta, scale, work, a, A, B)
 
-    def body(structure, q, v, u, theta, scale, work, a, A, B):
-        return _body_linearise(structure, q, v, u, theta, scale, work, a, A, B)
+    def data(structure, q, v, u, theta, scale, work, a, A, B):
+        stage, slopes = work
+        own, size = theta.copy(), scale.copy()  # kernels take no array that is read-only
+        pivot = structure_linearise(structure, q, v, u, own, size, stage, slopes, a, B)
+        A[:] = slopes.by_state
+        return pivot
 
-    return _chosen(structure, tree, body)
+    return _chosen(structure, tree, data)
 
 
 @overload(group_of)
@@ -347,10 +239,10 @@ def _group_of(structure):
     def tree(structure):
         return 6 if structure.numbers[0, 2] == BASE else 0
 
-    def body(structure):
-        return structure.group
+    def data(structure):
+        return structure_group(structure.bodies)
 
-    return _chosen(structure, tree, body)
+    return _chosen(structure, tree, data)
 
 
 @overload(integrate_into)
@@ -358,10 +250,10 @@ def _integrate_into(structure, q, step, out):
     def tree(structure, q, step, out):
         tree_integrate(structure, q, step, out)
 
-    def body(structure, q, step, out):
-        body_integrate(structure.group, q, step, out)
+    def data(structure, q, step, out):
+        structure_integrate(structure.bodies, q, step, out, np.empty(SCRATCH))
 
-    return _chosen(structure, tree, body)
+    return _chosen(structure, tree, data)
 
 
 @overload(difference_into)
@@ -369,11 +261,11 @@ def _difference_into(structure, q0, q1, out):
     def tree(structure, q0, q1, out):
         tree_difference(structure, q0, q1, out)
 
-    def body(structure, q0, q1, out):
-        body_difference(structure.group, q0, q1, out)
+    def data(structure, q0, q1, out):
+        structure_difference(structure.bodies, q0, q1, out, np.empty(SCRATCH))
 
-    return _chosen(structure, tree, body)
+    return _chosen(structure, tree, data)
 
 
-def _chosen(structure, tree, body):
-    return {Linkage: tree, Body: body}.get(structure.instance_class)
+def _chosen(structure, tree, data):
+    return {Linkage: tree, StructureArrays: data}.get(structure.instance_class)

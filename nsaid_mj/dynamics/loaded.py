@@ -7,7 +7,7 @@ With V_i and W_i the twists of body i under the velocities v and w, A_i = J_i a 
 
 with I_i^w the part of I_i that has weight and g gravity in its axes; and
 Σ J_iᵀ f_i = M a + C(v) w − weight. Ṁ − 2C is skew because for each body J̇ᵀ I J − Jᵀ I J̇ and
-w ↦ ad_wᵀ h are (Fossen's form, see `systems.rigid_body`). Even where all I_i are those of rigid
+w ↦ ad_wᵀ h are (Fossen's form). Even where all I_i are those of rigid
 bodies, this C differs from that of `tree`.
 """
 

@@ -1,8 +1,8 @@
 """Motions: all parts of RK4's stages that depend on a log alone, and the stages themselves.
 
-A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type, a tree
-of bodies, one body, a tree with added mass, or the tensors of any system, selects the code when a
-loop is compiled.
+A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type, a
+`Structure`, a tree of bodies, a tree with added mass, or the tensors of any system, selects the
+code when a loop is compiled.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from numba.extending import overload
 
 from ..log import Log, Middle
 from ..numerics.linalg import solve_positive
-from ..numerics.spatial import bracket, coadjoint
 from ..parameters import Array
+from ..structure.arrays import StructureArrays
+from ..structure.stage import stage as structure_stage
 from ..system import SecondOrderSystem
+from .forward import structure_work
 from .interpolation import tree_half_way
 from .loaded import loaded_gradient, loaded_workspace
-from .structures import ConstantInertia, Linkage, LoadedTree
+from .structures import Linkage, LoadedTree
 from .tree import STATE, tree_gradient, tree_place, tree_work
 from .tree_lanes import LANES, lanes_gradient, lanes_work
 
@@ -47,23 +49,25 @@ class TreeMotion(NamedTuple):
     middles: Array
 
 
-class BodyMotion(NamedTuple):
-    """The motion of one body, whose M is constant in its own frame, along N samples.
+class StructureMotion(NamedTuple):
+    """The motion of a `Structure` along N samples.
 
     Attributes:
-        inertia: of the body.
-        group: number of velocities that form a body twist: 6, 3 or 0.
+        structure: the robot.
         t: (N,) times [s].
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        F: (3, N−1, n, p) force regressor at start, middle and end of every step.
+        states: (N, s) of `structure.kinematics`, at the samples.
+        middles: (N−1, s) of `structure.kinematics`, half-way between them.
+        F: (3, N−1, z) entries of F that can differ from 0, at start, middle and end of every step.
     """
 
-    inertia: ConstantInertia
-    group: int
+    structure: StructureArrays
     t: Array
     v: Array
     vm: Array
+    states: Array
+    middles: Array
     F: Array
 
 
@@ -213,9 +217,8 @@ def _stage_room(motion):
     def batch(motion):
         return lanes_work(motion.tree.linkage, motion.tree.v.shape[1]), np.empty(LANES)
 
-    def body(motion):
-        n = motion.v.shape[1]
-        return np.zeros((n, n)), np.zeros((n, n))
+    def structured(motion):
+        return structure_work(motion.structure, motion.v.shape[1])
 
     def loaded(motion):
         return loaded_workspace(motion.loaded, motion.v.shape[1])
@@ -226,7 +229,7 @@ def _stage_room(motion):
 
     rooms = {
         TreeMotion: tree,
-        BodyMotion: body,
+        StructureMotion: structured,
         LoadedMotion: loaded,
         TensorMotion: tensor,
         TreeBatch: batch,
@@ -243,23 +246,11 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
             motion.linkage, state, v, motion.u[k - 1], v_hat, theta, work, a_hat, gradient
         )
 
-    def body(motion, at, k, v_hat, theta, work, a_hat, gradient):
-        entries, values = motion.inertia
-        M, L = work
+    def structured(motion, at, k, v_hat, theta, work, a_hat, gradient):
+        state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
         v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
-        return body_gradient(
-            entries,
-            values,
-            motion.group,
-            motion.F[at, k - 1],
-            v,
-            v_hat,
-            theta,
-            M,
-            L,
-            a_hat,
-            gradient[0],
-        )
+        F, structure = motion.F[at, k - 1], motion.structure
+        return structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient[0])
 
     def loaded(motion, at, k, v_hat, theta, work, a_hat, gradient):
         state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
@@ -305,43 +296,12 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
 
     stages = {
         TreeMotion: tree,
-        BodyMotion: body,
+        StructureMotion: structured,
         LoadedMotion: loaded,
         TensorMotion: tensor,
         TreeBatch: batch,
     }
     return stages[motion.instance_class]
-
-
-@njit(cache=True)
-def body_gradient(entries, values, group, F, v, v_hat, theta, M, L, a_hat, gradient):
-    """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
-
-    As C w = −ad_wᵀ h with h = M̂ v, W need not be formed: every entry M_ij = c θ_k contributes
-    c (a_j Δv_i − v_j [v̂, Δv]_i) to Wᵀ Δv. `entries` (e, 3) and `values` (e,) are those of
-    `ConstantInertia`; M and L (n, n) are workspace.
-    """
-    n, p = F.shape
-    M[:] = 0.0
-    for e in range(values.shape[0]):
-        M[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2]]
-    dv = v_hat - v  # (37)
-    a_hat[:] = coadjoint(group, v_hat, np.dot(M, v))
-    gradient[:] = 0.0
-    for i in range(n):
-        total = 0.0
-        for k in range(p):
-            total += F[i, k] * theta[k]
-            gradient[k] -= F[i, k] * dv[i]
-        a_hat[i] += total
-    pivot = solve_positive(M, L, a_hat)  # (29)
-    if not pivot > 0.0:
-        return pivot
-    turned = bracket(group, v_hat, dv)
-    for e in range(values.shape[0]):
-        i, j, k = entries[e]
-        gradient[k] += values[e] * (a_hat[j] * dv[i] - v[j] * turned[i])
-    return pivot
 
 
 @njit(cache=True)

@@ -7,18 +7,6 @@ from typing import NamedTuple
 from ..parameters import Array, Indices
 
 
-class ConstantInertia(NamedTuple):
-    """M(θ) of a body in its own frame, sparse.
-
-    Attributes:
-        entries: (e, 3) rows [i, j, k]: M_ij contains value · θ_k.
-        values: (e,) the values of these entries.
-    """
-
-    entries: Indices
-    values: Array
-
-
 class Linkage(NamedTuple):
     """A tree of bodies on 1-DOF joints, the first possibly on a free flyer, for `dynamics.tree`.
 

@@ -12,27 +12,22 @@ error is of third order in the step. θ acts through the n components of c alone
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numba.extending import overload
 
 from ..numerics.spatial import bracket
+from ..structure.arrays import StructureArrays
+from ..structure.transition import step as structure_step
 from .forward import forward_work, group_of, integrate_into, linearise, write_acceleration
 
 
 @njit(cache=True)
 def transition_work(structure, n, m, p):
     """Allocates the workspace of `transition`."""
-    return (
-        forward_work(structure, n, p),
-        np.empty((n, 2 * n)),
-        np.empty((n, p)),
-        np.empty((2, n)),
-        np.empty((2, n)),
-        np.empty((2, n)),
-        np.empty(m),
-        np.empty((2 * n, 3 * n)),
-        np.empty((2 * n, 3 * n)),
-    )
+    return _work(structure, n, m, p)
 
 
 @njit(cache=True)
@@ -55,25 +50,69 @@ def transition(structure, q, v, u, dt, theta, scale, work, q1, v1):
         M's smallest pivot, > 0 if it succeeded; (2n, 3n) the derivatives of the end with respect to
         (q, v) at the start and c; and (n, p) those of c with respect to θ/scale.
     """
-    forward, A, B, rates, now, sums, at, F, product = work
-    group, pivot = group_of(structure), np.inf
-    way, speed, a = now[0], now[1], rates[0]
-    _begin(q, v, at, now, sums)
-    for stage in range(4):
-        if stage == 2:
-            own = linearise(structure, at, speed, u, theta, scale, forward, a, A, B)
-            _write_flow(group, dt, speed, A, F, product)
-        else:
-            own = write_acceleration(structure, at, speed, u, theta, forward, a)
-        pivot = min(pivot, own)
-        if not pivot > 0.0:
-            return pivot, F, B
-        _advance(group, stage, dt, v, rates, now, sums)
-        if stage < 3:
-            integrate_into(structure, q, way, at)
-    _end(v, sums, v1)
-    integrate_into(structure, q, sums[0], q1)
-    return pivot, F, B
+    return _step(structure, q, v, u, dt, theta, scale, work, q1, v1)
+
+
+def _work(structure, n, m, p) -> Any:
+    """`transition_work`, selected by the structure's type."""
+
+
+def _step(structure, q, v, u, dt, theta, scale, work, q1, v1) -> Any:
+    """`transition`, selected by the structure's type."""
+
+
+@overload(_work)
+def _choose_work(structure, n, m, p):
+    def data(structure, n, m, p):
+        own, rates, flow = forward_work(structure, n, p), np.empty((1, n)), np.empty((2 * n, 3 * n))
+        return own, np.empty(m), np.empty((n, p)), rates, flow
+
+    def other(structure, n, m, p):
+        return (
+            forward_work(structure, n, p),
+            np.empty((n, 2 * n)),
+            np.empty((n, p)),
+            np.empty((2, n)),
+            np.empty((2, n)),
+            np.empty((2, n)),
+            np.empty(m),
+            np.empty((2 * n, 3 * n)),
+            np.empty((2 * n, 3 * n)),
+        )
+
+    return data if structure.instance_class is StructureArrays else other
+
+
+@overload(_step)
+def _choose_step(structure, q, v, u, dt, theta, scale, work, q1, v1):
+    def data(structure, q, v, u, dt, theta, scale, work, q1, v1):
+        (stage, slopes), at, B, _, F = work
+        own, size = theta.copy(), scale.copy()  # kernels take no array that is read-only
+        pivot = structure_step(structure, q, v, u, dt, own, size, stage, slopes, at, q1, v1, F, B)
+        return pivot, F, B
+
+    def other(structure, q, v, u, dt, theta, scale, work, q1, v1):
+        forward, A, B, rates, now, sums, at, F, product = work
+        group, pivot = group_of(structure), np.inf
+        way, speed, a = now[0], now[1], rates[0]
+        _begin(q, v, at, now, sums)
+        for stage in range(4):
+            if stage == 2:
+                own = linearise(structure, at, speed, u, theta, scale, forward, a, A, B)
+                _write_flow(group, dt, speed, A, F, product)
+            else:
+                own = write_acceleration(structure, at, speed, u, theta, forward, a)
+            pivot = min(pivot, own)
+            if not pivot > 0.0:
+                return pivot, F, B
+            _advance(group, stage, dt, v, rates, now, sums)
+            if stage < 3:
+                integrate_into(structure, q, way, at)
+        _end(v, sums, v1)
+        integrate_into(structure, q, sums[0], q1)
+        return pivot, F, B
+
+    return data if structure.instance_class is StructureArrays else other
 
 
 # Whatever does not depend on the structure is a function of its own, which is compiled only once.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 from .spatial import bracket, planar_difference, planar_integrate, pose_difference, pose_integrate
@@ -54,14 +53,3 @@ def half_way(dq, v0, v1, dt, hermite, group):
     slope = 1.5 / dt * dq - 0.25 * (v0 + slope1)
     once = bracket(group, half, slope)
     return half, slope - 0.5 * once + bracket(group, half, once) / 6
-
-
-@njit(cache=True)
-def body_midpoints(group, t, q, v, hermite):
-    """(N−1, m) poses and (N−1, n) velocities half-way between N samples t, q, v of a body."""
-    steps = t.shape[0] - 1
-    qm, vm = np.empty((steps, q.shape[1])), np.empty((steps, v.shape[1]))
-    for k in range(steps):
-        dt = t[k + 1] - t[k]
-        qm[k], vm[k] = body_half_way(group, q[k], v[k], q[k + 1], v[k + 1], dt, hermite)
-    return qm, vm

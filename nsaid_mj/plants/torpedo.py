@@ -347,7 +347,7 @@ def theta_of(true: Torpedo) -> Array:
 
 def with_theta(nominal: Torpedo, theta: Array) -> Torpedo:
     """The nominal geometry with the parameters θ (p,) of a `TorpedoVehicle`."""
-    M = mass_tensor(6) @ theta[:6]
+    M = mass_tensor() @ theta[:6]
     rigid, added = split_mass(M, nominal.rigid, nominal.added)
     k = len(nominal.fin_lift)
     drag, lift, weight, righting, propeller, fin_lift, fin_drag = np.split(

@@ -1,4 +1,4 @@
-"""Columns of F of a fluid: drag along each axis, net weight, righting moments, body lift.
+"""Columns of F of a fluid: drag along each axis, net weight, righting moments.
 
 Every function writes into F (n, p) from column `start` on and returns the column after the last one
 it writes.
@@ -7,8 +7,6 @@ it writes.
 from __future__ import annotations
 
 from numba import njit
-
-from ..numerics.spatial import unrotate
 
 
 @njit(cache=True)
@@ -42,41 +40,3 @@ def restoring(F, start, z):
     F[3, at + 1], F[5, at + 1] = z[2], -z[0]
     F[3, at + 2], F[4, at + 2] = -z[1], z[0]
     return start + 4
-
-
-@njit(cache=True)
-def upright(F, start, attitude, up):
-    """Net weight W − B [N], and r_B B − r_G W [N·m] along the body's z only; 2 columns.
-
-    Args:
-        F: (6, p) force regressor; written.
-        start: first column.
-        attitude: (4,) quaternion x, y, z, w, body to world.
-        up: (3,) upward unit vector in the world's axes.
-    """
-    z = unrotate(attitude, up)
-    F[0, start], F[1, start], F[2, start] = -z[0], -z[1], -z[2]
-    F[3, start + 1], F[4, start + 1] = -z[1], z[0]
-    return start + 2
-
-
-@njit(cache=True)
-def revolution_drag(F, start, v):
-    """Quadratic drag of a body of revolution about x: along, across, roll, turning; 4 columns."""
-    for column, (first, last) in enumerate(((0, 1), (1, 3), (3, 4), (4, 6))):
-        for i in range(first, last):
-            F[i, start + column] = -abs(v[i]) * v[i]
-    return start + 4
-
-
-@njit(cache=True)
-def revolution_lift(F, start, v):
-    """Lift of a body of revolution about x, force and moment about the origin; 2 columns.
-
-    The force is −|u| times sideways velocity; the moment that of a lift behind the origin, turning
-    the nose into the flow. (The Munk moment turns it away; it is in C.)
-    """
-    u = abs(v[0])
-    F[1, start], F[2, start] = -u * v[1], -u * v[2]
-    F[5, start + 1], F[4, start + 1] = u * v[1], -u * v[2]
-    return start + 2

@@ -9,10 +9,10 @@ from numba import njit
 
 from ..parameters import Array, Block
 from . import actuators
+from .inertial import of_a_body
 from .loads import carried_force_law
 from .multibody import JointScales
 from .optional import pin
-from .rigid_body import of_a_body
 from .tree import Carried
 from .vehicle_manipulator import VehicleManipulator, link_blocks
 

@@ -17,7 +17,7 @@ from ..numerics.spatial import pose_jacobian, quaternion_of
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .optional import pin
-from .rigid_body import SPATIAL_UNITS
+from .structured import SPATIAL_UNITS
 
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
 _PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π

@@ -27,9 +27,9 @@ from .general import (
     tensor_motion,
     tensor_steps,
 )
+from .inertial import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .joints import JointTree
 from .optional import pin
-from .rigid_body import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .tree import linkage_of
 
 _BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.forward import force_law
-from ..numerics.spatial import unrotate
 from ..parameters import Array, Block, ParameterSpace
-from . import actuators, fluid
-from .rigid_body import RigidBody, symmetric
+from ..structure.columns.curve import odd
+from ..structure.parts import Body, Column, Inertia, columns_at, full
+from ..structure.structure import Structure
+from .structured import StructuredSystem
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class UnderwaterScales:
     speed: Array
 
 
-class UnderwaterVehicle(RigidBody):
+class UnderwaterVehicle(StructuredSystem):
     """M ν̇ + C(ν) ν = −D ν − D_q |ν| ν − g(q) + Σ k_i f(u_i) w_i (6), Fossen's model.
 
     θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust (k)].
@@ -55,39 +52,22 @@ class UnderwaterVehicle(RigidBody):
     """
 
     def __init__(self, scales: UnderwaterScales, positions: Array, directions: Array, curve: Array):
-        space = body_space(scales)
-        k = len(positions)
-        law = WaterForces(
-            actuators.wrenches(positions, directions), np.asarray(curve, dtype=np.float64)
-        )
-        super().__init__(space, symmetric(6, 0, len(space)), k, positions, law)
+        space, k = body_space(scales), len(positions)
+        columns = [
+            *(Column("linear_drag", 21 + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
+            *(Column("drag", 27 + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
+            Column("weight", 33, body=0),
+            *(Column("righting", 34 + i, body=0, axis=axis) for i, axis in enumerate(np.eye(3))),
+            *columns_at("thruster", 37, positions, directions, curve=odd(*curve)),
+        ]
+        robot = Structure([Body("free")], [Inertia(0, 0, full())], columns, len(space), k)
+        super().__init__(robot, space, positions)
         self._speed = scales.speed
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a position within 10 m, any attitude, velocities and commands of operation."""
         q = self.position(np.r_[rng.uniform(-10, 10, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(-1, 1, self.n_u)
-
-
-class WaterForces(NamedTuple):
-    """Drag, weight and thrusters, for compiled loops.
-
-    Attributes:
-        allocation: (6, k) unit wrenches of the thrusters.
-        curve: coefficients of their command curve.
-    """
-
-    allocation: Array
-    curve: Array
-
-
-@force_law(WaterForces)
-@njit(cache=True)
-def _forces(forces, q, v, u, F):
-    column = fluid.linear_drag(F, 21, v)
-    column = fluid.quadratic_drag(F, column, v)
-    column = fluid.restoring(F, column, unrotate(q[3:], _UP))
-    actuators.thrusters(F, column, forces.allocation, forces.curve, u)
 
 
 def mass_block(diagonal: Array) -> Block:

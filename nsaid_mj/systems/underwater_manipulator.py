@@ -12,11 +12,11 @@ from ..dynamics.tree import TWIST
 from ..numerics.triples import add, back, cross, dot, scale, three
 from ..parameters import Array, Block
 from . import actuators, fluid
+from .inertial import of_a_body, symmetric
 from .joints import body_names
 from .loads import carried_force_law
 from .multibody import JointScales
 from .optional import pin
-from .rigid_body import of_a_body, symmetric
 from .tree import Carried
 from .underwater import UnderwaterScales, body_space
 from .vehicle_manipulator import VehicleManipulator, link_blocks, pull

@@ -43,7 +43,6 @@ def driven(name: str):
 def test_the_compiled_step_equals_the_generic_one(name, gains, hermite):
     """200 steps; what differs is the order of sums."""
     system, prior, law, dt, seen = driven(name)
-    assert system.inertia is not None
     K, Gamma = np.full(system.n, law.K), law.gain * system.space.scale**2
     if gains == "full":
         rng = np.random.default_rng(1)

@@ -9,25 +9,21 @@ import pinocchio as pin
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.structure.columns import curve
-from nsaid_mj.structure.parts import Body, Column, Inertia, Rotor, cylinder, full, tied
+from nsaid_mj.structure.parts import Body, Column, Inertia, Rotor, cylinder, full
 from nsaid_mj.structure.structure import Structure
-from nsaid_mj.systems import torpedo
-from nsaid_mj.systems.aerial import GRAVITY, Quadrotor
 from nsaid_mj.systems.flying_arm import FlyingArm
-from nsaid_mj.systems.ground import CREEP, GroundVehicle
 from nsaid_mj.systems.multibody import MotorTree
-from nsaid_mj.systems.scalar import ScalarVehicle
-from nsaid_mj.systems.space import FreeFlyer
-from nsaid_mj.systems.torpedo import TorpedoVehicle
-from nsaid_mj.systems.underwater import UnderwaterVehicle
+from nsaid_mj.systems.structured import StructuredSystem
 from nsaid_mj.systems.underwater_manipulator import UnderwaterManipulator
 from nsaid_mj.systems.vehicle_manipulator import VehicleManipulator
 
-WEIGHTLESS, UNIT, X = np.zeros(3), np.eye(6), np.eye(3)[0]
+UNIT = np.eye(6)
 
 
 def convert(system: Any) -> Structure:
     """The structure of any of today's systems."""
+    if isinstance(system, StructuredSystem):
+        return system.structure
     for kind, converter in CONVERTERS.items():
         if isinstance(system, kind):
             return converter(system)
@@ -91,89 +87,6 @@ def _thrusters(kind: str, start: int, allocation: Array, shape: Array, first: in
     return columns
 
 
-def _underwater(s: UnderwaterVehicle) -> Structure:
-    law = s.forward.forces
-    columns = [
-        *_axes("linear_drag", 21),
-        *_axes("drag", 27),
-        Column("weight", 33, body=0),
-        *_righting(34),
-        *_thrusters("thruster", 37, law.allocation, curve.odd(*law.curve)),
-    ]
-    return Structure([Body("free")], [Inertia(0, 0, full())], columns, s.p, s.n_u)
-
-
-def _torpedo(s: TorpedoVehicle) -> Structure:
-    law, k = s.forward.forces, s.n_u - 1
-    columns = [
-        *(
-            Column("drag", 6 + i, body=0, axes=axes)
-            for i, axes in enumerate(([1, 0, 0, 0, 0, 0], [0, 1, 1, 0, 0, 0],
-                                      [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 1]))
-        ),
-        Column("lift", 10, body=0),
-        Column("lift_moment", 11, body=0),
-        Column("weight", 12, body=0),
-        Column("righting", 13, body=0, axis=[0, 0, 1]),
-        Column(
-            "propeller", 14, body=0, input=k, point=np.zeros(3), direction=X, slip=law.slip
-        ),
-        Column("propeller_torque", 15, body=0, input=k, direction=X),
-    ]  # fmt: skip
-    mounts = s.mounts[2 : 2 + k]
-    for i in range(k):
-        lift = law.allocation[0, :3, i]
-        columns.append(Column("fin", 16 + i, body=0, input=i, point=mounts[i], direction=lift))
-    columns += [Column("fin_drag", 16 + k + i, body=0, input=i, point=mounts[i]) for i in range(k)]
-    mass = Inertia(0, 0, tied([(j, i, at, value) for i, j, at, value in torpedo._MASS]))
-    return Structure([Body("free")], [mass], columns, s.p, s.n_u)
-
-
-def _quadrotor(s: Quadrotor) -> Structure:
-    columns = []
-    for k, point in enumerate(s.rotors):
-        there = {"body": 0, "input": k, "direction": [0, 0, 1]}
-        columns += [
-            Column("rotor", 16 + k, point=point, **there),
-            Column("rotor_torque", 20 + k, body=0, input=k, direction=[0, 0, s.spin[k]]),
-            Column("rotor_inflow", 10, point=point, body=0, direction=[0, 0, 1]),
-            Column("rotor_drag", 11, point=point, **there),
-            Column("rotor_damping", 12, point=point, **there),
-        ]
-    columns += [Column("speed_drag", 13 + i, body=0, axes=UNIT[i]) for i in range(3)]
-    gravity = [0, 0, -GRAVITY]
-    return Structure([Body("free")], [Inertia(0, 0)], columns, s.p, s.n_u, (), gravity)
-
-
-def _free_flyer(s: FreeFlyer) -> Structure:
-    columns = _thrusters("nozzle", 10, s.forward.forces.allocation, curve.LINEAR)
-    return Structure([Body("free")], [Inertia(0, 0)], columns, s.p, s.n_u, (), WEIGHTLESS)
-
-
-def _car(s: GroundVehicle) -> Structure:
-    arm = s.forward.forces.arm
-    columns = [
-        Column("tyre", 3, body=0, input=1, arm=arm),
-        Column("tyre", 4, body=0, arm=-arm),
-        Column("drive", 5, body=0, input=0),
-        Column("drive_loss", 6, body=0, input=0),
-        Column("rolling", 7, body=0, speed=CREEP),
-        Column("drag", 8, body=0, axes=UNIT[0]),
-    ]
-    mass = tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)])
-    return Structure([Body("planar")], [Inertia(0, 0, mass)], columns, s.p, s.n_u)
-
-
-def _scalar(s: ScalarVehicle) -> Structure:
-    columns = [
-        Column("quadratic", 1, dof=0),
-        Column("weight", 2, body=0),
-        Column("motor", 3, dof=0, input=0),
-    ]
-    mass = Inertia(0, 0, tied([(2, 2, 0, 1.0)]))
-    return Structure([Body("slide")], [mass], columns, 4, 1)
-
-
 def _carrier(s: VehicleManipulator, inertias: list[Inertia]) -> tuple[Any, list[Any]]:
     """Structure's first arguments for a vehicle with an arm, with the joints' columns."""
     start = int(s.loaded.linkage.columns[0])
@@ -225,12 +138,6 @@ def _flying_arm(s: FlyingArm) -> Structure:
 
 CONVERTERS: dict[type, Any] = {
     MotorTree: _arm,
-    UnderwaterVehicle: _underwater,
-    TorpedoVehicle: _torpedo,
-    Quadrotor: _quadrotor,
-    FreeFlyer: _free_flyer,
-    GroundVehicle: _car,
-    ScalarVehicle: _scalar,
     UnderwaterManipulator: _uvms,
     FlyingArm: _flying_arm,
 }

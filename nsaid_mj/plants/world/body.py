@@ -12,7 +12,7 @@ from ...errors import InvalidInput
 from ...numerics.spatial import rotation
 from ...parameters import Array
 from ...resources import vehicle_files
-from ...systems.rigid_body import RigidBody
+from ...systems.structured import StructuredSystem
 from .coordinates import PlanarMap, PoseMap
 from .mismatch import Mismatch
 from .plant import Plant, set_options
@@ -43,11 +43,11 @@ class Vehicle(Plant):
         InvalidInput: MuJoCo rejects the body, or the mismatch does not suit the time step.
     """
 
-    system: RigidBody
+    system: StructuredSystem
 
     def __init__(
         self,
-        system: RigidBody,
+        system: StructuredSystem,
         truth: Array,
         spec: Any,
         numbers: Array,
