@@ -86,7 +86,7 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
     """
     t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
     stages, work = stage_room(motion), room(law, n, p)
-    a_hat, gradient = np.zeros(n), np.zeros((1, p))
+    a_hat, gradient = np.zeros(n), np.zeros(p)
     z, theta = work[1], work[4]
     for k in range(first, t.shape[0]):
         dt = t[k] - t[k - 1]
@@ -103,7 +103,7 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
                 pivots[k] = pivot
                 return k
             pivots[k] = min(pivots[k], pivot)
-            advance(law, work, v, a_hat, gradient[0], weight, reach)
+            advance(law, work, v, a_hat, gradient, weight, reach)
         if not sound(law, theta):
             pivots[k] = np.nan
             return k

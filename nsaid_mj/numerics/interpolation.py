@@ -4,28 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from .spatial import bracket, planar_difference, planar_integrate, pose_difference, pose_integrate
-
-
-@njit(cache=True)
-def body_half_way(group, q0, v0, q1, v1, dt, hermite):
-    """The pose (m,) and velocity (n,) half-way between two samples of a body; see `half_way`.
-
-    Args:
-        group: 6 for poses in space, 3 for poses in the plane, 0 where positions add.
-        q0: (m,) pose at the first sample.
-        v0: (n,) velocity at the first sample.
-        q1: (m,) pose at the second sample.
-        v1: (n,) velocity at the second sample.
-        dt: time between the samples [s].
-        hermite: cubic Hermite interpolation; else the mean of both velocities.
-    """
-    if group == 0:
-        half, v = half_way(q1 - q0, v0, v1, dt, hermite, group)
-        return q0 + half, v
-    dq = pose_difference(q0, q1) if group == 6 else planar_difference(q0, q1)
-    half, v = half_way(dq, v0, v1, dt, hermite, group)
-    return pose_integrate(q0, half) if group == 6 else planar_integrate(q0, half), v
+from .spatial import bracket
 
 
 @njit(cache=True)

@@ -11,11 +11,19 @@ from .arrays import FALL, FRAME, Array
 from .compilation import ready
 from .forces import write_forces
 from .kinematics import place
-from .motion import along, balance, between, evaluate, write_force_regressors
+from .motion import (
+    along,
+    balance,
+    between,
+    combine,
+    evaluate,
+    write_force_regressors,
+    write_mass_tensor,
+)
 from .poses import difference, integrate
 from .regressor import write_regressor
 from .slopes import linearise
-from .stage import stage
+from .stage import accelerate, stage
 from .structure import Structure
 
 
@@ -72,13 +80,22 @@ class Evaluation:
 
     def regressor(self, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         """(n, p) combined regressor W = W_M + W_C − F of (10)."""
-        self._place(q, v)
-        return self._regressor(w, a, 1.0, self._forces(q, v, u))
+        F, own = self._none.copy(), self._memory
+        W = np.empty((self.structure.n, self.structure.p))
+        combine(self.arrays, q, v, w, a, u, own.state, F, own.work, W)
+        return W
 
     def W_M(self, q: Array, a: Array) -> Array:
         """(n, p) with W_M θ = M(q, θ) a (8)."""
         self._place(q, self._still)
         return self._regressor(self._still, a, 0.0, self._none)
+
+    def mass_tensor(self, q: Array) -> Array:
+        """(n, n, p), entry [j] is W_M(q, e_j)."""
+        n, own = self.structure.n, self._memory
+        out = np.empty((n, n, self.structure.p))
+        write_mass_tensor(self.arrays, q, self._still, own.state, own.work, out)
+        return out
 
     def W_C(self, q: Array, v: Array, w: Array) -> Array:
         """(n, p) with W_C θ = C(q, v, θ) w (9)."""
@@ -120,6 +137,18 @@ class Evaluation:
         pivot = evaluate(self.arrays, q, v, u, w, theta, own.state, F, own.work, a, W)
         return a, W, pivot
 
+    def acceleration(
+        self, q: Array, v: Array, u: Array, w: Array, theta: Array
+    ) -> tuple[Array, float]:
+        """â of (29) and M̂'s smallest pivot; â is NaN if M̂ is not positive definite."""
+        self._place(q, v)
+        a, own = np.empty(self.structure.n), self._memory
+        F = self._forces(q, v, u)
+        pivot = accelerate(self.arrays, own.state, F, w, theta, own.work, a)
+        if not pivot > 0:
+            a[:] = np.nan
+        return a, pivot
+
     def midpoints(self, hermite: bool, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """(N−1, m) and (N−1, n) states half-way between N samples; see `motion.between`."""
         qm, vm = np.empty((len(t) - 1, self.structure.m)), np.empty((len(t) - 1, self.structure.n))
@@ -147,7 +176,7 @@ class Evaluation:
 
     def mass_matrix(self, q: Array, theta: Array) -> Array:
         """(n, n) M(q, θ)."""
-        return np.stack([self.W_M(q, e) @ theta for e in np.eye(self.structure.n)], axis=1)
+        return self.mass_tensor(q) @ theta
 
     def coriolis_matrix(self, q: Array, v: Array, theta: Array) -> Array:
         """(n, n) C(q, v, θ)."""

@@ -41,7 +41,7 @@ from .arrays import (
     VELOCITY,
     WRENCH,
 )
-from .compiled import STRUCTURE, WORKSPACE, f8, helper, i8, kernel, table, vector, void
+from .compiled import STRUCTURE, WORKSPACE, f8, helper, i8, kernel, routine, table, vector, void
 from .inertia import (
     add_common_power,
     add_momentum,
@@ -115,7 +115,7 @@ def _add_square_wrench(state, frame, inertia, at, motion, own, x):
     add_pushed(motion, own + VELOCITY, x, 6, 1.0, motion, own + WRENCH)
 
 
-@helper(void(STRUCTURE, vector, i8, vector, WORKSPACE))
+@routine(void(STRUCTURE, vector, i8, vector, WORKSPACE))
 def _load(structure, state, ground, theta, work):
     """Writes every body's own inertia and wrench under θ."""
     bodies, entries, values = structure.bodies, structure.entries, structure.values
@@ -287,3 +287,41 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
         i = nonzeros[z, 0]
         gradient[nonzeros[z, 1]] -= F[z] * (w[i] - v[i])
     return pivot
+
+
+@kernel(void(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector))
+def require(structure, state, F, v, a, theta, work, force):
+    """Writes what a motion requires beyond F θ, M a + C v − F θ, into force (n,).
+
+    Where F is that without commands, these are the torques of the motors.
+
+    Args:
+        structure: the robot.
+        state: (s,) at the measured state.
+        F: (z,) the entries of F that can differ from 0.
+        v: (n,) measured velocity.
+        a: (n,) acceleration.
+        theta: (p,) parameters.
+        work: memory.
+        force: (n,) written.
+    """
+    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
+    motion, axes = work.motion, bodies.shape[0] * FRAME
+    accumulate(bodies, state, 0, v, motion, VELOCITY)
+    accumulate(bodies, state, RATE, v, motion, DRIFT)
+    accumulate(bodies, state, 0, a, motion, PUSH)
+    for b in range(bodies.shape[0]):
+        for i in range(b * MOTION, b * MOTION + 6):
+            motion[i + DRIFT] += motion[i + PUSH]
+    _load(structure, state, axes + v.shape[0] * FRAME, theta, work)
+    for b in range(bodies.shape[0] - 1, -1, -1):
+        own, parent, first = b * MOTION, bodies[b, PARENT], bodies[b, AT_V]
+        for j in range(first, first + bodies[b, COUNT]):
+            force[j] = dot(state, axes + j * FRAME, motion, own + WRENCH)
+        if parent >= 0:
+            for i in range(WRENCH, WRENCH + 6):
+                motion[parent * MOTION + i] += motion[own + i]
+    for r in range(rotors.shape[0]):
+        force[rotors[r, 0]] += theta[rotors[r, 1]] * a[rotors[r, 0]]
+    for z in range(nonzeros.shape[0]):
+        force[nonzeros[z, 0]] -= F[z] * theta[nonzeros[z, 1]]

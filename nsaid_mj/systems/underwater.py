@@ -55,10 +55,7 @@ class UnderwaterVehicle(StructuredSystem):
     def __init__(self, scales: UnderwaterScales, positions: Array, directions: Array, curve: Array):
         space, k = body_space(scales), len(positions)
         columns = [
-            *(Column("linear_drag", 21 + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
-            *(Column("drag", 27 + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
-            Column("weight", 33, body=0),
-            *(Column("righting", 34 + i, body=0, axis=axis) for i, axis in enumerate(np.eye(3))),
+            *water_columns(21),
             *columns_at("thruster", 37, positions, directions, curve=odd(*curve)),
         ]
         robot = Structure([Body("free")], [Inertia(0, 0, full())], columns, len(space), k)
@@ -69,6 +66,16 @@ class UnderwaterVehicle(StructuredSystem):
         """Draws a position within 10 m, any attitude, velocities and commands of operation."""
         q = self.position(np.r_[rng.uniform(-10, 10, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(-1, 1, self.n_u)
+
+
+def water_columns(start: int) -> list[Column]:
+    """Drag, net weight and righting moments of the first body, from θ[start] on."""
+    return [
+        *(Column("linear_drag", start + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
+        *(Column("drag", start + 6 + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
+        Column("weight", start + 12, body=0),
+        *(Column("righting", start + 13 + i, body=0, axis=e) for i, e in enumerate(np.eye(3))),
+    ]
 
 
 def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
