@@ -90,9 +90,18 @@ class ComputedTorque(Driver):
         series: the desired motion.
         omega: bandwidth ω of the tracking loop [rad/s].
         limit: (n,) largest commands, > 0.
+
+    Raises:
+        InvalidInput: the joints have servos.
     """
 
     def __init__(self, system: MotorTree, prior: Array, series: Series, omega: float, limit: Array):
+        if system.scales.actuator != "motor":
+            expected, remedy = (
+                "motors, whose commands are torques",
+                "Use MultisineCommand: targets.",
+            )
+            raise InvalidInput("excitation", expected, "position servos", remedy)
         self._tracking = Tracking(system.structure.arrays, np.array(prior), series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
 

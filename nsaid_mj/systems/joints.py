@@ -10,6 +10,7 @@ rates.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from ..structure.structure import Structure
 from .optional import pin
 from .structured import StructuredKinematics
 
+Actuator = Literal["motor", "servo"]
+"""What a joint's command is: a motor's torque over its gain, or a servo's target."""
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
 _PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
 
@@ -66,6 +69,15 @@ class JointTree(StructuredKinematics):
                 if np.isfinite([a, b]).all() and a < b:
                     low[joint.idx_v], high[joint.idx_v] = max(a, -10.0), min(b, 10.0)
         return low, high
+
+    def angles(self, q: Array) -> Array:
+        """(k,) the joints' angles [rad] or travels [m] at q (m,)."""
+        return np.array(
+            [
+                np.arctan2(q[j.idx_q + 1], q[j.idx_q]) if j.nq == 2 else q[j.idx_q]
+                for j in self.joints
+            ]
+        )
 
     @cached_property
     def slides(self) -> list[bool]:
@@ -123,16 +135,21 @@ def bodies_of(model: pin.Model) -> list[Body]:
 
 
 def joint_parts(
-    model: pin.Model, start: int, rotors: bool, friction_speed: Array
+    model: pin.Model,
+    start: int,
+    rotors: bool,
+    friction_speed: Array,
+    actuator: Actuator = "motor",
 ) -> tuple[list[Rotor], list[Column]]:
-    """What a motor on every joint adds to a structure.
+    """What a motor or servo on every joint adds to a structure.
 
     Args:
         model: with k 1-DOF joints.
         start: index in θ of the first of rotor inertias (k, if modelled), viscous friction (k),
-            Coulomb friction (k) and motor gains (k).
+            Coulomb friction (k) and gains (k).
         rotors: whether rotor inertias are modelled.
         friction_speed: (k,) speeds at which Coulomb friction saturates [rad/s or m/s].
+        actuator: kind of all actuators.
     """
     k = len(friction_speed)
     first = model.nv - k
@@ -145,7 +162,7 @@ def joint_parts(
         for i, speed in enumerate(friction_speed)
     ]
     start += k
-    columns += [Column("motor", start + i, dof=first + i, input=i) for i in range(k)]
+    columns += [Column(actuator, start + i, dof=first + i, input=i) for i in range(k)]
     return rotating, columns
 
 

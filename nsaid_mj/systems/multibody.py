@@ -28,6 +28,7 @@ from .general import (
 )
 from .inertial import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .joints import (
+    Actuator,
     JointTree,
     bodies_of,
     body_names,
@@ -41,6 +42,11 @@ from .joints import (
 from .optional import pin
 from .structured import plain
 
+_ACTUATORS = {
+    "motor": ("motor gain", "gain", ("N·m/unit", "N/unit")),
+    "servo": ("servo gain", "kp", ("N·m/rad", "N/m")),
+}
+"""Block of θ, letter and units of the gains of each kind of actuator."""
 _BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
 
 
@@ -53,10 +59,11 @@ class JointScales:
         length: (b,) sizes of the bodies [m].
         viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
         coulomb: (k,) Coulomb friction [N·m or N].
-        gain: (k,) motor gains [N·m or N per unit of command].
+        gain: (k,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
         speed: (k,) speeds of operation [rad/s or m/s].
         command: (k,) commands of operation [units of command].
         rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
+        actuator: whether a command is a motor's, or the position target of a servo.
     """
 
     mass: Array
@@ -67,10 +74,13 @@ class JointScales:
     speed: Array
     command: Array
     rotor: Array | None = None
+    actuator: Actuator = "motor"
 
 
 class MotorTree(JointTree):
     """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5), with motors on the joints only.
+
+    With position servos, whose commands are targets, the last term is diag(k) (u − q).
 
     C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
     C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
@@ -90,7 +100,9 @@ class MotorTree(JointTree):
         model = without_inertia(model)
         bodies, space, speed = bodies_of(model), _space(model, scales), np.asarray(friction_speed)
         links, motors = 10 * len(bodies), len(moving_joints(model))
-        rotors, columns = joint_parts(model, links, scales.rotor is not None, speed)
+        rotors, columns = joint_parts(
+            model, links, scales.rotor is not None, speed, scales.actuator
+        )
         rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
         gravity = model.gravity.linear.copy()
         structure = Structure(bodies, rigid, columns, len(space), motors, rotors, gravity)
@@ -102,7 +114,8 @@ class MotorTree(JointTree):
         """Draws a configuration within the limits, speeds and commands of operation."""
         q = self.position(rng.uniform(*self.limits))
         v = self._speed * rng.uniform(-1, 1, self.n)
-        return q, v, self.scales.command * rng.uniform(-1, 1, self.n_u)
+        u = self.scales.command * rng.uniform(-1, 1, self.n_u)
+        return q, v, u if self.scales.actuator == "motor" else self.angles(q) + u
 
 
 class Multibody(MotorTree):
@@ -169,13 +182,13 @@ class Multibody(MotorTree):
         return W
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        F = self._joint_forces(v, u)
+        F = self._joint_forces(q, v, u)
         weight = self._weighted(q, self._zero, self._zero)
         np.negative(weight, out=F[:, : self._links])
         return F
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        W = -self._joint_forces(v, u)
+        W = -self._joint_forces(q, v, u)
         turned = a + 0.5 * bracket(self.group, v, w)
         np.subtract(
             self._weighted(q, 0.5 * (v + w), turned),
@@ -186,12 +199,13 @@ class Multibody(MotorTree):
             W[self._moved, self._rotor + self._joint] = a[self.group :]
         return W
 
-    def _joint_forces(self, v: Array, u: Array) -> Array:
-        """(n, p) columns of friction and motors; those of the links are 0."""
+    def _joint_forces(self, q: Array, v: Array, u: Array) -> Array:
+        """(n, p) columns of friction and actuators; those of the links are 0."""
         F, rate = np.zeros((self.n, self.p)), v[self.group :]
         F[self._moved, self._viscous + self._joint] = -rate
         F[self._moved, self._coulomb + self._joint] = -np.tanh(rate / self.friction_speed)
-        F[self._moved, self._gain + self._joint] = u
+        servos = self.scales.actuator == "servo"
+        F[self._moved, self._gain + self._joint] = u - self.angles(q) if servos else u
         return F
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
@@ -269,7 +283,7 @@ def joint_blocks(model: pin.Model, s: JointScales) -> list[Block]:
     for name, letter, units, scale, actuator in (
         ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, False),
         ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, False),
-        ("motor gain", "gain", ("N·m/unit", "N/unit"), s.gain, True),
+        (*_ACTUATORS[s.actuator], s.gain, True),
     ):
         blocks.append(joint_block(name, letter, units, model, scale, actuator=actuator))
     return blocks if moving_joints(model) else []
