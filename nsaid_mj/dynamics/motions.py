@@ -120,10 +120,7 @@ def _stage_room(motion):
 @overload(stage)
 def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
     def structured(motion, at, k, v_hat, theta, work, a_hat, gradient):
-        state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
-        v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
-        F, structure = motion.F[at, k - 1], motion.structure
-        return structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
+        return structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient)
 
     def tensor(motion, at, k, v_hat, theta, work, a_hat, gradient):
         v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
@@ -141,6 +138,15 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
         )
 
     return structured if motion.instance_class is StructureMotion else tensor
+
+
+@njit(cache=True, error_model="numpy", _nrt=False)  # counting references doubles its time
+def structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient):
+    """A stage of a `StructureMotion`; see `stage`."""
+    state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
+    v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
+    F, structure = motion.F[at, k - 1], motion.structure
+    return structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
 
 
 @njit(cache=True)

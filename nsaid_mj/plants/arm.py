@@ -26,7 +26,7 @@ from .world.shapes import VisualMesh
 from .world.tree import RobotVisuals, set_inertias, tree_spec
 
 Backend = Literal["compiled", "pinocchio"]
-"""Implementation of a robot's regressors: compiled recursions, or Pinocchio's."""
+"""Implementation of a robot's regressors: its structure's, or Pinocchio's."""
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
@@ -48,7 +48,7 @@ class ArmPlant(ParametricPlantConfig):
         gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m].
         spread: largest relative deviation of the true values from the nominal ones.
         friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
-        backend: implementation of the identifier's regressors: `compiled` recursions, which are
+        backend: implementation of the identifier's regressors: `compiled`, which are
             checked against Pinocchio at every start, or `pinocchio`, several times slower.
     """
 

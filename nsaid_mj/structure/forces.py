@@ -18,9 +18,10 @@ from .arrays import (
     SORT,
     TWIST,
 )
+from .columns.curve import follow_curve
 from .columns.fluid import FLUID_KINDS, GRAVITY, UP, write_fluid
 from .columns.fluid import F as WRENCH
-from .columns.joint import coordinate, joint_force
+from .columns.joint import MOTOR, STRIBECK, coordinate, friction, joint_force
 from .columns.thrust import THRUST_KINDS, write_thrust
 from .columns.wheels import write_wheel
 from .compiled import STRUCTURE, boolean, f8, helper, i8, kernel, routine, table, vector, void
@@ -50,12 +51,12 @@ def write_wrench(kind, c, own, command, x):
         write_wheel(kind, c, own, x, command)
 
 
-@helper(void(table, vector, i8, vector, vector, i8))
-def project(bodies, state, b, x, F, to):
-    """Writes the generalised forces of the wrench in x on body b, from F[to] on."""
+@helper(void(table, table, vector, i8, vector, vector, i8, i8))
+def project(bodies, nonzeros, state, b, x, F, to, end):
+    """Writes the generalised forces of the wrench in x on body b into F[to : end]."""
     if bodies[b, KIND] == FREE:
-        for i in range(6):
-            F[to + i] = x[WRENCH + i]
+        for z in range(to, end):
+            F[z] = x[WRENCH + nonzeros[z, 0]]
         return
     out_of_body(state, b * FRAME, x, WRENCH, x, _COMMON)
     while b >= 0:
@@ -92,6 +93,7 @@ def write_forces(structure, state, q, v, u, whole, x, F):
         F: (z,) entries that can differ from 0; written.
     """
     bodies, columns, c, seen = structure.bodies, structure.columns, structure.constants, -1
+    nonzeros = structure.nonzeros
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
     for k in range(columns.shape[0]):
         kind, b, own = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
@@ -100,15 +102,22 @@ def write_forces(structure, state, q, v, u, whole, x, F):
         command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
         to = columns[k, NONZEROS]
         if kind < BODY_KINDS:
-            angle, rate = coordinate(bodies, b, q), v[bodies[b, AT_V]]
-            F[to] = joint_force(kind, c, own, bodies, b, state, ground, angle, rate, command, x)
-            seen = -1
+            rate = v[bodies[b, AT_V]]
+            if kind <= STRIBECK:
+                F[to] = friction(kind, c, own, rate)
+            elif kind == MOTOR:
+                F[to] = follow_curve(c, own, command)
+            else:
+                angle = coordinate(bodies, b, q)
+                F[to] = joint_force(kind, c, own, bodies, b, state, ground, angle, rate, command, x)
+                seen = -1
             continue
         if b != seen:
             write_surroundings(state, b * FRAME, ground, x)
             seen = b
         write_wrench(kind, c, own, command, x)
-        project(bodies, state, b, x, F, to)
+        end = columns[k + 1, NONZEROS] if k + 1 < columns.shape[0] else nonzeros.shape[0]
+        project(bodies, nonzeros, state, b, x, F, to, end)
 
 
 @routine(void(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, vector))

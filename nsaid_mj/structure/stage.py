@@ -24,8 +24,10 @@ from .arrays import (
     FALL,
     FIRST,
     FRAME,
+    FREE,
     GENERAL,
     INERTIA,
+    KIND,
     LAST,
     MOTION,
     OF,
@@ -41,7 +43,19 @@ from .arrays import (
     VELOCITY,
     WRENCH,
 )
-from .compiled import STRUCTURE, WORKSPACE, f8, helper, i8, kernel, routine, table, vector, void
+from .compiled import (
+    STRUCTURE,
+    WORKSPACE,
+    f8,
+    helper,
+    i8,
+    kernel,
+    matrix,
+    routine,
+    table,
+    vector,
+    void,
+)
 from .inertia import (
     add_common_power,
     add_momentum,
@@ -62,6 +76,12 @@ def accumulate(bodies, state, at, x, motion, k):
     axes = bodies.shape[0] * FRAME
     for b in range(bodies.shape[0]):
         parent, own, first = bodies[b, PARENT], b * MOTION + k, bodies[b, AT_V]
+        if bodies[b, KIND] == FREE:  # its axes are those of the common frame, which Ṡ = V × S turns
+            for i in range(6):
+                motion[own + i] = x[i] if at == 0 else 0.0
+            if at == RATE:
+                add_turned(state, b * FRAME + TWIST, x, 0, 1.0, motion, own)
+            continue
         for i in range(6):
             motion[own + i] = motion[parent * MOTION + k + i] if parent >= 0 else 0.0
         for j in range(first, first + bodies[b, COUNT]):
@@ -136,6 +156,27 @@ def _load(structure, state, ground, theta, work):
             clear(inertia, at, 36)
 
 
+@helper(void(table, vector, matrix))
+def _write_base(bodies, inertia, M):
+    """Writes the lower triangle of a free base's M: the inertia of all bodies."""
+    for j in range(6):
+        for i in range(j + 1):
+            M[j, i] = inertia[SQUARE + 6 * j + i] if bodies[0, GENERAL] else 0.0
+    if not bodies[0, RIGID]:
+        return
+    hx, hy, hz = inertia[1], inertia[2], inertia[3]
+    for i in range(3):
+        M[i, i] += inertia[0]
+        for j in range(i + 1):
+            M[3 + i, 3 + j] += inertia[4 + i * (i + 1) // 2 + j]
+    M[3, 1] -= hz
+    M[3, 2] += hy
+    M[4, 0] += hz
+    M[4, 2] -= hx
+    M[5, 0] -= hy
+    M[5, 1] += hx
+
+
 @helper(void(table, vector, WORKSPACE, vector))
 def _gather(bodies, state, work, force):
     """Writes M's lower triangle and Σ Jᵀ f (n,), from the tips inwards."""
@@ -143,6 +184,11 @@ def _gather(bodies, state, work, force):
     motion, inertia = work.motion, work.inertia
     for b in range(bodies.shape[0] - 1, -1, -1):
         own, parent, first = b * MOTION, bodies[b, PARENT], bodies[b, AT_V]
+        if bodies[b, KIND] == FREE:
+            _write_base(bodies, inertia, M)
+            for j in range(6):
+                force[j] = motion[own + WRENCH + j]
+            continue
         for j in range(first, first + bodies[b, COUNT]):
             axis = axes + j * FRAME
             force[j] = dot(state, axis, motion, own + WRENCH)
@@ -152,9 +198,9 @@ def _gather(bodies, state, work, force):
                 M[j, i] = dot(state, axes + i * FRAME, x, 0)
             ancestor = parent
             while ancestor >= 0:
-                start = bodies[ancestor, AT_V]
+                start, base = bodies[ancestor, AT_V], bodies[ancestor, KIND] == FREE
                 for i in range(start, start + bodies[ancestor, COUNT]):
-                    M[j, i] = dot(state, axes + i * FRAME, x, 0)
+                    M[j, i] = x[i] if base else dot(state, axes + i * FRAME, x, 0)
                 ancestor = bodies[ancestor, PARENT]
         if parent >= 0:
             for i in range(WRENCH, WRENCH + 6):

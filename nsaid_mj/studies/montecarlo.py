@@ -2,8 +2,7 @@
 
 Plants are simulated first, then identifiers follow their logs. Both happen in compiled code that
 releases the GIL, so that threads run in parallel. If all runs share one plant, the motion's stages
-are computed once for a group of identifiers; with the paper's law on a tree, each identifier of the
-group gets a SIMD lane.
+are computed once for a group of identifiers.
 
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
