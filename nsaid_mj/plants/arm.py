@@ -44,23 +44,23 @@ class ArmPlant(ParametricPlantConfig):
         damping: nominal viscous friction [N·m·s/rad or N·s/m].
         friction: nominal Coulomb friction [N·m or N].
         armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
-        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position).
         gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m].
         spread: largest relative deviation of the true values from the nominal ones.
         friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
         backend: implementation of the identifier's regressors: `compiled`, which are
             checked against Pinocchio at every start, or `pinocchio`, several times slower.
+        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position).
     """
 
     robot: Name = "ur5"
     damping: Positive | None = None
     friction: Positive | None = None
     armature: NonNegative | None = None
-    actuator: Actuator = "motor"
     gain: Positive = 1.0
     spread: Share = 0.2
     friction_speed: Positive = 0.05
     backend: Backend = "compiled"
+    actuator: Actuator = "motor"
     _base: ClassVar[Base] = "held"
 
     @model_validator(mode="after")

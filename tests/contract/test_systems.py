@@ -415,7 +415,10 @@ COMMANDED = {  # what a command moves besides the actuators' own parameters
     "f1tenth": {"C_f"},
     "bmw320i": {"C_f"},
 }
-ALWAYS = {"remus100": "fin lift"}  # an actuator that acts without a command, too
+ALWAYS = {
+    "remus100": "fin lift",
+    "catamaran": "fin lift",
+}  # an actuator that acts without a command, too
 
 
 @systems

@@ -18,6 +18,7 @@ BARS = {
     "z1": {"force_residual_ratio": 0.03, "conserved_drift": 1e-7},
     "kinova": {"force_residual_ratio": 0.03, "conserved_drift": 1e-7},
     "arm": {"force_residual_ratio": 0.03, "conserved_drift": 1e-8},
+    "servo_arm": {"force_residual_ratio": 0.03, "conserved_drift": 1e-7},
     "wrong_gains": {"theta_perp_ratio": 0.01, "plant_direction_error": 0.01},
     "bluerov2": {"theta_perp_ratio": 0.03, "actuator_ratio_error": 0.005, "conserved_drift": 1e-5},
     "remus100": {"theta_perp_ratio": 0.1, "conserved_drift": 2e-6},
