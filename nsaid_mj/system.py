@@ -71,8 +71,8 @@ class SecondOrderSystem(ABC):
         mounts: (k, 3) point of application of every actuator parameter's force, in the body's
             axes [m], NaN if it exerts no force; None if there is nothing to draw.
         motion_steps: time steps whose motion is in memory at once.
-        forward: a structure of `dynamics.forward`, for compiled simulation; None where the
-            regressors are not compiled.
+        forward: the structure, for compiled simulation; None where the regressors are not those
+            of one.
     """
 
     group: int = 0

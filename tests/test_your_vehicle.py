@@ -39,7 +39,7 @@ def test_the_page_has_three_files_two_commands_and_one_python_block():
         "hexa/hexa.py",
     ]
     assert len(COMMANDS) == 2
-    assert [kind for kind, name, _ in BLOCKS if not name] == ["sh", "sh", "python"]
+    assert [kind for kind, name, _ in BLOCKS if not name] == ["sh", "sh", "python", "toml"]
 
 
 def test_every_command_of_the_page_completes_and_its_python_prints_what_it_says(tmp_path):

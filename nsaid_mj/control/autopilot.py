@@ -87,7 +87,7 @@ class _Autopilot(Driver):
         self._reach[-1] = config.swing
         place = system.space.index
         self._inertia, self._righting = prior[place("M_55")], prior[place("righting_z")]
-        lift = system.allocation[0, 3:] * prior[system.space["fin lift"]]
+        lift = system.lever.T * prior[system.space["fin lift"]]
         self._share = np.linalg.pinv(lift)[:, 1:]  # pitch and yaw only; [rad/(N·m)] at 1 m/s
         self._cruise = _balance(
             prior[place("thrust")], prior[place("dq_along")], system.slip, config.propeller

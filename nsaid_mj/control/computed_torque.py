@@ -7,9 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..dynamics.structures import Linkage
-from ..dynamics.tree import CIRCLE, tree_place, tree_room, tree_torque
+from ..dynamics.forward import forward_work
 from ..parameters import Array
+from ..structure.arrays import AT_Q, CIRCLE, KIND, StructureArrays
+from ..structure.forces import write_forces
+from ..structure.kinematics import place
+from ..structure.stage import require
 from .signals import Series, fourier
 
 
@@ -17,14 +20,14 @@ class Tracking(NamedTuple):
     """Parameters of a computed-torque controller for an arm on a fixed base.
 
     Attributes:
-        linkage: the arm's kinematics; every joint has a motor.
-        theta: (p,) the controller's model θ̂₀.
+        structure: of the arm; every joint has a motor.
+        theta: (p,) the controller's model θ̂₀; the gains of the motors come last.
         series: the reference trajectory of the joints.
         omega: bandwidth of the tracking loop [rad/s].
         limit: (n,) largest commands, > 0.
     """
 
-    linkage: Linkage
+    structure: StructureArrays
     theta: Array
     series: Series
     omega: float
@@ -34,9 +37,8 @@ class Tracking(NamedTuple):
 @njit(cache=True)
 def tracking_workspace(tracking):
     """Allocates the workspace of `computed_torque`, which every call overwrites."""
-    bodies = tracking.linkage.numbers.shape[0]
-    state = tree_room(tracking.linkage)
-    return np.empty((bodies, 3)), np.empty(bodies), state, np.empty((bodies, 12))
+    n = tracking.limit.shape[0]
+    return np.empty((n, 3)), np.empty(n), np.zeros(n), forward_work(tracking.structure, n)
 
 
 @njit(cache=True)
@@ -54,19 +56,20 @@ def computed_torque(tracking, t, q, v, workspace, u):
         workspace: of `tracking_workspace`; overwritten.
         u: (n,) receives the command.
     """
-    linkage, theta, series, omega, limit = tracking
-    desired, a, state, work = workspace
-    numbers, gain = linkage.numbers, linkage.columns[3]
+    structure, theta, series, omega, limit = tracking
+    desired, a, still, (work, slopes) = workspace
+    bodies, gain = structure.bodies, theta.shape[0] - v.shape[0]
     fourier(series, t, desired)
     for i in range(v.shape[0]):
-        at = numbers[i, 1]
-        if numbers[i, 2] == CIRCLE:  # error along the shorter arc
+        at = bodies[i, AT_Q]
+        if bodies[i, KIND] == CIRCLE:  # error along the shorter arc
             c, s = np.cos(desired[i, 0]), np.sin(desired[i, 0])
             error = np.arctan2(s * q[at] - c * q[at + 1], c * q[at] + s * q[at + 1])
         else:
             error = desired[i, 0] - q[at]
         a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
-    tree_place(linkage, q, v, state)
-    tree_torque(linkage, state, v, a, theta, work, u)
+    place(structure, q, v, slopes.state)
+    write_forces(structure, slopes.state, q, v, still, True, work.scratch, slopes.F)
+    require(structure, slopes.state, slopes.F, v, a, theta, work, u)
     for i in range(v.shape[0]):
         u[i] = min(max(u[i] / theta[gain + i], -limit[i]), limit[i])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
 
-from ..bounds import Positive, Tones, config
+from ..bounds import Number, Positive, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
@@ -24,18 +25,28 @@ class MultisineCommand(DriverConfig):
         low: lowest frequency [Hz].
         high: highest frequency [Hz].
         tones: number of sines in each command.
-        amplitude: bound on each command.
+        amplitude: bound on each command's deviation from its mean.
+        mean: of each command; 0 if empty.
     """
 
     low: Positive = 0.05
     high: Positive = 0.5
     tones: Tones = 8
     amplitude: Positive = 0.8
+    mean: tuple[Number, ...] = ()
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver."""
+        """Makes the driver.
+
+        Raises:
+            InvalidInput: there is not one mean for each command.
+        """
+        if self.mean and len(self.mean) != system.n_u:
+            raise InvalidInput(
+                "excitation.mean", f"{system.n_u} numbers", len(self.mean), "One for each command."
+            )
         signal = Multisine(system.n_u, self.low, self.high, self.tones, self.amplitude, rng)
-        return _MultisineDriver(system.n, signal)
+        return _MultisineDriver(system.n, signal, mean=self.mean or (0.0,))
 
 
 @config
@@ -95,12 +106,18 @@ def unit_wrenches(system: SecondOrderSystem, prior: Array) -> Array:
 class _MultisineDriver(Driver):
     """Plays a multisine in open loop, from rest, distributed over the actuators by `share`."""
 
-    def __init__(self, n: int, signal: Multisine, share: Array | None = None):
-        self._n, self._share = n, share
+    def __init__(
+        self,
+        n: int,
+        signal: Multisine,
+        share: Array | None = None,
+        mean: Sequence[float] = (0.0,),
+    ):
+        self._n, self._share, self._mean = n, share, np.array(mean)
         self._multisine = signal
 
     def _signal(self, t: float | Array) -> Array:
-        signal = self._multisine(t)
+        signal = self._multisine(t) + self._mean
         return signal if self._share is None else np.clip(signal @ self._share.T, -1.0, 1.0)
 
     def start(self) -> tuple[Array, Array]:

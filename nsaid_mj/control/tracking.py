@@ -12,6 +12,7 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.multibody import MotorTree
+from ..systems.structured import plain
 from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory, Series, fourier
@@ -89,10 +90,19 @@ class ComputedTorque(Driver):
         series: the desired motion.
         omega: bandwidth ω of the tracking loop [rad/s].
         limit: (n,) largest commands, > 0.
+
+    Raises:
+        InvalidInput: the joints have servos.
     """
 
     def __init__(self, system: MotorTree, prior: Array, series: Series, omega: float, limit: Array):
-        self._tracking = Tracking(system.tree, prior, series, omega, limit)
+        if system.scales.actuator != "motor":
+            expected, remedy = (
+                "motors, whose commands are torques",
+                "Use MultisineCommand: targets.",
+            )
+            raise InvalidInput("excitation", expected, "position servos", remedy)
+        self._tracking = Tracking(system.structure.arrays, np.array(prior), series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
 
     def desired(self, t: float) -> Array:
@@ -109,7 +119,7 @@ class ComputedTorque(Driver):
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(n,) command u."""
         u = np.empty(len(v))
-        computed_torque(self._tracking, t, q, v, self._workspace, u)
+        computed_torque(self._tracking, t, plain(q), plain(v), self._workspace, u)
         return u
 
     def compiled(self, t: Array) -> Tracking:

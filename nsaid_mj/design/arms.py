@@ -56,7 +56,7 @@ class JointMotions:
                 "design", "an arm on a fixed base", type(system).__name__, "Design a vehicle's."
             )
         self.experiment, self.limits, self.base = experiment, limits, base
-        self._tree, self._n = system.tree, system.n
+        self._structure, self._n = system.structure.arrays, system.n
         self._harmonics = np.arange(1.0, base.harmonics + 1)
         self._omega = 2 * np.pi * base.fundamental * self._harmonics
         period, top = 1 / base.fundamental, base.fundamental * base.harmonics
@@ -122,7 +122,7 @@ class JointMotions:
         system, theta = self.experiment.system, self.experiment.draws[draw]
         q = np.ascontiguousarray(system.position(place + series.centre))
         v, a, torque = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration), place
-        torques_along(self._tree, theta, q, v, a, torque)
+        torques_along(self._structure, theta, q, v, a, torque)
         return Log.unchecked(self._t, q, v, torque / theta[system.space.actuators]), torque
 
     def candidate(self, candidate: Array, draw: int) -> tuple[Log, float]:

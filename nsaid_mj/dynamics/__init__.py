@@ -1,3 +1,3 @@
-"""Compiled stages of a motion: one body, a tree, a tree with added mass. No Pinocchio."""
+"""Compiled loops' view of a system: a motion's stages, forward dynamics, information."""
 
 from .. import numerics as numerics  # sets the cache folder before the first kernel is defined

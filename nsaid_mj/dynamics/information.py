@@ -7,7 +7,7 @@ recursive filtering, IEEE TAC 14, 1969):
     P̄ = F_x P F_xᵀ,    Ψ̄ = F_x Ψ + F_c B S Z,    S_k = P̄ + R,
     J ← J + Ψ̄ᵀ S_k⁻¹ Ψ̄,    Ψ ← R S_k⁻¹ Ψ̄,    P ← R S_k⁻¹ P̄,
 
-where F_x, F_c and B are those of `dynamics.transition` and θ_⊥ = Zᵀ θ/scale.
+where F_x, F_c and B are those of `forward.transition` and θ_⊥ = Zᵀ θ/scale.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ import numpy as np
 from numba import njit
 
 from ..numerics.linalg import cholesky
-from .forward import forward_work, linearise
-from .transition import transition, transition_work
-from .tree import tree_place, tree_room, tree_torque
+from ..structure.forces import write_forces
+from ..structure.kinematics import place
+from ..structure.stage import require
+from .forward import forward_work, linearise, transition, transition_work
 
 _BLOCK = 16  # samples whose rows enter J together: one product of matrices instead of many
 
@@ -28,7 +29,7 @@ def information_along(structure, theta, scale, basis, R0, R, t, q, v, u, J):
     """Adds the information of a motion about θ_⊥ to J.
 
     Args:
-        structure: of the system; see `dynamics.forward`.
+        structure: of the system.
         theta: (p,) at which the system is linearised.
         scale: (p,) of θ.
         basis: (p, d) Z, orthonormal.
@@ -92,19 +93,20 @@ def information_along(structure, theta, scale, basis, R0, R, t, q, v, u, J):
 @njit(cache=True, nogil=True)
 def acceleration_rows(structure, q, v, u, theta, scale, rows):
     """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
-    count, n, p = rows.shape
-    work = forward_work(structure, n, p)
-    a, A = np.empty(n), np.empty((n, 2 * n))
-    for k in range(count):
-        if not linearise(structure, q[k], v[k], u[k], theta, scale, work, a, A, rows[k]) > 0.0:
+    n = v.shape[1]
+    work, a = forward_work(structure, n), np.empty(n)
+    for k in range(rows.shape[0]):
+        if not linearise(structure, q[k], v[k], u[k], theta, scale, work, a, rows[k]) > 0.0:
             return False
     return True
 
 
 @njit(cache=True, nogil=True)
-def torques_along(linkage, theta, q, v, a, torque):
+def torques_along(structure, theta, q, v, a, torque):
     """Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,)."""
-    state, work = tree_room(linkage), np.empty((linkage.numbers.shape[0], 12))
+    n = v.shape[1]
+    (work, slopes), still, own = forward_work(structure, n), np.zeros(n), theta.copy()
     for k in range(q.shape[0]):
-        tree_place(linkage, q[k], v[k], state)
-        tree_torque(linkage, state, v[k], a[k], theta, work, torque[k])
+        place(structure, q[k], v[k], slopes.state)
+        write_forces(structure, slopes.state, q[k], v[k], still, True, work.scratch, slopes.F)
+        require(structure, slopes.state, slopes.F, v[k], a[k], own, work, torque[k])

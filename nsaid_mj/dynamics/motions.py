@@ -1,8 +1,7 @@
 """Motions: all parts of RK4's stages that depend on a log alone, and the stages themselves.
 
-A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type, a tree
-of bodies, one body, a tree with added mass, or the tensors of any system, selects the code when a
-loop is compiled.
+A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type, that
+of a `Structure` or the tensors of any system, selects the code when a loop is compiled.
 """
 
 from __future__ import annotations
@@ -15,75 +14,28 @@ from numba.extending import overload
 
 from ..log import Log, Middle
 from ..numerics.linalg import solve_positive
-from ..numerics.spatial import bracket, coadjoint
 from ..parameters import Array
+from ..structure.arrays import StructureArrays
+from ..structure.stage import stage as structure_stage
 from ..system import SecondOrderSystem
-from .interpolation import tree_half_way
-from .loaded import loaded_gradient, loaded_workspace
-from .structures import ConstantInertia, Linkage, LoadedTree
-from .tree import STATE, tree_gradient, tree_place, tree_work
-from .tree_lanes import LANES, lanes_gradient, lanes_work
+from .forward import stage_work
 
 
-class TreeMotion(NamedTuple):
-    """The motion of a tree of bodies along N samples.
+class StructureMotion(NamedTuple):
+    """The motion of a `Structure` along N samples.
 
     Attributes:
-        linkage: of the tree.
-        t: (N,) times [s].
-        u: (N, n_u) commands.
-        v: (N, n) velocities.
-        vm: (N−1, n) velocities half-way between samples.
-        states: (N, b, ·) of `dynamics.tree`, at the samples.
-        middles: (N−1, b, ·) of `dynamics.tree`, half-way between them.
-    """
-
-    linkage: Linkage
-    t: Array
-    u: Array
-    v: Array
-    vm: Array
-    states: Array
-    middles: Array
-
-
-class BodyMotion(NamedTuple):
-    """The motion of one body, whose M is constant in its own frame, along N samples.
-
-    Attributes:
-        inertia: of the body.
-        group: number of velocities that form a body twist: 6, 3 or 0.
+        structure: the robot.
         t: (N,) times [s].
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        F: (3, N−1, n, p) force regressor at start, middle and end of every step.
+        states: (N, s) of `structure.kinematics`, at the samples.
+        middles: (N−1, s) of `structure.kinematics`, half-way between them.
+        F: (3, N−1, z) entries of F that can differ from 0, at start, middle and end of every step.
     """
 
-    inertia: ConstantInertia
-    group: int
+    structure: StructureArrays
     t: Array
-    v: Array
-    vm: Array
-    F: Array
-
-
-class LoadedMotion(NamedTuple):
-    """The motion of a tree of bodies with general 6×6 inertias along N samples.
-
-    Attributes:
-        loaded: the tree.
-        t: (N,) times [s].
-        u: (N, n_u) commands.
-        v: (N, n) velocities.
-        vm: (N−1, n) velocities half-way between samples.
-        states: (N, b, ·) of `dynamics.tree`, at the samples.
-        middles: (N−1, b, ·) of `dynamics.tree`, half-way between them.
-        F: (3, N−1, n, k) the last k columns of F at start, middle and end of every step.
-    """
-
-    loaded: LoadedTree
-    t: Array
-    u: Array
     v: Array
     vm: Array
     states: Array
@@ -113,28 +65,6 @@ class TensorMotion(NamedTuple):
     F: Array
 
 
-class TreeBatch(NamedTuple):
-    """A tree's motion for a batch of `LANES` identifiers, one SIMD lane each.
-
-    RK4 sees one identifier of LANES n velocities and LANES p parameters: number i of lane l is at
-    LANES i + l of every vector, gains by their diagonals.
-
-    Attributes:
-        tree: what all lanes share.
-        t: (N,) times [s].
-        v: (N, LANES n) velocities, every one LANES times.
-        vm: (N−1, LANES n) velocities half-way between samples.
-        pivots: (N, LANES) smallest pivot of each lane's M̂ in the step up to there; written by the
-            stages from row 1 on.
-    """
-
-    tree: TreeMotion
-    t: Array
-    v: Array
-    vm: Array
-    pivots: Array
-
-
 # -- motions of a log ----------------------------------------------------------------------------
 
 
@@ -148,36 +78,6 @@ def force_regressors(system: SecondOrderSystem, log: Log, middle: Middle) -> Arr
             system.forces(t[1:], log.q[1:], log.v[1:], held),
         ]
     )
-
-
-def tree_batch(tree: TreeMotion) -> TreeBatch:
-    """A tree's motion for `LANES` identifiers."""
-    v, vm = (np.repeat(x, LANES, axis=1) for x in (tree.v, tree.vm))
-    return TreeBatch(tree, tree.t, v, vm, np.empty((len(tree.t), LANES)))
-
-
-@njit(cache=True, nogil=True)
-def tree_motion(linkage, hermite, t, q, v, u):
-    """The motion of a tree along N samples.
-
-    Args:
-        linkage: the tree.
-        hermite: cubic Hermite interpolation between samples; else linear.
-        t: (N,) times [s].
-        q: (N, m) positions.
-        v: (N, n) velocities.
-        u: (N, n_u) commands.
-    """
-    steps, bodies = t.shape[0] - 1, linkage[1].shape[0]
-    qm, vm = np.empty(q.shape[1]), np.empty((steps, v.shape[1]))
-    states, middles = np.empty((steps + 1, bodies, STATE)), np.empty((steps, bodies, STATE))
-    tree_place(linkage, q[0], v[0], states[0])
-    for k in range(steps):
-        dt = t[k + 1] - t[k]
-        tree_half_way(linkage, q[k], v[k], q[k + 1], v[k + 1], dt, hermite, qm, vm[k])
-        tree_place(linkage, qm, vm[k], middles[k])
-        tree_place(linkage, q[k + 1], v[k + 1], states[k + 1])
-    return TreeMotion(linkage, t, u, v, vm, states, middles)
 
 
 # -- one stage -----------------------------------------------------------------------------------
@@ -198,7 +98,7 @@ def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
         theta: (p,) estimate.
         work: workspace of `stage_room`.
         a_hat: (n,) â; written.
-        gradient: (1, p) Wᵀ Δv; written.
+        gradient: (p,) Wᵀ Δv; written.
 
     Returns:
         M̂'s smallest pivot, > 0 if it succeeded.
@@ -207,75 +107,20 @@ def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
 
 @overload(stage_room)
 def _stage_room(motion):
-    def tree(motion):
-        return tree_work(motion.linkage, motion.v.shape[1])
-
-    def batch(motion):
-        return lanes_work(motion.tree.linkage, motion.tree.v.shape[1]), np.empty(LANES)
-
-    def body(motion):
-        n = motion.v.shape[1]
-        return np.zeros((n, n)), np.zeros((n, n))
-
-    def loaded(motion):
-        return loaded_workspace(motion.loaded, motion.v.shape[1])
+    def structured(motion):
+        return stage_work(motion.structure, motion.v.shape[1])
 
     def tensor(motion):
         n = motion.v.shape[1]
         return np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
 
-    rooms = {
-        TreeMotion: tree,
-        BodyMotion: body,
-        LoadedMotion: loaded,
-        TensorMotion: tensor,
-        TreeBatch: batch,
-    }
-    return rooms[motion.instance_class]
+    return structured if motion.instance_class is StructureMotion else tensor
 
 
 @overload(stage)
 def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
-    def tree(motion, at, k, v_hat, theta, work, a_hat, gradient):
-        state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
-        v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
-        return tree_gradient(
-            motion.linkage, state, v, motion.u[k - 1], v_hat, theta, work, a_hat, gradient
-        )
-
-    def body(motion, at, k, v_hat, theta, work, a_hat, gradient):
-        entries, values = motion.inertia
-        M, L = work
-        v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
-        return body_gradient(
-            entries,
-            values,
-            motion.group,
-            motion.F[at, k - 1],
-            v,
-            v_hat,
-            theta,
-            M,
-            L,
-            a_hat,
-            gradient[0],
-        )
-
-    def loaded(motion, at, k, v_hat, theta, work, a_hat, gradient):
-        state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
-        v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
-        return loaded_gradient(
-            motion.loaded,
-            state,
-            v,
-            motion.u[k - 1],
-            motion.F[at, k - 1],
-            v_hat,
-            theta,
-            work,
-            a_hat,
-            gradient[0],
-        )
+    def structured(motion, at, k, v_hat, theta, work, a_hat, gradient):
+        return structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient)
 
     def tensor(motion, at, k, v_hat, theta, work, a_hat, gradient):
         v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
@@ -289,59 +134,19 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
             theta,
             work,
             a_hat,
-            gradient[0],
+            gradient,
         )
 
-    def batch(motion, at, k, v_hat, theta, work, a_hat, gradient):
-        tree, row, (room, pivots) = motion.tree, motion.pivots[k], work
-        state = tree.middles[k - 1] if at == 1 else tree.states[k - 1 + at // 2]
-        v = tree.vm[k - 1] if at == 1 else tree.v[k - 1 + at // 2]
-        pivot = lanes_gradient(
-            tree.linkage, state, v, tree.u[k - 1], v_hat, theta, room, a_hat, gradient[0], pivots
-        )
-        for lane in range(LANES):
-            row[lane] = pivots[lane] if at == 0 else min(row[lane], pivots[lane])
-        return pivot
-
-    stages = {
-        TreeMotion: tree,
-        BodyMotion: body,
-        LoadedMotion: loaded,
-        TensorMotion: tensor,
-        TreeBatch: batch,
-    }
-    return stages[motion.instance_class]
+    return structured if motion.instance_class is StructureMotion else tensor
 
 
-@njit(cache=True)
-def body_gradient(entries, values, group, F, v, v_hat, theta, M, L, a_hat, gradient):
-    """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
-
-    As C w = −ad_wᵀ h with h = M̂ v, W need not be formed: every entry M_ij = c θ_k contributes
-    c (a_j Δv_i − v_j [v̂, Δv]_i) to Wᵀ Δv. `entries` (e, 3) and `values` (e,) are those of
-    `ConstantInertia`; M and L (n, n) are workspace.
-    """
-    n, p = F.shape
-    M[:] = 0.0
-    for e in range(values.shape[0]):
-        M[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2]]
-    dv = v_hat - v  # (37)
-    a_hat[:] = coadjoint(group, v_hat, np.dot(M, v))
-    gradient[:] = 0.0
-    for i in range(n):
-        total = 0.0
-        for k in range(p):
-            total += F[i, k] * theta[k]
-            gradient[k] -= F[i, k] * dv[i]
-        a_hat[i] += total
-    pivot = solve_positive(M, L, a_hat)  # (29)
-    if not pivot > 0.0:
-        return pivot
-    turned = bracket(group, v_hat, dv)
-    for e in range(values.shape[0]):
-        i, j, k = entries[e]
-        gradient[k] += values[e] * (a_hat[j] * dv[i] - v[j] * turned[i])
-    return pivot
+@njit(cache=True, error_model="numpy", _nrt=False)  # counting references doubles its time
+def structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient):
+    """A stage of a `StructureMotion`; see `stage`."""
+    state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
+    v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
+    F, structure = motion.F[at, k - 1], motion.structure
+    return structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
 
 
 @njit(cache=True)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from ..dynamics.motions import TreeMotion, tree_batch
-from ..dynamics.tree_lanes import LANES
 from ..errors import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array
 from ..system import Motion, SecondOrderSystem, checked
 from .base import Confidence, DataMemory, Estimates, Identifier, State, Status
-from .metric import ConstantMetric, Curved, Flat, Metric, positive_gain
+from .metric import ConstantMetric, Curved, Metric, positive_gain
 from .rk4 import follow
 
 RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
 _DIVISIONS = 3  # times, at most, that a step is divided by four
-_FEWEST = 9  # identifiers from which on a batch, some lanes idle, is faster than a loop
 
 
 def paper_identifier(
@@ -272,79 +269,3 @@ def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[Sta
             status = Status.estimate_not_positive_definite if lost else Status.adaptation_too_fast
         state = state._replace(pivot=float(estimates.pivot[failed]), status=status)
     return state, estimates.first(failed)
-
-
-def side_by_side(
-    laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
-) -> Iterator[tuple[State, Estimates]]:
-    """Runs `NullspaceIdentifier.along` for several identifiers of one system.
-
-    Identifiers of a tree with the paper's law and diagonal gains run in SIMD lanes, one lane per
-    identifier. If one of a batch fails, the batch is run again, one identifier at a time, so that
-    each ends where it does alone. The estimates are the same to the bit either way.
-
-    Args:
-        laws: the identifiers.
-        states: one for each, at the log's first measurement.
-        log: N measurements.
-        motion: of that log.
-
-    Yields:
-        State and estimates of every identifier, in order.
-
-    Raises:
-        InvalidInput: the log's widths are not the system's.
-    """
-    for at in range(0, len(laws), LANES):
-        group = laws[at : at + LANES], states[at : at + LANES]
-        made = _batch(*group, log, motion) if _fits_batch(*group, motion) else None
-        if made is None:
-            made = [law.along(state, log, motion) for law, state in zip(*group, strict=True)]
-        yield from made
-
-
-def _fits_batch(
-    laws: Sequence[NullspaceIdentifier], states: Sequence[State], motion: Motion
-) -> bool:
-    return (
-        len(laws) >= _FEWEST
-        and isinstance(motion, TreeMotion)
-        and all(isinstance(law.law, Flat) for law in laws)
-        and all(law.K.ndim == law.metric.Gamma.ndim == 1 for law in laws)
-        and all(state.status is Status.completed for state in states)
-    )
-
-
-def _batch(
-    laws: Sequence[NullspaceIdentifier], states: Sequence[State], log: Log, motion: Motion
-) -> list[tuple[State, Estimates]] | None:
-    """Runs `along` for at most `LANES` identifiers in SIMD lanes; None if one of them fails."""
-    laws[0].check(log)
-    assert isinstance(motion, TreeMotion)
-    count, batch = len(log.t), tree_batch(motion)
-    full = np.minimum(np.arange(LANES), len(laws) - 1)  # idle lanes repeat the last identifier
-
-    def lanes(rows: Iterable[Array]) -> Array:
-        return np.array(list(rows))[full].T.ravel()
-
-    def rows_from(start: Array) -> Array:
-        rows = np.empty((count, len(start)))
-        rows[0] = start
-        return rows
-
-    law = Flat(lanes(law.K for law in laws), lanes(law.metric.Gamma for law in laws))
-    v_hat = rows_from(lanes(state.v_hat for state in states))
-    theta_hat = rows_from(lanes(state.theta_hat for state in states))
-    if follow(law, batch, v_hat, theta_hat, np.empty(count), 1) < count:
-        return None
-    made = []
-    for lane, state in enumerate(states):
-        batch.pivots[0, lane] = state.pivot
-        own = Estimates(
-            v_hat[:, lane::LANES],
-            theta_hat[:, lane::LANES],
-            batch.pivots[:, lane],
-            np.full(count, state.spent),
-        )
-        made.append(_end(state, log, own, count))
-    return made

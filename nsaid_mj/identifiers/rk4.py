@@ -86,8 +86,9 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
     """
     t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
     stages, work = stage_room(motion), room(law, n, p)
-    a_hat, gradient = np.zeros(n), np.zeros((1, p))
+    a_hat, gradient = np.zeros(n), np.zeros(p)
     z, theta = work[1], work[4]
+    v_hat = z[:n]
     for k in range(first, t.shape[0]):
         dt = t[k] - t[k - 1]
         begin(law, work, v_hats[k - 1], theta_hats[k - 1])
@@ -98,12 +99,12 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
             (1, motion.vm[k - 1], dt / 3, dt),
             (2, motion.v[k], dt / 6, 0.0),
         ):
-            pivot = stage(motion, at, k, z[:n], theta, stages, a_hat, gradient)
+            pivot = stage(motion, at, k, v_hat, theta, stages, a_hat, gradient)
             if not pivot > 0.0:
                 pivots[k] = pivot
                 return k
             pivots[k] = min(pivots[k], pivot)
-            advance(law, work, v, a_hat, gradient[0], weight, reach)
+            advance(law, work, v, a_hat, gradient, weight, reach)
         if not sound(law, theta):
             pivots[k] = np.nan
             return k

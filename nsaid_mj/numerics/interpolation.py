@@ -2,31 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
-from .spatial import bracket, planar_difference, planar_integrate, pose_difference, pose_integrate
-
-
-@njit(cache=True)
-def body_half_way(group, q0, v0, q1, v1, dt, hermite):
-    """The pose (m,) and velocity (n,) half-way between two samples of a body; see `half_way`.
-
-    Args:
-        group: 6 for poses in space, 3 for poses in the plane, 0 where positions add.
-        q0: (m,) pose at the first sample.
-        v0: (n,) velocity at the first sample.
-        q1: (m,) pose at the second sample.
-        v1: (n,) velocity at the second sample.
-        dt: time between the samples [s].
-        hermite: cubic Hermite interpolation; else the mean of both velocities.
-    """
-    if group == 0:
-        half, v = half_way(q1 - q0, v0, v1, dt, hermite, group)
-        return q0 + half, v
-    dq = pose_difference(q0, q1) if group == 6 else planar_difference(q0, q1)
-    half, v = half_way(dq, v0, v1, dt, hermite, group)
-    return pose_integrate(q0, half) if group == 6 else planar_integrate(q0, half), v
+from .spatial import bracket
 
 
 @njit(cache=True)
@@ -54,14 +32,3 @@ def half_way(dq, v0, v1, dt, hermite, group):
     slope = 1.5 / dt * dq - 0.25 * (v0 + slope1)
     once = bracket(group, half, slope)
     return half, slope - 0.5 * once + bracket(group, half, once) / 6
-
-
-@njit(cache=True)
-def body_midpoints(group, t, q, v, hermite):
-    """(N−1, m) poses and (N−1, n) velocities half-way between N samples t, q, v of a body."""
-    steps = t.shape[0] - 1
-    qm, vm = np.empty((steps, q.shape[1])), np.empty((steps, v.shape[1]))
-    for k in range(steps):
-        dt = t[k + 1] - t[k]
-        qm[k], vm[k] = body_half_way(group, q[k], v[k], q[k + 1], v[k + 1], dt, hermite)
-    return qm, vm

@@ -87,43 +87,6 @@ def rotation_vector(quaternion):
 
 
 @njit(cache=True)
-def pose_integrate(q, step):
-    """(7,) the pose reached from pose q (7,) by a tangent step (6,)."""
-    turn = step[3:].copy()
-    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
-    angle = np.sqrt(square)
-    if angle > _SMALL:
-        b, c = 2 * np.sin(angle / 2) ** 2 / square, (angle - np.sin(angle)) / (angle * square)
-    else:
-        b, c = 0.5 - square / 24 + square**2 / 720, 1 / 6 - square / 120 + square**2 / 5040
-    once = cross(turn, step[:3])
-    end = np.empty(7)
-    end[:3] = q[:3] + rotate(q[3:], step[:3] + b * once + c * cross(turn, once))
-    end[3:] = product(q[3:], quaternion_of(turn))
-    return end
-
-
-@njit(cache=True)
-def pose_difference(q0, q1):
-    """(6,) the tangent step from pose q0 (7,) to q1 (7,), with a rotation of at most π."""
-    inverse = q0[3:].copy()
-    inverse[:3] *= -1
-    turn = rotation_vector(product(inverse, q1[3:]))
-    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
-    angle = np.sqrt(square)
-    if angle > _SMALL:
-        e = (1 - 0.5 * angle / np.tan(0.5 * angle)) / square
-    else:
-        e = 1 / 12 + square / 720 + square**2 / 30240
-    way = unrotate(q0[3:], q1[:3] - q0[:3])
-    once = cross(turn, way)
-    step = np.empty(6)
-    step[:3] = way - 0.5 * once + e * cross(turn, once)
-    step[3:] = turn
-    return step
-
-
-@njit(cache=True)
 def pose_jacobian(q):
     """(7, 6) J of q̇ = J v at a pose q (7,): ṗ = R v, and half the quaternion times ω."""
     x, y, z, w = q[3:7]
@@ -131,36 +94,6 @@ def pose_jacobian(q):
     J[:3, :3] = rotation(q[3:7])
     J[3:, 3:] = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]])
     return J
-
-
-@njit(cache=True)
-def planar_integrate(q, step):
-    """(3,) the pose in the plane reached from q (3,) by a tangent step (3,)."""
-    turn = step[2]
-    square = turn * turn
-    if abs(turn) > _SMALL:
-        along, across = np.sin(turn) / turn, 2 * np.sin(turn / 2) ** 2 / turn
-    else:
-        along = 1 - square / 6 + square**2 / 120
-        across = turn * (0.5 - square / 24 + square**2 / 720)
-    x, y = along * step[0] - across * step[1], across * step[0] + along * step[1]
-    c, s = np.cos(q[2]), np.sin(q[2])
-    return np.array([q[0] + c * x - s * y, q[1] + s * x + c * y, q[2] + turn])
-
-
-@njit(cache=True)
-def planar_difference(q0, q1):
-    """(3,) the tangent step from pose q0 (3,) to q1 (3,), with a rotation of at most π."""
-    turn = (q1[2] - q0[2] + np.pi) % (2 * np.pi) - np.pi
-    square = turn * turn
-    if abs(turn) > _SMALL:
-        f = 0.5 * turn / np.tan(0.5 * turn)
-    else:
-        f = 1 - square / 12 - square**2 / 720
-    c, s = np.cos(q0[2]), np.sin(q0[2])
-    dx, dy = q1[0] - q0[0], q1[1] - q0[1]
-    x, y = c * dx + s * dy, c * dy - s * dx
-    return np.array([f * x + 0.5 * turn * y, f * y - 0.5 * turn * x, turn])
 
 
 @njit(cache=True)

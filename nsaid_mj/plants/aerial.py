@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Annotated, Any, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
-from numba import carray, cfunc
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
-from ..numerics.spatial import cross, rotate, unrotate
 from ..parameters import Array
 from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
-from .world.body import BODY, Inertia, Vehicle, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import CALLBACK, WORDS, field_offsets
+from .world.body import BODY, Inertia, Vehicle, guessed, hidden, vehicle_spec
 from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
     NotNegative,
@@ -60,6 +56,8 @@ class Guess(Table):
 class QuadrotorSheet(Sheet):
     """A quadrotor's data sheet; axes x forward, y left, z up, origin at the rotors' centre."""
 
+    family: ClassVar[str] = "quadrotor"
+
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
     centre_of_mass: list[NotNegative] = several(
@@ -90,6 +88,7 @@ class QuadrotorPlant(ParametricPlantConfig):
             authority is small.
     """
 
+    sheet: ClassVar[type[Sheet]] = QuadrotorSheet
     vehicle: Name = "hummingbird"
     spread: Share = 0.1
 
@@ -122,7 +121,6 @@ class QuadrotorPlant(ParametricPlantConfig):
     def _plant(self, dt: float, true: Airframe) -> Plant:
         sheet = QuadrotorSheet.of(self.vehicle)
         nominal, guess = nominal_airframe(sheet), sheet.guess
-        true = replace(true, wind=np.array(self.mismatch.flow))
         system = Quadrotor(
             AerialScales(
                 mass=float(guessed(nominal.mass)),
@@ -140,8 +138,8 @@ class QuadrotorPlant(ParametricPlantConfig):
         )
         spec = vehicle_spec(self.vehicle, dt, true.mass, true.centre, true.inertia, sheet.size)
         spec.option.gravity = [0, 0, -GRAVITY]
-        command_inputs(spec, system.n_u)
-        acting = true
+        acting = true.theta()
+        acting[:10] = 0.0  # MuJoCo's body has them, and their weight
         if self.mismatch.fluid == "ellipsoid":
             spec.option.density, spec.option.viscosity = AIR_DENSITY, AIR_VISCOSITY
             spec.option.wind = self.mismatch.flow
@@ -149,16 +147,9 @@ class QuadrotorPlant(ParametricPlantConfig):
                 geom.fluid_ellipsoid = int(
                     not geom.name.startswith("rotor")
                 )  # rotor disks are not solid
-            acting = replace(true, body_drag=np.zeros(3))
-        return Vehicle(
-            system,
-            true.theta(),
-            spec,
-            acting.numbers(self.mismatch.lag > 0),
-            rotorcraft(),
-            self.mismatch,
-            acting.gain_places,
-        ).failing(self.faults, self)
+            acting[13:16] = 0.0  # body drag
+        vehicle = Vehicle(system, true.theta(), spec, acting, self.mismatch)
+        return vehicle.failing(self.faults, self)
 
 
 @dataclass(frozen=True)
@@ -176,7 +167,6 @@ class Airframe:
         spin: (4,) ±1, sign of each rotor's torque about z.
         thrust: (4,) at full speed [N].
         torque: (4,) at full speed [N·m].
-        wind: (3,) velocity of the air in the world [m/s].
     """
 
     mass: float
@@ -189,7 +179,6 @@ class Airframe:
     spin: Array
     thrust: Array
     torque: Array
-    wind: Array
 
     def theta(self) -> Array:
         """(24,) θ of a `Quadrotor`."""
@@ -197,25 +186,6 @@ class Airframe:
         return np.concatenate(
             [body, [self.lift], self.rotor_drag, self.body_drag, self.thrust, self.torque]
         )
-
-    def numbers(self, lagged: bool) -> Array:
-        """The parameters as `rotorcraft` reads them from userdata.
-
-        Args:
-            lagged: whether the actuators have an activation state.
-        """
-        rotors = np.c_[self.positions, self.thrust, self.spin * self.torque]
-        return np.concatenate(
-            [[float(lagged), self.lift], self.rotor_drag, self.body_drag, self.wind, rotors.ravel()]
-        )
-
-    @property
-    def gain_places(self) -> list[list[int]]:
-        """For each rotor, the indices of its thrust and torque in `numbers`."""
-        return [[_ROTORS + _PER_ROTOR * k + i for i in (3, 4)] for k in range(len(self.thrust))]
-
-
-_ROTORS, _PER_ROTOR = 10, 5  # offset of the rotors' values in userdata, and values per rotor
 
 
 def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
@@ -232,7 +202,6 @@ def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
         spin=np.array(rotors.spin, dtype=float),
         thrust=np.full(4, rotors.thrust * top**2),
         torque=np.full(4, rotors.torque * top**2),
-        wind=np.zeros(3),
     )
 
 
@@ -259,49 +228,3 @@ def _inertia(second_moments: Array) -> Array:
     Any three positive ones give principal moments that satisfy the triangle inequality.
     """
     return np.diag(second_moments.sum() - second_moments)
-
-
-@cache
-def rotorcraft() -> Any:
-    """Callback for the aerodynamic forces on a model whose only joint is the free joint.
-
-    It reads `Airframe.numbers` from userdata. MuJoCo adds the weight. A rotor's speed is its
-    command, or its activation if it lags.
-    """
-    offsets = field_offsets()
-    at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
-    at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
-    size = _ROTORS + 4 * _PER_ROTOR
-
-    @cfunc(CALLBACK, cache=True)
-    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        arrays: Any = carray(data, (WORDS,))
-        d = carray(arrays[at_user], (size,))
-        qpos = carray(arrays[at_qpos], (7,))
-        qvel = carray(arrays[at_qvel], (6,))
-        force = carray(arrays[at_force], (6,))
-        speeds = carray(arrays[at_act if d[0] > 0 else at_ctrl], (4,))
-        attitude = np.array([qpos[4], qpos[5], qpos[6], qpos[3]])
-        omega = qvel[3:].copy()
-        air = unrotate(attitude, qvel[:3] - d[7:10])  # velocity through the air
-        push = -np.sqrt(np.sum(air * air)) * d[4:7] * air
-        torque = np.zeros(3)
-        for k in range(4):
-            rotor = d[_ROTORS + _PER_ROTOR * k : _ROTORS + _PER_ROTOR * (k + 1)]
-            speed, arm = speeds[k], rotor[:3]
-            wind = air + cross(omega, arm)
-            pull = np.array(
-                [
-                    -d[2] * speed * wind[0],
-                    -d[2] * speed * wind[1],
-                    (rotor[3] * speed - d[3] * wind[2]) * speed
-                    + d[1] * (wind[0] ** 2 + wind[1] ** 2),
-                ]
-            )
-            push += pull
-            torque += cross(arm, pull)
-            torque[2] += rotor[4] * speed**2
-        force[:3] += rotate(attitude, push)
-        force[3:] += torque
-
-    return passive

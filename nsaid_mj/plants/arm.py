@@ -14,10 +14,11 @@ from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
 from ..systems.compiled import CompiledMultibody
+from ..systems.joints import Actuator
 from ..systems.multibody import JointScales, MotorTree, Multibody
 from ..systems.optional import pin
-from .world.callbacks import coulomb_friction
 from .world.coordinates import joint_map
+from .world.forces import Forces, column_forces
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.robots import Base, Robot, load_robot
@@ -25,14 +26,14 @@ from .world.shapes import VisualMesh
 from .world.tree import RobotVisuals, set_inertias, tree_spec
 
 Backend = Literal["compiled", "pinocchio"]
-"""Implementation of a robot's regressors: compiled recursions, or Pinocchio's."""
+"""Implementation of a robot's regressors: its structure's, or Pinocchio's."""
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 
 
 @config
 class ArmPlant(ParametricPlantConfig):
-    """A robot with a motor on every joint; a floating base is fixed to a stand.
+    """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
     Friction, rotor inertia and motor gain have one nominal value for all joints, as in a data
     sheet, or None for values that suit the robot's size. The hidden true values, drawn from the
@@ -43,11 +44,12 @@ class ArmPlant(ParametricPlantConfig):
         damping: nominal viscous friction [N·m·s/rad or N·s/m].
         friction: nominal Coulomb friction [N·m or N].
         armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
-        gain: nominal motor gain [N·m or N per unit of command].
+        gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m].
         spread: largest relative deviation of the true values from the nominal ones.
         friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
-        backend: implementation of the identifier's regressors: `compiled` recursions, which are
+        backend: implementation of the identifier's regressors: `compiled`, which are
             checked against Pinocchio at every start, or `pinocchio`, several times slower.
+        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position).
     """
 
     robot: Name = "ur5"
@@ -58,6 +60,7 @@ class ArmPlant(ParametricPlantConfig):
     spread: Share = 0.2
     friction_speed: Positive = 0.05
     backend: Backend = "compiled"
+    actuator: Actuator = "motor"
     _base: ClassVar[Base] = "held"
 
     @model_validator(mode="after")
@@ -169,7 +172,14 @@ class Arm(Plant):
         mismatch: Mismatch,
     ):
         self.robot, self.system, self._hidden = robot, system, hidden
-        spec = arm_spec(robot.model, hidden, dt)
+        spec, k = arm_spec(robot.model, hidden, dt, system.scales.actuator), system.n_u
+        acting = np.zeros(system.p)
+        acting[-2 * k : -k] = hidden.coulomb  # MuJoCo's own `frictionloss` creeps
+        if system.scales.actuator == "servo":
+            acting[-k:] = hidden.gain
+        forces = Forces(system.structure, acting, np.zeros(3))
+        self.gain_places = forces.gain_places if acting[-k:].any() else ()
+        spec.nuserdata, self.passive = forces.size, column_forces()
         try:
             self._compile(spec, mismatch)
         except ValueError as error:
@@ -178,7 +188,7 @@ class Arm(Plant):
             ) from error
         self.joints = joint_map(self.model, list(robot.model.names)[1:])
         self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
-        self.passive = coulomb_friction()
+        self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
         self._compare_engines()
         self._check_stiffness(dt)
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
@@ -196,10 +206,7 @@ class Arm(Plant):
 
     def _place(self, position: Array, velocity: Array) -> None:
         self.joints.write(self.data, position, velocity)
-        nv = self.model.nv
-        self.data.userdata[0] = nv
-        self.data.userdata[1 + self.joints.motors] = self._hidden.coulomb
-        self.data.userdata[1 + nv + self.joints.motors] = 1 / self.system.friction_speed
+        self.data.userdata[:] = self._numbers
 
     def coordinates(self) -> tuple[Array, Array]:
         """(n,) position numbers, joint angles [rad] or displacements [m], and (n,) velocities."""
@@ -276,16 +283,18 @@ class Arm(Plant):
             )
 
 
-def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float) -> Any:
-    """MuJoCo's specification of a Pinocchio model, with motors on all of its 1-DOF joints."""
+def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float, actuator: Actuator) -> Any:
+    """MuJoCo's specification of a Pinocchio model, with an actuator on every 1-DOF joint.
+
+    A servo's has no gain: its torque is a column.
+    """
     spec = tree_spec(model, dt)
-    spec.nuserdata = 1 + 2 * model.nv
     for k, name in enumerate(list(model.names)[-len(hidden.gain) :]):
         joint = spec.joint(name)
         joint.damping = [hidden.viscous[k], 0, 0]
         joint.armature = hidden.rotor[k] if hidden.rotor is not None else 0.0
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.gainprm[0] = hidden.gain[k]
+        motor.gainprm[0] = hidden.gain[k] if actuator == "motor" else 0.0
     return spec
 
 
@@ -316,6 +325,7 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
         speed=speed,
         command=torque / config.gain,
         rotor=armature if armature.any() else None,
+        actuator=config.actuator,
     )
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
-from numba import carray, cfunc
 from pydantic import model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..systems.ground import CREEP, GroundScales, GroundVehicle
-from .world.body import Vehicle, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import CALLBACK, WORDS, field_offsets
+from ..systems.ground import GroundScales, GroundVehicle
+from .world.body import Vehicle, guessed, hidden, vehicle_spec
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import Positive, Sheet, Table, one, several
@@ -31,6 +28,8 @@ class Guess(Table):
 
 class CarSheet(Sheet):
     """A car's data sheet; axes x forward, y left, z up."""
+
+    family: ClassVar[str] = "car"
 
     mass: Positive = one("a number > 0 [kg]")
     inertia: Positive = one("a number > 0, about the vertical through the centre of mass [kg·m²]")
@@ -57,6 +56,7 @@ class CarPlant(ParametricPlantConfig):
             nominal values.
     """
 
+    sheet: ClassVar[type[Sheet]] = CarSheet
     vehicle: Name = "f1tenth"
     spread: Share = 0.2
 
@@ -79,17 +79,13 @@ class CarPlant(ParametricPlantConfig):
         return self._plant(dt, Car(mass, centre, inertia - moment * centre, *others))
 
     def _plant(self, dt: float, true: Car) -> Plant:
-        sheet, flow = CarSheet.of(self.vehicle), self.mismatch.flow
+        sheet = CarSheet.of(self.vehicle)
         nominal, wheelbase = nominal_car(sheet), sheet.front + sheet.rear
         system = GroundVehicle(scales(nominal, wheelbase, sheet.guess), wheelbase, sheet.steering)
         centre, inertia = np.array([true.centre, 0.0, 0.0]), true.inertia * np.eye(3)
         spec = vehicle_spec(self.vehicle, dt, true.mass, centre, inertia, sheet.size, planar=True)
-        command_inputs(spec, system.n_u)
-        lagged = float(self.mismatch.lag > 0)
-        numbers = np.array([lagged, wheelbase / 2, *true[3:], flow[0], flow[1]])
-        vehicle = Vehicle(
-            system, true.theta, spec, numbers, single_track(), self.mismatch, GAIN_PLACES
-        )
+        acting = np.array([0.0, 0.0, 0.0, *true[3:]])
+        vehicle = Vehicle(system, true.theta, spec, acting, self.mismatch)
         return vehicle.failing(self.faults, self)
 
 
@@ -187,49 +183,3 @@ def check_wind(mismatch: Mismatch, plant: str) -> None:
         raise InvalidInput(
             "mismatch.flow", f"a level wind, for {plant}", mismatch.flow, "Make the third one 0."
         )
-
-
-SIZE = 10
-"""How many values `single_track` reads from userdata."""
-
-GAIN_PLACES = ((4, 5), ())
-"""Indices of the drive's gains among them; steering has none."""
-
-
-@cache
-def single_track() -> Any:
-    """Callback for a body on two slides and a hinge: tyre forces in the wheels' axes.
-
-    `userdata` holds [lagged, half the wheelbase, C_f, C_r, k_d, k_v, c_0, c_D, wind x, wind y].
-    """
-    offsets = field_offsets()
-    at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
-    at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
-
-    @cfunc(CALLBACK, cache=True)
-    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        arrays: Any = carray(data, (WORDS,))
-        d = carray(arrays[at_user], (SIZE,))
-        qpos = carray(arrays[at_qpos], (3,))
-        qvel = carray(arrays[at_qvel], (3,))
-        force = carray(arrays[at_force], (3,))
-        command = carray(arrays[at_act if d[0] > 0 else at_ctrl], (2,))
-        c, s = np.cos(qpos[2]), np.sin(qpos[2])
-        ahead = c * qvel[0] + s * qvel[1]
-        for axle in range(2):
-            arm, angle = (d[1], qpos[2] + command[1]) if axle == 0 else (-d[1], qpos[2])
-            # velocity of the axle in the world, then along and across its wheel
-            vx, vy = qvel[0] - arm * s * qvel[2], qvel[1] + arm * c * qvel[2]
-            wc, ws = np.cos(angle), np.sin(angle)
-            side = -d[2 + axle] * np.arctan2(wc * vy - ws * vx, wc * vx + ws * vy)
-            fx, fy = -ws * side, wc * side
-            force[0] += fx
-            force[1] += fy
-            force[2] += arm * (c * fy - s * fx)
-        wind = c * d[8] + s * d[9]
-        push = (d[4] - d[5] * ahead) * command[0] - d[6] * np.tanh(ahead / CREEP)
-        push -= d[7] * abs(ahead - wind) * (ahead - wind)
-        force[0] += c * push
-        force[1] += s * push
-
-    return passive

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, ClassVar, Self
 
-import mujoco
 import numpy as np
 from pydantic import Field, model_validator
 
@@ -12,7 +11,7 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..systems.space import FreeFlyer, FreeFlyerScales
-from .world.body import BODY, NED, Inertia, Vehicle, guessed, hidden, vehicle_spec
+from .world.body import NED, Inertia, Vehicle, guessed, hidden, vehicle_spec
 from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
     Number,
@@ -62,6 +61,8 @@ class Nozzles(Table):
 class FreeFlyerSheet(Sheet):
     """A free-flyer's data sheet; axes x forward, y right, z down."""
 
+    family: ClassVar[str] = "free-flyer"
+
     mass: Positive = one("a number > 0 [kg]")
     centre: list[Number] = several(3, "three numbers [m]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
@@ -84,6 +85,7 @@ class AstrobeePlant(ParametricPlantConfig):
         spread: largest relative deviation of the nozzles' true thrust from the published value.
     """
 
+    sheet: ClassVar[type[Sheet]] = FreeFlyerSheet
     vehicle: Name = "astrobee"
     spread: Share = 0.2
 
@@ -117,11 +119,10 @@ class AstrobeePlant(ParametricPlantConfig):
             speed=np.array(guess.speed),
         )
         spec = vehicle_spec(self.vehicle, dt, body.mass, body.lever, body.inertia, sheet.size)
-        for i, (position, jet, gain) in enumerate(zip(positions, jets, true_thrust, strict=True)):
-            _add_nozzle(spec, f"nozzle {i + 1}", position, -jet, gain)
         truth = np.concatenate([body.theta(), true_thrust])
         system = FreeFlyer(scales, positions, -jets)
-        vehicle = Vehicle(system, truth, spec, np.zeros(0), None, self.mismatch)
+        acting = np.concatenate([np.zeros(10), true_thrust])
+        vehicle = Vehicle(system, truth, spec, acting, self.mismatch)
         return vehicle.failing(self.faults, self)
 
 
@@ -141,11 +142,3 @@ def nozzles(sheet: FreeFlyerSheet) -> tuple[Array, Array, Array]:
     positions = NED * sheet.inch * np.concatenate([one_module, other * one_module])
     directions = NED * np.concatenate([jets, other * jets])
     return positions, directions, np.abs(directions) @ np.array(sheet.nozzles.force) / 2
-
-
-def _add_nozzle(spec: Any, name: str, position: Array, push: Array, thrust: float) -> None:
-    """Adds an actuator that pushes at a fixed position of the body, in body axes."""
-    spec.body(BODY).add_site(name=name, pos=position)
-    actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_SITE)
-    actuator.gear = [*push, 0, 0, 0]
-    actuator.gainprm[0] = thrust

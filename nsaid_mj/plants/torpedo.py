@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any, Self
+from typing import ClassVar, Self
 
 import numpy as np
-from numba import carray, cfunc
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
-from ..numerics.spatial import rotate, unrotate
 from ..parameters import Array
 from ..systems.torpedo import TorpedoScales, TorpedoVehicle, mass_tensor
 from .underwater import use_mujoco_fluid
-from .world.body import BODY, Vehicle, command_inputs, guessed, hidden, vehicle_spec
-from .world.callbacks import CALLBACK, WORDS, field_offsets
-from .world.hydrodynamics import motion_in_water, passive_wrench, split_mass
+from .world.body import BODY, Vehicle, guessed, hidden, vehicle_spec
+from .world.hydrodynamics import split_mass
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
@@ -31,9 +27,6 @@ from .world.sheet import (
     one,
     several,
 )
-
-LIMIT = 8
-"""Largest number of fins on a vehicle."""
 
 
 class AddedMass(Table):
@@ -95,6 +88,8 @@ class Guess(Table):
 class TorpedoSheet(Sheet):
     """A torpedo's data sheet; axes x forward, y right, z down, origin at the centre of buoyancy."""
 
+    family: ClassVar[str] = "torpedo"
+
     mass: Positive = one("a number > 0 [kg]")
     inertia: list[Positive] = several(3, "three moments about the origin > 0 [kg·m²]")
     gravity_centre: list[Number] = several(3, "three numbers [m], z > 0 if self-righting")
@@ -145,6 +140,7 @@ class REMUS100Plant(ParametricPlantConfig):
             propeller and fins from the published values.
     """
 
+    sheet: ClassVar[type[Sheet]] = TorpedoSheet
     vehicle: Name = "remus100"
     spread: Share = 0.2
 
@@ -175,7 +171,6 @@ class REMUS100Plant(ParametricPlantConfig):
     def _plant(self, dt: float, true: Torpedo) -> Plant:
         sheet = TorpedoSheet.of(self.vehicle)
         nominal = nominal_numbers(sheet)
-        true = replace(true, flow=np.array(self.mismatch.flow))
         system = TorpedoVehicle(
             TorpedoScales(
                 inertia=guessed(theta_of(nominal)[:4]),
@@ -216,7 +211,6 @@ class Torpedo:
         lifts: (k, 3) unit vectors of the lift at positive deflection.
         fin_lift: (k,) [N·s²/m² for each rad].
         fin_drag: (k,) [N·s²/m² for each rad²].
-        flow: (3,) velocity of the water in the world [m/s].
     """
 
     rigid: Array
@@ -231,102 +225,6 @@ class Torpedo:
     lifts: Array
     fin_lift: Array
     fin_drag: Array
-    flow: Array
-
-    def numbers(self, lagged: bool) -> Array:
-        """The parameters as `forces` reads them from userdata.
-
-        Args:
-            lagged: whether the actuators have an activation state.
-        """
-        inverse = np.linalg.inv(self.rigid + self.added)
-        fins = np.column_stack([self.positions, self.lifts, self.fin_lift, self.fin_drag])
-        return np.concatenate(
-            [
-                [len(fins), float(lagged)],
-                self.rigid.ravel(),
-                self.added.ravel(),
-                inverse.ravel(),
-                self.drag,
-                self.lift,
-                [self.net_weight, self.righting],
-                self.propeller,
-                [self.slip],
-                self.flow,
-                fins.ravel(),
-            ]
-        )
-
-    @property
-    def gain_places(self) -> list[list[int]]:
-        """For each fin, then the propeller, the indices of its gains in `numbers`."""
-        return [*([130 + 8 * j, 131 + 8 * j] for j in range(len(self.fin_lift))), [118, 119]]
-
-
-SIZE = 2 + 3 * 36 + 4 + 2 + 2 + 3 + 3 + 8 * LIMIT
-"""Largest length of `Torpedo.numbers`."""
-
-
-@cache
-def forces() -> Any:
-    """Callback for a model whose only joint is the vehicle's free joint.
-
-    It reads `Torpedo.numbers` from userdata.
-    """
-    offsets = field_offsets()
-    at_qpos, at_qvel, at_force = offsets["qpos"], offsets["qvel"], offsets["qfrc_passive"]
-    at_user, at_ctrl, at_act = offsets["userdata"], offsets["ctrl"], offsets["act"]
-
-    @cfunc(CALLBACK, cache=True)
-    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        arrays: Any = carray(data, (WORDS,))
-        d = carray(arrays[at_user], (SIZE,))
-        qpos = carray(arrays[at_qpos], (7,))
-        qvel = carray(arrays[at_qvel], (6,))
-        force = carray(arrays[at_force], (6,))
-        k = int(d[0])
-        command = carray(arrays[at_act if d[1] > 0 else at_ctrl], (k + 1,))
-        rigid, added = d[2:38].reshape(6, 6), d[38:74].reshape(6, 6)
-        inverse = d[74:110].reshape(6, 6)
-        attitude = (qpos[4], qpos[5], qpos[6], qpos[3])
-        v, relative, carried = motion_in_water(attitude, qvel, d[121:124])
-        ahead, left, up = relative[0], relative[1], relative[2]
-        roll, pitch, yaw = relative[3], relative[4], relative[5]
-        f = np.empty(6)
-        f[0] = -d[110] * ahead * abs(ahead)
-        f[1] = -d[111] * left * abs(left) - d[114] * abs(ahead) * left
-        f[2] = -d[111] * up * abs(up) - d[114] * abs(ahead) * up
-        f[3] = -d[112] * roll * abs(roll)
-        f[4] = -d[113] * pitch * abs(pitch) - d[115] * abs(ahead) * up
-        f[5] = -d[113] * yaw * abs(yaw) + d[115] * abs(ahead) * left
-        x, y, z = unrotate(attitude, (0.0, 0.0, 1.0))
-        f[0], f[1], f[2] = f[0] - d[116] * x, f[1] - d[116] * y, f[2] - d[116] * z
-        f[3] -= d[117] * y
-        f[4] += d[117] * x
-        n = command[k]
-        f[0] += d[118] * abs(n) * (n - d[120] * ahead)
-        f[3] -= d[119] * abs(n) * n
-        for j in range(k):
-            px, py, pz, ex, ey, ez, lift, drag = d[124 + 8 * j : 132 + 8 * j]
-            met = (  # cross-flow velocity at the fin, along its lift
-                ex * (ahead + pitch * pz - yaw * py)
-                + ey * (left + yaw * px - roll * pz)
-                + ez * (up + roll * py - pitch * px)
-            )
-            push = lift * abs(ahead) * (ahead * command[j] - met)
-            x = push * ex - drag * abs(ahead) * ahead * command[j] ** 2
-            y, z = push * ey, push * ez
-            f[0], f[1], f[2] = f[0] + x, f[1] + y, f[2] + z
-            f[3] += py * z - pz * y
-            f[4] += pz * x - px * z
-            f[5] += px * y - py * x
-        wrench = passive_wrench(rigid, added, inverse, v, relative, carried, f)
-        linear = rotate(attitude, wrench[:3])
-        for i in range(3):
-            force[i] += linear[i]
-            force[3 + i] += wrench[3 + i]
-
-    return passive
 
 
 def theta_of(true: Torpedo) -> Array:
@@ -347,7 +245,7 @@ def theta_of(true: Torpedo) -> Array:
 
 def with_theta(nominal: Torpedo, theta: Array) -> Torpedo:
     """The nominal geometry with the parameters θ (p,) of a `TorpedoVehicle`."""
-    M = mass_tensor(6) @ theta[:6]
+    M = mass_tensor() @ theta[:6]
     rigid, added = split_mass(M, nominal.rigid, nominal.added)
     k = len(nominal.fin_lift)
     drag, lift, weight, righting, propeller, fin_lift, fin_drag = np.split(
@@ -401,7 +299,6 @@ def nominal_numbers(sheet: TorpedoSheet) -> Torpedo:
         lifts=np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]),
         fin_lift=fin_lift,
         fin_drag=fins.drag_by_lift * fin_lift,
-        flow=np.zeros(3),
     )
 
 
@@ -429,20 +326,10 @@ def _in_water(
         centre @ centre * np.eye(3) - np.outer(centre, centre)
     )
     spec = vehicle_spec(vehicle, dt, mass, centre, about_centre, size)
-    command_inputs(spec, system.n_u)
-    spec.nuserdata = SIZE
-    acting = true
+    acting = theta_of(replace(true, rigid=np.zeros((6, 6))))
     if mismatch.fluid == "ellipsoid":
         use_mujoco_fluid(spec, mismatch)
         for geom in spec.body(BODY).geoms:
             geom.fluid_ellipsoid = int(geom.name == "hull")  # the fins keep their own lift
-        acting = replace(true, added=np.zeros((6, 6)), drag=np.zeros(4), lift=np.zeros(2))
-    return Vehicle(
-        system,
-        theta_of(true),
-        spec,
-        acting.numbers(mismatch.lag > 0),
-        forces(),
-        mismatch,
-        acting.gain_places,
-    )
+        acting[:12] = 0.0
+    return Vehicle(system, theta_of(true), spec, acting, mismatch)

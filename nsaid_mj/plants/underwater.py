@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -16,12 +16,11 @@ from .world.body import (
     BODY,
     NED,
     Vehicle,
-    command_inputs,
     guessed,
     hidden,
     vehicle_spec,
 )
-from .world.hydrodynamics import LIMIT, POWERS, SIZE, Hydrodynamics, fossen, split_mass
+from .world.hydrodynamics import POWERS, Hydrodynamics, split_mass
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.sheet import (
@@ -87,9 +86,9 @@ class Thrusters(Table):
                     "Give every thruster of the ring both.",
                 )
         count = len(self.positions) + sum(len(ring.angles) for ring in self.rings)
-        if not 1 <= count <= LIMIT:
+        if not count:
             raise InvalidInput(
-                "thrusters", f"1 to {LIMIT} thrusters", count, "Give `positions`, or `rings`."
+                "thrusters", "at least one thruster", count, "Give `positions`, or `rings`."
             )
         check_unit_vectors("thrusters.directions", self.placed("direction"))
         if not sum(self.curve) > 1e-9:
@@ -115,6 +114,8 @@ class Thrusters(Table):
 
 class UnderwaterSheet(Sheet):
     """An underwater vehicle's data sheet; x forward, y right, z down from the centre of mass."""
+
+    family: ClassVar[str] = "underwater"
 
     mass: Positive = one("a number > 0 [kg]")
     volume: Positive = one("a number > 0 [m³]")
@@ -169,6 +170,7 @@ class BlueROV2Plant(ParametricPlantConfig):
             from the published values.
     """
 
+    sheet: ClassVar[type[Sheet]] = UnderwaterSheet
     vehicle: Name = "bluerov2"
     spread: Share = 0.2
 
@@ -188,7 +190,6 @@ class BlueROV2Plant(ParametricPlantConfig):
     def _plant(self, dt: float, true: Hydrodynamics) -> Plant:
         sheet = UnderwaterSheet.of(self.vehicle)
         nominal = nominal_numbers(sheet)
-        true = replace(true, flow=np.array(self.mismatch.flow))
         system = UnderwaterVehicle(
             scales_of(nominal, sheet.guess), nominal.positions, nominal.directions, nominal.curve
         )
@@ -241,22 +242,12 @@ def body_in_water(
     """
     mass, inertia = true.rigid[0, 0], true.rigid[3:, 3:]
     spec = vehicle_spec(vehicle, dt, mass, np.zeros(3), inertia, size)
-    command_inputs(spec, system.n_u)
-    spec.nuserdata = SIZE
-    acting = true
+    acting = theta_of(true)
+    acting[:21] = true.added[np.triu_indices(6)]
     if mismatch.fluid == "ellipsoid":
         use_mujoco_fluid(spec, mismatch)
-        still = np.zeros(6)
-        acting = replace(true, added=np.zeros((6, 6)), linear=still, quadratic=still)
-    return Vehicle(
-        system,
-        theta_of(true),
-        spec,
-        acting.numbers(mismatch.lag > 0),
-        fossen(),
-        mismatch,
-        acting.gain_places,
-    )
+        acting[:33] = 0.0
+    return Vehicle(system, theta_of(true), spec, acting, mismatch)
 
 
 def theta_of(true: Hydrodynamics) -> Array:
@@ -313,7 +304,6 @@ def nominal_numbers(sheet: UnderwaterSheet) -> Hydrodynamics:
         directions=directions,
         thrust=np.full(len(positions), curve.sum()),
         curve=curve / curve.sum(),
-        flow=np.zeros(3),
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Protocol, Self
 
 import mujoco
@@ -19,17 +18,19 @@ from ..systems.optional import pin
 from ..systems.underwater_manipulator import Cylinders, LinkFluidScales, UnderwaterManipulator
 from ..systems.vehicle_manipulator import VehicleManipulator
 from .arm import ArmPlant, HiddenJoints, extent, nominal_scales, set_tree
-from .underwater import UnderwaterSheet, drawn, nominal_numbers, scales_of, with_theta
+from .underwater import UnderwaterSheet, nominal_numbers, scales_of
 from .world.body import command_inputs, guessed, hidden, vehicle_spec
 from .world.coordinates import joint_map
-from .world.hydrodynamics import Hydrodynamics
+from .world.forces import Forces, column_forces
+from .world.hydrodynamics import Hydrodynamics, split_mass
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.robots import Robot, load_robot
 from .world.shapes import VisualMesh
 from .world.tree import GeomVisuals, RobotVisuals, set_inertias, tree_spec
-from .world.tree_forces import TreeForces, tree_forces
 
+GRAVITY = 9.81
+"""[m/s²]."""
 BASE = "base"
 """Name of the free joint and of the base body in models that are assembled here."""
 
@@ -58,10 +59,9 @@ class VehicleWithArm(Plant):
     Args:
         system: the structure that an identifier may know.
         truth: (p,) the true θ.
-        model: Pinocchio's model, with the true inertias.
-        rotor: (k,) true reflected rotor inertias of the joints [kg·m² or kg].
-        forces: true parameters of the forces.
-        spec: MuJoCo's specification of the model, from `tree_spec`.
+        acting: (p,) θ of the forces beyond MuJoCo's; see `Forces`.
+        names: of MuJoCo's joints, the free joint first.
+        spec: MuJoCo's specification, from `tree_spec`.
         visuals: the meshes that show it; None for the specification's geoms.
         mismatch: the effects outside the structure.
     """
@@ -72,23 +72,20 @@ class VehicleWithArm(Plant):
         self,
         system: VehicleManipulator,
         truth: Array,
-        model: pin.Model,
-        rotor: Array,
-        forces: TreeForces,
+        acting: Array,
+        names: list[str],
         spec: Any,
         visuals: Visuals | None,
         mismatch: Mismatch,
     ):
-        self.system, self._truth, self.passive = system, truth, tree_forces()
-        names = list(model.names)[1:]
-        for name, inertia in zip(names[1:], rotor, strict=True):
-            spec.joint(name).armature = inertia
+        self.system, self._truth, self.passive = system, truth, column_forces()
+        forces = Forces(system.structure, acting, np.array(mismatch.flow))
         command_inputs(spec, system.n_u, names[0])
-        spec.nuserdata = forces.size
+        spec.nuserdata, self.gain_places = forces.size, forces.gain_places
         self._compile(spec, mismatch)
         self.joints = joint_map(self.model, names)
-        self._numbers = forces.numbers(self.model, self.joints.motors, mismatch.lag > 0)
-        self.gain_places = forces.gain_places
+        self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
+        self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
         self._visuals = GeomVisuals(self.model, system.model) if visuals is None else visuals
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
 
@@ -99,7 +96,7 @@ class VehicleWithArm(Plant):
 
     def _place(self, position: Array, velocity: Array) -> None:
         self.joints.write(self.data, position, velocity)
-        self.data.userdata[: len(self._numbers)] = self._numbers
+        self.data.userdata[:] = self._numbers
 
     def coordinates(self) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) velocities."""
@@ -141,109 +138,100 @@ class UvmsPlant(ParametricPlantConfig):
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
-        arm, base = numbers("uvms"), nominal_numbers(UnderwaterSheet.of("bluerov2"))
-        nominal, rng = nominal_forces(base, arm), np.random.default_rng(seed)
-        true = drawn(base, self.spread, rng)
-        forces = replace(
-            nominal_forces(true, arm),
-            cylinder_added=hidden(nominal.cylinder_added, self.spread, rng),
-            cylinder_drag=hidden(nominal.cylinder_drag, self.spread, rng),
-            cylinder_buoyancy=hidden(nominal.cylinder_buoyancy, self.spread, rng),
-            viscous=hidden(nominal.viscous, self.spread, rng),
-            coulomb=hidden(nominal.coulomb, self.spread, rng),
-            gain=hidden(nominal.gain, self.spread, rng),
-        )
-        rotor = hidden(_nominal_rotor(arm), self.spread, rng)
-        return self._plant(dt, true, uvms_model(base, arm), forces, rotor)
+        system, theta = uvms_system(), published_uvms()
+        rng, space = np.random.default_rng(seed), system.space
+        for name in _UNSURE:
+            theta[space[name]] = hidden(theta[space[name]], self.spread, rng)
+        return self.simulating(dt, theta)
 
     def simulating(self, dt: float, theta: Array | None = None) -> Plant:
         """Makes the plant with the true parameters θ (p,), or the published ones.
 
         See `split_mass` for how M of the base is divided into rigid-body and added mass.
         """
-        arm, base = numbers("uvms"), nominal_numbers(UnderwaterSheet.of("bluerov2"))
-        if theta is None:
-            forces, rotor = nominal_forces(base, arm), _nominal_rotor(arm)
-            return self._plant(dt, base, uvms_model(base, arm), forces, rotor)
-        k = len(arm["links"])
-        ends = 21 + np.cumsum([10 * k, *[k] * 5, 16, k, k])
-        M, links, added, rotor, viscous, coulomb, gain, base_theta, drag, buoyancy, thrust = (
-            np.split(theta, [21, *ends])
-        )
-        true = with_theta(base, np.concatenate([M, base_theta, thrust]))
-        model = uvms_model(true, arm)
-        set_inertias(model, links, 2)
-        forces = replace(
-            nominal_forces(true, arm),
-            cylinder_added=added,
-            cylinder_drag=drag,
-            cylinder_buoyancy=buoyancy,
-            viscous=viscous,
-            coulomb=coulomb,
-            gain=gain,
-        )
-        return self._plant(dt, true, model, forces, rotor)
-
-    def _plant(
-        self, dt: float, true: Hydrodynamics, model: pin.Model, forces: TreeForces, rotor: Array
-    ) -> Plant:
-        arm, sheet = numbers("uvms"), UnderwaterSheet.of("bluerov2")
-        base = nominal_numbers(sheet)
-        published = uvms_model(base, arm)
-        nominal, shapes = nominal_forces(base, arm), cylinders(arm)
-        system = UnderwaterManipulator(
-            published,
-            _joint_guesses(published, arm),
-            scales_of(base, sheet.guess),
-            LinkFluidScales(
-                added=guessed(nominal.cylinder_added),
-                drag=guessed(nominal.cylinder_drag),
-                buoyancy=guessed(nominal.cylinder_buoyancy),
-            ),
-            shapes,
-            arm["joints"]["friction_speed"],
-            base.positions,
-            base.directions,
-            base.curve,
-        )
-        forces = replace(forces, flow=np.array(self.mismatch.flow))
-        links = [inertia.toDynamicParameters() for inertia in list(model.inertias)[2:]]
-        truth = np.concatenate(
-            [
-                (true.rigid + true.added)[np.triu_indices(6)],
-                *links,
-                forces.cylinder_added,
-                rotor,
-                forces.viscous,
-                forces.coulomb,
-                forces.gain,
-                true.linear,
-                true.quadratic,
-                [true.net_weight],
-                true.righting,
-                forces.cylinder_drag,
-                forces.cylinder_buoyancy,
-                true.thrust,
-            ]
-        )
+        arm, base, system = numbers("uvms"), _base(), uvms_system()
+        space, theta = system.space, published_uvms() if theta is None else theta
+        M = np.zeros((6, 6))
+        M[np.triu_indices(6)] = theta[:21]
+        rigid, added = split_mass(M + np.triu(M, 1).T, base.rigid, base.added)
+        links = slice(21, 21 + 10 * len(arm["links"]))
+        model = uvms_model(rigid, arm)
+        set_inertias(model, theta[links], 2)
         spec = tree_spec(model, dt)
+        for i, inertia in enumerate(theta[space["rotor inertia"]]):
+            spec.joint(f"joint {i + 1}").armature = inertia
+        acting = theta.copy()
+        acting[:21], acting[links] = added[np.triu_indices(6)], 0.0
+        acting[space["rotor inertia"]] = 0.0
+        acting[space["net weight"]] -= rigid[0, 0] * GRAVITY  # MuJoCo's bodies have weight
         _add_visual_geoms(spec, arm)
-        vehicle = VehicleWithArm(system, truth, model, rotor, forces, spec, None, self.mismatch)
+        names = list(model.names)[1:]
+        vehicle = VehicleWithArm(system, theta, acting, names, spec, None, self.mismatch)
         return vehicle.failing(self.faults, self)
 
 
-def _nominal_rotor(arm: dict[str, Any]) -> Array:
-    return np.full(len(arm["links"]), arm["joints"]["rotor"])
+_UNSURE = (
+    "linear drag", "quadratic drag", "net weight", "righting moment", "thruster gain",
+    "added mass", "link drag", "link buoyancy", "viscous friction", "Coulomb friction",
+    "motor gain", "rotor inertia",
+)  # fmt: skip
 
 
-def uvms_model(base: Hydrodynamics, arm: dict[str, Any]) -> pin.Model:
-    """Pinocchio's model of an underwater base with an arm, with the published inertias."""
+def _base() -> Hydrodynamics:
+    return nominal_numbers(UnderwaterSheet.of("bluerov2"))
+
+
+def uvms_system() -> UnderwaterManipulator:
+    """The structure of the vehicle with its arm."""
+    arm, base, sheet = numbers("uvms"), _base(), UnderwaterSheet.of("bluerov2")
+    published, nominal = uvms_model(base.rigid, arm), published_links(arm)
+    return UnderwaterManipulator(
+        published,
+        _joint_guesses(published, arm),
+        scales_of(base, sheet.guess),
+        LinkFluidScales(*map(guessed, nominal)),
+        cylinders(arm),
+        arm["joints"]["friction_speed"],
+        base.positions,
+        base.directions,
+        base.curve,
+    )
+
+
+def published_uvms() -> Array:
+    """(p,) θ of the published and nominal values."""
+    arm, base = numbers("uvms"), _base()
+    d, k = arm["joints"], len(arm["links"])
+    added, drag, buoyancy = published_links(arm)
+    bodies = list(uvms_model(base.rigid, arm).inertias)[2:]
+    return np.concatenate(
+        [
+            (base.rigid + base.added)[np.triu_indices(6)],
+            *(body.toDynamicParameters() for body in bodies),
+            added,
+            *(np.full(k, d[name]) for name in ("rotor", "viscous", "coulomb", "gain")),
+            base.linear,
+            base.quadratic,
+            [base.net_weight],
+            base.righting,
+            drag,
+            buoyancy,
+            base.thrust,
+        ]
+    )
+
+
+def uvms_model(rigid: Array, arm: dict[str, Any]) -> pin.Model:
+    """Pinocchio's model of an underwater base with an arm, with the published inertias.
+
+    Args:
+        rigid: (6, 6) the base's rigid-body mass, its centre at the origin.
+        arm: numbers of assets/uvms.
+    """
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), BASE)
-    mass = base.rigid[0, 0]
-    model.appendBodyToJoint(
-        root, pin.Inertia(mass, np.zeros(3), base.rigid[3:, 3:]), pin.SE3.Identity()
-    )
+    body = pin.Inertia(rigid[0, 0], np.zeros(3), rigid[3:, 3:])
+    model.appendBodyToJoint(root, body, pin.SE3.Identity())
     parent, place = root, _placement(arm["mount"]["position"], arm["mount"]["angles"])
     for i, link in enumerate(arm["links"]):
         place = place * _placement(link["origin"], link["angles"])
@@ -272,39 +260,13 @@ def cylinders(arm: dict[str, Any]) -> Cylinders:
     return Cylinders((start + end) / 2, (end - start) / lengths[:, None], lengths)
 
 
-def nominal_forces(base: Hydrodynamics, arm: dict[str, Any]) -> TreeForces:
-    """Forces on a base in water with the given parameters, and on the arm with nominal ones."""
-    shapes, d, k = cylinders(arm), arm["joints"], len(arm["links"])
+def published_links(arm: dict[str, Any]) -> tuple[Array, Array, Array]:
+    """(k,) added mass [kg], drag per length [N·s²/m³] and buoyancy [N] of the links' cylinders."""
+    shapes, water = cylinders(arm), arm["water_density"]
     radius = np.array([link["cylinder"]["radius"] for link in arm["links"]])
-    water, g = arm["water_density"], 9.81
     displaced = water * np.pi * radius**2 * shapes.lengths
-    curve = np.zeros(9)
-    curve[::2] = base.curve
-    return TreeForces(
-        base=BASE,
-        added=base.added,
-        linear=base.linear,
-        quadratic=base.quadratic,
-        buoyancy=base.rigid[0, 0] * g - base.net_weight,
-        righting=base.righting,
-        positions=base.positions,
-        directions=base.directions,
-        thrust=base.thrust,
-        torque=np.zeros(len(base.thrust)),
-        curve=curve,
-        links=tuple(f"joint {i + 1}" for i in range(k)),
-        centres=shapes.centres,
-        axes=shapes.axes,
-        lengths=shapes.lengths,
-        cylinder_added=displaced,
-        cylinder_drag=0.5 * water * arm["drag_coefficient"] * 2 * radius,
-        cylinder_buoyancy=g * displaced,
-        viscous=np.full(k, d["viscous"]),
-        coulomb=np.full(k, d["coulomb"]),
-        friction_speed=d["friction_speed"],
-        gain=np.full(k, d["gain"]),
-        flow=np.zeros(3),
-    )
+    drag = 0.5 * water * arm["drag_coefficient"] * 2 * radius
+    return displaced, drag, GRAVITY * displaced
 
 
 def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
@@ -423,54 +385,33 @@ class FlyingArmPlant(ParametricPlantConfig):
         self, dt: float, robot: Robot, true: HiddenJoints, thrust: Array, torque: Array
     ) -> Plant:
         published, joints, *nominal = self._published()
-        rotor = np.zeros(0) if true.rotor is None else true.rotor
         d = numbers("flying_arm")[self.robot]
         positions, spins = np.array(d["positions"]), np.array(d["spins"], dtype=float)
-        directions = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
-        friction_speed = ArmPlant().friction_speed
         system = FlyingArm(
             published.model,
             joints,
             guessed(nominal[0]),
             guessed(nominal[1]),
             np.array(d["speed"]),
-            friction_speed,
+            ArmPlant().friction_speed,
             positions,
-            directions,
+            np.tile([0.0, 0.0, 1.0], (len(positions), 1)),
             spins,
         )
-        still, square = np.zeros(6), np.zeros(9)
-        square[1] = 1.0
-        forces = TreeForces(
-            base=robot.model.names[1],
-            added=np.zeros((6, 6)),
-            linear=still,
-            quadratic=still,
-            buoyancy=0.0,
-            righting=np.zeros(3),
-            positions=positions,
-            directions=directions,
-            thrust=thrust,
-            torque=spins * torque,
-            curve=square,
-            links=(),
-            centres=np.zeros((0, 3)),
-            axes=np.zeros((0, 3)),
-            lengths=np.zeros(0),
-            cylinder_added=np.zeros(0),
-            cylinder_drag=np.zeros(0),
-            cylinder_buoyancy=np.zeros(0),
-            viscous=true.viscous,
-            coulomb=true.coulomb,
-            friction_speed=friction_speed,
-            gain=true.gain,
-            flow=np.zeros(3),
-        )
         bodies = [inertia.toDynamicParameters() for inertia in list(robot.model.inertias)[1:]]
-        truth = np.concatenate(
-            [*bodies, rotor, forces.viscous, forces.coulomb, forces.gain, thrust, torque]
+        rotor = np.zeros(0) if true.rotor is None else true.rotor
+        inertias = np.concatenate([*bodies, rotor])
+        forces = np.concatenate([true.viscous, true.coulomb, true.gain, thrust, torque])
+        spec, names = tree_spec(robot.model, dt), list(robot.model.names)[1:]
+        for name, inertia in zip(names[1:], rotor, strict=False):
+            spec.joint(name).armature = inertia
+        vehicle = VehicleWithArm(
+            system,
+            np.concatenate([inertias, forces]),
+            np.concatenate([np.zeros(len(inertias)), forces]),
+            names,
+            spec,
+            RobotVisuals(robot),
+            self.mismatch,
         )
-        spec = tree_spec(robot.model, dt)
-        return VehicleWithArm(
-            system, truth, robot.model, rotor, forces, spec, RobotVisuals(robot), self.mismatch
-        ).failing(self.faults, self)
+        return vehicle.failing(self.faults, self)

@@ -12,8 +12,8 @@ from ..experiment.loop import Looks
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from ..systems.joints import JointTree, bones
-from ..systems.rigid_body import RigidBody
 from ..systems.scalar import ScalarVehicle
+from ..systems.structured import StructuredSystem
 
 ROBOT = "robot"
 BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"
@@ -66,7 +66,9 @@ class Scene:
     def __init__(self, system: SecondOrderSystem, looks: Looks | None):
         self._system, self._looks = system, looks
         self._meshes = looks.visuals() if looks is not None else []
-        self._rigid = isinstance(system, RigidBody | ScalarVehicle)  # all meshes on one body
+        self._rigid = (
+            isinstance(system, StructuredSystem) and len(system.structure.bodies) == 1
+        )  # all meshes on one body
         home = BODY if self._rigid else ROBOT
         self._paths = [f"{home}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
         tree = system if isinstance(system, JointTree) else None

@@ -46,6 +46,7 @@ def second_process(scenario: Scenario) -> Iterator[None]:
     Args:
         scenario: the scenario that is going to be run.
     """
+    _ = Setup.of(scenario).system.forward  # compiles the structure's kernels, which both need
     process = subprocess.Popen(
         [sys.executable, "-c", _CALL],
         stdin=subprocess.PIPE,

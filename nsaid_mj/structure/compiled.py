@@ -30,7 +30,7 @@ SLOPES = types.NamedTuple((vector, vector, vector, vector, matrix, matrix), Slop
 
 MARKED: list[tuple[Any, Any, bool]] = []
 """All functions, callees first, their signatures, and whether they are kernels."""
-_FAST: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+FAST: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 """Without `_nrt` numba counts references to the arrays of every call: half of a stage's time. Here
 nothing allocates, and Python owns all arrays."""
 
@@ -52,7 +52,7 @@ def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
 def _marking(signature: Any, called: bool, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     def mark(function: Callable[..., Any]) -> Any:
-        made = njit(**_FAST, **options)(function)
+        made = njit(**FAST, **options)(function)
         MARKED.append((made, signature, called))
         return made
 

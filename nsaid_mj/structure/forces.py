@@ -13,20 +13,22 @@ from .arrays import (
     INPUT,
     KIND,
     NONZEROS,
+    PARAMETER,
     PARENT,
     SORT,
     TWIST,
 )
+from .columns.curve import follow_curve
 from .columns.fluid import FLUID_KINDS, GRAVITY, UP, write_fluid
 from .columns.fluid import F as WRENCH
-from .columns.joint import coordinate, joint_force
+from .columns.joint import MOTOR, STRIBECK, coordinate, friction, joint_force
 from .columns.thrust import THRUST_KINDS, write_thrust
 from .columns.wheels import write_wheel
 from .compiled import STRUCTURE, boolean, f8, helper, i8, kernel, routine, table, vector, void
 from .spatial import clear, dot, into_body, out_of_body, unrotate
 
 BODY_KINDS = 100
-_COMMON = 18  # in the scratch: the wrench in the common frame
+_COMMON, _SUM = 18, 24  # in the scratch: a wrench in the common frame; the sum of wrenches
 
 
 @helper(void(vector, i8, i8, vector))
@@ -49,12 +51,12 @@ def write_wrench(kind, c, own, command, x):
         write_wheel(kind, c, own, x, command)
 
 
-@helper(void(table, vector, i8, vector, vector, i8))
-def project(bodies, state, b, x, F, to):
-    """Writes the generalised forces of the wrench in x on body b, from F[to] on."""
+@helper(void(table, table, vector, i8, vector, vector, i8, i8))
+def project(bodies, nonzeros, state, b, x, F, to, end):
+    """Writes the generalised forces of the wrench in x on body b into F[to : end]."""
     if bodies[b, KIND] == FREE:
-        for i in range(6):
-            F[to + i] = x[WRENCH + i]
+        for z in range(to, end):
+            F[z] = x[WRENCH + nonzeros[z, 0]]
         return
     out_of_body(state, b * FRAME, x, WRENCH, x, _COMMON)
     while b >= 0:
@@ -62,6 +64,17 @@ def project(bodies, state, b, x, F, to):
         for j in range(first, first + bodies[b, COUNT]):
             F[to] = dot(state, (bodies.shape[0] + j) * FRAME, x, _COMMON)
             to += 1
+        b = bodies[b, PARENT]
+
+
+@helper(void(table, vector, i8, vector, vector))
+def _add_projection(bodies, state, b, x, force):
+    """Adds the generalised forces of the wrench in x on body b to force (n,)."""
+    out_of_body(state, b * FRAME, x, WRENCH, x, _COMMON)
+    while b >= 0:
+        first = bodies[b, AT_V]
+        for j in range(first, first + bodies[b, COUNT]):
+            force[j] += dot(state, (bodies.shape[0] + j) * FRAME, x, _COMMON)
         b = bodies[b, PARENT]
 
 
@@ -80,6 +93,7 @@ def write_forces(structure, state, q, v, u, whole, x, F):
         F: (z,) entries that can differ from 0; written.
     """
     bodies, columns, c, seen = structure.bodies, structure.columns, structure.constants, -1
+    nonzeros = structure.nonzeros
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
     for k in range(columns.shape[0]):
         kind, b, own = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
@@ -88,12 +102,68 @@ def write_forces(structure, state, q, v, u, whole, x, F):
         command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
         to = columns[k, NONZEROS]
         if kind < BODY_KINDS:
-            angle, rate = coordinate(bodies, b, q), v[bodies[b, AT_V]]
-            F[to] = joint_force(kind, c, own, bodies, b, state, ground, angle, rate, command, x)
-            seen = -1
+            rate = v[bodies[b, AT_V]]
+            if kind <= STRIBECK:
+                F[to] = friction(kind, c, own, rate)
+            elif kind == MOTOR:
+                F[to] = follow_curve(c, own, command)
+            else:
+                angle = coordinate(bodies, b, q)
+                F[to] = joint_force(kind, c, own, bodies, b, state, ground, angle, rate, command, x)
+                seen = -1
             continue
         if b != seen:
             write_surroundings(state, b * FRAME, ground, x)
             seen = b
         write_wrench(kind, c, own, command, x)
-        project(bodies, state, b, x, F, to)
+        end = columns[k + 1, NONZEROS] if k + 1 < columns.shape[0] else nonzeros.shape[0]
+        project(bodies, nonzeros, state, b, x, F, to, end)
+
+
+@routine(void(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, vector))
+def add_forces(structure, state, on_ground, q, v, u, theta, x, force):
+    """Adds F θ to force (n,), without forming F.
+
+    Args:
+        structure: the robot.
+        state: (s,) of `kinematics.place` at the velocity relative to water or air.
+        on_ground: (s,) the same at the velocity relative to the ground.
+        q: (m,) positions.
+        v: (n,) velocities.
+        u: (n_u,) commands.
+        theta: (p,) parameters.
+        x: (SCRATCH,) workspace.
+        force: (n,) added to.
+    """
+    bodies, columns, c = structure.bodies, structure.columns, structure.constants
+    ground, seen, wheel = (bodies.shape[0] + v.shape[0]) * FRAME, -1, False
+    clear(x, _SUM, 6)
+    for k in range(columns.shape[0] + 1):
+        last = k == columns.shape[0]
+        kind, b, own = 0, -1, 0
+        if not last:
+            kind, b, own = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
+        rolls = kind >= THRUST_KINDS
+        if seen >= 0 and (last or kind < BODY_KINDS or b != seen or rolls != wheel):
+            for i in range(6):
+                x[WRENCH + i] = x[_SUM + i]
+            _add_projection(bodies, state, seen, x, force)
+            clear(x, _SUM, 6)
+            seen = -1
+        if last or theta[columns[k, PARAMETER]] == 0.0:
+            continue
+        gain = theta[columns[k, PARAMETER]]
+        command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
+        if kind < BODY_KINDS:
+            i = bodies[b, AT_V]
+            angle = coordinate(bodies, b, q)
+            force[i] += gain * joint_force(
+                kind, c, own, bodies, b, state, ground, angle, v[i], command, x
+            )
+            continue
+        if seen < 0:
+            write_surroundings(on_ground if rolls else state, b * FRAME, ground, x)
+            seen, wheel = b, rolls
+        write_wrench(kind, c, own, command, x)
+        for i in range(6):
+            x[_SUM + i] += gain * x[WRENCH + i]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -108,6 +108,31 @@ class Column:
         for name, value in locals().copy().items():
             if name != "self":
                 object.__setattr__(self, name, value)
+
+
+def columns_at(
+    kind: str,
+    parameter: int,
+    points: ArrayLike,
+    directions: ArrayLike | None = None,
+    **constants: Any,
+) -> list[Column]:
+    """Columns of the first body's actuators, one for each parameter and command.
+
+    Args:
+        kind: of the columns.
+        parameter: index in θ of the first.
+        points: (k, 3) where they act, in the body's axes [m].
+        directions: (k, 3) unit vectors along which they push, if the kind has a direction.
+        constants: what all have in common.
+    """
+    columns = []
+    for i, point in enumerate(np.asarray(points, dtype=float)):
+        along = {} if directions is None else {"direction": np.asarray(directions)[i]}
+        columns.append(
+            Column(kind, parameter + i, body=0, input=i, point=point, **along, **constants)
+        )
+    return columns
 
 
 # -- tensors of inertias ---------------------------------------------------------------------------

@@ -24,8 +24,10 @@ from .arrays import (
     FALL,
     FIRST,
     FRAME,
+    FREE,
     GENERAL,
     INERTIA,
+    KIND,
     LAST,
     MOTION,
     OF,
@@ -41,7 +43,19 @@ from .arrays import (
     VELOCITY,
     WRENCH,
 )
-from .compiled import STRUCTURE, WORKSPACE, f8, helper, i8, kernel, table, vector, void
+from .compiled import (
+    STRUCTURE,
+    WORKSPACE,
+    f8,
+    helper,
+    i8,
+    kernel,
+    matrix,
+    routine,
+    table,
+    vector,
+    void,
+)
 from .inertia import (
     add_common_power,
     add_momentum,
@@ -62,6 +76,12 @@ def accumulate(bodies, state, at, x, motion, k):
     axes = bodies.shape[0] * FRAME
     for b in range(bodies.shape[0]):
         parent, own, first = bodies[b, PARENT], b * MOTION + k, bodies[b, AT_V]
+        if bodies[b, KIND] == FREE:  # its axes are those of the common frame, which Ṡ = V × S turns
+            for i in range(6):
+                motion[own + i] = x[i] if at == 0 else 0.0
+            if at == RATE:
+                add_turned(state, b * FRAME + TWIST, x, 0, 1.0, motion, own)
+            continue
         for i in range(6):
             motion[own + i] = motion[parent * MOTION + k + i] if parent >= 0 else 0.0
         for j in range(first, first + bodies[b, COUNT]):
@@ -115,7 +135,7 @@ def _add_square_wrench(state, frame, inertia, at, motion, own, x):
     add_pushed(motion, own + VELOCITY, x, 6, 1.0, motion, own + WRENCH)
 
 
-@helper(void(STRUCTURE, vector, i8, vector, WORKSPACE))
+@routine(void(STRUCTURE, vector, i8, vector, WORKSPACE))
 def _load(structure, state, ground, theta, work):
     """Writes every body's own inertia and wrench under θ."""
     bodies, entries, values = structure.bodies, structure.entries, structure.values
@@ -136,6 +156,27 @@ def _load(structure, state, ground, theta, work):
             clear(inertia, at, 36)
 
 
+@helper(void(table, vector, matrix))
+def _write_base(bodies, inertia, M):
+    """Writes the lower triangle of a free base's M: the inertia of all bodies."""
+    for j in range(6):
+        for i in range(j + 1):
+            M[j, i] = inertia[SQUARE + 6 * j + i] if bodies[0, GENERAL] else 0.0
+    if not bodies[0, RIGID]:
+        return
+    hx, hy, hz = inertia[1], inertia[2], inertia[3]
+    for i in range(3):
+        M[i, i] += inertia[0]
+        for j in range(i + 1):
+            M[3 + i, 3 + j] += inertia[4 + i * (i + 1) // 2 + j]
+    M[3, 1] -= hz
+    M[3, 2] += hy
+    M[4, 0] += hz
+    M[4, 2] -= hx
+    M[5, 0] -= hy
+    M[5, 1] += hx
+
+
 @helper(void(table, vector, WORKSPACE, vector))
 def _gather(bodies, state, work, force):
     """Writes M's lower triangle and Σ Jᵀ f (n,), from the tips inwards."""
@@ -143,6 +184,11 @@ def _gather(bodies, state, work, force):
     motion, inertia = work.motion, work.inertia
     for b in range(bodies.shape[0] - 1, -1, -1):
         own, parent, first = b * MOTION, bodies[b, PARENT], bodies[b, AT_V]
+        if bodies[b, KIND] == FREE:
+            _write_base(bodies, inertia, M)
+            for j in range(6):
+                force[j] = motion[own + WRENCH + j]
+            continue
         for j in range(first, first + bodies[b, COUNT]):
             axis = axes + j * FRAME
             force[j] = dot(state, axis, motion, own + WRENCH)
@@ -152,9 +198,9 @@ def _gather(bodies, state, work, force):
                 M[j, i] = dot(state, axes + i * FRAME, x, 0)
             ancestor = parent
             while ancestor >= 0:
-                start = bodies[ancestor, AT_V]
+                start, base = bodies[ancestor, AT_V], bodies[ancestor, KIND] == FREE
                 for i in range(start, start + bodies[ancestor, COUNT]):
-                    M[j, i] = dot(state, axes + i * FRAME, x, 0)
+                    M[j, i] = x[i] if base else dot(state, axes + i * FRAME, x, 0)
                 ancestor = bodies[ancestor, PARENT]
         if parent >= 0:
             for i in range(WRENCH, WRENCH + 6):
@@ -165,6 +211,21 @@ def _gather(bodies, state, work, force):
             if bodies[b, GENERAL]:
                 for i in range(SQUARE, SQUARE + 36):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
+
+
+@helper(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
+def write_equations(structure, state, w, theta, work, force):
+    """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
+    bodies, rotors = structure.bodies, structure.rotors
+    ground = (bodies.shape[0] + w.shape[0]) * FRAME
+    accumulate(bodies, state, 0, w, work.motion, VELOCITY)
+    accumulate(bodies, state, RATE, w, work.motion, DRIFT)
+    _load(structure, state, ground, theta, work)
+    _gather(bodies, state, work, force)
+    for r in range(rotors.shape[0]):
+        work.M[rotors[r, 0], rotors[r, 0]] += theta[rotors[r, 1]]
+    for i in range(force.shape[0]):
+        force[i] = -force[i]
 
 
 @kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector))
@@ -180,16 +241,8 @@ def accelerate(structure, state, F, w, theta, work, a):
         work: memory; afterwards it holds the bodies' motions without J a, and M̂'s factor.
         a: (n,) written.
     """
-    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
-    ground = (bodies.shape[0] + w.shape[0]) * FRAME
-    accumulate(bodies, state, 0, w, work.motion, VELOCITY)
-    accumulate(bodies, state, RATE, w, work.motion, DRIFT)
-    _load(structure, state, ground, theta, work)
-    _gather(bodies, state, work, a)
-    for r in range(rotors.shape[0]):
-        work.M[rotors[r, 0], rotors[r, 0]] += theta[rotors[r, 1]]
-    for i in range(a.shape[0]):
-        a[i] = -a[i]
+    nonzeros = structure.nonzeros
+    write_equations(structure, state, w, theta, work, a)
     for z in range(nonzeros.shape[0]):
         a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
     return solve_positive(work.M, work.L, a)  # (29)
@@ -280,3 +333,41 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
         i = nonzeros[z, 0]
         gradient[nonzeros[z, 1]] -= F[z] * (w[i] - v[i])
     return pivot
+
+
+@kernel(void(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector))
+def require(structure, state, F, v, a, theta, work, force):
+    """Writes what a motion requires beyond F θ, M a + C v − F θ, into force (n,).
+
+    Where F is that without commands, these are the torques of the motors.
+
+    Args:
+        structure: the robot.
+        state: (s,) at the measured state.
+        F: (z,) the entries of F that can differ from 0.
+        v: (n,) measured velocity.
+        a: (n,) acceleration.
+        theta: (p,) parameters.
+        work: memory.
+        force: (n,) written.
+    """
+    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
+    motion, axes = work.motion, bodies.shape[0] * FRAME
+    accumulate(bodies, state, 0, v, motion, VELOCITY)
+    accumulate(bodies, state, RATE, v, motion, DRIFT)
+    accumulate(bodies, state, 0, a, motion, PUSH)
+    for b in range(bodies.shape[0]):
+        for i in range(b * MOTION, b * MOTION + 6):
+            motion[i + DRIFT] += motion[i + PUSH]
+    _load(structure, state, axes + v.shape[0] * FRAME, theta, work)
+    for b in range(bodies.shape[0] - 1, -1, -1):
+        own, parent, first = b * MOTION, bodies[b, PARENT], bodies[b, AT_V]
+        for j in range(first, first + bodies[b, COUNT]):
+            force[j] = dot(state, axes + j * FRAME, motion, own + WRENCH)
+        if parent >= 0:
+            for i in range(WRENCH, WRENCH + 6):
+                motion[parent * MOTION + i] += motion[own + i]
+    for r in range(rotors.shape[0]):
+        force[rotors[r, 0]] += theta[rotors[r, 1]] * a[rotors[r, 0]]
+    for z in range(nonzeros.shape[0]):
+        force[nonzeros[z, 0]] -= F[z] * theta[nonzeros[z, 1]]

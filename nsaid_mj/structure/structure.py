@@ -191,7 +191,7 @@ class Structure:
             body = column.body if kind.number >= BODY_KINDS else self._moved(column.dof)
             moved = self.path(body) if kind.number >= BODY_KINDS else [column.dof]
             if self.kinds[body] == layout.FREE:
-                moved = sorted(moved)
+                moved = _touched(kind, column)
             places = len(constants), len(nonzeros), column.parameter
             rows.append((kind.number, body, column.input, *places, _READS.index(kind.reads)))
             constants += packed(kind, column)
@@ -283,6 +283,20 @@ def packed(kind: Kind, column: Column) -> list[float]:
             raise InvalidInput(f"{kind.name}.{name}", "finite numbers", value.tolist(), "")
         numbers += [*([float(len(value))] if size == LISTED else []), *value.tolist()]
     return numbers
+
+
+def _touched(kind: Kind, column: Column) -> list[int]:
+    """The components of a column's wrench on a free base that can differ from 0."""
+    known = {name: np.asarray(value, dtype=float) for name, value in column.constants.items()}
+    wrench = np.ones(6)
+    if "axes" in known:
+        wrench = known["axes"]
+    elif not kind.reads and "direction" in known:
+        along, none = known["direction"], np.zeros(3)
+        wrench = np.r_[none, along]
+        if "point" in known:
+            wrench = np.r_[along, np.cross(known["point"], along)]
+    return [int(i) for i in np.flatnonzero(wrench)]
 
 
 def _joint(body: Body) -> Array:

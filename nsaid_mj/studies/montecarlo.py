@@ -2,8 +2,7 @@
 
 Plants are simulated first, then identifiers follow their logs. Both happen in compiled code that
 releases the GIL, so that threads run in parallel. If all runs share one plant, the motion's stages
-are computed once for a group of identifiers; with the paper's law on a tree, each identifier of the
-group gets a SIMD lane.
+are computed once for a group of identifiers.
 
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
@@ -36,7 +35,7 @@ from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
-from ..identifiers.nullspace_aid import NullspaceIdentifier, side_by_side
+from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.threads import single_threaded
 from ..parameters import Array
@@ -246,13 +245,13 @@ def _followed(
     runs: Sequence[Draw], log: Log, motion: Motion | None
 ) -> Iterator[tuple[State, Estimates]]:
     """Yields state and estimates of every run's identifier along a segment, from its last state."""
-    following = [run.following for run in runs]
-    if motion is None:
-        yield from (each.identifier.follow(each.state, log) for each in following)
-    else:
-        laws = [each.identifier for each in following]
-        own = [law for law in laws if isinstance(law, NullspaceIdentifier)]
-        yield from side_by_side(own, [each.state for each in following], log, motion)
+    for run in runs:
+        law, state = run.following.identifier, run.following.state
+        if motion is None:
+            yield law.follow(state, log)
+        else:
+            assert isinstance(law, NullspaceIdentifier)
+            yield law.along(state, log, motion)
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.forward import force_law
-from ..numerics.spatial import cross, unrotate
 from ..parameters import Array, Block, ParameterSpace
-from . import actuators
-from .rigid_body import RigidBody, inertial_block, of_a_body
+from ..structure.parts import Body, Column, Inertia
+from ..structure.structure import Structure
+from .inertial import inertial_block
+from .structured import StructuredSystem
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s²]: known, so that weight is a column of the mass."""
 
 _UP = np.array([0.0, 0.0, 1.0])
-_LIFT, _ROTOR_DRAG, _BODY_DRAG, _THRUST, _TORQUE = 10, 11, 13, 16, 20  # first columns
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class AerialScales:
     speed: Array
 
 
-class Quadrotor(RigidBody):
+class Quadrotor(StructuredSystem):
     """M ν̇ + C(ν) ν = weight + drag + rotors, in still air.
 
     θ = [m, m c (3), inertia (6), lift, rotor drag (2), body drag (3), thrust (4), torque (4)], all
@@ -74,59 +71,27 @@ class Quadrotor(RigidBody):
         mounts = np.vstack([positions, np.full((4, 3), np.nan)])  # a torque acts at no point
         self.rotors = np.ascontiguousarray(positions, dtype=np.float64)
         self.spin = np.asarray(spin, dtype=np.float64)
-        lever = actuators.wrenches(self.rotors, np.tile(_UP, (4, 1)))
-        law = RotorForces(self.rotors, self.spin, lever)
-        super().__init__(space, of_a_body(0, len(space)), 4, mounts, law)
+        columns = [
+            Column("speed_drag", 13 + i, body=0, axes=e) for i, e in enumerate(np.eye(6)[:3])
+        ]
+        for k, (point, sign) in enumerate(zip(self.rotors, self.spin, strict=True)):
+            there, up = {"body": 0, "input": k}, {"point": point, "direction": _UP}
+            columns += [
+                Column("rotor", 16 + k, **there, **up),
+                Column("rotor_torque", 20 + k, **there, direction=sign * _UP),
+                Column("rotor_inflow", 10, body=0, **up),
+                Column("rotor_drag", 11, **there, **up),
+                Column("rotor_damping", 12, **there, **up),
+            ]
+        gravity = -GRAVITY * _UP
+        robot = Structure([Body("free")], [Inertia(0, 0)], columns, len(space), 4, (), gravity)
+        super().__init__(robot, space, mounts)
         self._speed = scales.speed
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a position within 10 m, any attitude, velocities and rotor speeds of operation."""
         q = self.position(np.r_[rng.uniform(-10, 10, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0.1, 1, 4)
-
-
-class RotorForces(NamedTuple):
-    """Weight, drag and rotors, for compiled loops.
-
-    Attributes:
-        rotors: (4, 3) positions [m].
-        spin: (4,) ±1, the sign of the torque that each rotor makes about z.
-        lever: (6, 4) wrench of a unit thrust of each.
-    """
-
-    rotors: Array
-    spin: Array
-    lever: Array
-
-
-@force_law(RotorForces)
-@njit(cache=True)
-def _forces(forces, q, v, u, F):
-    rotors, spin, lever = forces
-    down = -GRAVITY * unrotate(q[3:], _UP)
-    for i in range(3):
-        F[i, 0] = down[i]
-    F[4, 1], F[5, 1] = -down[2], down[1]  # e_j × down, of each component of m c
-    F[3, 2], F[5, 2] = down[2], -down[0]
-    F[3, 3], F[4, 3] = -down[1], down[0]
-    speed = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    for i in range(3):
-        F[i, _BODY_DRAG + i] = -speed * v[i]
-    for k in range(4):
-        at = v[:3] + cross(v[3:], rotors[k])
-        sliding = at[0] * at[0] + at[1] * at[1]
-        square = u[k] * abs(u[k])  # a rotor that turns backwards pulls down
-        for i in range(6):
-            F[i, _LIFT] += sliding * lever[i, k]
-            F[i, _THRUST + k] = square * lever[i, k]
-        F[5, _TORQUE + k] = spin[k] * square
-        flat, axial = -abs(u[k]) * at, np.zeros(3)
-        flat[2], axial[2] = 0.0, -abs(u[k]) * at[2]
-        for part, drag in enumerate((flat, axial)):
-            turning = cross(rotors[k], drag)
-            for i in range(3):
-                F[i, _ROTOR_DRAG + part] += drag[i]
-                F[3 + i, _ROTOR_DRAG + part] += turning[i]
 
 
 def _space(s: AerialScales) -> ParameterSpace:

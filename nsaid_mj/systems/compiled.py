@@ -1,26 +1,14 @@
-"""Trees of joints as in `multibody`, with the compiled regressors of `dynamics.tree_regressor`."""
+"""Trees of joints as in `multibody`, with the structure's regressors."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..dynamics.motions import TreeMotion, tree_motion
-from ..dynamics.tree_regressor import (
-    tree_balance,
-    tree_evaluate,
-    tree_forces,
-    tree_inertial,
-    tree_mass_tensor,
-    tree_regressor,
-    tree_transport,
-)
 from ..errors import EnginesDisagree
-from ..log import Log
 from ..parameters import Array
-from ..system import Stage
-from .general import forces_by_sample
 from .multibody import JointScales, MotorTree
 from .optional import pin
+from .structured import StructuredSystem
 
 AGREEMENT = 1e-10
 """Largest accepted difference from Pinocchio, relative to the largest entry."""
@@ -28,11 +16,11 @@ AGREEMENT = 1e-10
 _SAMPLES = 20  # random states at which both are compared
 
 
-class CompiledMultibody(MotorTree):
-    """A `MotorTree` whose regressors are compiled recursions: Pinocchio's numbers, much faster.
+class CompiledMultibody(MotorTree, StructuredSystem):
+    """A `MotorTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
 
-    The kernels use the tree of the Pinocchio model, and are compared with Pinocchio's
-    `computeJointTorqueRegressor`, `crba` and `nonLinearEffects` when the system is made.
+    They are compared with Pinocchio's `computeJointTorqueRegressor`, `crba` and
+    `nonLinearEffects` when the system is made.
 
     Args:
         model: kinematics and gravity; its inertias are discarded.
@@ -40,53 +28,16 @@ class CompiledMultibody(MotorTree):
         friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
 
     Raises:
-        EnginesDisagree: the recursions and Pinocchio differ by more than `AGREEMENT`.
+        EnginesDisagree: the structure and Pinocchio differ by more than `AGREEMENT`.
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
         super().__init__(model, scales, friction_speed)
-        self.forward = self.tree
         check_consistency(self)
 
-    def _W_M(self, q: Array, a: Array) -> Array:
-        return tree_inertial(self.tree, q, self._zero, self._zero, a, self.p)
 
-    def _mass_tensor(self, q: Array) -> Array:
-        return tree_mass_tensor(self.tree, q, self.n, self.p)
-
-    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        return tree_inertial(self.tree, q, v, w, self._zero, self.p)
-
-    def _transport(self, q: Array, v: Array) -> Array:
-        return tree_transport(self.tree, q, v, self.p)
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return tree_forces(self.tree, q, v, u, self.p)
-
-    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        return tree_regressor(self.tree, q, v, w, a, u, self.p)
-
-    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
-        return Stage(*tree_evaluate(self.tree, q, v, u, w, np.ascontiguousarray(theta)))
-
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples."""
-        return forces_by_sample(self, t, q, v, u)
-
-    def motion(self, log: Log, hermite: bool) -> TreeMotion:
-        """The tree's motion along a log."""
-        return tree_motion(self.tree, hermite, *log)
-
-    def momentum_balance(
-        self, leak: float, log: Log, q: Array, v: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Terms of the filtered momentum balance, in one pass over the bodies."""
-        return tree_balance(self.tree, leak, *log[1:], q, v, self.p)
-
-
-def check_consistency(system: MotorTree) -> None:
-    """Compares the compiled recursions of a tree with Pinocchio at random states.
+def check_consistency(system: CompiledMultibody) -> None:
+    """Compares the regressors of a structure with Pinocchio's at random states.
 
     The comparison covers the torque regressor of the links and, under random physical inertias, the
     mass matrix and the bias forces.
@@ -105,19 +56,18 @@ def check_consistency(system: MotorTree) -> None:
         model.inertias[i].inertia = np.diag(moments)
         theta[10 * (i - 1) : 10 * i] = model.inertias[i].toDynamicParameters()
     data = model.createData()
-    still, unit = np.zeros(system.n), np.eye(system.n)
+    still = np.zeros(system.n)
     for _ in range(_SAMPLES):
         q, v, _ = system.random_state(rng)
         a, u = rng.uniform(-1, 1, system.n), np.zeros(system.n_u)
         regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
         mass = pin.crba(model, data, q)
         bias = pin.nonLinearEffects(model, data, q, v)
-        ours = tree_regressor(system.tree, q, v, v, a, u, system.p)[:, :links]
-        columns = [tree_inertial(system.tree, q, still, still, e, system.p) @ theta for e in unit]
-        ours_bias = tree_regressor(system.tree, q, v, v, still, u, system.p)[:, :links]
+        ours = system._W(0.0, q, v, v, a, u)[:, :links]
+        ours_bias = system._W(0.0, q, v, v, still, u)[:, :links]
         for quantity, own, theirs in (
             ("torque regressor", ours, regressor.reshape(system.n, links)),
-            ("mass matrix", np.array(columns), np.triu(mass) + np.triu(mass, 1).T),
+            ("mass matrix", system._mass_tensor(q) @ theta, np.triu(mass) + np.triu(mass, 1).T),
             ("bias force", ours_bias @ theta[:links], bias),
         ):
             apart = float(np.max(np.abs(own - theirs)) / max(np.max(np.abs(theirs)), 1e-300))
@@ -130,6 +80,6 @@ def check_consistency(system: MotorTree) -> None:
                     quantity,
                     apart,
                     AGREEMENT,
-                    ("The compiled recursions", "Pinocchio"),
+                    ("The compiled structure", "Pinocchio"),
                     "Take --backend pinocchio.",
                 )

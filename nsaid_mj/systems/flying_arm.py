@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numba import njit
 
 from ..parameters import Array, Block
-from . import actuators
-from .loads import carried_force_law
-from .multibody import JointScales
+from ..structure.parts import Column, Inertia, columns_at
+from .multibody import JointScales, link_blocks
 from .optional import pin
-from .rigid_body import of_a_body
-from .tree import Carried
-from .vehicle_manipulator import VehicleManipulator, link_blocks
+from .vehicle_manipulator import VehicleManipulator
 
 
 class FlyingArm(VehicleManipulator):
@@ -48,13 +42,14 @@ class FlyingArm(VehicleManipulator):
         directions: Array,
         spins: Array,
     ):
-        bodies, rotors = model.njoints - 1, len(positions)
+        rotors = len(positions)
+        turning = spins[:, None] * directions
         self.allocation = np.zeros((2, model.nv, rotors))
-        self.allocation[0, :6] = actuators.wrenches(positions, directions)
-        self.allocation[1, 3:6] = (spins[:, None] * directions).T
+        self.allocation[0, :6] = np.hstack([directions, np.cross(positions, directions)]).T
+        self.allocation[1, 3:6] = turning.T
         super().__init__(
             model,
-            [Carried(i, of_a_body(0, 10), True) for i in range(bodies)],
+            [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
             link_blocks(model, joints),
             joints,
             friction_speed,
@@ -62,10 +57,16 @@ class FlyingArm(VehicleManipulator):
                 _gains("rotor thrust gain", "thrust", "N", thrust),
                 _gains("rotor torque gain", "torque", "N·m", torque),
             ],
+            [
+                *columns_at("rotor", 0, positions, directions),
+                *(
+                    Column("rotor_torque", rotors + i, body=0, input=i, direction=e)
+                    for i, e in enumerate(turning)
+                ),
+            ],
             (np.full(rotors, 0.1), np.ones(rotors)),
             np.vstack([positions, np.full((rotors, 3), np.nan)]),  # a torque acts at no point
             speed,
-            RotorForces(self.allocation),
         )
 
 
@@ -74,28 +75,3 @@ def _gains(name: str, letter: str, unit: str, scale: Array) -> Block:
     names = tuple(f"{letter}_{i}" for i in numbers)
     labels = tuple(f"{letter} of rotor {i}" for i in numbers)
     return Block(name, names, (unit,) * len(scale), scale, "positive", actuator=True, labels=labels)
-
-
-class RotorForces(NamedTuple):
-    """The rotors, for compiled loops.
-
-    Attributes:
-        allocation: (2, n, r) unit wrenches of their thrusts, then of their torques.
-    """
-
-    allocation: Array
-
-
-@carried_force_law(RotorForces)
-@njit(cache=True)
-def _rotors(forces, linkage, states, u):
-    """(N, n, 2 r) wrench per gain of the rotors' thrusts, then torques, at speeds u (N, r)."""
-    allocation = forces.allocation
-    kinds, n, rotors = allocation.shape
-    F = np.empty((u.shape[0], n, kinds * rotors))
-    for s in range(u.shape[0]):
-        for kind in range(kinds):
-            for i in range(n):
-                for k in range(rotors):
-                    F[s, i, kind * rotors + k] = allocation[kind, i, k] * u[s, k] * u[s, k]
-    return F

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.forward import force_law
 from ..parameters import Array, Block, ParameterSpace
-from .rigid_body import RigidBody
+from ..structure.parts import Body, Column, Inertia, tied
+from ..structure.structure import Structure
+from .structured import StructuredSystem
 
 CREEP = 0.1  # speed scale of rolling resistance, which is continuous where u changes sign [m/s]
 
@@ -44,7 +43,7 @@ class GroundScales:
     grip: float
 
 
-class GroundVehicle(RigidBody):
+class GroundVehicle(StructuredSystem):
     """The single-track model, linear in θ = [m, h, I, C_f, C_r, k_d, k_v, c_0, c_D].
 
     M = [[m, 0, 0], [0, m, h], [0, h, I]] about mid-wheelbase, where x is forward and y left; the
@@ -65,12 +64,18 @@ class GroundVehicle(RigidBody):
 
     def __init__(self, scales: GroundScales, wheelbase: float, steering: float):
         space = _space(scales)
-        tensor = np.zeros((3, 3, len(space)))
-        tensor[0, 0, 0] = tensor[1, 1, 0] = 1.0
-        tensor[1, 2, 1] = tensor[2, 1, 1] = 1.0
-        tensor[2, 2, 2] = 1.0
+        columns = [
+            Column("tyre", 3, body=0, input=1, arm=wheelbase / 2),
+            Column("tyre", 4, body=0, arm=-wheelbase / 2),
+            Column("drive", 5, body=0, input=0),
+            Column("drive_loss", 6, body=0, input=0),
+            Column("rolling", 7, body=0, speed=CREEP),
+            Column("drag", 8, body=0, axes=(1, 0, 0, 0, 0, 0)),
+        ]
+        mass = tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)])
+        robot = Structure([Body("planar")], [Inertia(0, 0, mass)], columns, len(space), 2)
         mounts = np.array([[-wheelbase / 2, 0.0, 0.0], [np.nan] * 3])
-        super().__init__(space, tensor, 2, mounts, GroundForces(wheelbase / 2))
+        super().__init__(robot, space, mounts)
         self.wheelbase, self.steering = wheelbase, steering
         self.speed, self.grip = scales.speed, scales.grip
 
@@ -82,46 +87,6 @@ class GroundVehicle(RigidBody):
         limit = min(self.steering, self.wheelbase * self.grip / speed**2 + 0.05)
         u = rng.uniform(-1, 1, 2) * [1.0, limit]
         return rng.uniform(-1, 1, 3) * [100.0, 100.0, 3.0], v, u
-
-
-class GroundForces(NamedTuple):
-    """Tyres, drive and drag, for compiled loops.
-
-    Attributes:
-        arm: half the wheelbase [m].
-    """
-
-    arm: float
-
-
-@force_law(GroundForces)
-@njit(cache=True)
-def _forces(forces, q, v, u, F):
-    arm = forces.arm
-    column = tyre(F, 3, arm, u[1], v)
-    column = tyre(F, column, -arm, 0.0, v)
-    F[0, column], F[0, column + 1] = u[0], -v[0] * u[0]
-    F[0, column + 2], F[0, column + 3] = -np.tanh(v[0] / CREEP), -abs(v[0]) * v[0]
-
-
-@njit(cache=True)
-def tyre(F, column, arm, steer, v):
-    """Force −C α of one axle's linear tyres, across its wheels; one column.
-
-    Args:
-        F: (3, p) force regressor; written.
-        column: index of the column.
-        arm: position of the axle along x [m].
-        steer: angle of its wheels [rad].
-        v: (3,) body twist.
-
-    Returns:
-        The column after the one written.
-    """
-    slip = np.arctan2(v[1] + arm * v[2], v[0]) - steer
-    F[0, column], F[1, column] = slip * np.sin(steer), -slip * np.cos(steer)
-    F[2, column] = arm * F[1, column]
-    return column + 1
 
 
 def _space(s: GroundScales) -> ParameterSpace:

@@ -1,4 +1,4 @@
-"""Coordinates of a tree of joints on a fixed or floating base.
+"""Robots of joints on a fixed or floating base, from Pinocchio's models.
 
 A joint's coordinate is its angle [rad] or travel [m]. There is one position coordinate for each
 velocity: for a free-flyer root, the base's position [m] and rotation vector [rad], and then
@@ -10,24 +10,31 @@ rates.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from ..numerics.spatial import pose_jacobian, quaternion_of
-from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..parameters import Array, ParameterSpace
+from ..structure.parts import Body, Column, Rotor
+from ..structure.structure import Structure
 from .optional import pin
-from .rigid_body import SPATIAL_UNITS
+from .structured import StructuredKinematics
 
+Actuator = Literal["motor", "servo"]
+"""What a joint's command is: a motor's torque over its gain, or a servo's target."""
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
 _PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
 
 
-class JointTree(SecondOrderSystem):
-    """A system with the kinematics of a tree of 1-DOF joints; subclasses supply the regressors.
+class JointTree(StructuredKinematics):
+    """A tree of 1-DOF joints, whose root may be a free flyer; subclasses supply the regressors.
 
     Args:
-        model: kinematics and gravity; its inertias are discarded.
+        model: Pinocchio's, without any inertia; see `without_inertia`.
+        structure: of the robot; its bodies are those of `bodies_of`.
+        space: names, units and scale of θ.
+        mounts: (k, 3) point of application of every actuator parameter's force, in the base's
+            axes [m]; None if there is nothing to draw.
 
     Attributes:
         model: Pinocchio's model without any inertia.
@@ -37,39 +44,17 @@ class JointTree(SecondOrderSystem):
         bodies: number of moving bodies: one for each joint, and the base where it floats.
     """
 
-    def __init__(self, model: pin.Model):
-        self.model = pin.Model(model)
-        for i in range(self.model.njoints):
-            self.model.inertias[i] = pin.Inertia.Zero()  # structure only: no true value in here
-        self.model.armature[:] = 0.0
-        self.n, self.m = self.model.nv, self.model.nq
-        self.bodies = self.model.njoints - 1
-        self.group = 6 if floats(self.model) else 0
-        first = 2 if self.group else 1
-        self.joints = list(self.model.joints)[first:]
-        self.joint_names = list(self.model.names)[first:]
-        self.body_names = body_names(self.model)
-        self._plain = self.m == self.n  # no floating base and no continuous joint: positions add
-
-    def integrate(self, q: Array, dq: Array) -> Array:
-        """q ⊕ dq; continuous joints stay on the unit circle, the base's attitude on the sphere."""
-        return q + dq if self._plain else pin.integrate(self.model, q, dq)
-
-    def difference(self, q0: Array, q1: Array) -> Array:
-        """q1 ⊖ q0; the shorter rotation for continuous joints and the base's attitude."""
-        return q1 - q0 if self._plain else pin.difference(self.model, q0, q1)
-
-    def J(self, q: Array) -> Array:
-        """(m, n) with q̇ = J v (3): 1 for a joint's coordinate, (−sin, cos) if it is continuous."""
-        J = np.zeros((self.m, self.n))
-        if self.group:
-            J[:7, :6] = pose_jacobian(q)
-        for joint in self.joints:
-            if joint.nq == 2:
-                J[joint.idx_q : joint.idx_q + 2, joint.idx_v] = -q[joint.idx_q + 1], q[joint.idx_q]
-            else:
-                J[joint.idx_q, joint.idx_v] = 1.0
-        return J
+    def __init__(
+        self,
+        model: pin.Model,
+        structure: Structure,
+        space: ParameterSpace,
+        mounts: Array | None = None,
+    ):
+        super().__init__(structure, space, mounts)
+        self.model, self.joints = model, moving_joints(model)
+        self.joint_names, self.body_names = joint_names(model), body_names(model)
+        self.bodies = len(structure.bodies)
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
@@ -85,36 +70,100 @@ class JointTree(SecondOrderSystem):
                     low[joint.idx_v], high[joint.idx_v] = max(a, -10.0), min(b, 10.0)
         return low, high
 
-    def position(self, coordinates: Array) -> Array:
-        """(..., m) position q of position coordinates (..., n)."""
-        if self._plain:
-            return np.array(coordinates, dtype=np.float64)
-        coordinates = np.asarray(coordinates, dtype=np.float64)
-        q = np.zeros((*coordinates.shape[:-1], self.m))
-        if self.group:
-            q[..., :3] = coordinates[..., :3]
-            for numbers, pose in zip(
-                coordinates.reshape(-1, self.n), q.reshape(-1, self.m), strict=True
-            ):
-                pose[3:7] = quaternion_of(numbers[3:6])
-        for joint in self.joints:
-            c = coordinates[..., joint.idx_v]
-            if joint.nq == 2:
-                q[..., joint.idx_q], q[..., joint.idx_q + 1] = np.cos(c), np.sin(c)
-            else:
-                q[..., joint.idx_q] = c
-        return q
-
-    @cached_property
-    def velocity_units(self) -> tuple[str, ...]:
-        """One unit for each velocity: rad/s, or m/s for a prismatic joint."""
-        units = tuple("m/s" if slides else "rad/s" for slides in self.slides)
-        return SPATIAL_UNITS[: self.group] + units
+    def angles(self, q: Array) -> Array:
+        """(k,) the joints' angles [rad] or travels [m] at q (m,)."""
+        return np.array(
+            [
+                np.arctan2(q[j.idx_q + 1], q[j.idx_q]) if j.nq == 2 else q[j.idx_q]
+                for j in self.joints
+            ]
+        )
 
     @cached_property
     def slides(self) -> list[bool]:
         """Which joints are prismatic."""
-        return [joint.shortname().startswith("JointModelP") for joint in self.joints]
+        return [slides(joint) for joint in self.joints]
+
+
+def without_inertia(model: pin.Model) -> pin.Model:
+    """A copy of a model without inertias: structure only, no true value."""
+    model = pin.Model(model)
+    for i in range(model.njoints):
+        model.inertias[i] = pin.Inertia.Zero()
+    model.armature[:] = 0.0
+    return model
+
+
+def moving_joints(model: pin.Model) -> list[pin.JointModel]:
+    """The 1-DOF joints, in order."""
+    return list(model.joints)[2 if floats(model) else 1 :]
+
+
+def joint_names(model: pin.Model) -> list[str]:
+    """Names of the 1-DOF joints."""
+    return list(model.names)[2 if floats(model) else 1 :]
+
+
+def slides(joint: pin.JointModel) -> bool:
+    """Whether a joint is prismatic."""
+    return bool(joint.shortname().startswith("JointModelP"))
+
+
+def bodies_of(model: pin.Model) -> list[Body]:
+    """The bodies of a Pinocchio model of 1-DOF joints, whose root may be a free flyer."""
+    data, bodies = model.createData(), []
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for joint, name in zip(list(model.joints)[1:], body_names(model), strict=True):
+        if joint.nv == 6:
+            bodies.append(Body("free", name=name))
+            continue
+        place = model.jointPlacements[joint.id]
+        jacobian = pin.getJointJacobian(model, data, joint.id, pin.ReferenceFrame.LOCAL)
+        twist = jacobian.reshape(6, -1)[:, joint.idx_v]  # of one joint it is (6,)
+        turns = bool(np.linalg.norm(twist[3:]) > 0.5)
+        bodies.append(
+            Body(
+                ("circle" if joint.nq == 2 else "hinge") if turns else "slide",
+                int(model.parents[joint.id]) - 1,
+                twist[3:] if turns else twist[:3],
+                place.rotation.copy(),
+                place.translation.copy(),
+                name,
+            )
+        )
+    return bodies
+
+
+def joint_parts(
+    model: pin.Model,
+    start: int,
+    rotors: bool,
+    friction_speed: Array,
+    actuator: Actuator = "motor",
+) -> tuple[list[Rotor], list[Column]]:
+    """What a motor or servo on every joint adds to a structure.
+
+    Args:
+        model: with k 1-DOF joints.
+        start: index in θ of the first of rotor inertias (k, if modelled), viscous friction (k),
+            Coulomb friction (k) and gains (k).
+        rotors: whether rotor inertias are modelled.
+        friction_speed: (k,) speeds at which Coulomb friction saturates [rad/s or m/s].
+        actuator: kind of all actuators.
+    """
+    k = len(friction_speed)
+    first = model.nv - k
+    rotating = [Rotor(first + i, start + i) for i in range(k if rotors else 0)]
+    start += len(rotating)
+    columns = [Column("viscous", start + i, dof=first + i) for i in range(k)]
+    start += k
+    columns += [
+        Column("coulomb", start + i, dof=first + i, speed=speed)
+        for i, speed in enumerate(friction_speed)
+    ]
+    start += k
+    columns += [Column(actuator, start + i, dof=first + i, input=i) for i in range(k)]
+    return rotating, columns
 
 
 def body_names(model: pin.Model) -> list[str]:

@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.interpolation import tree_midpoints
 from ..dynamics.motions import TensorMotion
-from ..dynamics.tree import accelerate, tree_state, tree_work
-from ..log import Log, Middle
+from ..log import Log
 from ..numerics.spatial import bracket
 from ..parameters import Array, Block, ParameterSpace
+from ..structure.parts import Inertia
+from ..structure.structure import Structure
 from ..system import Stage
 from .general import (
     balance_by_sample,
@@ -27,11 +26,27 @@ from .general import (
     tensor_motion,
     tensor_steps,
 )
-from .joints import JointTree
+from .inertial import INERTIAL, INERTIAL_UNITS, inertial_labels
+from .joints import (
+    Actuator,
+    JointTree,
+    bodies_of,
+    body_names,
+    floats,
+    joint_names,
+    joint_parts,
+    moving_joints,
+    slides,
+    without_inertia,
+)
 from .optional import pin
-from .rigid_body import INERTIAL, INERTIAL_UNITS, inertial_labels
-from .tree import linkage_of
+from .structured import plain
 
+_ACTUATORS = {
+    "motor": ("motor gain", "gain", ("N·m/unit", "N/unit")),
+    "servo": ("servo gain", "kp", ("N·m/rad", "N/m")),
+}
+"""Block of θ, letter and units of the gains of each kind of actuator."""
 _BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
 
 
@@ -44,10 +59,11 @@ class JointScales:
         length: (b,) sizes of the bodies [m].
         viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
         coulomb: (k,) Coulomb friction [N·m or N].
-        gain: (k,) motor gains [N·m or N per unit of command].
+        gain: (k,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
         speed: (k,) speeds of operation [rad/s or m/s].
         command: (k,) commands of operation [units of command].
         rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
+        actuator: whether a command is a motor's, or the position target of a servo.
     """
 
     mass: Array
@@ -58,49 +74,48 @@ class JointScales:
     speed: Array
     command: Array
     rotor: Array | None = None
+    actuator: Actuator = "motor"
 
 
 class MotorTree(JointTree):
     """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5), with motors on the joints only.
+
+    With position servos, whose commands are targets, the last term is diag(k) (u − q).
 
     C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
     C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
     the Lie bracket of the base's twists, 0 where the base is fixed: rates of joints commute.
     Friction is `viscous·v + coulomb·tanh(v/friction_speed)`.
 
-    The regressors are supplied by `Multibody` (Pinocchio's) or `CompiledMultibody` (compiled
-    recursions, which agree with Pinocchio's).
+    The regressors are supplied by `Multibody` (Pinocchio's) or `CompiledMultibody` (the
+    structure's, which agree with Pinocchio's).
 
     Args:
         model: kinematics and gravity; its inertias are discarded.
         scales: data-sheet guesses, which become the scale of θ.
         friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
-
-    Attributes:
-        tree: the bodies and joints, for `dynamics.tree`.
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
-        super().__init__(model)
-        self.n_u = len(self.joints)
-        self.scales, self.friction_speed = scales, np.asarray(friction_speed, dtype=np.float64)
-        self.space = _space(self, scales)
-        links = 10 * self.bodies
-        viscous = links + (0 if scales.rotor is None else self.n_u)
-        columns = np.array([links, viscous, viscous + self.n_u, viscous + 2 * self.n_u])
-        self.tree = linkage_of(self.model, self.friction_speed, columns)
+        model = without_inertia(model)
+        bodies, space, speed = bodies_of(model), _space(model, scales), np.asarray(friction_speed)
+        links, motors = 10 * len(bodies), len(moving_joints(model))
+        rotors, columns = joint_parts(
+            model, links, scales.rotor is not None, speed, scales.actuator
+        )
+        rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
+        gravity = model.gravity.linear.copy()
+        structure = Structure(bodies, rigid, columns, len(space), motors, rotors, gravity)
+        super().__init__(model, structure, space)
+        self.scales, self.friction_speed = scales, speed.astype(np.float64)
         self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
-        self._zero = np.zeros(self.n)
-
-    def midpoints(self, log: Log, hermite: bool) -> Middle:
-        """The states half-way between a log's samples."""
-        return Middle(*tree_midpoints(self.tree, log.t, log.q, log.v, hermite))
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a configuration within the limits, speeds and commands of operation."""
         q = self.position(rng.uniform(*self.limits))
         v = self._speed * rng.uniform(-1, 1, self.n)
-        return q, v, self.scales.command * rng.uniform(-1, 1, self.n_u)
+        u = self.scales.command * rng.uniform(-1, 1, self.n_u)
+        return q, v, u if self.scales.actuator == "motor" else self.angles(q) + u
 
 
 class Multibody(MotorTree):
@@ -115,11 +130,11 @@ class Multibody(MotorTree):
         self._weightless = pin.Model(self.model)
         self._weightless.gravity.setZero()
         self._data, self._data_0 = self.model.createData(), self._weightless.createData()
-        self._unit = np.eye(self.n)
-        self._joint = np.arange(self.n_u)
+        self._unit, self._zero = np.eye(self.n), np.zeros(self.n)
+        self._joint, self._links = np.arange(self.n_u), 10 * self.bodies
         self._moved = self.group + self._joint  # the velocity of each joint
-        self._links, self._viscous, self._coulomb, self._gain = self.tree.columns.tolist()
         self._rotor = None if scales.rotor is None else self._links
+        self._viscous, self._coulomb, self._gain = self.p - self.n_u * np.array([3, 2, 1])
 
     # -- regressors ----------------------------------------------------------------------------
 
@@ -167,13 +182,13 @@ class Multibody(MotorTree):
         return W
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        F = self._joint_forces(v, u)
+        F = self._joint_forces(q, v, u)
         weight = self._weighted(q, self._zero, self._zero)
         np.negative(weight, out=F[:, : self._links])
         return F
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        W = -self._joint_forces(v, u)
+        W = -self._joint_forces(q, v, u)
         turned = a + 0.5 * bracket(self.group, v, w)
         np.subtract(
             self._weighted(q, 0.5 * (v + w), turned),
@@ -184,24 +199,23 @@ class Multibody(MotorTree):
             W[self._moved, self._rotor + self._joint] = a[self.group :]
         return W
 
-    def _joint_forces(self, v: Array, u: Array) -> Array:
-        """(n, p) columns of friction and motors; those of the links are 0."""
+    def _joint_forces(self, q: Array, v: Array, u: Array) -> Array:
+        """(n, p) columns of friction and actuators; those of the links are 0."""
         F, rate = np.zeros((self.n, self.p)), v[self.group :]
         F[self._moved, self._viscous + self._joint] = -rate
         F[self._moved, self._coulomb + self._joint] = -np.tanh(rate / self.friction_speed)
-        F[self._moved, self._gain + self._joint] = u
+        servos = self.scales.actuator == "servo"
+        F[self._moved, self._gain + self._joint] = u - self.angles(q) if servos else u
         return F
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
         """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample.
 
-        W is Pinocchio's. â is computed by `dynamics.tree`, since Pinocchio's forward dynamics store
-        centres of mass h/m and so cannot handle massless links.
+        W is Pinocchio's. â is the structure's, since Pinocchio's forward dynamics store centres of
+        mass h/m and so cannot handle massless links.
         """
-        a_hat, pivot = _accelerate(self.tree, q, v, w, u, np.ascontiguousarray(theta))
-        W = self._W(t, q, v, w, a_hat, u)
-        if not pivot > 0:
-            a_hat[:] = np.nan
+        a_hat, pivot = self._own.acceleration(plain(q), plain(v), plain(u), plain(w), plain(theta))
+        W = self._W(t, q, v, w, a_hat if pivot > 0 else self._zero, u)
         return Stage(a_hat, W, pivot)
 
     # -- along a log ---------------------------------------------------------------------------
@@ -219,17 +233,6 @@ class Multibody(MotorTree):
     ) -> tuple[Array, Array, Array, Array]:
         """Terms of the filtered momentum balance, sample by sample."""
         return balance_by_sample(self, leak, log, q, v)
-
-
-@njit(cache=True)
-def _accelerate(tree, q, v, w, u, theta):
-    """â (n,) of (29), which is 0 if M̂ is not ≻ 0; and M̂'s smallest pivot."""
-    a = np.empty(v.shape[0])
-    state = tree_state(tree, q, v)
-    pivot = accelerate(tree, state, v, w, u, theta, tree_work(tree, v.shape[0]), a)
-    if not pivot > 0.0:
-        a[:] = 0.0
-    return a, pivot
 
 
 def link_block(number: int, name: str, mass: float, length: float) -> Block:
@@ -255,40 +258,43 @@ def joint_block(
     name: str,
     letter: str,
     units: tuple[str, str],
-    tree: JointTree,
+    model: pin.Model,
     scale: Array,
     actuator: bool = False,
 ) -> Block:
     """A block of one positive parameter per joint; `units` for revolute and prismatic joints."""
+    sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
     return Block(
         name,
-        tuple(f"{letter}_{i + 1}" for i in range(len(tree.slides))),
-        tuple(units[sliding] for sliding in tree.slides),
+        tuple(f"{letter}_{i + 1}" for i in range(len(sliding))),
+        tuple(units[slides] for slides in sliding),
         scale,
         "positive",
         actuator,
-        labels=tuple(f"{name.removeprefix('motor ')} of {joint}" for joint in tree.joint_names),
+        labels=tuple(f"{name.removeprefix('motor ')} of {joint}" for joint in names),
     )
 
 
-def joint_blocks(tree: JointTree, s: JointScales) -> list[Block]:
+def joint_blocks(model: pin.Model, s: JointScales) -> list[Block]:
     """Blocks of the joints, if any: rotor inertia if modelled, friction, motor gain."""
     blocks = []
     if s.rotor is not None:
-        blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), tree, s.rotor))
+        blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), model, s.rotor))
     for name, letter, units, scale, actuator in (
         ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, False),
         ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, False),
-        ("motor gain", "gain", ("N·m/unit", "N/unit"), s.gain, True),
+        (*_ACTUATORS[s.actuator], s.gain, True),
     ):
-        blocks.append(joint_block(name, letter, units, tree, scale, actuator=actuator))
-    return blocks if tree.joints else []
+        blocks.append(joint_block(name, letter, units, model, scale, actuator=actuator))
+    return blocks if moving_joints(model) else []
 
 
-def _space(tree: JointTree, s: JointScales) -> ParameterSpace:
-    first = 0 if tree.group else 1
-    links = [
-        link_block(first + i, tree.body_names[i], s.mass[i], s.length[i])
-        for i in range(tree.bodies)
-    ]
-    return ParameterSpace((*links, *joint_blocks(tree, s)))
+def link_blocks(model: pin.Model, s: JointScales) -> list[Block]:
+    """The inertial parameters of every body; a floating base is number 0."""
+    guesses = zip(body_names(model), s.mass, s.length, strict=True)
+    first = 0 if floats(model) else 1
+    return [link_block(first + i, name, mass, size) for i, (name, mass, size) in enumerate(guesses)]
+
+
+def _space(model: pin.Model, s: JointScales) -> ParameterSpace:
+    return ParameterSpace((*link_blocks(model, s), *joint_blocks(model, s)))

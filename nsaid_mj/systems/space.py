@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.forward import force_law
 from ..parameters import Array, Block, ParameterSpace
-from . import actuators
-from .rigid_body import RigidBody, inertial_block, of_a_body
-
-_LINEAR = np.ones(1)
+from ..structure.parts import Body, Inertia, columns_at
+from ..structure.structure import Structure
+from .inertial import inertial_block
+from .structured import StructuredSystem
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,7 @@ class FreeFlyerScales:
     speed: Array
 
 
-class FreeFlyer(RigidBody):
+class FreeFlyer(StructuredSystem):
     """M ν̇ + C(ν) ν = Σ k_i u_i w_i: mass, centre of mass and inertia, and k nozzles.
 
     θ = [m, m c (3), inertia (6), thrust (k)], about the body's origin. Nozzles open with
@@ -60,27 +57,12 @@ class FreeFlyer(RigidBody):
         )
         body = inertial_block("body", scales.mass, scales.offset, scales.inertia)
         space = ParameterSpace((body, thrust))
-        law = NozzleForces(actuators.wrenches(positions, directions))
-        super().__init__(space, of_a_body(0, len(space)), k, positions, law)
+        columns = columns_at("nozzle", 10, positions, directions)
+        robot = Structure([Body("free")], [Inertia(0, 0)], columns, len(space), k, (), np.zeros(3))
+        super().__init__(robot, space, positions)
         self._speed = scales.speed
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a position within 1 m, any attitude, velocities and commands of operation."""
         q = self.position(np.r_[rng.uniform(-1, 1, 3), 1.5 * rng.standard_normal(3)])
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(0, 1, self.n_u)
-
-
-class NozzleForces(NamedTuple):
-    """Nozzles alone, for compiled loops.
-
-    Attributes:
-        allocation: (6, k) unit wrenches of the nozzles.
-    """
-
-    allocation: Array
-
-
-@force_law(NozzleForces)
-@njit(cache=True)
-def _forces(forces, q, v, u, F):
-    actuators.thrusters(F, 10, forces.allocation, _LINEAR, u)

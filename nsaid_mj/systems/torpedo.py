@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.forward import force_law
 from ..parameters import Array, Block, ParameterSpace
-from . import actuators, fluid
-from .rigid_body import RigidBody
+from ..structure.parts import Body, Column, Inertia, columns_at, tied
+from ..structure.structure import Structure
+from .structured import StructuredSystem
 
-_UP = np.array([0.0, 0.0, 1.0])
+_X = (1.0, 0.0, 0.0)
+_DRAG = ((1, 0, 0, 0, 0, 0), (0, 1, 1, 0, 0, 0), (0, 0, 0, 1, 0, 0), (0, 0, 0, 0, 1, 1))
+"""Axes of the drag along, across, in roll and turning."""
+
 _MASS = (
     (0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 2, 1, 1.0), (3, 3, 2, 1.0), (4, 4, 3, 1.0), (5, 5, 3, 1.0),
     (5, 1, 4, 1.0), (4, 2, 4, -1.0), (4, 0, 5, 1.0), (3, 1, 5, -1.0),
@@ -52,7 +53,7 @@ class TorpedoScales:
     limit: float
 
 
-class TorpedoVehicle(RigidBody):
+class TorpedoVehicle(StructuredSystem):
     """M ν̇ + C(ν) ν = −D_q |ν| ν − L(ν) − g(q) + propeller + Σ fins (6).
 
     θ = [M_11, M_22 = M_33, M_44, M_55 = M_66, M_26 = −M_35, M_15 = −M_24, drag (4), body lift,
@@ -79,16 +80,24 @@ class TorpedoVehicle(RigidBody):
         propeller: Array,
         slip: float,
     ):
-        space = _space(scales)
-        k = len(positions)
+        space, k = _space(scales), len(positions)
         nowhere = np.full(3, np.nan)  # a torque acts at no point
         mounts = np.vstack([propeller, nowhere, positions, positions])
-        astern = np.tile([-1.0, 0.0, 0.0], (k, 1))
-        self.allocation = np.stack(
-            [actuators.wrenches(positions, lifts), actuators.wrenches(positions, astern)]
-        )
-        law = TorpedoForces(self.allocation, slip)
-        super().__init__(space, mass_tensor(len(space)), k + 1, mounts, law)
+        self.lever = np.cross(positions, lifts)
+        columns = [
+            *(Column("drag", 6 + i, body=0, axes=axes) for i, axes in enumerate(_DRAG)),
+            Column("lift", 10, body=0),
+            Column("lift_moment", 11, body=0),
+            Column("weight", 12, body=0),
+            Column("righting", 13, body=0, axis=[0, 0, 1]),
+            Column("propeller", 14, body=0, input=k, direction=_X, point=np.zeros(3), slip=slip),
+            Column("propeller_torque", 15, body=0, input=k, direction=_X),
+            *columns_at("fin", 16, positions, lifts),
+            *columns_at("fin_drag", 16 + k, positions),
+        ]
+        inertia = Inertia(0, 0, mass_tensor())
+        robot = Structure([Body("free")], [inertia], columns, len(space), k + 1)
+        super().__init__(robot, space, mounts)
         self.speed, self.limit, self.slip = scales.speed, scales.limit, slip
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -99,34 +108,9 @@ class TorpedoVehicle(RigidBody):
         return q, v, np.r_[fins, rng.uniform(0.2, 1)]
 
 
-class TorpedoForces(NamedTuple):
-    """Drag, lift, weight, propeller and fins, for compiled loops.
-
-    Attributes:
-        allocation: (2, 6, k) unit wrenches of the fins' lifts, and of their drags.
-        slip: relative loss of full thrust per m/s of advance at full shaft speed [s/m].
-    """
-
-    allocation: Array
-    slip: float
-
-
-@force_law(TorpedoForces)
-@njit(cache=True)
-def _forces(forces, q, v, u, F):
-    column = fluid.revolution_drag(F, 6, v)
-    column = fluid.revolution_lift(F, column, v)
-    column = fluid.upright(F, column, q[3:], _UP)
-    column = actuators.propeller(F, column, v, u[-1], forces.slip)
-    actuators.fins(F, column, forces.allocation, v, u[:-1])
-
-
-def mass_tensor(p: int) -> Array:
-    """(6, 6, p) mass tensor of a body of revolution about x, whose M has six parameters."""
-    tensor = np.zeros((6, 6, p))
-    for i, j, k, value in _MASS:
-        tensor[i, j, k] = tensor[j, i, k] = value
-    return tensor
+def mass_tensor() -> Array:
+    """(6, 6, 6) mass tensor of a body of revolution about x, whose M has six parameters."""
+    return tied([(i, j, k, value) for i, j, k, value in _MASS])
 
 
 def _space(s: TorpedoScales) -> ParameterSpace:

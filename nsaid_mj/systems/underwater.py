@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.forward import force_law
-from ..numerics.spatial import unrotate
 from ..parameters import Array, Block, ParameterSpace
-from . import actuators, fluid
-from .rigid_body import RigidBody, symmetric
+from ..structure.columns.curve import odd
+from ..structure.parts import Body, Column, Inertia, columns_at, full
+from ..structure.structure import Structure
+from .structured import StructuredSystem
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class UnderwaterScales:
     speed: Array
 
 
-class UnderwaterVehicle(RigidBody):
+class UnderwaterVehicle(StructuredSystem):
     """M ν̇ + C(ν) ν = −D ν − D_q |ν| ν − g(q) + Σ k_i f(u_i) w_i (6), Fossen's model.
 
     θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust (k)].
@@ -55,12 +53,13 @@ class UnderwaterVehicle(RigidBody):
     """
 
     def __init__(self, scales: UnderwaterScales, positions: Array, directions: Array, curve: Array):
-        space = body_space(scales)
-        k = len(positions)
-        law = WaterForces(
-            actuators.wrenches(positions, directions), np.asarray(curve, dtype=np.float64)
-        )
-        super().__init__(space, symmetric(6, 0, len(space)), k, positions, law)
+        space, k = body_space(scales), len(positions)
+        columns = [
+            *water_columns(21),
+            *columns_at("thruster", 37, positions, directions, curve=odd(*curve)),
+        ]
+        robot = Structure([Body("free")], [Inertia(0, 0, full())], columns, len(space), k)
+        super().__init__(robot, space, positions)
         self._speed = scales.speed
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -69,46 +68,36 @@ class UnderwaterVehicle(RigidBody):
         return q, self._speed * rng.uniform(-1, 1, 6), rng.uniform(-1, 1, self.n_u)
 
 
-class WaterForces(NamedTuple):
-    """Drag, weight and thrusters, for compiled loops.
-
-    Attributes:
-        allocation: (6, k) unit wrenches of the thrusters.
-        curve: coefficients of their command curve.
-    """
-
-    allocation: Array
-    curve: Array
+def water_columns(start: int) -> list[Column]:
+    """Drag, net weight and righting moments of the first body, from θ[start] on."""
+    return [
+        *(Column("linear_drag", start + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
+        *(Column("drag", start + 6 + i, body=0, axes=axis) for i, axis in enumerate(np.eye(6))),
+        Column("weight", start + 12, body=0),
+        *(Column("righting", start + 13 + i, body=0, axis=e) for i, e in enumerate(np.eye(3))),
+    ]
 
 
-@force_law(WaterForces)
-@njit(cache=True)
-def _forces(forces, q, v, u, F):
-    column = fluid.linear_drag(F, 21, v)
-    column = fluid.quadratic_drag(F, column, v)
-    column = fluid.restoring(F, column, unrotate(q[3:], _UP))
-    actuators.thrusters(F, column, forces.allocation, forces.curve, u)
-
-
-def mass_block(diagonal: Array) -> Block:
-    """The 21 entries of a symmetric M (6, 6), upper triangle row by row.
+def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
+    """The entries of a symmetric M (n, n), upper triangle row by row.
 
     Args:
-        diagonal: (6,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
+        diagonal: (n,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
+        axes: along and about which the body moves, of the six.
     """
-    rows, columns = np.triu_indices(6)
+    rows, columns = np.triu_indices(len(axes))
     share = np.where(rows == columns, 1.0, 0.25)
+    scale = share * np.sqrt(diagonal[rows] * diagonal[columns])
+    rows, columns = np.asarray(axes)[rows], np.asarray(axes)[columns]
     pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
     units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
     return Block(
         "mass matrix",
         tuple(f"M_{i + 1}{j + 1}" for i, j in pairs),
         tuple(units.tolist()),
-        share * np.sqrt(diagonal[rows] * diagonal[columns]),
+        scale,
         "spd",
-        labels=tuple(
-            _mass_label(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
-        ),
+        labels=tuple(_mass_label(i, j) for i, j in pairs),
     )
 
 

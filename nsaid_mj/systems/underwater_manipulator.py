@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ..dynamics.tree import TWIST
-from ..numerics.triples import add, back, cross, dot, scale, three
 from ..parameters import Array, Block
-from . import actuators, fluid
+from ..structure.columns.curve import odd
+from ..structure.parts import Column, Inertia, columns_at, cylinder, full
 from .joints import body_names
-from .loads import carried_force_law
-from .multibody import JointScales
+from .multibody import JointScales, link_blocks
 from .optional import pin
-from .rigid_body import of_a_body, symmetric
-from .tree import Carried
-from .underwater import UnderwaterScales, body_space
-from .vehicle_manipulator import VehicleManipulator, link_blocks, pull
+from .underwater import UnderwaterScales, body_space, water_columns
+from .vehicle_manipulator import VehicleManipulator
 
 STRIPS = 4
 """Points of Gauss-Legendre quadrature along a link's axis."""
@@ -94,31 +88,32 @@ class UnderwaterManipulator(VehicleManipulator):
         added = _per_link("added mass", "added", "kg", links.added, names)
         drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag, names)
         buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy, names)
-        full = np.ones(len(positions))
-        still = np.zeros((model.nv - 6, len(positions)))
         self.cylinders = cylinders
-        law = WaterForces(
-            cylinders.centres,
-            cylinders.axes,
-            *strips(cylinders),
-            np.vstack([actuators.wrenches(positions, directions), still]),
-            np.asarray(curve, dtype=np.float64),
-        )
+        inertias, columns = [Inertia(0, 0, full())], water_columns(0)
+        shapes = cylinders.centres, cylinders.axes, cylinders.lengths
+        for i, (centre, axis, length) in enumerate(zip(*shapes, strict=True)):
+            points = strips(centre, axis, length)
+            inertias += [
+                Inertia(1 + i, 21 + 10 * i),
+                Inertia(1 + i, 21 + 10 * k + i, cylinder(centre, axis, length)),
+            ]
+            columns += [
+                Column("strip_drag", 16 + i, body=1 + i, axis=axis, strips=points),
+                Column("buoyancy", 16 + k + i, body=1 + i, point=centre),
+            ]
+        thrusters = columns_at("thruster", 16 + 2 * k, positions, directions, curve=odd(*curve))
+        most = np.ones(len(positions))
         super().__init__(
             model,
-            [
-                Carried(0, symmetric(6, 0, 21), False),
-                *(Carried(1 + i, of_a_body(0, 10), True) for i in range(k)),
-                *(Carried(1 + i, added_inertia(cylinders, i), False) for i in range(k)),
-            ],
+            inertias,
             [mass, *link_blocks(model, joints)[1:], added],
             joints,
             friction_speed,
             [linear, quadratic, weight, righting, drag, buoyancy, thrust],
-            (-full, full),
+            [*columns, *thrusters],
+            (-most, most),
             positions,
             base.speed,
-            law,
         )
 
 
@@ -129,81 +124,8 @@ def _per_link(name: str, letter: str, unit: str, scale: Array, links: list[str])
     return Block(name, names, (unit,) * k, scale, "positive", labels=labels)
 
 
-def added_inertia(cylinders: Cylinders, i: int) -> Array:
-    """(6, 6, 1) added inertia of link i in its own frame for an added mass of 1 kg."""
-    e, c = cylinders.axes[i], cylinders.centres[i]
-    across, lever = np.eye(3) - np.outer(e, e), pin.skew(c)
-    middle = np.zeros((6, 6))
-    middle[:3, :3], middle[3:, 3:] = across, cylinders.lengths[i] ** 2 / 12 * across
-    shift = np.eye(6)  # v at the middle is v − c × ω
-    shift[:3, 3:] = -lever
-    inertia = shift.T @ middle @ shift
-    return (0.5 * (inertia + inertia.T))[:, :, None]
-
-
-def strips(cylinders: Cylinders) -> tuple[Array, Array]:
-    """(k, s, 3) points along the links' axes, in the links' frames, and (k, s) lengths [m]."""
+def strips(centre: Array, axis: Array, length: float) -> Array:
+    """(s, 4) points along a link's axis, in its frame, and the lengths that they stand for [m]."""
     nodes, weights = np.polynomial.legendre.leggauss(STRIPS)
-    half = 0.5 * cylinders.lengths[:, None]
-    reach = (half * nodes)[:, :, None] * cylinders.axes[:, None]
-    return cylinders.centres[:, None] + reach, half * weights
-
-
-class WaterForces(NamedTuple):
-    """Drag and buoyancy of base and links, and thrusters, for compiled loops.
-
-    Attributes:
-        centres: (k, 3) of the links [m].
-        axes: (k, 3) unit vectors.
-        points: (k, s, 3) of the quadrature along the links [m].
-        weights: (k, s) their lengths [m].
-        allocation: (n, t) unit forces of the thrusters.
-        curve: coefficients of their command curve.
-    """
-
-    centres: Array
-    axes: Array
-    points: Array
-    weights: Array
-    allocation: Array
-    curve: Array
-
-
-@carried_force_law(WaterForces)
-@njit(cache=True)
-def _water(forces, linkage, states, u):
-    """(N, n, ·) columns of F of drag and buoyancy of base and links, then of the thrusters."""
-    centres, axes, points, weights, allocation, curve = forces
-    samples, bodies, _ = states.shape
-    links = bodies - 1
-    F = np.zeros((samples, 6 + links, 16 + 2 * links + u.shape[1]))
-    for s in range(samples):
-        state, up = states[s], np.empty((bodies, 3))
-        column = fluid.linear_drag(F[s], 0, state[0, TWIST : TWIST + 6])
-        column = fluid.quadratic_drag(F[s], column, state[0, TWIST : TWIST + 6])
-        up[0] = state[0, 6:9]
-        column = fluid.restoring(F[s], column, up[0])
-        for b in range(1, bodies):
-            up[b] = back(state, b, three(up, linkage[1][b, 0], 0))
-            k = b - 1
-            force, moment = _drag(state, b, three(axes, k, 0), points[k], weights[k])
-            pull(linkage, state, b, force, moment, F[s], column + k)
-            force = three(up, b, 0)
-            moment = cross(three(centres, k, 0), force)
-            pull(linkage, state, b, force, moment, F[s], column + links + k)
-        actuators.thrusters(F[s], column + 2 * links, allocation, curve, u[s])
-    return F
-
-
-@njit(cache=True)
-def _drag(state, b, axis, points, weights):
-    """Force and moment of −|v_⊥| v_⊥ summed over the strips of the cylinder of body b."""
-    linear, angular = three(state, b, TWIST), three(state, b, TWIST + 3)
-    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for s in range(weights.shape[0]):
-        point = three(points, s, 0)
-        across = add(linear, cross(angular, point))
-        across = add(across, scale(-dot(axis, across), axis))
-        push = scale(-weights[s] * np.sqrt(dot(across, across)), across)
-        force, moment = add(force, push), add(moment, cross(point, push))
-    return force, moment
+    half = 0.5 * length
+    return np.column_stack([centre + np.outer(half * nodes, axis), half * weights])

@@ -16,6 +16,7 @@ from nsaid_mj.control.computed_torque import Tracking, computed_torque, tracking
 from nsaid_mj.control.signals import Series
 from nsaid_mj.parameters import Array
 from nsaid_mj.systems.multibody import MotorTree
+from nsaid_mj.systems.structured import plain
 
 ARM_MOTIONS = ("own", "own", "lively", "gentle", "one axis", "rest", "chirp", "steps", "small")
 VEHICLE_MOTIONS = ("own", "weak", "rest", "steps")
@@ -110,7 +111,9 @@ class Planned(Driver):
         self._series = Series(np.ones(1), np.zeros((n, 2)), np.zeros(n))
         limit = 5.0 * system.scales.command
         omega = 2 * np.pi * _BANDWIDTH
-        self._tracking = Tracking(system.tree, prior, self._series, omega, limit)
+        self._tracking = Tracking(
+            system.structure.arrays, np.array(prior), self._series, omega, limit
+        )
         self._workspace = tracking_workspace(self._tracking)
 
     def start(self) -> tuple[Array, Array]:
@@ -125,7 +128,7 @@ class Planned(Driver):
         self._series.coefficients[:, 1] = -acceleration
         self._series.centre[:] = position + acceleration
         u = np.empty(len(v))
-        computed_torque(self._tracking, 0.0, q, v, self._workspace, u)
+        computed_torque(self._tracking, 0.0, plain(q), plain(v), self._workspace, u)
         return u
 
     def compiled(self, t: Array) -> None:

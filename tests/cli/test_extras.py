@@ -64,7 +64,7 @@ def test_list_shows_packed_robots_and_how_to_get_more(tmp_path: Path) -> None:
     assert "pip install 'nsaid-mj[robots]'" in said
 
 
-@pytest.mark.parametrize("name", packed_robots())
+@pytest.mark.parametrize("name", sorted(set(packed_robots()) - {"servo_arm"}))  # which is ours
 def test_a_packed_robot_moves_as_the_one_it_was_packed_from(name: str) -> None:
     theirs = pytest.importorskip("example_robot_data").load(name)
     ours = load_robot(name)

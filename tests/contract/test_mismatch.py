@@ -131,18 +131,19 @@ def test_force_follows_the_activation_not_the_command(config):
 
 
 def test_a_lagging_bluerov2_follows_fossens_equations_with_eight_more_states():
-    true, series = true_numbers("full current"), commands(2)
-    p = vehicle(true, 1e-3, Mismatch(lag=0.2))
-    expected, found = flown(true, series, 1.0, lag=0.2), ends(p, series, 1.0)
+    true, series = true_numbers("full"), commands(2)
+    lagging = Mismatch(lag=0.2, flow=FLOW)
+    p = vehicle(true, 1e-3, lagging)
+    expected, found = flown(true, series, 1.0, lagging), ends(p, series, 1.0)
     assert apart(found, expected) <= 1e-8
     np.testing.assert_allclose(found[13:], expected[13:], atol=1e-10)
-    assert apart(found, flown(true, series, 1.0)) > 1e-2
+    assert apart(found, flown(true, series, 1.0, Mismatch(flow=FLOW))) > 1e-2
 
 
 def test_steps_with_a_lag_are_of_fourth_order():
     """In steps of any size; MuJoCo's `filterexact` would be of first order under RK4."""
     true = replace(true_numbers("full"), quadratic=np.zeros(6))
-    expected = flown(true, commands(1), 0.64, lag=0.2)
+    expected = flown(true, commands(1), 0.64, Mismatch(lag=0.2))
     steps = np.array([0.04, 0.02, 0.01])
     errors = [
         apart(ends(vehicle(true, dt, Mismatch(lag=0.2)), commands(1), 0.64), expected)

@@ -153,13 +153,14 @@ def test_the_regressors_are_linear(name, seed, alpha, beta):
     system, rng = plant(name).system, np.random.default_rng(seed)
     _, x, w, a, _ = draw(system, rng)
     theta, other = system.space.scale * rng.standard_normal((2, system.p))
-    for linear, one, two in (
-        (lambda a: system.W_M(x, a), a, w),
-        (lambda w: system.W_C(x, w), w, a),
-        (lambda theta: system.mass_matrix(x, theta), theta, other),
+    speed = np.abs(x[system.m :]).max()  # products of velocities cancel in C
+    for linear, one, two, least in (
+        (lambda a: system.W_M(x, a), a, w, 0.0),
+        (lambda w: system.W_C(x, w), w, a, speed * np.abs([w, a]).max()),
+        (lambda theta: system.mass_matrix(x, theta), theta, other, 0.0),
     ):
         both, first, second = linear(alpha * one + beta * two), linear(one), linear(two)
-        size = max(np.abs(first).max(), np.abs(second).max())
+        size = max(np.abs(first).max(), np.abs(second).max(), least)
         assert np.abs(both - alpha * first - beta * second).max() <= 1e-13 * size
 
 
@@ -414,7 +415,10 @@ COMMANDED = {  # what a command moves besides the actuators' own parameters
     "f1tenth": {"C_f"},
     "bmw320i": {"C_f"},
 }
-ALWAYS = {"remus100": "fin lift"}  # an actuator that acts without a command, too
+ALWAYS = {
+    "remus100": "fin lift",
+    "catamaran": "fin lift",
+}  # an actuator that acts without a command, too
 
 
 @systems

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from nsaid_mj.dynamics.transition import transition, transition_work
+from nsaid_mj.dynamics.forward import transition, transition_work
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup, trajectory
 

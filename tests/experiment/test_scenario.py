@@ -147,6 +147,8 @@ def changed(value: Any, name: str) -> Iterator[Any]:
             yield from ((*value[:i], other, *value[i + 1 :]) for other in changed(item, ""))
     elif isinstance(value, tuple) and name == "flow":
         yield (0.1, 0.0, 0.0)
+    elif isinstance(value, tuple) and name == "mean":
+        yield (0.5,)
     elif isinstance(value, tuple):
         yield (*value, "mass")
         yield ()
@@ -158,6 +160,7 @@ def changed(value: Any, name: str) -> Iterator[Any]:
             "law": "cone",
             "fluid": "ellipsoid",
             "backend": "pinocchio",
+            "actuator": "servo",
             "prior": "nominal",
         }
         yield others.get(name, value + "_")
@@ -311,7 +314,7 @@ NOT_POSITIVE = [0.0, -1.0, NAN, INF]
 BAD_ARM = {
     "damping": NOT_POSITIVE, "friction": NOT_POSITIVE, "armature": [-1.0, NAN, INF],
     "gain": [0.0, -1.0, NAN, INF], "spread": [-0.1, 1.0, NAN], "friction_speed": NOT_POSITIVE,
-    "backend": ["fortran", ""],
+    "backend": ["fortran", ""], "actuator": ["hydraulic", ""],
 }  # fmt: skip
 NO_SHARE = [0.0, -0.1, 1.01, NAN]
 TIMES = {"time": [-1.0, NAN, INF], "until": [-1.0, 0.0, NAN]}
@@ -387,7 +390,7 @@ BAD = FAULTS | {
     Sequence: {"phases": [{}, {"two words": Phase()}], "blend": [-1.0, NAN, INF]},
     MultisineCommand: {
         "low": [0.0, -1.0, NAN, 0.6], "high": [0.05, NAN, INF], "tones": [0, -1],
-        "amplitude": [-1.0, NAN, INF],
+        "amplitude": [-1.0, NAN, INF], "mean": [(0.1, 0.2, 0.3), (NAN, 0.0)],
     },
     NullspaceAID: {
         "K": [*NOT_POSITIVE, 1e9], "gain": NOT_POSITIVE, "interpolation": ["spline"],

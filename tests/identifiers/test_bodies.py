@@ -13,9 +13,12 @@ from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.numerics import spatial
-from nsaid_mj.numerics.interpolation import body_half_way
 from nsaid_mj.parameters import Array
+from nsaid_mj.structure.evaluation import Evaluation
+from nsaid_mj.structure.parts import Body, Inertia
+from nsaid_mj.structure.structure import Structure
 from nsaid_mj.system import SecondOrderSystem
+from tests.support import poses
 from tests.support.bench import Motion, estimates, identify, lyapunov, order
 from tests.support.dense import Dense
 from tests.support.matrices import coupled
@@ -43,7 +46,6 @@ def driven(name: str):
 def test_the_compiled_step_equals_the_generic_one(name, gains, hermite):
     """200 steps; what differs is the order of sums."""
     system, prior, law, dt, seen = driven(name)
-    assert system.inertia is not None
     K, Gamma = np.full(system.n, law.K), law.gain * system.space.scale**2
     if gains == "full":
         rng = np.random.default_rng(1)
@@ -124,11 +126,13 @@ def pose(n: int, t: float) -> Array:
 def middles(n: int, dt: float, hermite: bool) -> tuple[float, float]:
     """Largest error of pose and velocity half-way between samples dt apart."""
     errors = []
-    difference = spatial.pose_difference if n == 6 else spatial.planar_difference
+    difference = poses.pose_difference if n == 6 else poses.planar_difference
+    body = Body("free" if n == 6 else "planar")
+    alone = Evaluation(Structure([body], [Inertia(0, 0)], [], 10, 0))
+
     for t in np.linspace(0.2, 3.4, 9):
-        q, v = body_half_way(
-            n, pose(n, t), twist(t, n), pose(n, t + dt), twist(t + dt, n), dt, hermite
-        )
+        q, v = np.array([pose(n, t), pose(n, t + dt)]), np.array([twist(t, n), twist(t + dt, n)])
+        (q,), (v,) = alone.midpoints(hermite, np.array([0.0, dt]), q, v)
         half = t + dt / 2
         errors.append(
             [np.abs(difference(pose(n, half), q)).max(), np.abs(v - twist(half, n)).max()]
@@ -159,7 +163,7 @@ def test_without_the_bracket_the_midpoint_is_of_second_order(monkeypatch):
 
     steps, errors = np.array([0.2, 0.1, 0.05, 0.025]), []
     for dt in steps:
-        dq = spatial.pose_difference(pose(6, 1.0), pose(6, 1.0 + dt))
+        dq = poses.pose_difference(pose(6, 1.0), pose(6, 1.0 + dt))
         _, v = half_way(dq, twist(1.0, 6), twist(1.0 + dt, 6), dt, True, 0)
         errors.append(np.abs(v - twist(1.0 + dt / 2, 6)).max())
     assert order(steps, np.array(errors)) < 2.5

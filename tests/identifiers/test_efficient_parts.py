@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
-from nsaid_mj.dynamics.transition import transition_work
+from nsaid_mj.dynamics.forward import transition_work
 from nsaid_mj.evaluation import misfit
 from nsaid_mj.evaluation.whiteness import whiteness
 from nsaid_mj.identifiers.cone.barrier import cone_of, inside

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.numerics import spatial
+from tests.support import poses
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=60)
@@ -89,8 +90,8 @@ def test_nonfinite_input_gives_nonfinite_output():
     bad = np.array([np.nan, 0.0, 0.0])
     assert np.isnan(spatial.quaternion_of(bad)).any()
     assert np.isnan(spatial.rotation_vector(np.r_[bad, 1.0])).any()
-    assert np.isnan(spatial.pose_integrate(np.r_[0, 0, 0, 0, 0, 0, 1.0], np.r_[bad, bad])).any()
-    assert np.isnan(spatial.planar_difference(bad, np.zeros(3))).any()
+    assert np.isnan(poses.pose_integrate(np.r_[0, 0, 0, 0, 0, 0, 1.0], np.r_[bad, bad])).any()
+    assert np.isnan(poses.planar_difference(bad, np.zeros(3))).any()
 
 
 # -- poses in space ----------------------------------------------------------------------------
@@ -101,12 +102,12 @@ def test_nonfinite_input_gives_nonfinite_output():
 def test_integrate_and_difference_are_pinocchios_free_flyer(seed, angle):
     rng = np.random.default_rng(seed)
     q, step = pose(rng), twist(rng, angle)
-    there = spatial.pose_integrate(q, step)
+    there = poses.pose_integrate(q, step)
     assert abs(np.linalg.norm(there[3:]) - 1) <= 4e-16
     # against 40 digits, ours is within 2e-15 and Pinocchio's within 8e-13, near 2e-4 rad
     same_pose(there, pin.integrate(FLYER, q, step), 2e-12)
     if angle < 3.1:  # Pinocchio's logarithm loses digits near π
-        near(spatial.pose_difference(q, there), pin.difference(FLYER, q, there), 1e-9)
+        near(poses.pose_difference(q, there), pin.difference(FLYER, q, there), 1e-9)
 
 
 @FEW
@@ -114,11 +115,11 @@ def test_integrate_and_difference_are_pinocchios_free_flyer(seed, angle):
 def test_integrate_inverts_difference(seed, angle):
     rng = np.random.default_rng(seed)
     q, step = pose(rng), twist(rng, angle)
-    there = spatial.pose_integrate(q, step)
-    near(spatial.pose_difference(q, there), step, 2e-14)
-    near(spatial.pose_difference(there, q), -step, 2e-14)
-    same_pose(spatial.pose_integrate(there, -step), q, 1e-14)
-    halves = spatial.pose_integrate(spatial.pose_integrate(q, 0.5 * step), 0.5 * step)
+    there = poses.pose_integrate(q, step)
+    near(poses.pose_difference(q, there), step, 2e-14)
+    near(poses.pose_difference(there, q), -step, 2e-14)
+    same_pose(poses.pose_integrate(there, -step), q, 1e-14)
+    halves = poses.pose_integrate(poses.pose_integrate(q, 0.5 * step), 0.5 * step)
     same_pose(halves, there, 1e-14)
 
 
@@ -127,7 +128,7 @@ def test_a_small_step_keeps_its_digits(size):
     """About the origin nothing is lost by cancellation: differences are right relative to size."""
     q = np.r_[np.zeros(3), unit(np.random.default_rng(1), 4)]
     step = size * np.array([1.0, -2.0, 0.5, 0.3, -0.7, 0.2])
-    found = spatial.pose_difference(q, spatial.pose_integrate(q, step))
+    found = poses.pose_difference(q, poses.pose_integrate(q, step))
     np.testing.assert_allclose(found[:3], step[:3], rtol=1e-9 if size < 1e-9 else 1e-14)
     np.testing.assert_allclose(found[3:], step[3:], atol=3e-16)
 
@@ -137,11 +138,11 @@ def test_a_small_step_keeps_its_digits(size):
 def test_difference_is_the_short_way_for_either_sign_of_the_quaternion(seed):
     rng = np.random.default_rng(seed)
     q0, q1 = pose(rng), pose(rng)
-    step = spatial.pose_difference(q0, q1)
+    step = poses.pose_difference(q0, q1)
     assert np.linalg.norm(step[3:]) <= np.pi * (1 + 1e-15)
-    same_pose(spatial.pose_integrate(q0, step), q1, 2e-14)
+    same_pose(poses.pose_integrate(q0, step), q1, 2e-14)
     flipped = [
-        spatial.pose_difference(np.r_[q0[:3], a * q0[3:]], np.r_[q1[:3], b * q1[3:]])
+        poses.pose_difference(np.r_[q0[:3], a * q0[3:]], np.r_[q1[:3], b * q1[3:]])
         for a, b in ((1, -1), (-1, 1), (-1, -1))
     ]
     for other in flipped:
@@ -152,8 +153,8 @@ def test_difference_is_the_short_way_for_either_sign_of_the_quaternion(seed):
 @given(seeds)
 def test_a_zero_step_changes_nothing(seed):
     q = pose(np.random.default_rng(seed))
-    near(spatial.pose_integrate(q, np.zeros(6)), q, 4e-16)
-    near(spatial.pose_difference(q, q), np.zeros(6), 4e-16)
+    near(poses.pose_integrate(q, np.zeros(6)), q, 4e-16)
+    near(poses.pose_difference(q, q), np.zeros(6), 4e-16)
 
 
 @FEW
@@ -161,7 +162,7 @@ def test_a_zero_step_changes_nothing(seed):
 def test_the_jacobian_is_the_rate_of_integrate(seed):
     rng, h = np.random.default_rng(seed), 1e-5
     q, v = pose(rng), rng.standard_normal(6)
-    slope = (spatial.pose_integrate(q, h * v) - spatial.pose_integrate(q, -h * v)) / (2 * h)
+    slope = (poses.pose_integrate(q, h * v) - poses.pose_integrate(q, -h * v)) / (2 * h)
     near(spatial.pose_jacobian(q) @ v, slope, 1e-9)
     assert abs(q[3:] @ (spatial.pose_jacobian(q) @ v)[3:]) <= 1e-15  # the quaternion stays unit
 
@@ -184,11 +185,11 @@ def flat(v):
 def test_the_plane_is_a_part_of_space(seed, angle, sign):
     rng = np.random.default_rng(seed)
     q, step = rng.uniform(-3, 3, 3), np.r_[rng.uniform(-2, 2, 2), sign * angle]
-    there = spatial.planar_integrate(q, step)
-    same_pose(in_space(there), spatial.pose_integrate(in_space(q), flat(step)), 1e-14)
+    there = poses.planar_integrate(q, step)
+    same_pose(in_space(there), poses.pose_integrate(in_space(q), flat(step)), 1e-14)
     assert there[2] == q[2] + step[2]  # the heading counts turns
-    near(spatial.planar_difference(q, there), step, 2e-14)
-    near(spatial.planar_difference(there, q), -step, 2e-14)
+    near(poses.planar_difference(q, there), step, 2e-14)
+    near(poses.planar_difference(there, q), -step, 2e-14)
 
 
 @FEW
@@ -196,24 +197,24 @@ def test_the_plane_is_a_part_of_space(seed, angle, sign):
 def test_a_heading_wraps_at_pi(seed, turns):
     rng = np.random.default_rng(seed)
     q0, q1 = rng.uniform(-3, 3, (2, 3))
-    step = spatial.planar_difference(q0, q1)
+    step = poses.planar_difference(q0, q1)
     assert abs(step[2]) <= np.pi
-    near(spatial.planar_difference(q0, q1 + np.array([0, 0, 2 * np.pi * turns])), step, 1e-11)
-    near(spatial.planar_integrate(q0, step)[:2], q1[:2], 1e-14)
+    near(poses.planar_difference(q0, q1 + np.array([0, 0, 2 * np.pi * turns])), step, 1e-11)
+    near(poses.planar_integrate(q0, step)[:2], q1[:2], 1e-14)
 
 
 def test_headings_across_pi_differ_by_the_short_way():
     q0, q1 = np.array([0, 0, np.pi - 0.01]), np.array([0, 0, -np.pi + 0.01])
-    near(spatial.planar_difference(q0, q1), [0, 0, 0.02], 1e-15)
-    near(spatial.planar_difference(q1, q0), [0, 0, -0.02], 1e-15)
+    near(poses.planar_difference(q0, q1), [0, 0, 0.02], 1e-15)
+    near(poses.planar_difference(q1, q0), [0, 0, -0.02], 1e-15)
 
 
 @pytest.mark.parametrize("angle", [np.pi, -np.pi, np.pi - 1e-13])
 def test_half_a_turn_in_the_plane_is_no_singularity(angle):
     q = np.array([1.0, 2.0, 0.3])
-    there = spatial.planar_integrate(q, np.array([0.5, -0.2, angle]))
-    step = spatial.planar_difference(q, there)
-    near(spatial.planar_integrate(q, step)[:2], there[:2], 1e-14)
+    there = poses.planar_integrate(q, np.array([0.5, -0.2, angle]))
+    step = poses.planar_difference(q, there)
+    near(poses.planar_integrate(q, step)[:2], there[:2], 1e-14)
 
 
 # -- brackets ----------------------------------------------------------------------------------
@@ -278,9 +279,9 @@ def test_the_bracket_is_what_two_steps_do_not_commute_by(seed, group):
     rng = np.random.default_rng(seed)
     a, b = rng.standard_normal((2, group))
     integrate, difference = (
-        (spatial.pose_integrate, spatial.pose_difference)
+        (poses.pose_integrate, poses.pose_difference)
         if group == 6
-        else (spatial.planar_integrate, spatial.planar_difference)
+        else (poses.planar_integrate, poses.planar_difference)
     )
     start = np.r_[np.zeros(group // 2 if group == 6 else 3), [0, 0, 0, 1.0] if group == 6 else []]
     errors = []

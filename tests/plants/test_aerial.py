@@ -248,7 +248,7 @@ def test_the_mounts_are_where_thrust_acts_and_a_torque_has_none(model):
     system = plant(model).system
     assert isinstance(system, Quadrotor)
     at = system.mounts
-    assert at.shape == (len(system.space.actuators), 3)
+    assert at is not None and at.shape == (len(system.space.actuators), 3)
     assert np.isnan(at[4:]).all() and (at[:4] == system.rotors).all()
     np.testing.assert_allclose(np.linalg.norm(at[:4], axis=1), numbers(model)["rotors"]["arm"])
     q, v, u = system.random_state(np.random.default_rng(0))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from nsaid_mj.numerics.spatial import planar_difference, pose_difference, quaternion_of, rotation
+from nsaid_mj.numerics.spatial import quaternion_of, rotation
 from nsaid_mj.plants.world.coordinates import (
     FloatingMap,
     JointMap,
@@ -23,6 +23,7 @@ from nsaid_mj.plants.world.coordinates import (
     joint_map,
     pose_of,
 )
+from tests.support.poses import planar_difference, pose_difference
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=25)

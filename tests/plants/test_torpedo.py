@@ -386,13 +386,14 @@ def test_the_autopilot_refuses_other_vehicles():
 def test_the_mounts_are_where_the_forces_act():
     system = remus().system
     assert isinstance(system, TorpedoVehicle)
-    assert system.mounts.shape == (len(system.space.actuators), 3)
+    mounts = system.mounts
+    assert mounts is not None and mounts.shape == (len(system.space.actuators), 3)
     named = [system.space.names[i] for i in system.space.actuators]
-    unseen = np.isnan(system.mounts[:, 0])
+    unseen = np.isnan(mounts[:, 0])
     assert [named[i] for i in np.flatnonzero(unseen)] == ["torque"]
     q, v, u = system.random_state(np.random.default_rng(0))
     F = system.F(0.0, np.r_[q, v], u)[:, system.space.actuators[~unseen]]
-    moment = np.cross(system.mounts[~unseen], F[:3].T)
+    moment = np.cross(mounts[~unseen], F[:3].T)
     np.testing.assert_allclose(moment, F[3:].T, atol=1e-12)
 
 

@@ -29,12 +29,16 @@ from tests.support.fossen import (
 )
 from tests.support.vehicles import acceleration
 
+CURRENT = Mismatch(flow=FLOW)
 
-@pytest.mark.parametrize("kind", ["published", "full", "full current"])
-def test_mujoco_follows_fossens_equations_for_ten_seconds(kind):
+
+@pytest.mark.parametrize(
+    "kind,mismatch", [("published", Mismatch()), ("full", Mismatch()), ("full", CURRENT)]
+)
+def test_mujoco_follows_fossens_equations_for_ten_seconds(kind, mismatch):
     true, series = true_numbers(kind), commands(4)
-    expected = flown(true, series, 2.5)
-    p = vehicle(true, 1e-3)
+    expected = flown(true, series, 2.5, mismatch)
+    p = vehicle(true, 1e-3, mismatch)
     found = ends(p, series, 2.5)
     assert apart(found, expected) <= 1e-8
     assert np.linalg.norm(found[:3] - START[0][:3]) > 0.5  # it has moved
@@ -43,25 +47,23 @@ def test_mujoco_follows_fossens_equations_for_ten_seconds(kind):
 
 def test_the_public_configuration_builds_the_tested_plant():
     """The public plant is the one tested here, in the current, too."""
-    for flow in ((0.0, 0.0, 0.0), FLOW):
-        p = BlueROV2Plant(mismatch=Mismatch(flow=flow)).build(2e-3, 8)
-        true = replace(
-            drawn(nominal_numbers(SHEET), 0.2, np.random.default_rng(8)), flow=np.array(flow)
-        )
+    for mismatch in (Mismatch(), CURRENT):
+        p = BlueROV2Plant(mismatch=mismatch).build(2e-3, 8)
+        true = drawn(nominal_numbers(SHEET), 0.2, np.random.default_rng(8))
         assert (p.truth == theta_of(true)).all()
-        assert apart(ends(p, commands(1), 1.0), flown(true, commands(1), 1.0)) <= 1e-8
+        assert apart(ends(p, commands(1), 1.0), flown(true, commands(1), 1.0, mismatch)) <= 1e-8
 
 
 STEADY = [np.array([0.5, 0.4, 0.3, 0.6, 0.3, 0.4, 0.3, 0.2])]
 
 
-@pytest.mark.parametrize("kind", ["full", "full current"])
-def test_mujoco_is_of_fourth_order_with_added_mass(kind):
+@pytest.mark.parametrize("mismatch", [Mismatch(), CURRENT])
+def test_mujoco_is_of_fourth_order_with_added_mass(mismatch):
     """Without quadratic drag: |ν| ν has a kink at 0, which costs every integrator its order."""
-    true = replace(true_numbers(kind), quadratic=np.zeros(6))
-    expected = flown(true, STEADY, 0.64)
+    true = replace(true_numbers("full"), quadratic=np.zeros(6))
+    expected = flown(true, STEADY, 0.64, mismatch)
     steps = np.array([0.04, 0.02, 0.01, 0.005])
-    errors = [apart(ends(vehicle(true, dt), STEADY, 0.64), expected) for dt in steps]
+    errors = [apart(ends(vehicle(true, dt, mismatch), STEADY, 0.64), expected) for dt in steps]
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert 3.5 < slope < 4.5, errors
 

@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.control import HoverAndReach, SwimAndReach
-from nsaid_mj.dynamics.loaded import loaded_gradient, loaded_workspace
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
@@ -16,7 +15,7 @@ from nsaid_mj.nullspace import structural
 from nsaid_mj.numerics.spatial import unrotate
 from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
 from nsaid_mj.plants.vehicle_manipulator import VehicleWithArm
-from nsaid_mj.systems import loads
+from nsaid_mj.structure.evaluation import Evaluation
 from nsaid_mj.systems.flying_arm import FlyingArm
 from nsaid_mj.systems.general import balance_by_sample, midpoints_by_sample
 from nsaid_mj.systems.multibody import JointScales
@@ -176,7 +175,7 @@ def test_the_system_holds_no_inertia(name):
     assert (np.array(model.armature) == 0).all()
 
 
-# -- the compiled recursions are the system ------------------------------------------------------
+# -- the compiled stages are the system ----------------------------------------------------------
 
 
 def branching() -> FlyingArm:
@@ -222,26 +221,13 @@ def possible(name: str, system) -> np.ndarray:
 @systems
 def test_compiled_stages_equal_the_regressors(name):
     system = SYSTEMS[name]()
-    tree = system.loaded
-    work, a, gradient = loaded_workspace(tree, system.n), np.empty(system.n), np.empty(system.p)
+    evaluation = Evaluation(system.structure)
     for seed in range(10):
         x, w, _, u, _ = draw_state(system, seed)
         q, v = system.split(x)
         theta = possible(name, system)
-        states = loads.states_of(tree.linkage, q[None], v[None])
         for sign in (1, -1):
-            pivot = loaded_gradient(
-                tree,
-                states[0],
-                v,
-                u,
-                system.applied(states, u[None])[0],
-                w,
-                sign * theta,
-                work,
-                a,
-                gradient,
-            )
+            a, gradient, pivot = evaluation.stage(q, v, w, u, sign * theta)
             dense, W, smallest = Dense(system).evaluate_at(0.0, q, v, u, w, sign * theta)
             assert pivot == pytest.approx(smallest, rel=1e-9)
             if sign > 0:

@@ -9,13 +9,11 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 import rerun as rr
 import rerun.blueprint as rrb
-from numba import njit
 from rerun.error_utils import RerunWarning
 from scipy.spatial.transform import Rotation
 
@@ -34,7 +32,6 @@ from nsaid_mj import (
 from nsaid_mj import (
     evaluation as metrics,
 )
-from nsaid_mj.dynamics.forward import force_law
 from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
 from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.identifiers import Status
@@ -45,8 +42,11 @@ from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.stream import recording as stream
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.resources import write_json
+from nsaid_mj.structure.columns.curve import LINEAR, polynomial
+from nsaid_mj.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.structure.structure import Structure
 from nsaid_mj.systems.joints import JointTree
-from nsaid_mj.systems.rigid_body import RigidBody
+from nsaid_mj.systems.structured import StructuredSystem
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
 from tests.support.recordings import entities_of
@@ -478,19 +478,7 @@ def test_meshes_of_a_vehicle_move_rigidly_as_in_mujoco(vehicle: SimulatedRun) ->
         np.testing.assert_allclose(R @ there, world, atol=1e-6)
 
 
-class SledForces(NamedTuple):
-    fin: float
-
-
-@force_law(SledForces)
-@njit
-def sled_forces(forces, q, v, u, F):
-    F[0, 1], F[1, 2] = u[0], u[1]
-    F[2, 1:4] = np.array([0.3, 0.4, 1.0]) * u  # a jet turns too: no force across the plane
-    F[0, 5], F[1, 4] = -forces.fin, forces.fin
-
-
-class Sled(RigidBody):
+class Sled(StructuredSystem):
     """In the plane: a jet astern, one abeam, a torque, which has no place, and a weak fin."""
 
     def __init__(self) -> None:
@@ -500,8 +488,18 @@ class Sled(RigidBody):
             Block("fin", ("lift", "drag"), ("N",) * 2, np.ones(2), actuator=True),
         )
         mounts = np.array([[-1.0, 0, 0], [0, 0.5, 0], [np.nan] * 3, [1, 0, 0], [1, 0, 0]])
-        tensor = np.eye(3)[..., None] * np.eye(6)[0]
-        super().__init__(ParameterSpace(blocks), tensor, 3, mounts, SledForces(0.02))
+        x, y = np.eye(3)[:2]
+        weak = polynomial(0.02 / 9)  # at the command 9
+        columns = [
+            Column("thruster", 1, body=0, input=0, point=-0.3 * y, direction=x),
+            Column("thruster", 2, body=0, input=1, point=0.4 * x, direction=y),
+            Column("rotor_torque", 3, body=0, input=2, direction=[0, 0, 1], curve=LINEAR),
+            Column("thruster", 4, body=0, input=2, point=0 * x, direction=y, curve=weak),
+            Column("thruster", 5, body=0, input=2, point=0 * x, direction=-x, curve=weak),
+        ]
+        mass = Inertia(0, 0, tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (5, 5, 0, 1.0)]))
+        structure = Structure([Body("planar")], [mass], columns, 6, 3)
+        super().__init__(structure, ParameterSpace(blocks), mounts)
 
     def random_state(self, rng: np.random.Generator):
         return np.zeros(3), np.zeros(3), rng.uniform(-1, 1, 3)

@@ -19,6 +19,7 @@ counter = Counter()
 event.register("numba:compile", counter)
 from nsaid_mj.structure.compilation import ready
 from nsaid_mj.structure.structure import Structure
+import nsaid_mj.identifiers, nsaid_mj.systems.compiled, nsaid_mj.dynamics.motions
 assert counter.count == 0, "importing compiles"
 ready()
 assert counter.count == {expected}, counter.count

@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.structure.evaluation import Evaluation
-from tests.support.converted import convert
 from tests.support.matrices import assert_near
 from tests.support.plants import draw_state, plant
 
@@ -16,7 +15,7 @@ from tests.support.plants import draw_state, plant
 @pytest.mark.parametrize("seed", range(3))
 def test_regressor_mass_bias_and_coriolis_matrix(robot, seed):
     system = plant(robot).system
-    new, links, rng = Evaluation(convert(system)), 10 * system.bodies, np.random.default_rng(seed)
+    new, links, rng = Evaluation(system.structure), 10 * system.bodies, np.random.default_rng(seed)
     model = pin.Model(system.model)
     for i in range(1, model.njoints):
         model.inertias[i] = pin.Inertia.Random()

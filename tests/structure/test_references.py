@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from nsaid_mj.plants import Mismatch
 from nsaid_mj.structure.evaluation import Evaluation
-from tests.support.converted import convert
 from tests.support.fossen import Fossen, true_numbers, vehicle
 from tests.support.servo_arm import ServoArm
 
@@ -30,9 +30,9 @@ def test_an_arm_of_position_servos_moves_by_lagranges_equations(seed):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_bluerov2_with_couplings_moves_by_fossens_equations(seed):
     plant, true = vehicle(true_numbers("full"), 1e-3), true_numbers("full")
-    rng, system = np.random.default_rng(seed), Evaluation(convert(plant.system))
+    rng, system = np.random.default_rng(seed), Evaluation(plant.system.structure)
     q, v, u = plant.system.random_state(rng)
     x = np.concatenate([q[:3], q[[6, 3, 4, 5]], v])
-    expected = Fossen(true, u)(0.0, x)[7:13]
+    expected = Fossen(true, u, Mismatch())(0.0, x)[7:13]
     a = system.stage(q, v, v, u, np.ascontiguousarray(plant.truth)).a
     assert np.abs(a - expected).max() <= 1e-9 * np.abs(expected).max()

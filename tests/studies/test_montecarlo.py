@@ -22,13 +22,11 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.cli.commands import command
-from nsaid_mj.dynamics.motions import TreeBatch
-from nsaid_mj.dynamics.tree_lanes import LANES
 from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment import following
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import MemoryConfig, State, Status, nullspace_aid
+from nsaid_mj.identifiers import MemoryConfig, State, Status
 from nsaid_mj.identifiers.base import Estimates
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
@@ -184,7 +182,7 @@ def test_zero_runs_or_zero_jobs_is_refused(runs, jobs, name):
 
 # -- batches: one SIMD lane per identifier -------------------------------------------------------
 
-FULL = 12  # identifiers: enough for a batch
+FULL = 12  # identifiers that share a motion
 
 
 def laws_of(course: Course, count: int) -> list[NullspaceIdentifier]:
@@ -216,22 +214,10 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
     )
 
 
-def followed(laws: list[NullspaceIdentifier], log: Log, monkeypatch) -> tuple[list, int]:
-    """What `side_by_side` makes of them, and how many batches reached the end of the log."""
-    rows, follow = [], nullspace_aid.follow
-
-    def spied(law, motion, *arguments):
-        row = follow(law, motion, *arguments)
-        if isinstance(motion, TreeBatch):
-            rows.append(row)
-        return row
-
-    monkeypatch.setattr(nullspace_aid, "follow", spied)
-    states = [law.init(log.at(0)) for law in laws]
+def followed(laws: list[NullspaceIdentifier], log: Log) -> list[tuple[State, Estimates]]:
+    """What the identifiers make of a log whose motion they share."""
     motion = laws[0].motion(log)
-    assert motion is not None
-    made = list(nullspace_aid.side_by_side(laws, states, log, motion))
-    return made, sum(row == len(log.t) for row in rows)
+    return [law.along(law.init(log.at(0)), log, motion) for law in laws]
 
 
 def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:
@@ -244,61 +230,39 @@ def arm() -> Course:
 
 
 @pytest.mark.parametrize("robot", ["double_pendulum", "z1", "ur5"])
-def test_each_lane_of_a_batch_gets_the_bits_of_a_single_run(robot, monkeypatch):
+def test_identifiers_that_share_a_motion_get_the_bits_of_single_runs(robot):
     plant = ArmPlant(robot, armature=0.1, damping=0.5, friction=0.5)
     course = course_of(replace(ARM, plant=plant, duration=0.6))
-    laws = laws_of(course, LANES)
-    made, batches = followed(laws, course.log, monkeypatch)
-    assert batches == 1
+    laws = laws_of(course, FULL)
+    made = followed(laws, course.log)
     for law, one in zip(laws, made, strict=True):
         assert equal(one, alone(law, course.log))
-    assert len({one[0].theta_hat.tobytes() for one in made}) == LANES
-
-
-@pytest.mark.parametrize("count", [1, 8, 9, 20, 32, 40, 41])
-def test_any_number_of_identifiers_is_followed_in_batches(count, arm, monkeypatch):
-    laws = laws_of(arm, count)
-    made, batches = followed(laws, arm.log, monkeypatch)
-    whole, rest = divmod(count, LANES)
-    assert batches == whole + (rest >= nullspace_aid._FEWEST)
-    assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
+    assert len({one[0].theta_hat.tobytes() for one in made}) == FULL
 
 
 @pytest.mark.parametrize("hot", [[0], [3], [1, 6]])
-def test_a_failing_lane_ends_as_alone_and_the_others_continue(hot, arm, monkeypatch):
+def test_a_failing_identifier_ends_as_alone_and_the_others_continue(hot, arm):
     laws = laws_of(arm, FULL)
     for k in hot:
         laws[k] = with_gains(laws[k], laws[k].K, 1e7 * laws[k].metric.Gamma)
-    made, batches = followed(laws, arm.log, monkeypatch)
-    assert batches == 0
-    for k, (law, one) in enumerate(zip(laws, made, strict=True)):
+    for k, (law, one) in enumerate(zip(laws, followed(laws, arm.log), strict=True)):
         assert (one[0].status is Status.completed) == (k not in hot)
         assert equal(one, alone(law, arm.log))
 
 
-def test_a_nonfinite_measurement_ends_every_lane_as_alone(arm, monkeypatch):
+def test_a_nonfinite_measurement_ends_every_identifier_as_alone(arm):
     laws, v = laws_of(arm, FULL), arm.log.v.copy()
     v[40, 0] = np.nan
     log = Log.unchecked(arm.log.t, arm.log.q, v, arm.log.u)
-    made, _ = followed(laws, log, monkeypatch)
-    for law, one in zip(laws, made, strict=True):
+    for law, one in zip(laws, followed(laws, log), strict=True):
         assert one[0].status is Status.measurement_not_finite and len(one[1].pivot) < 42
         assert equal(one, alone(law, log))
 
 
-def test_identifiers_that_fit_no_batch_run_alone(arm, monkeypatch):
-    """A law with a whole Γ, and one that has ended."""
-    laws = laws_of(arm, FULL)
-    laws[2] = with_gains(laws[2], laws[2].K, np.diag(laws[2].metric.Gamma))
-    made, batches = followed(laws, arm.log, monkeypatch)
-    assert batches == 0
-    assert all(equal(one, alone(law, arm.log)) for law, one in zip(laws, made, strict=True))
-    laws = laws_of(arm, FULL)
-    ended = laws[1].init(arm.log.at(0))._replace(status=Status.adaptation_too_fast)
-    states = [ended if k == 1 else law.init(arm.log.at(0)) for k, law in enumerate(laws)]
-    motion = laws[0].motion(arm.log)
-    assert motion is not None
-    stays = list(nullspace_aid.side_by_side(laws, states, arm.log, motion))[1]
+def test_an_ended_identifier_stays_as_it_is(arm):
+    law = laws_of(arm, 1)[0]
+    ended = law.init(arm.log.at(0))._replace(status=Status.adaptation_too_fast)
+    stays = law.along(ended, arm.log, law.motion(arm.log))
     assert stays[0] is ended and len(stays[1].pivot) == 1
 
 

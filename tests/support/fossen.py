@@ -20,8 +20,8 @@ from nsaid_mj.plants.underwater import (
     scales_of,
     theta_of,
 )
-from nsaid_mj.plants.world.body import Vehicle, command_inputs, vehicle_spec
-from nsaid_mj.plants.world.hydrodynamics import Hydrodynamics, fossen
+from nsaid_mj.plants.world.body import Vehicle, vehicle_spec
+from nsaid_mj.plants.world.hydrodynamics import Hydrodynamics
 from nsaid_mj.systems.underwater import UnderwaterVehicle
 from tests.support.matrices import skew
 
@@ -55,11 +55,12 @@ class Fossen:
     Args:
         true: the numbers.
         u: (k,) command.
-        lag: of the thrusters [s].
+        mismatch: of the plant.
     """
 
-    def __init__(self, true: Hydrodynamics, u: Array, lag: float = 0.0):
-        self.true, self.u, self.lag = true, u, lag
+    def __init__(self, true: Hydrodynamics, u: Array, mismatch: Mismatch):
+        self.true, self.u, self.lag = true, u, mismatch.lag
+        self.flow = np.array(mismatch.flow)
         self.curve = np.zeros(2 * len(true.curve))
         self.curve[1::2] = true.curve
         self.M_inverse = np.linalg.inv(true.rigid + true.added)
@@ -75,7 +76,7 @@ class Fossen:
         quaternion = quaternion / np.sqrt(quaternion @ quaternion)
         R = attitude(quaternion)
         nu_c, nu_c_dot = np.zeros(6), np.zeros(6)
-        nu_c[:3] = R.T @ h.flow
+        nu_c[:3] = R.T @ self.flow
         nu_c_dot[:3] = -skew(nu[3:]) @ nu_c[:3]
         nu_r, up = nu - nu_c, R[2]
         tau = self.thrust(act) if self.lag else self.held
@@ -94,7 +95,12 @@ class Fossen:
         return np.concatenate([R @ nu[:3], turning, nu_dot, act_dot])
 
 
-def flown(true: Hydrodynamics, commands: list[Array], each: float, lag: float = 0.0) -> Array:
+def flown(
+    true: Hydrodynamics,
+    commands: list[Array],
+    each: float,
+    mismatch: Mismatch = Mismatch(),  # noqa: B008
+) -> Array:
     """(13 + k,) the state after commands of `each` seconds, from START."""
     numbers, v = START
     angle = np.linalg.norm(numbers[3:])
@@ -102,7 +108,7 @@ def flown(true: Hydrodynamics, commands: list[Array], each: float, lag: float = 
     x = np.concatenate([numbers[:3], quaternion, v, np.zeros(len(commands[0]))])
     for u in commands:
         x = solve_ivp(
-            Fossen(true, u, lag), (0, each), x, method="DOP853", rtol=1e-13, atol=1e-14
+            Fossen(true, u, mismatch), (0, each), x, method="DOP853", rtol=1e-13, atol=1e-14
         ).y[:, -1]
     return x
 
@@ -120,7 +126,7 @@ def true_numbers(kind: str) -> Hydrodynamics:
         root = np.sqrt(np.diag(true.added))
         added = np.outer(root, root) * _spd(rng, np.ones(6), 0.25)
         true = replace(true, rigid=body.matrix(), added=added, righting=np.array([0.5, -0.4, 2.0]))
-    return replace(true, flow=np.array(FLOW)) if "current" in kind else true
+    return true
 
 
 def _spd(rng: np.random.Generator, diagonal: Any, coupling: float) -> Array:
@@ -139,8 +145,8 @@ def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> 
     m, S_c = true.rigid[0, 0], true.rigid[3:, :3] / true.rigid[0, 0]
     centre = np.array([S_c[2, 1], S_c[0, 2], S_c[1, 0]])
     spec = vehicle_spec("bluerov2", dt, m, centre, true.rigid[3:, 3:] + m * S_c @ S_c)
-    command_inputs(spec, system.n_u)
-    return Vehicle(system, theta_of(true), spec, true.numbers(mismatch.lag > 0), fossen(), mismatch)
+    acting = theta_of(replace(true, rigid=np.zeros((6, 6))))
+    return Vehicle(system, theta_of(true), spec, acting, mismatch)
 
 
 def ends(p: Plant, commands: list[Array], each: float) -> Array:

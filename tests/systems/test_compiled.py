@@ -1,19 +1,14 @@
 """The compiled backend gives the same regressors, steps and runs as Pinocchio, for any θ."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.dynamics.tree import tree_gradient, tree_state, tree_work
-from nsaid_mj.dynamics.tree_lanes import LANES, lanes_gradient, lanes_work
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
@@ -142,33 +137,6 @@ def check_evaluate(robot: str, seeds) -> None:
 @robots
 def test_every_regressor_equals_pinocchios(robot):
     check_regressors(robot, range(3))
-
-
-@robots
-def test_every_lane_of_a_stage_has_the_bits_of_the_stage_alone(robot):
-    ours, rng = pair(robot)[1], np.random.default_rng(7)
-    linkage, (q, v, _, _, u) = ours.tree, draw(robot, 7)
-    state, w = tree_state(linkage, q, v), v + rng.standard_normal((LANES, ours.n))
-    theta = true_theta(robot) * (1 + 0.1 * rng.uniform(-1, 1, (LANES, ours.p)))
-    a, gradient, pivots = np.empty(LANES * ours.n), np.empty(LANES * ours.p), np.empty(LANES)
-    work = lanes_work(linkage, ours.n)
-
-    def stage() -> float:
-        flat = w.T.ravel(), theta.T.ravel()
-        return lanes_gradient(linkage, state, v, u, *flat, work, a, gradient, pivots)
-
-    smallest = stage()
-    assert smallest == pivots.min() > 0
-    for lane in range(LANES):
-        own = np.empty(ours.n), np.empty((1, ours.p))
-        pivot = tree_gradient(
-            linkage, state, v, u, w[lane], theta[lane], tree_work(linkage, ours.n), *own
-        )
-        assert pivot == pivots[lane]
-        assert a[lane::LANES].tobytes() == own[0].tobytes()
-        assert gradient[lane::LANES].tobytes() == own[1].tobytes()
-    theta[LANES // 2] *= -1  # M̂ of one lane is negative definite: the stage fails
-    assert not stage() > 0 and not pivots[LANES // 2] > 0
 
 
 @pytest.mark.parametrize("joint", [pin.JointModelRY(), pin.JointModelPX()])
@@ -352,28 +320,3 @@ def test_the_backend_chooses_the_structure_and_compiled_is_the_default():
         (ArmPlant(backend="compiled"), CompiledMultibody),
     ):
         assert type(plant.build(1e-3, 0).system) is structure
-
-
-def test_importing_the_package_compiles_nothing():
-    code = """
-import nsaid_mj.identifiers, nsaid_mj.systems.multibody, nsaid_mj.dynamics.tree as recursion
-kernels = [part for part in vars(recursion).values() if hasattr(part, "signatures")]
-assert kernels and not any(kernel.signatures for kernel in kernels)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
-
-
-def test_another_process_finds_the_kernels_on_disk():
-    robot = "double_pendulum held"
-    q, v, w, _, _ = draw(robot, 0)
-    pair(robot)[1]._W_C(q, v, w)
-    code = f"""
-from nsaid_mj.systems import compiled
-from tests.systems.test_compiled import draw, pair
-q, v, w, _, _ = draw({robot!r}, 0)
-pair({robot!r})[1]._W_C(q, v, w)
-stats = compiled.tree_inertial.stats
-assert sum(stats.cache_hits.values()) == 1 and not stats.cache_misses, stats
-"""
-    root = Path(__file__).parents[2]
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120, cwd=root)

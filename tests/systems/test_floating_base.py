@@ -261,8 +261,8 @@ def test_a_urdf_file_may_have_a_floating_base(tmp_path):
 def test_a_body_that_differs_between_the_engines_is_named(monkeypatch):
     honest = arm.arm_spec
 
-    def corrupt(model, hidden, dt):
-        spec = honest(model, hidden, dt)
+    def corrupt(model, hidden, dt, actuator):
+        spec = honest(model, hidden, dt, actuator)
         spec.body("root_joint").mass *= 1.01
         return spec
 

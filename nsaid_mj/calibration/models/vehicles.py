@@ -86,8 +86,17 @@ def plant_of(sheet: Path) -> PlantConfig:
         InvalidInput: a value is missing or wrong.
         UnknownName: a key is unknown.
     """
+    try:
+        content = tomllib.loads(sheet.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        content = {}  # every family says so alike
+    families = {family.sheet.family: family for family in _families()}
+    if (kind := content.get("kind")) is not None:
+        if kind not in families:
+            raise UnknownName(f"kind of vehicle in {sheet}", str(kind), families)
+        families = {kind: families[kind]}
     errors: list[NsaidError] = []
-    for family in _families():
+    for family in families.values():
         try:
             config = family(vehicle=str(sheet))
             config.simulating(_STEP)
@@ -95,10 +104,7 @@ def plant_of(sheet: Path) -> PlantConfig:
             errors.append(error)
         else:
             return config
-    try:
-        keys = set(_keys(tomllib.loads(sheet.read_text(encoding="utf-8"))))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-        raise errors[0] from None  # every family fails alike
+    keys = set(_keys(content))
     raise max(errors, key=lambda error: _likeness(error, keys))
 
 

@@ -27,14 +27,15 @@ import numpy as np
 from numba import njit
 
 from ...dynamics.forward import (
-    Structure,
     difference_into,
     integrate_into,
+    transition,
+    transition_work,
     write_acceleration,
 )
-from ...dynamics.transition import transition, transition_work
 from ...numerics.linalg import cholesky
 from ...parameters import Array
+from ...structure.arrays import StructureArrays
 from ..cone.barrier import Cone, inside
 from .noise import MEMORY, Noise, add_increment, noise_variance
 from .steps import carry_scale, project_inside
@@ -54,7 +55,7 @@ class Law(NamedTuple):
     """What the filter knows beforehand, for compiled loops.
 
     Attributes:
-        structure: of the system; see `dynamics.forward`.
+        structure: of the system.
         cone: of physical parameters.
         scale: (p,) of θ.
         margin: (p,) of `steps.margin_of`.
@@ -63,7 +64,7 @@ class Law(NamedTuple):
         walk: (p,) variance that θ, relative to itself, gains in a second [1/s]; 0 where constant.
     """
 
-    structure: Structure
+    structure: StructureArrays
     cone: Cone
     scale: Array
     margin: Array

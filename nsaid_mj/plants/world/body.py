@@ -12,8 +12,9 @@ from ...errors import InvalidInput
 from ...numerics.spatial import rotation
 from ...parameters import Array
 from ...resources import vehicle_files
-from ...systems.rigid_body import RigidBody
+from ...systems.structured import StructuredSystem
 from .coordinates import PlanarMap, PoseMap
+from .forces import Forces, column_forces
 from .mismatch import Mismatch
 from .plant import Plant, set_options
 from .shapes import DRAWN, VisualMesh, of_geom
@@ -32,33 +33,28 @@ class Vehicle(Plant):
     Args:
         system: the structure that an identifier may know.
         truth: (p,) the true θ.
-        spec: MuJoCo's specification from `vehicle_spec`, with the true inertia.
-        numbers: what the callback reads from userdata.
-        passive: the compiled callback that computes the forces on the body, or None.
+        spec: MuJoCo's specification from `vehicle_spec`, with the true inertia of the rigid body.
+        acting: (p,) θ of the forces on that body, 0 for its own inertia; see `Forces`.
         mismatch: the effects outside the structure.
-        gain_places: for each command, the indices of its actuator's gains in `numbers`; empty if
-            MuJoCo's actuators hold the gains.
 
     Raises:
         InvalidInput: MuJoCo rejects the body, or the mismatch does not suit the time step.
     """
 
-    system: RigidBody
+    system: StructuredSystem
 
     def __init__(
         self,
-        system: RigidBody,
+        system: StructuredSystem,
         truth: Array,
         spec: Any,
-        numbers: Array,
-        passive: Any | None,
+        acting: Array,
         mismatch: Mismatch,
-        gain_places: Sequence[Sequence[int]] = (),
     ):
-        self.system, self._truth, self.passive = system, truth, passive
-        self.gain_places = gain_places
-        spec.nuserdata = max(spec.nuserdata, len(numbers))
-        self._numbers = numbers
+        self.system, self._truth, self.passive = system, truth, column_forces()
+        forces = Forces(system.structure, acting, np.array(mismatch.flow))
+        self.gain_places, spec.nuserdata = forces.gain_places, forces.size
+        command_inputs(spec, system.n_u)
         try:
             self._compile(spec, mismatch)
         except InvalidInput:
@@ -72,6 +68,7 @@ class Vehicle(Plant):
             ) from error
         self.body = PoseMap(self.model, "pose") if system.n == 6 else PlanarMap(self.model)
         self.reading = self.body.reading
+        self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
         self.reset(np.zeros(system.n), np.zeros(system.n))
 
     @property
@@ -81,7 +78,7 @@ class Vehicle(Plant):
 
     def _place(self, position: Array, velocity: Array) -> None:
         self.body.write(self.data, position, velocity)
-        self.data.userdata[: len(self._numbers)] = self._numbers
+        self.data.userdata[:] = self._numbers
 
     def coordinates(self) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) body twist."""

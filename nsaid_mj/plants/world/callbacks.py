@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-import numpy as np
-from numba import carray, cfunc, njit, types
+from numba import njit, types
 
 WORDS = 1 << 15
 """How many 8-byte words of mjData are searched; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -91,29 +90,6 @@ class CFunction(types.WrapperAddressProtocol):
 @njit(cache=True)
 def _wake_numba() -> None:
     """Does nothing; numba recognises `CFunction` arguments only once a function has been loaded."""
-
-
-@cache
-def coulomb_friction() -> Any:
-    """Callback for the passive force −c_i tanh(q̇_i/s_i) on every degree of freedom.
-
-    MuJoCo's own `frictionloss` is a soft constraint, which creeps. `userdata` holds
-    [nv, c (nv), 1/s (nv)]. The caller must keep the returned object alive.
-    """
-    offsets = field_offsets()
-    at_qvel, at_force, at_user = (offsets[k] for k in ("qvel", "qfrc_passive", "userdata"))
-
-    @cfunc(CALLBACK, cache=True)
-    def passive(model, data):  # noqa: ARG001 (MuJoCo's signature)
-        arrays: Any = carray(data, (WORDS,))
-        nv = int(carray(arrays[at_user], (1,))[0])
-        numbers = carray(arrays[at_user], (1 + 2 * nv,))
-        velocity = carray(arrays[at_qvel], (nv,))
-        force = carray(arrays[at_force], (nv,))
-        for i in range(nv):
-            force[i] -= numbers[1 + i] * np.tanh(velocity[i] * numbers[1 + nv + i])
-
-    return passive
 
 
 _in_use = False  # set also by plants without a callback: another plant's would act on them

@@ -69,7 +69,7 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
 
 @njit(cache=True)
 def write_position(reading, numbers, q):
-    """Writes q (m,) from position numbers (n,), as `JointTree` and `RigidBody` define it."""
+    """Writes q (m,) from position numbers (n,), as `JointTree` and `StructuredSystem` define it."""
     first = 0
     if reading.group == 6:
         attitude = quaternion_of(numbers[3:6])

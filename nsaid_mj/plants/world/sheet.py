@@ -5,10 +5,10 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from ...errors import InvalidInput, UnknownName
 from ...parameters import Array
@@ -58,12 +58,25 @@ class Sheet(Table):
     """A complete data sheet.
 
     Attributes:
+        kind: the family, which may be left out where all keys are a family's own.
         size: length, width and height of the box that is drawn if there is no model.xml [m].
     """
 
+    family: ClassVar[str]
+    """Name of the family; what `kind` may be."""
+
+    kind: str | None = Field(default=None, description="the name of the vehicle's family")
     size: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = Field(
         default=None, description="length, width and height, three numbers > 0 [m]"
     )
+
+    @field_validator("kind")
+    @classmethod
+    def _is_own(cls, kind: str | None) -> str | None:
+        if kind not in (None, cls.family):
+            remedy = "This plant reads no other; `nsaid inspect` finds the family by itself."
+            raise InvalidInput("kind", f'"{cls.family}"', kind, remedy)
+        return kind
 
     @classmethod
     def of(cls, vehicle: str) -> Self:

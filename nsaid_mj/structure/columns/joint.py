@@ -81,6 +81,21 @@ def _weight_on_joint(c, at, bodies, b, state, ground, x):
     return total
 
 
+@helper(f8(i8, vector, i8, f8))
+def friction(kind, c, at, v):
+    """Force of a column that depends on the joint's velocity alone."""
+    if kind == VISCOUS:
+        return -v
+    if kind == COULOMB:
+        return -np.tanh(v / c[at])
+    if kind == QUADRATIC:
+        return -abs(v) * v
+    if kind == CUBIC:
+        return -v * v * v
+    # Stribeck's: what friction loses with speed, above Coulomb's
+    return -np.tanh(v / c[at]) * np.exp(-((v / c[at + 1]) ** 2))
+
+
 @routine(f8(i8, vector, i8, table, i8, vector, i8, f8, f8, f8, vector))
 def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
     """Force of a column on the joint of body b, per unit of its parameter.
@@ -98,16 +113,8 @@ def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
         u: command; 0 if the column reads none.
         x: workspace of twelve numbers.
     """
-    if kind == VISCOUS:
-        return -v
-    if kind == QUADRATIC:
-        return -abs(v) * v
-    if kind == CUBIC:
-        return -v * v * v
-    if kind == COULOMB:
-        return -np.tanh(v / c[at])
-    if kind == STRIBECK:  # what friction loses with speed, above Coulomb's
-        return -np.tanh(v / c[at]) * np.exp(-((v / c[at + 1]) ** 2))
+    if kind <= STRIBECK:
+        return friction(kind, c, at, v)
     if kind == LOAD:  # on the weight of nominal bodies
         return -np.tanh(v / c[at]) * abs(_weight_on_joint(c, at + 1, bodies, b, state, ground, x))
     if kind == OFFSET:

@@ -1,0 +1,87 @@
+"""Arms of position servos: the command is a target, the torque is kp (u − q)."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from nsaid_mj import FourierTracking
+from nsaid_mj.errors import InvalidInput
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.plants import ArmPlant, Loss
+from nsaid_mj.plants.arm import arm_spec
+from tests.support.vehicles import acceleration
+
+ARM = load("servo_arm").plant
+
+
+def test_a_servo_pulls_as_mujocos_own_position_actuator():
+    """MuJoCo's `position` with the true kp on the same bodies, where nothing slides."""
+    assert isinstance(ARM, ArmPlant)
+    plant, rng = ARM.build(2e-3, 5), np.random.default_rng(0)
+    spec = arm_spec(plant.robot.model, plant._hidden, 2e-3, "servo")
+    for actuator, kp in zip(spec.actuators, plant._hidden.gain, strict=True):
+        actuator.set_to_position(kp=kp)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for _ in range(20):
+        q, u = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q, 0.0, u
+        mujoco.mj_forward(model, data)
+        found = acceleration(plant, q, np.zeros(3), u)
+        assert np.abs(found - data.qacc).max() <= 1e-12 * np.abs(data.qacc).max()
+
+
+@pytest.mark.parametrize("backend", ["compiled", "pinocchio"])
+def test_w_theta_is_zero_with_either_backend(backend):
+    plant = ArmPlant("servo_arm", actuator="servo", gain=8.0, backend=backend).build(2e-3, 1)
+    system, rng = plant.system, np.random.default_rng(3)
+    for _ in range(10):
+        q, v, u = system.random_state(rng)
+        a = acceleration(plant, q, v, u)
+        W = system.regressor(0.0, np.r_[q, v], v, a, u)
+        assert np.abs(W @ plant.truth).max() <= 1e-12 * np.abs(W * plant.truth).max()
+
+
+def test_a_servos_loss_weakens_its_stiffness():
+    config = ArmPlant("servo_arm", actuator="servo", gain=8.0)
+    plant = config.build(2e-3, 1)
+    q, u, still = np.array([0.3, -0.2, 0.4]), np.array([0.9, 0.1, -0.5]), np.zeros(3)
+    before = acceleration(plant, q, still, u)
+    lost = plant.failing([Loss(share=0.4, actuator=2, time=0.0)], config)
+    after = acceleration(lost, q, still, u, as_at=1.0)
+    M = plant.system.mass_matrix(np.r_[q, still], plant.truth)
+    kp = plant.truth[plant.system.space.actuators]
+    missing = M @ (before - after)
+    assert missing == pytest.approx([0, 0.4 * kp[1] * (u - q)[1], 0], abs=1e-9)
+
+
+def test_a_driver_that_computes_torques_refuses_servos():
+    from dataclasses import replace
+
+    scenario = replace(load("servo_arm"), excitation=FourierTracking())
+    with pytest.raises(InvalidInput, match="MultisineCommand"):
+        Setup.of(scenario).driver()
+
+
+def test_stiffnesses_are_found_from_targets_and_encoders(tmp_path):
+    """Within 20 s, by the law `efficient` under noise: ratios of kp to one in a thousand."""
+    from dataclasses import replace
+
+    from nsaid_mj.evaluation import summarize, truth_of
+    from nsaid_mj.experiment.loop import run
+
+    scenario = load("servo_arm")
+    scenario = replace(
+        scenario,
+        duration=20.0,
+        sensors="noisy",
+        identifier=replace(scenario.identifier, law="efficient", gamma="scale"),
+    )
+    done = run(scenario, tmp_path)
+    summary = summarize(done, truth_of(done))
+    assert summary["status"] == "completed" and summary["misfit"] == "none"
+    assert summary["actuator_ratio_error"] <= 1e-3
+    assert summary["confidence"]["covered"] >= 0.8
