@@ -52,7 +52,7 @@ class ColumnRow(Table):
             bodily = [name for name, kind in KINDS.items() if kind.number >= 100]
             raise UnknownName("kind of column on a body", self.kind, bodily)
         for key, value in (self.__pydantic_extra__ or {}).items():
-            numbers = value if isinstance(value, list) and value else [value]
+            numbers: list[Any] = value if isinstance(value, list) and value else [value]
             if not all(type(x) in (int, float) and abs(x) <= LARGEST for x in numbers):
                 raise InvalidInput(
                     f"column {self.name}: {key}", "a number, or several", value,

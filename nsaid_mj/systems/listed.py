@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class ListedVehicle(StructuredSystem):
                 len(inertia) + parameters.index((row.column.kind, row.name)),
                 body=0,
                 input=row.column.input,
-                **row.column.constants,
+                **dict[str, Any](row.column.constants),
             )
             for row in rows
         ]

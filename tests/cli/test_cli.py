@@ -42,7 +42,8 @@ SCRIPTS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.py"))
 def test_list_shows_every_scenario_with_its_title_and_every_robot() -> None:
     code, said = shell("list")
     assert (code, said.err) == (0, "")
-    lines = [line.split(maxsplit=1) for line in said.out.splitlines() if line.startswith("  ")]
+    shown = said.out.partition("Robots")[0].splitlines()
+    lines = [line.split(maxsplit=1) for line in shown if line.startswith("  ")]
     titles = {line[0]: line[1] for line in lines if len(line) > 1}
     for name, path in scenarios().items():
         assert titles[name].strip() in path.read_text(encoding="utf-8").splitlines()[0]

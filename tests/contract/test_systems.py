@@ -417,7 +417,7 @@ COMMANDED = {  # what a command moves besides the actuators' own parameters
 }
 ALWAYS = {
     "remus100": "fin lift",
-    "catamaran": "fin lift",
+    "catamaran": "fin_lift",
 }  # an actuator that acts without a command, too
 
 

@@ -72,7 +72,7 @@ class Forces:
         commands, flow = self.structure.n_u, self.flow
         head = [places[-1], lagged, commands, self.added, *flow, reading.group, reading.free[0]]
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
-        return np.concatenate([np.array(head, dtype=np.float64), np.ravel(layout), *flat])
+        return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
@@ -91,8 +91,11 @@ class Forces:
     @property
     def added(self) -> bool:
         """Whether there is inertia beyond MuJoCo's."""
-        general = [i for i in self.structure.inertias if i.tensor is not None]
-        return any(self.theta[i.start : i.start + np.shape(i.tensor)[2]].any() for i in general)
+        return any(
+            self.theta[i.start : i.start + i.tensor.shape[2]].any()
+            for i in self.structure.inertias
+            if i.tensor is not None
+        )
 
     @property
     def gain_places(self) -> list[list[int]]:
