@@ -10,7 +10,7 @@ from numba import njit
 from ..dynamics.forward import forward_work
 from ..parameters import Array
 from ..structure.arrays import AT_Q, CIRCLE, KIND, StructureArrays
-from ..structure.forces import write_forces
+from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.stage import require
 from .signals import Series, fourier
@@ -69,7 +69,7 @@ def computed_torque(tracking, t, q, v, workspace, u):
             error = desired[i, 0] - q[at]
         a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
     place(structure, q, v, slopes.state)
-    write_forces(structure, slopes.state, q, v, still, True, work.scratch, slopes.F)
+    write_forces(structure, slopes.state, q, v, still, ALL, work.scratch, slopes.F)
     require(structure, slopes.state, slopes.F, v, a, theta, work, u)
     for i in range(v.shape[0]):
         u[i] = min(max(u[i] / theta[gain + i], -limit[i]), limit[i])

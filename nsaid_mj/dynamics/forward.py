@@ -19,7 +19,7 @@ from ..structure.arrays import (
     Slopes,
     Workspace,
 )
-from ..structure.forces import write_forces
+from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.poses import difference, integrate
 from ..structure.slopes import linearise as write_derivatives
@@ -67,7 +67,7 @@ def write_acceleration(structure, q, v, u, theta, work, a):
     """Writes v̇ alone; arguments and result are those of `linearise`."""
     stage, slopes = work
     place(structure, q, v, slopes.state)
-    write_forces(structure, slopes.state, q, v, u, True, stage.scratch, slopes.F)
+    write_forces(structure, slopes.state, q, v, u, ALL, stage.scratch, slopes.F)
     return accelerate(structure, slopes.state, slopes.F, v, theta.copy(), stage, a)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from ..numerics.linalg import cholesky
-from ..structure.forces import write_forces
+from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.stage import require
 from .forward import forward_work, linearise, transition, transition_work
@@ -108,5 +108,5 @@ def torques_along(structure, theta, q, v, a, torque):
     (work, slopes), still, own = forward_work(structure, n), np.zeros(n), theta.copy()
     for k in range(q.shape[0]):
         place(structure, q[k], v[k], slopes.state)
-        write_forces(structure, slopes.state, q[k], v[k], still, True, work.scratch, slopes.F)
+        write_forces(structure, slopes.state, q[k], v[k], still, ALL, work.scratch, slopes.F)
         require(structure, slopes.state, slopes.F, v[k], a[k], own, work, torque[k])

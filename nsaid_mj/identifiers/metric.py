@@ -18,6 +18,7 @@ from numba.extending import overload
 from ..errors import InvalidInput
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
+from ..structure.compiled import FAST
 from .cone.barrier import Cone, inside
 from .cone.chart import (
     chart_room,
@@ -174,7 +175,7 @@ def _chart(law):
     return flat if law.instance_class is Flat else curved
 
 
-@overload(enter)
+@overload(enter, jit_options=FAST)
 def _enter(law, theta, eta, scratch):
     def flat(law, theta, eta, scratch):
         copy_into(theta, eta)
@@ -185,7 +186,7 @@ def _enter(law, theta, eta, scratch):
     return flat if law.instance_class is Flat else curved
 
 
-@overload(leave)
+@overload(leave, jit_options=FAST)
 def _leave(law, eta, theta, scratch):
     def flat(law, eta, theta, scratch):
         copy_into(eta, theta)
@@ -196,7 +197,7 @@ def _leave(law, eta, theta, scratch):
     return flat if law.instance_class is Flat else curved
 
 
-@overload(adapt)
+@overload(adapt, jit_options=FAST)
 def _adapt(law, eta, theta, gradient, rate, scratch):
     def flat(law, eta, theta, gradient, rate, scratch):
         times_into(law.Gamma, gradient, rate)
@@ -207,7 +208,7 @@ def _adapt(law, eta, theta, gradient, rate, scratch):
     return flat if law.instance_class is Flat else curved
 
 
-@overload(hold)
+@overload(hold, jit_options=FAST)
 def _hold(law, start, eta):
     def flat(law, start, eta):
         pass
@@ -218,7 +219,7 @@ def _hold(law, start, eta):
     return flat if law.instance_class is Flat else curved
 
 
-@overload(sound)
+@overload(sound, jit_options=FAST)
 def _sound(law, theta):
     def flat(law, theta):
         return True
@@ -229,7 +230,7 @@ def _sound(law, theta):
     return flat if law.instance_class is Flat else curved
 
 
-@overload(accurate)
+@overload(accurate, jit_options=FAST)
 def _accurate(law, start, eta, before, theta, scratch):
     def flat(law, start, eta, before, theta, scratch):
         return True
@@ -242,7 +243,7 @@ def _accurate(law, start, eta, before, theta, scratch):
     return flat if law.instance_class is Flat else curved
 
 
-@njit(cache=True)
+@njit(cache=True, **FAST)
 def stored(stiffness, theta):
     """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p,) or (p, p)."""
     total = 0.0

@@ -7,6 +7,7 @@ from numba import njit
 
 from ..dynamics.motions import stage, stage_room
 from ..numerics.linalg import copy_into, times_into
+from ..structure.compiled import FAST
 from .metric import accurate, adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
@@ -19,7 +20,7 @@ def room(law, n, p):
     return start, z, total, rate, np.zeros(p), chart(law)
 
 
-@njit(cache=True)
+@njit(cache=True, **FAST)
 def begin(law, work, v_hat, theta_hat):
     """Initialises a step's workspace at v̂ (n,) and θ̂ (p,)."""
     start, z, total, _, theta, scratch = work
@@ -31,7 +32,7 @@ def begin(law, work, v_hat, theta_hat):
     copy_into(theta_hat, theta)
 
 
-@njit(cache=True)
+@njit(cache=True, **FAST)
 def advance(law, work, v, a_hat, gradient, weight, reach):
     """Adds a stage's rates to the weighted sum; moves z and θ̂ to the next stage or the step's end.
 
@@ -84,11 +85,16 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
         The first row at which M̂ was not positive definite, θ̂ left its domain, or the step was too
         long to be accurate; N if none.
     """
-    t, n, p = motion.t, v_hats.shape[1], theta_hats.shape[1]
-    stages, work = stage_room(motion), room(law, n, p)
-    a_hat, gradient = np.zeros(n), np.zeros(p)
-    z, theta = work[1], work[4]
-    v_hat = z[:n]
+    n, p = v_hats.shape[1], theta_hats.shape[1]
+    stages, work, a_hat, gradient = stage_room(motion), room(law, n, p), np.zeros(n), np.zeros(p)
+    return _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient)
+
+
+@njit(cache=True, **FAST)
+def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient):
+    """Does what `follow` says, in its memory."""
+    t, z, theta = motion.t, work[1], work[4]
+    v_hat = z[: v_hats.shape[1]]
     for k in range(first, t.shape[0]):
         dt = t[k] - t[k - 1]
         begin(law, work, v_hats[k - 1], theta_hats[k - 1])
@@ -108,8 +114,10 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
         if not sound(law, theta):
             pivots[k] = np.nan
             return k
-        if not accurate(law, work[0][n:], z[n:], theta_hats[k - 1], theta, work[5]):
+        if not accurate(
+            law, work[0][v_hat.shape[0] :], z[v_hat.shape[0] :], theta_hats[k - 1], theta, work[5]
+        ):
             return k
-        copy_into(z[:n], v_hats[k])
+        copy_into(v_hat, v_hats[k])
         copy_into(theta, theta_hats[k])
     return t.shape[0]

@@ -30,7 +30,7 @@ def cholesky(M, L):
     return smallest
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def solve_positive(M, L, x):
     """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 
@@ -80,7 +80,7 @@ def solve_many(L, X):
                 X[i, c] -= factor * X[j, c]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def copy_into(source, target):
     """Writes the numbers of an array (k,) into another: faster than a slice where k is small."""
     for i in range(source.shape[0]):

@@ -35,9 +35,9 @@ and whether entries or columns."""
 OF, FROM, TO, OWNER = 0, 1, 2, 3
 """Columns of `StructureArrays.terms`: parameter; range of `entries`; body."""
 
-COSINE, SINE, PLACE, AXIS, JOINT = 9, 18, 27, 30, 36
+COSINE, SINE, PLACE, AXIS, JOINT = 9, 18, 27, 30, 33
 """Columns of `StructureArrays.joints`: R₀, R_c and R_s (9 each), with R₀ + R_c cos + R_s sin the
-body's axes in its parent's; position in the parent's frame; unit twist in the body's axes."""
+body's axes in its parent's; position in the parent's frame; axis in the body's axes."""
 
 SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, READS, COLUMN = range(8)
 """Columns of `StructureArrays.columns`: number of the kind; body; command or −1; offset in
@@ -58,7 +58,7 @@ class StructureArrays(NamedTuple):
 
     Attributes:
         bodies: (b, BODY) see `PARENT` and following.
-        joints: (b, JOINT) see `COSINE` and following.
+        joints: (b · JOINT,) see `COSINE` and following.
         gravity: (3,) in the world's axes [m/s²].
         rotors: (r, 2) rows [velocity, parameter]: inertia of what turns with a joint alone.
         entries: (e, 3) rows [i, j, parameter], i ≤ j: entry of a body's 6×6 inertia in its axes.
@@ -82,8 +82,8 @@ class StructureArrays(NamedTuple):
     nonzeros: Integers
 
 
-VELOCITY, DRIFT, WRENCH, PUSH, MOTION = 0, 6, 12, 18, 24
-"""Columns of `Workspace.motion`: W; J̇ w; the wrench; J a."""
+VELOCITY, DRIFT, WRENCH, PUSH, FIELD, MOTION = 0, 6, 12, 18, 24, 36
+"""Columns of `Workspace.motion`: W; J̇ w; the wrench; J a; field of a rigid body, see `stage`."""
 
 SQUARE, INERTIA = 10, 46
 """Columns of `Workspace.inertia`: ten rigid-body parameters, then the other entries (6, 6)."""

@@ -18,11 +18,12 @@ from numba import njit, types
 from .arrays import Slopes, StructureArrays, Workspace
 
 f8, i8, void, boolean = types.float64, types.int64, types.void, types.boolean
+index = types.uint32
 vector, matrix, cube = f8[::1], f8[:, ::1], f8[:, :, ::1]
 table = i8[:, ::1]
 
 STRUCTURE = types.NamedTuple(
-    (table, matrix, vector, table, table, vector, table, table, vector, table), StructureArrays
+    (table, vector, vector, table, table, vector, table, table, vector, table), StructureArrays
 )
 """The type of every robot."""
 WORKSPACE = types.NamedTuple((vector, vector, matrix, matrix, matrix, vector), Workspace)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .arrays import FALL, FRAME, Array
 from .compilation import ready
-from .forces import write_forces
+from .forces import ALL, write_forces
 from .kinematics import place
 from .motion import (
     along,
@@ -70,7 +70,7 @@ class Evaluation:
 
     def _forces(self, q: Array, v: Array, u: Array) -> Array:
         F = self._none.copy()
-        write_forces(self.arrays, self._memory.state, q, v, u, True, self._memory.work.scratch, F)
+        write_forces(self.arrays, self._memory.state, q, v, u, ALL, self._memory.work.scratch, F)
         return F
 
     def _regressor(self, w: Array, a: Array, weight: float, F: Array) -> Array:
@@ -159,8 +159,9 @@ class Evaluation:
         self, q: Array, v: Array, qm: Array, vm: Array, u: Array
     ) -> tuple[Array, Array, Array]:
         """States at N samples and half-way, and F; see `motion.along`."""
-        states, middles = self.structure.state(len(q)), self.structure.state(len(qm))
-        F = np.zeros((3, len(qm), len(self._none)))
+        size = len(self._memory.state)
+        states, middles = np.empty((len(q), size)), np.empty((len(qm), size))
+        F = np.empty((3, len(qm), len(self._none)))
         along(self.arrays, q, v, qm, vm, u, self._memory.work, states, middles, F)
         return states, middles, F
 

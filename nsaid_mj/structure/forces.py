@@ -13,8 +13,10 @@ from .arrays import (
     INPUT,
     KIND,
     NONZEROS,
+    NOTHING,
     PARAMETER,
     PARENT,
+    READS,
     SORT,
     TWIST,
 )
@@ -24,14 +26,16 @@ from .columns.fluid import F as WRENCH
 from .columns.joint import MOTOR, STRIBECK, coordinate, friction, joint_force
 from .columns.thrust import THRUST_KINDS, write_thrust
 from .columns.wheels import write_wheel
-from .compiled import STRUCTURE, boolean, f8, helper, i8, kernel, routine, table, vector, void
+from .compiled import STRUCTURE, f8, helper, index, kernel, routine, table, vector, void
 from .spatial import clear, dot, into_body, out_of_body, unrotate
 
 BODY_KINDS = 100
+ALL, COMMANDED, MOVING = range(3)
+"""Which columns to write: all, those that read a command, those that change while it is held."""
 _COMMON, _SUM = 18, 24  # in the scratch: a wrench in the common frame; the sum of wrenches
 
 
-@helper(void(vector, i8, i8, vector))
+@helper(void(vector, index, index, vector))
 def write_surroundings(state, frame, ground, x):
     """Writes what a body's kinds read: its twist, up and gravity, in its axes."""
     into_body(state, frame, state, frame + TWIST, x, 0)
@@ -39,7 +43,7 @@ def write_surroundings(state, frame, ground, x):
     unrotate(state, frame, state, ground + FALL, x, GRAVITY)
 
 
-@routine(void(i8, vector, i8, f8, vector))
+@helper(void(index, vector, index, f8, vector))
 def write_wrench(kind, c, own, command, x):
     """Writes the wrench of a column on a body, in its axes, per unit of its parameter."""
     clear(x, WRENCH, 6)
@@ -51,7 +55,7 @@ def write_wrench(kind, c, own, command, x):
         write_wheel(kind, c, own, x, command)
 
 
-@helper(void(table, table, vector, i8, vector, vector, i8, i8))
+@helper(void(table, table, vector, index, vector, vector, index, index))
 def project(bodies, nonzeros, state, b, x, F, to, end):
     """Writes the generalised forces of the wrench in x on body b into F[to : end]."""
     if bodies[b, KIND] == FREE:
@@ -67,7 +71,7 @@ def project(bodies, nonzeros, state, b, x, F, to, end):
         b = bodies[b, PARENT]
 
 
-@helper(void(table, vector, i8, vector, vector))
+@helper(void(table, vector, index, vector, vector))
 def _add_projection(bodies, state, b, x, force):
     """Adds the generalised forces of the wrench in x on body b to force (n,)."""
     out_of_body(state, b * FRAME, x, WRENCH, x, _COMMON)
@@ -78,8 +82,8 @@ def _add_projection(bodies, state, b, x, force):
         b = bodies[b, PARENT]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, vector, boolean, vector, vector))
-def write_forces(structure, state, q, v, u, whole, x, F):
+@kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector))
+def write_forces(structure, state, q, v, u, which, x, F):
     """Writes F at a sample.
 
     Args:
@@ -88,7 +92,7 @@ def write_forces(structure, state, q, v, u, whole, x, F):
         q: (m,) positions.
         v: (n,) velocities.
         u: (n_u,) commands.
-        whole: whether to write all columns, or only those that read a command.
+        which: `ALL`, `COMMANDED` or `MOVING`.
         x: (SCRATCH,) workspace.
         F: (z,) entries that can differ from 0; written.
     """
@@ -97,11 +101,15 @@ def write_forces(structure, state, q, v, u, whole, x, F):
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
     for k in range(columns.shape[0]):
         kind, b, own = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
-        if columns[k, INPUT] < 0 and not whole:
+        on_body = kind >= BODY_KINDS
+        if which == COMMANDED and columns[k, INPUT] < 0:
+            continue
+        held = columns[k, READS] == NOTHING and (not on_body or bodies[b, KIND] == FREE)
+        if which == MOVING and held:
             continue
         command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
         to = columns[k, NONZEROS]
-        if kind < BODY_KINDS:
+        if not on_body:
             rate = v[bodies[b, AT_V]]
             if kind <= STRIBECK:
                 F[to] = friction(kind, c, own, rate)

@@ -20,15 +20,15 @@ from .arrays import (
     TERM,
     TERMS,
 )
-from .compiled import f8, helper, i8, matrix, table, vector, void
+from .compiled import f8, helper, index, matrix, table, vector, void
 from .spatial import add_cross, clear, dot3, rotate
 
-_PRODUCT = void(vector, i8, vector, i8, f8, vector, i8)
+_PRODUCT = void(vector, index, vector, index, f8, vector, index)
 
 # -- ten parameters --------------------------------------------------------------------------------
 
 
-@helper(void(vector, i8, vector, i8, vector, i8))
+@helper(void(vector, index, vector, index, vector, index))
 def write_rigid(state, frame, theta, at, inertia, to):
     """Writes ten parameters θ[at : at + 10] of a body as the common frame has them."""
     m, p = theta[at], frame + POSITION
@@ -84,7 +84,7 @@ def add_rigid(inertia, at, x, i, factor, f, k):
 # -- 6×6 matrices ----------------------------------------------------------------------------------
 
 
-@helper(void(table, table, vector, table, i8, vector, i8, vector, vector, i8))
+@helper(void(table, table, vector, table, index, vector, index, vector, vector, index))
 def write_square(bodies, entries, values, terms, b, state, ground, theta, square, at):
     """Writes the 6×6 part of body b's inertia under θ, in the common frame, at square[at].
 
@@ -123,19 +123,27 @@ def add_square(square, at, x, i, factor, f, k):
         f[k + r] += factor * total
 
 
-@helper(void(table, i8, vector, vector, i8, f8, vector, i8))
-def add_momentum(bodies, b, inertia, x, i, factor, f, k):
-    """f += factor · I x, with all that body b's row of `Workspace.inertia` holds."""
+@helper(void(table, index, vector, vector, index, vector))
+def write_momentum(bodies, b, inertia, x, i, f):
+    """Writes I x into f[:6], with all that body b's row of `Workspace.inertia` holds."""
+    k = b * INERTIA
     if bodies[b, RIGID]:
-        add_rigid(inertia, b * INERTIA, x, i, factor, f, k)
+        m, hx, hy, hz = inertia[k], inertia[k + 1], inertia[k + 2], inertia[k + 3]
+        u, v, w, p, q, r = x[i], x[i + 1], x[i + 2], x[i + 3], x[i + 4], x[i + 5]
+        f[0], f[1], f[2] = m * u + q * hz - r * hy, m * v + r * hx - p * hz, m * w + p * hy - q * hx
+        f[3] = hy * w - hz * v + inertia[k + 4] * p + inertia[k + 5] * q + inertia[k + 7] * r
+        f[4] = hz * u - hx * w + inertia[k + 5] * p + inertia[k + 6] * q + inertia[k + 8] * r
+        f[5] = hx * v - hy * u + inertia[k + 7] * p + inertia[k + 8] * q + inertia[k + 9] * r
+    else:
+        clear(f, 0, 6)
     if bodies[b, GENERAL]:
-        add_square(inertia, b * INERTIA + SQUARE, x, i, factor, f, k)
+        add_square(inertia, k + SQUARE, x, i, 1.0, f, 0)
 
 
 # -- powers: what multiplies θ in xᵀ I y -----------------------------------------------------------
 
 
-@helper(void(table, table, vector, i8, vector, i8, i8, i8, matrix, i8))
+@helper(void(table, table, vector, index, vector, index, index, index, matrix, index))
 def add_power(bodies, entries, values, b, x, i, j, heavy, out, row):
     """out[row] (p,) += what multiplies θ in xᵀ I y of body b, twists in its axes.
 
@@ -172,7 +180,7 @@ def add_power(bodies, entries, values, b, x, i, j, heavy, out, row):
         out[row, entries[e, 2]] += values[e] * power
 
 
-@helper(void(vector, i8, i8, matrix, i8, i8))
+@helper(void(vector, index, index, matrix, index, index))
 def add_weight(x, i, g, out, row, k):
     """out[row, k : k + 4] += what multiplies m and h in xᵀ I [g, 0] of ten parameters."""
     out[row, k] += dot3(x, i, x, g)
@@ -181,7 +189,7 @@ def add_weight(x, i, g, out, row, k):
         out[row, k + 1 + r] += x[g + s] * x[i + 3 + t] - x[g + t] * x[i + 3 + s]
 
 
-@helper(void(vector, i8, vector, vector, i8))
+@helper(void(vector, index, vector, vector, index))
 def add_common_power(state, frame, power, out, k):
     """out[k : k + 10] += powers of ten parameters in body axes, from those of the common frame.
 

@@ -16,6 +16,7 @@ from .arrays import (
     FREE,
     FROM,
     HINGE,
+    JOINT,
     KIND,
     OWNER,
     PARENT,
@@ -28,11 +29,11 @@ from .arrays import (
     TO,
     TWIST,
 )
-from .compiled import STRUCTURE, helper, i8, kernel, matrix, table, vector, void
-from .spatial import add_cross, add_turned, clear, turn_square, unrotate
+from .compiled import STRUCTURE, helper, index, kernel, table, vector, void
+from .spatial import add_cross, add_turned, clear, rotate, turn_square, unrotate
 
 
-@helper(void(vector, i8, vector, i8))
+@helper(void(vector, index, vector, index))
 def write_rotation(q, at, R, r):
     """Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at]."""
     x, y, z, w = q[at], q[at + 1], q[at + 2], q[at + 3]
@@ -42,7 +43,7 @@ def write_rotation(q, at, R, r):
     R[r + 3], R[r + 6], R[r + 7] = 2 * (x * y + z * w), 2 * (x * z - y * w), 2 * (y * z + x * w)
 
 
-@helper(void(i8, vector, vector, vector, i8, i8))
+@helper(void(index, vector, vector, vector, index, index))
 def _place_base(kind, gravity, q, state, frame, ground):
     """A base defines the common frame; in it, gravity and the upward direction turn."""
     if kind == FREE:
@@ -59,8 +60,8 @@ def _place_base(kind, gravity, q, state, frame, ground):
     state[frame], state[frame + 4], state[frame + 8] = 1.0, 1.0, 1.0
 
 
-@helper(void(i8, vector, i8, matrix, i8, vector, i8))
-def _place_body(kind, q, at, joints, b, state, frame):
+@helper(void(index, vector, index, vector, index, vector, index))
+def _place_body(kind, q, at, joints, joint, state, frame):
     """Writes rotation and position of a body in its parent's frame."""
     cosine, sine = 1.0, 0.0
     if kind == HINGE:
@@ -68,18 +69,17 @@ def _place_body(kind, q, at, joints, b, state, frame):
     elif kind == CIRCLE:
         cosine, sine = q[at], q[at + 1]
     for i in range(9):
-        state[frame + i] = (
-            joints[b, i] + cosine * joints[b, COSINE + i] + sine * joints[b, SINE + i]
-        )
+        turned = cosine * joints[joint + COSINE + i] + sine * joints[joint + SINE + i]
+        state[frame + i] = joints[joint + i] + turned
     for i in range(3):
-        state[frame + POSITION + i] = joints[b, PLACE + i]
+        state[frame + POSITION + i] = joints[joint + PLACE + i]
         if kind == SLIDE:
             for j in range(3):
-                travel = q[at] * joints[b, AXIS + j]
-                state[frame + POSITION + i] += travel * joints[b, 3 * i + j]
+                travel = q[at] * joints[joint + AXIS + j]
+                state[frame + POSITION + i] += travel * joints[joint + 3 * i + j]
 
 
-@helper(void(vector, i8, i8))
+@helper(void(vector, index, index))
 def _compose(state, above, frame):
     """Overwrites a pose in the parent's frame by that in the common frame."""
     for c in range(3):
@@ -96,7 +96,7 @@ def _compose(state, above, frame):
         )
 
 
-@helper(void(table, matrix, i8, vector, vector))
+@helper(void(table, vector, index, vector, vector))
 def _move(bodies, joints, b, v, state):
     """Writes a body's twist V, and S and Ṡ = V × S of its joint's velocities."""
     parent, kind, first = bodies[b, PARENT], bodies[b, KIND], bodies[b, AT_V]
@@ -109,12 +109,10 @@ def _move(bodies, joints, b, v, state):
         if kind in (FREE, PLANAR):
             state[axis + (5 if kind == PLANAR and j == 2 else j)] = 1.0
         else:
-            for r in range(3):
-                for c in range(3):
-                    R = state[frame + 3 * r + c]
-                    state[axis + r] += R * joints[b, AXIS + c]
-                    state[axis + 3 + r] += R * joints[b, AXIS + 3 + c]
-            add_cross(state, frame + POSITION, state, axis + 3, 1.0, state, axis)
+            turns = 0 if kind == SLIDE else 3
+            rotate(state, frame, joints, b * JOINT + AXIS, state, axis + turns)
+            if turns > 0:
+                add_cross(state, frame + POSITION, state, axis + 3, 1.0, state, axis)
         for i in range(6):
             state[frame + TWIST + i] += v[j] * state[axis + i]
     for j in range(first, first + bodies[b, COUNT]):
@@ -144,7 +142,7 @@ def place(structure, q, v, state):
         if kind in (FREE, PLANAR):
             _place_base(kind, gravity, q, state, b * FRAME, ground)
         else:
-            _place_body(kind, q, bodies[b, AT_Q], joints, b, state, b * FRAME)
+            _place_body(kind, q, bodies[b, AT_Q], joints, b * JOINT, state, b * FRAME)
             if parent >= 0:
                 _compose(state, parent * FRAME, b * FRAME)
         _move(bodies, joints, b, v, state)

@@ -18,7 +18,7 @@ from .compiled import (
     vector,
     void,
 )
-from .forces import write_forces
+from .forces import ALL, COMMANDED, MOVING, write_forces
 from .inertia import add_power, add_weight
 from .kinematics import place
 from .poses import half_way
@@ -72,9 +72,12 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
         place(structure, q[k + 1], v[k + 1], states[k + 1])
         for z in range(F.shape[2] if k else 0):
             F[0, k, z] = F[2, k - 1, z]
-        write_forces(structure, states[k], q[k], v[k], u[k], k == 0, x, F[0, k])
-        write_forces(structure, middles[k], qm[k], vm[k], u[k], True, x, F[1, k])
-        write_forces(structure, states[k + 1], q[k + 1], v[k + 1], u[k], True, x, F[2, k])
+        first = ALL if k == 0 else COMMANDED
+        write_forces(structure, states[k], q[k], v[k], u[k], first, x, F[0, k])
+        for z in range(F.shape[2]):
+            F[1, k, z] = F[2, k, z] = F[0, k, z]
+        write_forces(structure, middles[k], qm[k], vm[k], u[k], MOVING, x, F[1, k])
+        write_forces(structure, states[k + 1], q[k + 1], v[k + 1], u[k], MOVING, x, F[2, k])
 
 
 @kernel(void(STRUCTURE, matrix, matrix, matrix, vector, vector, vector, WORKSPACE, cube))
@@ -94,7 +97,7 @@ def write_force_regressors(structure, q, v, u, state, F, still, work, out):
     """
     for k in range(q.shape[0]):
         place(structure, q[k], v[k], state)
-        write_forces(structure, state, q[k], v[k], u[k], True, work.scratch, F)
+        write_forces(structure, state, q[k], v[k], u[k], ALL, work.scratch, F)
         write_regressor(structure, state, still, still, 1.0, F, work, out[k])
         for i in range(out.shape[1]):
             for j in range(out.shape[2]):
@@ -109,7 +112,7 @@ def write_force_regressors(structure, q, v, u, state, F, still, work, out):
 def combine(structure, q, v, w, a, u, state, F, work, W):
     """Writes W(t, x, w, a) (n, p) of (10) at a sample; see `evaluate` for the arguments."""
     place(structure, q, v, state)
-    write_forces(structure, state, q, v, u, True, work.scratch, F)
+    write_forces(structure, state, q, v, u, ALL, work.scratch, F)
     write_regressor(structure, state, w, a, 1.0, F, work, W)
 
 
@@ -173,7 +176,7 @@ def evaluate(structure, q, v, u, w, theta, state, F, work, a, W):
         W: (n, p) written; that of â = 0 if M̂ is not positive definite.
     """
     place(structure, q, v, state)
-    write_forces(structure, state, q, v, u, True, work.scratch, F)
+    write_forces(structure, state, q, v, u, ALL, work.scratch, F)
     pivot = accelerate(structure, state, F, w, theta, work, a)
     if not pivot > 0.0:
         clear(a, 0, a.shape[0])

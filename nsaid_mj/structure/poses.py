@@ -9,14 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from .arrays import AT_Q, AT_V, CIRCLE, COUNT, FIXED, FREE, KIND, PLANAR
-from .compiled import boolean, f8, helper, i8, kernel, matrix, routine, table, vector, void
+from .compiled import boolean, f8, helper, i8, index, kernel, matrix, routine, table, vector, void
 from .kinematics import write_rotation
 from .spatial import add_cross, add_turned, clear, dot3, rotate, unrotate
 
 _SMALL = 1e-2  # angle below which three terms of the series are exact in double precision [rad]
 
 
-@helper(void(i8, vector, i8, vector, i8, f8, vector, i8))
+@helper(void(index, vector, index, vector, index, f8, vector, index))
 def add_bracket(group, a, i, b, j, factor, c, k):
     """c += factor · [a, b], of base velocities that form a twist of 6 or 3 components, or of 0."""
     if group == 6:
@@ -56,7 +56,7 @@ def _move_free(q, step, out, x):
         out[3 + i] = x[4 + i] / size
 
 
-@routine(void(vector, vector, vector, i8, vector))
+@routine(void(vector, vector, vector, index, vector))
 def _between_free(q0, q1, step, k, x):
     """Writes the twist (6,) from pose q0 (7,) to q1 (7,), with a rotation of at most π."""
     w = q0[6] * q1[6] + dot3(q0, 3, q1, 3)
@@ -102,7 +102,7 @@ def _move_planar(q, step, out):
     out[0], out[1], out[2] = q[0] + c * x - s * y, q[1] + s * x + c * y, q[2] + turn
 
 
-@routine(void(vector, vector, vector, i8))
+@routine(void(vector, vector, vector, index))
 def _between_planar(q0, q1, step, k):
     """Writes the twist (3,) between poses in the plane, with a rotation of at most π."""
     turn = (q1[2] - q0[2] + np.pi) % (2 * np.pi) - np.pi

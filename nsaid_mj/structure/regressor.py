@@ -15,7 +15,7 @@ from .arrays import (
     TWIST,
     VELOCITY,
 )
-from .compiled import STRUCTURE, WORKSPACE, f8, helper, i8, kernel, matrix, vector, void
+from .compiled import STRUCTURE, WORKSPACE, f8, helper, index, kernel, matrix, vector, void
 from .inertia import add_power
 from .spatial import add_turned, clear, into_body
 from .stage import accumulate
@@ -23,7 +23,7 @@ from .stage import accumulate
 _V, _W, _X, _HEAVY, _S, _P, _R = 0, 6, 12, 18, 24, 30, 36  # vectors in the body's axes
 
 
-@helper(void(vector, i8, i8, vector, i8, f8, vector))
+@helper(void(vector, index, index, vector, index, f8, vector))
 def _write_motion(state, frame, ground, motion, own, weight, x):
     """Writes V, W, A + ½ T, and A + ½ T − g, in the body's axes."""
     clear(x, _P, 6)
@@ -38,7 +38,7 @@ def _write_motion(state, frame, ground, motion, own, weight, x):
     into_body(state, frame, x, _P, x, _HEAVY)
 
 
-@helper(void(STRUCTURE, i8, vector, i8, i8, vector, matrix))
+@helper(void(STRUCTURE, index, vector, index, index, vector, matrix))
 def _add_row(structure, b, state, axis, j, x, W):
     """Adds a body's columns to row j of W, that of the velocity with the axis state[axis]."""
     bodies, entries, values = structure.bodies, structure.entries, structure.values

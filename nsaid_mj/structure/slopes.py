@@ -72,7 +72,7 @@ from .compiled import (
     WORKSPACE,
     f8,
     helper,
-    i8,
+    index,
     kernel,
     matrix,
     routine,
@@ -80,7 +80,7 @@ from .compiled import (
     vector,
     void,
 )  # fmt: skip
-from .forces import BODY_KINDS, write_forces, write_surroundings, write_wrench
+from .forces import ALL, BODY_KINDS, write_forces, write_surroundings, write_wrench
 from .inertia import add_rigid, add_square, add_turning, write_rigid, write_square
 from .kinematics import place
 from .poses import integrate
@@ -101,7 +101,7 @@ STEP = 1e-7
 _TOTAL, _HERE, _THERE, _KEPT = 30, 36, 42, 48  # in the scratch, after what `forces` uses
 
 
-@routine(void(STRUCTURE, i8, i8, vector, vector, vector, i8))
+@routine(void(STRUCTURE, index, index, vector, vector, vector, index))
 def _write_column_wrench(structure, b, reads, u, theta, x, to):
     """Writes into x[to : to + 6] the wrench on a body, in its axes, of all columns that read so."""
     columns = structure.columns
@@ -114,7 +114,7 @@ def _write_column_wrench(structure, b, reads, u, theta, x, to):
                 x[to + i] += theta[columns[k, PARAMETER]] * x[WRENCH + i]
 
 
-@helper(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
+@helper(void(STRUCTURE, index, vector, index, vector, vector, vector, vector, index))
 def _write_columns(structure, b, state, ground, u, theta, x, slopes, own):
     """Writes minus the columns' wrench on a body, and its derivatives, in the common frame."""
     frame = b * FRAME
@@ -147,7 +147,7 @@ def _write_columns(structure, b, state, ground, u, theta, x, slopes, own):
     turn_square(state, frame, slopes, own + TURN_SLOPE)
 
 
-@helper(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
+@helper(void(STRUCTURE, index, vector, index, vector, vector, vector, vector, index))
 def _add_rigid(structure, b, state, ground, theta, motion, x, slopes, own):
     """Writes a body's momentum and N, of ten parameters, and adds I (A − g) + V ×* I V.
 
@@ -175,7 +175,7 @@ def _add_rigid(structure, b, state, ground, theta, motion, x, slopes, own):
     slopes[change + 5] = both + 2.0 * (wx * yz - wy * xz - hz * vz)
 
 
-@helper(void(STRUCTURE, i8, vector, i8, vector, vector, vector, vector, i8))
+@helper(void(STRUCTURE, index, vector, index, vector, vector, vector, vector, index))
 def _add_entries(structure, b, state, ground, theta, motion, x, slopes, own):
     """Writes I of a body's entries, and adds I A + V ×* I V and its derivatives.
 
@@ -211,7 +211,7 @@ def _add_entries(structure, b, state, ground, theta, motion, x, slopes, own):
                 slopes[own + TURN_SLOPE + 6 * i + c] += x[18 + i]
 
 
-@helper(void(STRUCTURE, i8, vector, i8, vector, vector))
+@helper(void(STRUCTURE, index, vector, index, vector, vector))
 def _write_axes(structure, b, state, ground, motion, axes):
     """Writes Ψ̇, Ψ̈, with gravity in it, and Ψ̇ + Ṡ of the axes of one body's joint."""
     bodies = structure.bodies
@@ -230,7 +230,7 @@ def _write_axes(structure, b, state, ground, motion, axes):
             axes[out + MOVED + i] = axes[out + BENT + i] + state[axis + RATE + i]
 
 
-@routine(void(vector, i8, vector, i8, vector, i8))
+@routine(void(vector, index, vector, index, vector, index))
 def _add_transposed(A, at, x, i, y, k):
     """y += Aᵀ x of a (6, 6) matrix that begins at A[at]."""
     for r in range(6):
@@ -238,7 +238,7 @@ def _add_transposed(A, at, x, i, y, k):
             y[k + c] += A[at + 6 * r + c] * x[i + r]
 
 
-@helper(void(vector, i8, vector, i8, vector, i8))
+@helper(void(vector, index, vector, index, vector, index))
 def _add_bent(body, at, m, i, f, k):
     """f += B m of the ten parameters of all that a body carries."""
     p, rate = at + IMPULSE, at + CHANGE - 4  # as `add_turning` counts
@@ -247,7 +247,7 @@ def _add_bent(body, at, m, i, f, k):
     add_turning(body, rate, m, i + 3, 1.0, f, k + 3)
 
 
-@helper(void(table, i8, vector, vector, i8, i8, vector, vector, vector))
+@helper(void(table, index, vector, vector, index, index, vector, vector, vector))
 def _write_felt(bodies, b, state, far, own, axis, x, inertia, body):
     """Writes of an axis S: B Ψ̇ + I Ψ̈ + K S, B S + I (Ψ̇ + Ṡ), Bᵀ S, I S, Kᵀ S and S ×* f."""
     at = b * SLOPE
@@ -371,7 +371,7 @@ def linearise(structure, q, v, u, theta, scale, work, slopes, a, B):
     state, x, bodies = slopes.state, work.scratch, structure.bodies
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
     place(structure, q, v, state)
-    write_forces(structure, state, q, v, u, True, x, slopes.F)
+    write_forces(structure, state, q, v, u, ALL, x, slopes.F)
     pivot = accelerate(structure, state, slopes.F, v, theta, work, a)
     if not pivot > 0.0:
         return pivot

@@ -5,10 +5,10 @@ Rows are never sliced: a view of an array costs numba two atomic operations, a n
 
 from __future__ import annotations
 
-from .compiled import f8, helper, i8, vector, void
+from .compiled import f8, helper, index, vector, void
 
-_PRODUCT = void(vector, i8, vector, i8, f8, vector, i8)
-_MAP = void(vector, i8, vector, i8, vector, i8)
+_PRODUCT = void(vector, index, vector, index, f8, vector, index)
+_MAP = void(vector, index, vector, index, vector, index)
 
 
 @helper(_PRODUCT)
@@ -35,7 +35,7 @@ def add_pushed(x, i, f, j, factor, z, k):
     add_cross(x, i, f, j, factor, z, k + 3)
 
 
-@helper(f8(vector, i8, vector, i8))
+@helper(f8(vector, index, vector, index))
 def dot(x, i, y, j):
     """Scalar product of a twist and a wrench."""
     return (
@@ -44,13 +44,13 @@ def dot(x, i, y, j):
     )  # fmt: skip
 
 
-@helper(f8(vector, i8, vector, i8))
+@helper(f8(vector, index, vector, index))
 def dot3(x, i, y, j):
     """Scalar product of 3-vectors."""
     return x[i] * y[j] + x[i + 1] * y[j + 1] + x[i + 2] * y[j + 2]
 
 
-@helper(void(vector, i8, i8))
+@helper(void(vector, index, index))
 def clear(x, k, count):
     """Sets `count` numbers from x[k] on to 0."""
     for i in range(k, k + count):
@@ -98,7 +98,7 @@ def out_of_body(state, frame, f, i, g, k):
     add_cross(state, frame + 9, g, k, 1.0, g, k + 3)
 
 
-@helper(void(vector, i8, vector, i8, i8))
+@helper(void(vector, index, vector, index, index))
 def _turn(R, r, a, at, step):
     """Rotates the 3-vector a[at], a[at + step], a[at + 2 step] in place."""
     x, y, z = a[at], a[at + step], a[at + 2 * step]
@@ -106,7 +106,7 @@ def _turn(R, r, a, at, step):
         a[at + s * step] = R[r + 3 * s] * x + R[r + 3 * s + 1] * y + R[r + 3 * s + 2] * z
 
 
-@helper(void(vector, i8, vector, i8, i8))
+@helper(void(vector, index, vector, index, index))
 def _shift(state, frame, a, at, step):
     """Adds p × (the first three) to the last three of six numbers that begin at a[at]."""
     x, y, z = a[at], a[at + step], a[at + 2 * step]
@@ -116,7 +116,7 @@ def _shift(state, frame, a, at, step):
     a[at + 5 * step] += px * y - py * x
 
 
-@helper(void(vector, i8, vector, i8))
+@helper(void(vector, index, vector, index))
 def turn_square(state, frame, a, at):
     """Overwrites a map of twists to wrenches, (6, 6) in body axes, by that of the common frame."""
     for half in range(12):  # R on the left of all four blocks, then Rᵀ on the right

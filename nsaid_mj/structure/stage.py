@@ -8,10 +8,12 @@ inertia in the common frame, the body requires the wrench
 and Σ Jᵀ f = M a + C(v) w − weight, with Ṁ − 2C skew: docs/theory.md, section 1. Its part of Wᵀ Δv,
 with D = W − V, is Dᵀ I (A + ½ T − g) + Tᵀ I ½ (V + W). Only rigid-body parameters have weight.
 
-For rigid bodies, with a = A − [g, 0] + [ω_W × v, ½ ω_W × ω_V] = [a, α],
+A rigid body's f is that of a field of accelerations: its point r has a + B r, where
 
-    f = [m a + α × h + ½ (ω_V × (ω_W × h) + ω_W × (ω_V × h)),
-         h × a + Ī α + ½ (ω_V × Ī ω_W + ω_W × Ī ω_V)].
+    a = A − g + ω_W × v,    B = [α]× + [ω_W]× [ω_V]×,
+
+with A = [A, α] without T. With h = ∫ r dm and Σ = ∫ r rᵀ dm, f = [m a + B h, h × a + ∫ r × B r dm],
+and the last integral is the vector of B Σ − (B Σ)ᵀ. Dᵀ f is linear in m, h and Σ alike.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from .arrays import (
     COUNT,
     DRIFT,
     FALL,
+    FIELD,
     FIRST,
     FRAME,
     FREE,
@@ -48,7 +51,7 @@ from .compiled import (
     WORKSPACE,
     f8,
     helper,
-    i8,
+    index,
     kernel,
     matrix,
     routine,
@@ -58,19 +61,18 @@ from .compiled import (
 )
 from .inertia import (
     add_common_power,
-    add_momentum,
     add_square,
-    add_turning,
+    write_momentum,
     write_rigid,
     write_square,
 )
-from .spatial import add_cross, add_pushed, add_turned, clear, dot, dot3
+from .spatial import add_cross, add_pushed, add_turned, clear, dot
 
 _A, _X, _T, _H, _D = 12, 18, 24, 30, 36  # columns of the scratch; the first twelve are for anything
 _OMEGA = 3  # the angular part of a spatial vector
 
 
-@helper(void(table, vector, i8, vector, vector, i8))
+@helper(void(table, vector, index, vector, vector, index))
 def accumulate(bodies, state, at, x, motion, k):
     """Writes Σ S_j x_j (at = 0), or Σ Ṡ_j x_j (at = RATE), of every body into its column k."""
     axes = bodies.shape[0] * FRAME
@@ -89,39 +91,48 @@ def accumulate(bodies, state, at, x, motion, k):
                 motion[own + i] += x[j] * state[axes + j * FRAME + at + i]
 
 
-@helper(void(vector, i8, i8, vector, i8, vector))
-def _write_felt(state, frame, ground, motion, own, x):
-    """Writes [a, α] of a rigid body."""
+@helper(void(vector, index, index, vector, index))
+def _write_field(state, frame, ground, motion, own):
+    """Writes a and B of a rigid body."""
+    x, y, z = state[frame + TWIST + 3], state[frame + TWIST + 4], state[frame + TWIST + 5]
+    p, q, r = motion[own + VELOCITY + 3], motion[own + VELOCITY + 4], motion[own + VELOCITY + 5]
+    d, at = own + DRIFT, own + FIELD
     for i in range(3):
-        x[_A + i] = motion[own + DRIFT + i] - state[ground + FALL + i]
-        x[_A + 3 + i] = motion[own + DRIFT + 3 + i]
-    turning = own + VELOCITY + _OMEGA
-    add_cross(motion, turning, state, frame + TWIST, 1.0, x, _A)
-    add_cross(motion, turning, state, frame + TWIST + _OMEGA, 0.5, x, _A + 3)
+        motion[at + i] = motion[d + i] - state[ground + FALL + i]
+    add_cross(motion, own + VELOCITY + 3, state, frame + TWIST, 1.0, motion, at)
+    motion[at + 3], motion[at + 7], motion[at + 11] = -q * y - r * z, -p * x - r * z, -p * x - q * y
+    motion[at + 4], motion[at + 6] = x * q - motion[d + 5], y * p + motion[d + 5]
+    motion[at + 5], motion[at + 9] = x * r + motion[d + 4], z * p - motion[d + 4]
+    motion[at + 8], motion[at + 10] = y * r - motion[d + 3], z * q + motion[d + 3]
 
 
-@helper(void(vector, i8, i8, vector, i8, vector, i8, vector))
-def _add_rigid_wrench(state, frame, ground, inertia, at, motion, own, x):
-    """Adds f of the ten parameters, in the common frame."""
-    _write_felt(state, frame, ground, motion, own, x)
-    f, omega, turning = own + WRENCH, frame + TWIST + _OMEGA, own + VELOCITY + _OMEGA
-    for i in range(3):
-        motion[f + i] += inertia[at] * x[_A + i]
-    add_cross(x, _A + 3, inertia, at + 1, 1.0, motion, f)
-    add_cross(inertia, at + 1, x, _A, 1.0, motion, f + 3)
-    add_turning(inertia, at, x, _A + 3, 1.0, motion, f + 3)
-    clear(x, 0, 12)
-    add_cross(motion, turning, inertia, at + 1, 0.5, x, 0)
-    add_cross(state, omega, inertia, at + 1, 0.5, x, 3)
-    add_turning(inertia, at, motion, turning, 0.5, x, 6)
-    add_turning(inertia, at, state, omega, 0.5, x, 9)
-    add_cross(state, omega, x, 0, 1.0, motion, f)
-    add_cross(motion, turning, x, 3, 1.0, motion, f)
-    add_cross(state, omega, x, 6, 1.0, motion, f + 3)
-    add_cross(motion, turning, x, 9, 1.0, motion, f + 3)
+@helper(void(vector, index, vector, index))
+def _write_rigid_wrench(inertia, k, motion, own):
+    """Writes f of the ten parameters, in the common frame."""
+    at, f = own + FIELD, own + WRENCH
+    m, x, y, z = inertia[k], inertia[k + 1], inertia[k + 2], inertia[k + 3]
+    half = 0.5 * (inertia[k + 4] + inertia[k + 6] + inertia[k + 9])
+    xx, xy, yy = half - inertia[k + 4], -inertia[k + 5], half - inertia[k + 6]
+    xz, yz, zz = -inertia[k + 7], -inertia[k + 8], half - inertia[k + 9]  # Σ
+    a, b, c = motion[at], motion[at + 1], motion[at + 2]
+    B0, B1, B2 = motion[at + 3], motion[at + 4], motion[at + 5]
+    B3, B4, B5 = motion[at + 6], motion[at + 7], motion[at + 8]
+    B6, B7, B8 = motion[at + 9], motion[at + 10], motion[at + 11]
+    motion[f] = m * a + B0 * x + B1 * y + B2 * z
+    motion[f + 1] = m * b + B3 * x + B4 * y + B5 * z
+    motion[f + 2] = m * c + B6 * x + B7 * y + B8 * z
+    motion[f + 3] = (
+        y * c - z * b + (B6 * xy + B7 * yy + B8 * yz) - (B3 * xz + B4 * yz + B5 * zz)
+    )  # fmt: skip
+    motion[f + 4] = (
+        z * a - x * c + (B0 * xz + B1 * yz + B2 * zz) - (B6 * xx + B7 * xy + B8 * xz)
+    )  # fmt: skip
+    motion[f + 5] = (
+        x * b - y * a + (B3 * xx + B4 * xy + B5 * xz) - (B0 * xy + B1 * yy + B2 * yz)
+    )  # fmt: skip
 
 
-@helper(void(vector, i8, vector, i8, vector, i8, vector))
+@helper(void(vector, index, vector, index, vector, index, vector))
 def _add_square_wrench(state, frame, inertia, at, motion, own, x):
     """Adds f of the 6×6 matrix, in the common frame."""
     for i in range(6):
@@ -135,19 +146,21 @@ def _add_square_wrench(state, frame, inertia, at, motion, own, x):
     add_pushed(motion, own + VELOCITY, x, 6, 1.0, motion, own + WRENCH)
 
 
-@routine(void(STRUCTURE, vector, i8, vector, WORKSPACE))
+@routine(void(STRUCTURE, vector, index, vector, WORKSPACE))
 def _load(structure, state, ground, theta, work):
     """Writes every body's own inertia and wrench under θ."""
     bodies, entries, values = structure.bodies, structure.entries, structure.values
     terms, motion, inertia, x = structure.terms, work.motion, work.inertia, work.scratch
     for b in range(bodies.shape[0]):
         frame, own, at = b * FRAME, b * MOTION, b * INERTIA
-        clear(motion, own + WRENCH, 6)
         if bodies[b, TEN] >= 0:
             write_rigid(state, frame, theta, bodies[b, TEN], inertia, at)
-            _add_rigid_wrench(state, frame, ground, inertia, at, motion, own, x)
-        elif bodies[b, RIGID]:
-            clear(inertia, at, SQUARE)
+            _write_field(state, frame, ground, motion, own)
+            _write_rigid_wrench(inertia, at, motion, own)
+        else:
+            clear(motion, own + WRENCH, 6)
+            if bodies[b, RIGID]:
+                clear(inertia, at, SQUARE)
         at += SQUARE
         if bodies[b, LAST] > bodies[b, FIRST]:
             write_square(bodies, entries, values, terms, b, state, ground, theta, inertia, at)
@@ -192,8 +205,7 @@ def _gather(bodies, state, work, force):
         for j in range(first, first + bodies[b, COUNT]):
             axis = axes + j * FRAME
             force[j] = dot(state, axis, motion, own + WRENCH)
-            clear(x, 0, 6)
-            add_momentum(bodies, b, inertia, state, axis, 1.0, x, 0)
+            write_momentum(bodies, b, inertia, state, axis, x)
             for i in range(first, j + 1):
                 M[j, i] = dot(state, axes + i * FRAME, x, 0)
             ancestor = parent
@@ -248,36 +260,37 @@ def accelerate(structure, state, F, w, theta, work, a):
     return solve_positive(work.M, work.L, a)  # (29)
 
 
-@helper(void(vector, i8, i8, vector, i8, vector, vector, i8))
-def _add_rigid_gradient(state, frame, ground, motion, own, x, gradient, at):
-    """Adds Dᵀ f of ten parameters, linear in them."""
-    omega, turning, alpha = frame + TWIST + _OMEGA, own + VELOCITY + _OMEGA, _A + 3
-    _write_felt(state, frame, ground, motion, own, x)
-    for i in range(6):
-        x[_D + i] = motion[own + VELOCITY + i] - state[frame + TWIST + i]
-    along, across = 0.5 * dot3(motion, turning, x, _D), 0.5 * dot3(state, omega, x, _D)
-    both = dot3(motion, turning, state, omega)
-    x[0] = dot3(x, _D, x, _A)
-    for i in range(3):
-        x[1 + i] = along * state[omega + i] + across * motion[turning + i] - both * x[_D + i]
-    add_cross(x, _D, x, alpha, 1.0, x, 1)
-    add_cross(x, _A, x, _D + 3, 1.0, x, 1)
-    clear(x, _T, 6)  # ½ δ × ω_V and ½ δ × ω_W
-    add_cross(x, _D + 3, state, omega, 0.5, x, _T)
-    add_cross(x, _D + 3, motion, turning, 0.5, x, _T + 3)
-    for r in range(3):
-        d, s, t = x[_D + 3 + r], x[_T + r], x[_T + 3 + r]
-        for c in range(r):
-            x[4 + r * (r + 1) // 2 + c] = (
-                d * x[alpha + c] + s * motion[turning + c] + t * state[omega + c]
-                + x[_D + 3 + c] * x[alpha + r] + x[_T + c] * motion[turning + r]
-                + x[_T + 3 + c] * state[omega + r]
-            )  # fmt: skip
-        x[4 + r * (r + 3) // 2] = d * x[alpha + r] + s * motion[turning + r] + t * state[omega + r]
+@helper(void(vector, index, vector, index, vector, vector, index))
+def _add_rigid_gradient(state, frame, motion, own, x, gradient, at):
+    """Adds Dᵀ f of ten parameters, linear in them; the field still lacks J a."""
+    k, d, push = own + FIELD, own + VELOCITY, own + PUSH
+    u, v, w = (
+        motion[d] - state[frame + TWIST], motion[d + 1] - state[frame + TWIST + 1],
+        motion[d + 2] - state[frame + TWIST + 2],
+    )  # fmt: skip
+    p, q, r = (
+        motion[d + 3] - state[frame + TWIST + 3], motion[d + 4] - state[frame + TWIST + 4],
+        motion[d + 5] - state[frame + TWIST + 5],
+    )  # fmt: skip
+    a, b = motion[k] + motion[push], motion[k + 1] + motion[push + 1]
+    c = motion[k + 2] + motion[push + 2]
+    B0, B4, B8 = motion[k + 3], motion[k + 7], motion[k + 11]
+    B1, B3 = motion[k + 4] - motion[push + 5], motion[k + 6] + motion[push + 5]
+    B2, B6 = motion[k + 5] + motion[push + 4], motion[k + 9] - motion[push + 4]
+    B5, B7 = motion[k + 8] - motion[push + 3], motion[k + 10] + motion[push + 3]
+    x[0] = u * a + v * b + w * c
+    x[1] = u * B0 + v * B3 + w * B6 + b * r - c * q
+    x[2] = u * B1 + v * B4 + w * B7 + c * p - a * r
+    x[3] = u * B2 + v * B5 + w * B8 + a * q - b * p
+    xx, yy, zz = r * B3 - q * B6, p * B7 - r * B1, q * B2 - p * B5  # what multiplies Σ
+    x[4], x[6], x[9] = 0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz)
+    x[5] = q * B7 - r * B4 + r * B0 - p * B6
+    x[7] = q * B8 - r * B5 + p * B3 - q * B0
+    x[8] = r * B2 - p * B8 + p * B4 - q * B1
     add_common_power(state, frame, x, gradient, at)
 
 
-@helper(void(STRUCTURE, i8, vector, i8, vector, i8, vector, vector))
+@helper(void(STRUCTURE, index, vector, index, vector, index, vector, vector))
 def _add_square_gradient(structure, b, state, ground, motion, own, x, gradient):
     """Adds Dᵀ I (A + ½ T) + Tᵀ I ½ (V + W) of a 6×6 matrix, linear in θ."""
     bodies, entries, values = structure.bodies, structure.entries, structure.values
@@ -323,7 +336,7 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
         for i in range(6):
             motion[own + DRIFT + i] += motion[own + PUSH + i]
         if at >= 0:
-            _add_rigid_gradient(state, b * FRAME, ground, motion, own, x, gradient, at)
+            _add_rigid_gradient(state, b * FRAME, motion, own, x, gradient, at)
         if bodies[b, LAST] > bodies[b, FIRST]:
             _add_square_gradient(structure, b, state, ground, motion, own, x, gradient)
     for r in range(rotors.shape[0]):

@@ -130,7 +130,7 @@ class Structure:
         columns, constants, nonzeros = self._columns()
         return StructureArrays(
             self._bodies(ranges),
-            np.array([_joint(body) for body in self.bodies]),
+            np.concatenate([_joint(body) for body in self.bodies]),
             np.array(self.gravity, dtype=np.float64),
             _integers([(r.dof, r.parameter) for r in self.rotors], 2),
             entries,
@@ -311,8 +311,7 @@ def _joint(body: Body) -> Array:
     row[layout.SINE : layout.PLACE] = (R @ across).ravel()
     row[layout.PLACE : layout.AXIS] = body.position
     if body.joint in ("hinge", "circle", "slide"):
-        start = layout.AXIS + (3 if turns else 0)
-        row[start : start + 3] = axis
+        row[layout.AXIS :] = axis
     return row
 
 

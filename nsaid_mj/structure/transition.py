@@ -12,8 +12,8 @@ error is of third order in the step. θ acts through the n components of c alone
 
 from __future__ import annotations
 
-from .compiled import SLOPES, STRUCTURE, WORKSPACE, f8, i8, kernel, matrix, routine, vector, void
-from .forces import write_forces
+from .compiled import SLOPES, STRUCTURE, WORKSPACE, f8, index, kernel, matrix, routine, vector, void
+from .forces import ALL, write_forces
 from .kinematics import place
 from .poses import add_bracket, group_of, integrate
 from .slopes import linearise
@@ -24,7 +24,7 @@ WAY, SPEED, RATE, FORCE, SUM, SUMS = range(6)
 """Rows of `Workspace.rows` in a step: ξ, v and their rates at a stage, and their sums."""
 
 
-@routine(void(i8, i8, f8, vector, matrix, vector))
+@routine(void(index, index, f8, vector, matrix, vector))
 def _advance(group, stage, dt, v, rows, x):
     """Adds a stage's rates to the sums, and moves to the next stage."""
     way, speed, rate = rows[WAY], rows[SPEED], rows[RATE]
@@ -43,7 +43,7 @@ def _advance(group, stage, dt, v, rows, x):
         way[i], speed[i] = reach * rate[i], v[i] + reach * rows[FORCE, i]
 
 
-@routine(void(i8, f8, vector, matrix, matrix, vector, matrix))
+@routine(void(index, f8, vector, matrix, matrix, vector, matrix))
 def _write_flow(group, dt, v, A, rates, x, F):
     """Writes the flow of deviations under constant derivatives, to fourth order in the step.
 
@@ -134,7 +134,7 @@ def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B):
             _write_flow(group, dt, speed, slopes.by_state, slopes.flow, x, F)
         else:
             place(structure, at, speed, slopes.state)
-            write_forces(structure, slopes.state, at, speed, u, True, x, slopes.F)
+            write_forces(structure, slopes.state, at, speed, u, ALL, x, slopes.F)
             pivot = accelerate(structure, slopes.state, slopes.F, speed, theta, work, a)
         lowest = min(lowest, pivot)
         if not pivot > 0.0:

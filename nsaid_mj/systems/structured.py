@@ -26,6 +26,8 @@ UNITS = {
 }
 """Units of the velocities of each kind of joint."""
 
+_CACHED = 2**16  # numbers of the states of a motion that stay in a processor's cache
+
 
 class StructuredKinematics(SecondOrderSystem):
     """A robot whose kinematics are those of a structure; a subclass supplies the regressors.
@@ -45,6 +47,7 @@ class StructuredKinematics(SecondOrderSystem):
         self.n, self.m, self.n_u = structure.n, structure.m, structure.n_u
         self.group = structure.group
         self.velocity_units = sum((UNITS[body.joint] for body in structure.bodies), ())
+        self.motion_steps = max(64, min(500, _CACHED // len(structure.state())))
 
     @cached_property
     def _own(self) -> Evaluation:

@@ -268,7 +268,7 @@ def _memory(d):
 def _begin(d, integers, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     structure = StructureArrays(
-        _matrix(d, 0, integers), _matrix(d, 1, d), _vector(d, 2), _matrix(d, 3, integers),
+        _matrix(d, 0, integers), _vector(d, 1), _vector(d, 2), _matrix(d, 3, integers),
         _matrix(d, 4, integers), _vector(d, 5), _matrix(d, 6, integers), _matrix(d, 7, integers),
         _vector(d, 8), _matrix(d, 9, integers),
     )  # fmt: skip

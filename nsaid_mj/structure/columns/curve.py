@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...parameters import Array
-from ..compiled import f8, i8, routine, vector
+from ..compiled import f8, index, routine, vector
 
 
-@routine(f8(vector, i8, f8))
+@routine(f8(vector, index, f8))
 def follow_curve(c, at, u):
     """The curve at a command u.
 

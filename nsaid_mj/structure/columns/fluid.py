@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import f8, helper, i8, routine, vector, void
+from ..compiled import f8, helper, index, routine, vector, void
 from ..spatial import add_cross
 from .kind import LISTED, Kind
 
-WRENCH_OF, FLOW_OF = void(vector, i8, vector, f8), void(vector, i8, vector)
+WRENCH_OF, FLOW_OF = void(vector, index, vector, f8), void(vector, index, vector)
 """Signatures of a kind's function: (c, at, x), and (c, at, x) if it reads no command."""
 UP, GRAVITY, F = 6, 9, 12
 """Where in x, after the twist, the other vectors begin."""
@@ -106,7 +106,7 @@ def strip_drag(c, at, x):
         x[F + 5] += push * (px * vy - py * vx)
 
 
-@routine(void(i8, vector, i8, vector))
+@routine(void(index, vector, index, vector))
 def write_fluid(kind, c, at, x):
     """Writes the wrench of a kind of this file."""
     if kind == WEIGHT:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import AT_Q, AT_V, CIRCLE, FALL, FRAME, KIND, PARENT, POSITION
-from ..compiled import f8, helper, i8, routine, table, vector
+from ..compiled import f8, helper, index, routine, table, vector
 from ..spatial import add_cross, clear, dot, rotate
 from .curve import follow_curve
 from .kind import CURVE, LISTED, Kind
@@ -48,7 +48,7 @@ KINDS = (
 )  # fmt: skip
 
 
-@helper(f8(table, i8, vector))
+@helper(f8(table, index, vector))
 def coordinate(bodies, b, q):
     """Angle or travel of a body's joint."""
     at = bodies[b, AT_Q]
@@ -57,7 +57,7 @@ def coordinate(bodies, b, q):
     return q[at]
 
 
-@routine(f8(vector, i8, table, i8, vector, i8, vector))
+@routine(f8(vector, index, table, index, vector, index, vector))
 def _weight_on_joint(c, at, bodies, b, state, ground, x):
     """Generalised force on a joint of the weight of the bodies it carries.
 
@@ -81,7 +81,7 @@ def _weight_on_joint(c, at, bodies, b, state, ground, x):
     return total
 
 
-@helper(f8(i8, vector, i8, f8))
+@helper(f8(index, vector, index, f8))
 def friction(kind, c, at, v):
     """Force of a column that depends on the joint's velocity alone."""
     if kind == VISCOUS:
@@ -96,7 +96,7 @@ def friction(kind, c, at, v):
     return -np.tanh(v / c[at]) * np.exp(-((v / c[at + 1]) ** 2))
 
 
-@routine(f8(i8, vector, i8, table, i8, vector, i8, f8, f8, f8, vector))
+@routine(f8(index, vector, index, table, index, vector, index, f8, f8, f8, vector))
 def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
     """Force of a column on the joint of body b, per unit of its parameter.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import f8, helper, i8, routine, vector, void
+from ..compiled import f8, helper, index, routine, vector, void
 from ..spatial import add_cross
 from .curve import follow_curve
 from .fluid import FLOW_OF, WRENCH_OF, F
@@ -66,7 +66,7 @@ KINDS = (
 )  # fmt: skip
 
 
-@helper(void(vector, i8, f8, vector))
+@helper(void(vector, index, f8, vector))
 def write_push(c, at, force, x):
     """Writes the wrench of a force along the direction c[at + 3] at the point c[at]."""
     for i in range(3):
@@ -74,7 +74,7 @@ def write_push(c, at, force, x):
     add_cross(c, at, x, F, 1.0, x, F + 3)
 
 
-@helper(f8(vector, i8, vector))
+@helper(f8(vector, index, vector))
 def speed_along(c, at, x):
     """Velocity of the point c[at] along the direction c[at + 3]."""
     return (
@@ -84,7 +84,7 @@ def speed_along(c, at, x):
     )
 
 
-@helper(void(vector, i8, vector))
+@helper(void(vector, index, vector))
 def write_across(c, at, x):
     """Writes the velocity of the point c[at] across the direction c[at + 3] into f (3)."""
     along = speed_along(c, at, x)
@@ -122,7 +122,7 @@ def fin_drag(c, at, x, u):
     add_cross(c, at, x, F, 1.0, x, F + 3)
 
 
-@routine(void(i8, vector, i8, vector, f8))
+@routine(void(index, vector, index, vector, f8))
 def write_thrust(kind, c, at, x, u):
     """Writes the wrench of a kind of this file."""
     if kind in (THRUSTER, NOZZLE, ROTOR):
