@@ -150,7 +150,7 @@ def structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient):
     return structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=True)  # np.dot allocates
 def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
     """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
 

@@ -87,14 +87,21 @@ def copy_into(source, target):
         target[i] = source[i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", _nrt=False)
 def times_into(gain, vector, product):
-    """Writes a gain times a vector (k,) into product (k,); the gain is (k, k) or its diagonal."""
+    """Writes a gain times a vector (k,) into product (k,).
+
+    The gain is symmetric, (k, k), or its diagonal (k,).
+    """
     if gain.ndim == 1:
         for i in range(vector.shape[0]):
             product[i] = gain[i] * vector[i]
-    else:
-        np.dot(gain, vector, product)
+        return
+    for i in range(vector.shape[0]):
+        product[i] = 0.0
+    for j in range(vector.shape[0]):  # by rows: the inner loop has no sum to wait for
+        for i in range(vector.shape[0]):
+            product[i] += gain[j, i] * vector[j]
 
 
 @njit(cache=True)
