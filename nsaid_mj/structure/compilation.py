@@ -9,7 +9,7 @@ from numba import config
 
 from ..numerics.kernels import FOLDER
 from . import motion, regressor, transition  # noqa: F401 (marks all functions)
-from .compiled import MARKED
+from .compiled import MARKED, Kernel
 
 
 @cache
@@ -24,8 +24,8 @@ def ready() -> None:
         return
     complete = FOLDER / "structure.complete"
     found = complete.exists()
-    for made, signature, called in MARKED:
-        if called or not found:
+    for made, signature in MARKED:
+        if isinstance(made, Kernel) or not found:
             made.compile(signature)
             made.disable_compile()
     if not found:

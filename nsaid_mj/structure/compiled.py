@@ -10,10 +10,14 @@ Nothing is compiled at import; see `compilation.ready`.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
+from llvmlite import binding as llvm
 from numba import njit, types
+from numba.core import cgutils
+from numba.extending import lower_builtin, type_callable
 
 from .arrays import Slopes, StructureArrays, Workspace
 
@@ -29,8 +33,8 @@ STRUCTURE = types.NamedTuple(
 WORKSPACE = types.NamedTuple((vector, vector, matrix, matrix, matrix, vector), Workspace)
 SLOPES = types.NamedTuple((vector, vector, vector, vector, matrix, matrix), Slopes)
 
-MARKED: list[tuple[Any, Any, bool]] = []
-"""All functions, callees first, their signatures, and whether they are kernels."""
+MARKED: list[tuple[Any, Any]] = []
+"""All functions, callees first, with their signatures; see `Kernel` for those that are kernels."""
 FAST: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 """Without `_nrt` numba counts references to the arrays of every call: half of a stage's time. Here
 nothing allocates, and Python owns all arrays."""
@@ -38,23 +42,74 @@ nothing allocates, and Python owns all arrays."""
 
 def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Marks a small function that becomes part of the compiled functions that call it."""
-    return _marking(signature, False, forceinline=True, no_cpython_wrapper=True)
+    return _marking(signature, forceinline=True, no_cpython_wrapper=True)
 
 
 def routine(signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Marks a larger function that only compiled functions call."""
-    return _marking(signature, False, no_cpython_wrapper=True)
+    """Marks a larger function that only functions of one kernel call."""
+    return _marking(signature, no_cpython_wrapper=True)
 
 
 def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Marks a function that Python calls; see `compilation.ready`."""
-    return _marking(signature, True, cache=True, nogil=True)
+    """Marks a function that Python calls, or several compiled ones; see `Kernel`."""
 
-
-def _marking(signature: Any, called: bool, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     def mark(function: Callable[..., Any]) -> Any:
-        made = njit(**FAST, **options)(function)
-        MARKED.append((made, signature, called))
+        made = Kernel(function, signature)
+        MARKED.append((made, signature))
         return made
 
     return mark
+
+
+def _marking(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    def mark(function: Callable[..., Any]) -> Any:
+        made = njit(**FAST, **options)(function)
+        MARKED.append((made, signature))
+        return made
+
+    return mark
+
+
+class Kernel:
+    """A function that Python calls, and that compiled functions call by its address.
+
+    Every other function numba compiles again with each function that calls it, directly or not:
+    without this, three quarters of all compiling.
+
+    Args:
+        function: its text.
+        signature: its types.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: Any):
+        self.function = njit(**FAST, cache=True, nogil=True)(function)
+        self.symbol = f"{function.__module__}.{function.__name__}"
+        self.__name__, self.__doc__ = function.__name__, function.__doc__
+
+        def typed(*_: Any) -> Any:
+            return signature
+
+        typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
+        type_callable(self)(lambda _: typed)
+        lower_builtin(self, *signature.args)(self._lower)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.function(*arguments)
+
+    def compile(self, signature: Any) -> None:
+        """Compiles it, or loads it from the cache; from then on compiled functions find it."""
+        self.function.compile(signature)
+        (made,) = self.function.overloads.values()
+        address = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+        llvm.add_symbol(self.symbol, address)
+
+    def disable_compile(self) -> None:
+        """Ends compiling: calls with other types raise `TypeError`."""
+        self.function.disable_compile()
+
+    def _lower(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        convention = context.call_conv
+        kind = convention.get_function_type(signature.return_type, signature.args)
+        called = cgutils.get_or_insert_function(builder.module, kind, self.symbol)
+        given = builder, called, signature.return_type, signature.args, arguments
+        return convention.call_function(*given)[1]
