@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-import scipy.stats
+import scipy.special
 
 from ..parameters import Array
 from .findings import Finding
@@ -212,8 +212,8 @@ class _Trial(NamedTuple):
         The rows, counted as effectively independent ones, at the level of significance, and the
         blocks, which are few and uneven, at 1 %.
         """
-        chance = scipy.stats.chi2.isf(level, max(self.basis.shape[1], 1))
-        if self.gained < chance or scipy.stats.f.isf(_EVEN, *self.degrees) > self.F:
+        chance = 2 * scipy.special.gammainccinv(0.5 * max(self.basis.shape[1], 1), level)
+        if self.gained < chance or scipy.special.fdtri(*self.degrees, 1 - _EVEN) > self.F:
             return 0.0
         return 1 - 1 / self.F
 

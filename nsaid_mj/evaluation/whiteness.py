@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import gamma
+from scipy.special import gammaincc
 
 from ..parameters import Array, Indices
 
@@ -68,7 +68,7 @@ def _judged(sums: Array, shape: Array, first: Indices, level: Array) -> Whitenes
         level: (c,) of each channel.
     """
     sums = sums * np.where(shape < 1, 0.5, 1.0)[:, None]  # the mean is χ² of one degree
-    chance = gamma.sf(sums, shape[:, None])
+    chance = gammaincc(shape[:, None], sums)
     beyond = chance < 0.05 / chance.size
     energy = float(np.sum((2 * level * (sums - shape[:, None]))[beyond]))
     band, channel = np.unravel_index(np.argmin(chance), chance.shape)

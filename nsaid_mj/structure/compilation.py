@@ -24,10 +24,13 @@ def ready() -> None:
         return
     complete = FOLDER / "structure.complete"
     found = complete.exists()
-    for made, signature in MARKED:
-        if isinstance(made, Kernel) or not found:
-            made.compile(signature)
-            made.disable_compile()
+    for made in MARKED:
+        if isinstance(made, Kernel):
+            made.load()
+        elif not found:
+            function, signature = made
+            function.compile(signature)
+            function.disable_compile()
     if not found:
         with suppress(OSError):
             complete.touch()

@@ -33,8 +33,8 @@ STRUCTURE = types.NamedTuple(
 WORKSPACE = types.NamedTuple((vector, vector, matrix, matrix, matrix, vector), Workspace)
 SLOPES = types.NamedTuple((vector, vector, vector, vector, matrix, matrix), Slopes)
 
-MARKED: list[tuple[Any, Any]] = []
-"""All functions, callees first, with their signatures; see `Kernel` for those that are kernels."""
+MARKED: list[Any] = []
+"""All kernels, and the other functions with their signatures; callees first."""
 FAST: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 """Without `_nrt` numba counts references to the arrays of every call: half of a stage's time. Here
 nothing allocates, and Python owns all arrays."""
@@ -55,7 +55,7 @@ def kernel(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def mark(function: Callable[..., Any]) -> Any:
         made = Kernel(function, signature)
-        MARKED.append((made, signature))
+        MARKED.append(made)
         return made
 
     return mark
@@ -83,6 +83,7 @@ class Kernel:
 
     def __init__(self, function: Callable[..., Any], signature: Any):
         self.function = njit(**FAST, cache=True, nogil=True)(function)
+        self.signature = signature
         self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
 
@@ -94,18 +95,16 @@ class Kernel:
         lower_builtin(self, *signature.args)(self._lower)
 
     def __call__(self, *arguments: Any) -> Any:
+        """Calls it from Python."""
         return self.function(*arguments)
 
-    def compile(self, signature: Any) -> None:
+    def load(self) -> None:
         """Compiles it, or loads it from the cache; from then on compiled functions find it."""
-        self.function.compile(signature)
+        self.function.compile(self.signature)
+        self.function.disable_compile()
         (made,) = self.function.overloads.values()
         address = made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
         llvm.add_symbol(self.symbol, address)
-
-    def disable_compile(self) -> None:
-        """Ends compiling: calls with other types raise `TypeError`."""
-        self.function.disable_compile()
 
     def _lower(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         convention = context.call_conv

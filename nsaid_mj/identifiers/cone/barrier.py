@@ -17,7 +17,7 @@ from numba import njit
 from ...numerics.linalg import cholesky
 from ...parameters import Array, Block, Indices, ParameterSpace
 
-compiled = njit(cache=True, error_model="numpy", _nrt=True)  # division by 0 gives inf or NaN, no exception
+compiled = njit(cache=True, error_model="numpy", _nrt=True)  # division by 0 gives inf or NaN
 
 
 class Cone(NamedTuple):

@@ -6,8 +6,8 @@ found at run time.
 
 Two documented features of numba reach MuJoCo's C side. A callback declares mjData as a pointer to
 pointers (`ARRAYS`), so that each of its entries is the typed address of an array. A C function is
-passed to compiled code as a first-class function (`CFunction`). Neither embeds an address in the
-compiled code, so it can be cached on disk for later processes.
+called by its name (`c_function`). Neither embeds an address in the compiled code, so it can be
+cached on disk for later processes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-from numba import njit, types
+from llvmlite import binding as llvm
+from numba import types
 
 WORDS = 1 << 15
 """How many 8-byte words of mjData are searched; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -59,37 +60,25 @@ def field_offsets() -> dict[str, int]:
     return offsets
 
 
-class CFunction(types.WrapperAddressProtocol):
-    """A function of MuJoCo's C library that compiled code can receive as an argument and call.
+@cache
+def _library() -> Any:
+    folder = Path(mujoco.__file__).parent
+    return ctypes.CDLL(
+        str(next(path for path in sorted(folder.iterdir()) if _LIBRARY.fullmatch(path.name)))
+    )
 
-    Its numba type is its signature; the address is read when the object is passed. With a `ctypes`
-    function, numba would embed the address and could not cache the caller.
+
+def c_function(name: str, *parameters: Any) -> Any:
+    """A void function of MuJoCo's C library, for compiled code.
 
     Args:
-        name: of a void function, as in mujoco.h.
+        name: as in mujoco.h.
         parameters: numba types of its arguments; a pointer is a `types.uintp`, like
             `ndarray.ctypes.data`.
     """
-
-    def __init__(self, name: str, *parameters: Any):
-        folder = Path(mujoco.__file__).parent
-        library = next(path for path in sorted(folder.iterdir()) if _LIBRARY.fullmatch(path.name))
-        function = getattr(ctypes.CDLL(str(library)), name)
-        self._address = int(ctypes.cast(function, ctypes.c_void_p).value or 0)
-        self._signature = types.void(*parameters)
-        _wake_numba()
-
-    def __wrapper_address__(self) -> int:
-        return self._address
-
-    def signature(self) -> Any:
-        """Numba's signature: return type and argument types."""
-        return self._signature
-
-
-@njit(cache=True)
-def _wake_numba() -> None:
-    """Does nothing; numba recognises `CFunction` arguments only once a function has been loaded."""
+    address = ctypes.cast(getattr(_library(), name), ctypes.c_void_p).value
+    llvm.add_symbol(name, address)
+    return types.ExternalFunction(name, types.void(*parameters))
 
 
 _in_use = False  # set also by plants without a callback: another plant's would act on them

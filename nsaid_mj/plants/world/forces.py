@@ -15,7 +15,7 @@ acts through F only: MuJoCo's actuators have zero gain.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,12 +25,12 @@ from ...numerics.linalg import solve_positive
 from ...parameters import Array
 from ...structure.arrays import StructureArrays, Workspace
 from ...structure.columns import KINDS
-from ...structure.compiled import FAST
+from ...structure.compiled import FAST, Kernel, i8, vector, void
 from ...structure.forces import add_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations
 from ...structure.structure import Structure
-from .callbacks import ARRAYS, WORDS, CFunction, field_offsets
+from .callbacks import ARRAYS, WORDS, c_function, field_offsets
 from .coordinates import Reading
 
 _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW, _GROUP, _POSE, _LAYOUT = 0, 1, 2, 3, 4, 7, 8, 9
@@ -41,6 +41,9 @@ _DOFS, _THETA, _OWN, _WORK = 10, 11, 12, 22
 _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: of every velocity its place in qvel, its
 joint's in qpos and in q, and whether q has cosine and sine; θ; `_Memory`; a stage's memory."""
+
+_full_m = c_function("mj_fullM", types.uintp, types.uintp, types.uintp)
+_rne = c_function("mj_rne", types.uintp, types.uintp, types.intc, types.uintp)
 
 
 @dataclass(frozen=True)
@@ -106,19 +109,6 @@ class Forces:
             sorted({start + c.parameter for c in acting if c.input == k})
             for k in range(self.structure.n_u)
         ]
-
-
-class _Places(NamedTuple):
-    """What the callback needs of MuJoCo: offsets of arrays in mjData, in words, and functions."""
-
-    qpos: int
-    qvel: int
-    ctrl: int
-    act: int
-    force: int
-    user: int
-    full_m: CFunction
-    rne: CFunction
 
 
 class _Memory(NamedTuple):
@@ -264,7 +254,7 @@ def _memory(d):
     )  # fmt: skip
 
 
-@njit(cache=True, **FAST)
+@partial(Kernel, signature=void(vector, i8[::1], vector, vector, vector))
 def _begin(d, integers, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     structure = StructureArrays(
@@ -288,7 +278,7 @@ def _begin(d, integers, qpos, qvel, u):
     add_forces(structure, own.state, own.on_ground, own.q, own.v, u, theta, work.scratch, own.force)
 
 
-@njit(cache=True, **FAST)
+@partial(Kernel, signature=void(vector, i8[::1], vector))
 def _end(d, integers, passive):
     """Adds the forces in the world's axes to MuJoCo's."""
     own, dofs = _memory(d), _matrix(d, _DOFS, integers)
@@ -300,42 +290,28 @@ def _end(d, integers, passive):
         passive[dofs[i, 0]] += own.force[i]
 
 
-@njit(cache=True)
-def _act(model, data, at):
-    """Adds the forces to qfrc_passive; see the module.
-
-    Args:
-        model: address of mjModel.
-        data: mjData, as an array of pointers.
-        at: `_Places`.
-    """
-    arrays: Any = carray(data, (WORDS,))
-    d = carray(arrays[at.user], (int(carray(arrays[at.user], (1,))[0]),))
-    u = carray(arrays[at.act if d[_LAGGED] > 0 else at.ctrl], (int(d[_COMMANDS]),))
-    qpos, qvel = carray(arrays[at.qpos], (WORDS,)), carray(arrays[at.qvel], (WORDS,))
-    integers = d.view(np.int64)
-    _begin(d, integers, qpos, qvel, u)
-    if d[_ADDED] > 0:
-        own = arrays.ctypes.data
-        at.full_m(model, own, d[int(d[_LAYOUT + 3 * (_OWN + 6)]) :].ctypes.data)
-        at.rne(model, own, np.int32(0), d[int(d[_LAYOUT + 3 * (_OWN + 5)]) :].ctypes.data)
-    _end(d, integers, carray(arrays[at.force], (WORDS,)))
-
-
 @cache
 def column_forces() -> Any:
-    """The callback; it reads `Forces.numbers` from userdata."""
-    fields = ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata")
-    offsets, pointer = field_offsets(), types.uintp
-    functions = [
-        CFunction("mj_fullM", pointer, pointer, pointer),
-        CFunction("mj_rne", pointer, pointer, types.intc, pointer),
-    ]
-    places: list[Any] = [*(offsets[name] for name in fields), *functions]
-    at = _Places(*places)
+    """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive."""
+    for made in (_begin, _end):
+        made.load()
+    offsets = field_offsets()
+    at_q, at_v, at_ctrl, at_act, at_force, at_user = (
+        offsets[name] for name in ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata")
+    )
 
-    @cfunc(types.void(pointer, ARRAYS))
+    @cfunc(types.void(types.uintp, ARRAYS), cache=True)
     def passive(model, data):
-        _act(model, data, at)
+        arrays: Any = carray(data, (WORDS,))
+        d = carray(arrays[at_user], (int(carray(arrays[at_user], (1,))[0]),))
+        u = carray(arrays[at_act if d[_LAGGED] > 0 else at_ctrl], (int(d[_COMMANDS]),))
+        qpos, qvel = carray(arrays[at_q], (WORDS,)), carray(arrays[at_v], (WORDS,))
+        integers = d.view(np.int64)
+        _begin(d, integers, qpos, qvel, u)
+        if d[_ADDED] > 0:
+            own = arrays.ctypes.data
+            _full_m(model, own, d[int(d[_LAYOUT + 3 * (_OWN + 6)]) :].ctypes.data)
+            _rne(model, own, np.int32(0), d[int(d[_LAYOUT + 3 * (_OWN + 5)]) :].ctypes.data)
+        _end(d, integers, carray(arrays[at_force], (WORDS,)))
 
     return passive

@@ -5,7 +5,6 @@ The arithmetic and its order match the step-by-step loop in `Plant`, bit for bit
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any, NamedTuple
 
 import mujoco
@@ -15,33 +14,29 @@ from numba import njit, types
 from ...control.computed_torque import Tracking, computed_torque, tracking_workspace
 from ...log import Log
 from ...parameters import Array
-from .callbacks import CFunction
+from .callbacks import c_function
 from .coordinates import Reading, read_coordinates, write_position
 from .sensors import Errors, add_errors
 
 _FIRST, _LAST = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADCTRL)
 
 
-@cache
-def _mj_step() -> CFunction:
-    return CFunction("mj_step", types.uintp, types.uintp)
+_mj_step = c_function("mj_step", types.uintp, types.uintp)
 
 
 class World(NamedTuple):
     """MuJoCo's model and data for compiled code; the arrays are views of mjData.
 
     Attributes:
-        step: mj_step, called with the addresses of model and data.
         model: address of mjModel.
         data: address of mjData.
         qpos: (nq,).
         qvel: (nv,).
         ctrl: (n_u,).
         warnings: (4,) counts of bad positions, velocities, accelerations and controls.
-        substeps: calls of `step` in a time step.
+        substeps: calls of mj_step in a time step.
     """
 
-    step: CFunction
     model: np.uintp
     data: np.uintp
     qpos: Array
@@ -55,7 +50,7 @@ class World(NamedTuple):
         """Views of a model and its data, which must outlive them."""
         addresses = np.uintp(model._address), np.uintp(data._address)
         arrays = data.qpos, data.qvel, data.ctrl
-        return World(_mj_step(), *addresses, *arrays, warnings_of(data), substeps)
+        return World(*addresses, *arrays, warnings_of(data), substeps)
 
 
 def warnings_of(data: Any) -> Any:
@@ -114,7 +109,7 @@ def _advance(world, reading, errors, k, command, numbers, q, v):
     for i in range(command.shape[0]):
         world.ctrl[i] = command[i]
     for _ in range(world.substeps):
-        world.step(world.model, world.data)
+        _mj_step(world.model, world.data)
     read_coordinates(reading, world.qpos, world.qvel, numbers, v)
     add_errors(errors, k, numbers, v)
     write_position(reading, numbers, q)
