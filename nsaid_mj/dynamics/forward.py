@@ -9,16 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..structure.arrays import (
-    FRAME,
-    INERTIA,
-    MOTION,
-    ROWS,
-    SCRATCH,
-    SLOPE,
-    Slopes,
-    Workspace,
-)
+from ..structure.arrays import SCRATCH, slopes, workspace
 from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.poses import difference, integrate
@@ -26,33 +17,20 @@ from ..structure.slopes import linearise as write_derivatives
 from ..structure.stage import accelerate
 from ..structure.transition import step
 
+_workspace, _slopes = njit(cache=True)(workspace), njit(cache=True)(slopes)
+
 
 @njit(cache=True)
 def stage_work(structure, n):
     """Allocates the workspace of a stage."""
-    bodies = structure.bodies.shape[0]
-    return Workspace(
-        np.zeros(bodies * MOTION),
-        np.zeros(bodies * INERTIA),
-        np.zeros((n, n)),
-        np.zeros((n, n)),
-        np.zeros((ROWS, n)),
-        np.zeros(SCRATCH),
-    )
+    return _workspace(structure.bodies.shape[0], n)
 
 
 @njit(cache=True)
 def forward_work(structure, n):
     """Allocates the workspace of `linearise`."""
     bodies, terms = structure.bodies.shape[0], structure.terms.shape[0]
-    return stage_work(structure, n), Slopes(
-        np.zeros((bodies + n + 1 + 2 * terms) * FRAME),
-        np.zeros(bodies * SLOPE),
-        np.zeros(n * FRAME),
-        np.zeros(structure.nonzeros.shape[0]),
-        np.zeros((n, 2 * n)),
-        np.zeros((4 * n, 3 * n)),
-    )
+    return stage_work(structure, n), _slopes(bodies, n, terms, structure.nonzeros.shape[0])
 
 
 @njit(cache=True)

@@ -111,18 +111,6 @@ class Workspace(NamedTuple):
     rows: Array
     scratch: Array
 
-    @staticmethod
-    def of(bodies: int, n: int) -> Workspace:
-        """Memory for a robot of so many bodies and velocities."""
-        return Workspace(
-            np.zeros(bodies * MOTION),
-            np.zeros(bodies * INERTIA),
-            np.zeros((n, n)),
-            np.zeros((n, n)),
-            np.zeros((ROWS, n)),
-            np.zeros(SCRATCH),
-        )
-
 
 SPEED_SLOPE, TURN_SLOPE, LOAD, IMPULSE, CHANGE, SLOPE = 36, 72, 108, 114, 120, 126
 BENT, TWICE, MOVED = 0, 6, 12
@@ -150,14 +138,26 @@ class Slopes(NamedTuple):
     by_state: Array
     flow: Array
 
-    @staticmethod
-    def of(bodies: int, n: int, state: int, nonzeros: int) -> Slopes:
-        """Memory for a robot of so many bodies, velocities, numbers of a state, entries of F."""
-        return Slopes(
-            np.zeros(state),
-            np.zeros(bodies * SLOPE),
-            np.zeros(n * FRAME),
-            np.zeros(nonzeros),
-            np.zeros((n, 2 * n)),
-            np.zeros((4 * n, 3 * n)),
-        )
+
+def workspace(bodies: int, n: int) -> Workspace:
+    """Memory of a stage, for a robot of so many bodies and velocities."""
+    return Workspace(
+        np.zeros(bodies * MOTION),
+        np.zeros(bodies * INERTIA),
+        np.zeros((n, n)),
+        np.zeros((n, n)),
+        np.zeros((ROWS, n)),
+        np.zeros(SCRATCH),
+    )
+
+
+def slopes(bodies: int, n: int, terms: int, nonzeros: int) -> Slopes:
+    """Memory for derivatives, for so many bodies, velocities, terms and entries of F."""
+    return Slopes(
+        np.zeros((bodies + n + 1 + 2 * terms) * FRAME),
+        np.zeros(bodies * SLOPE),
+        np.zeros(n * FRAME),
+        np.zeros(nonzeros),
+        np.zeros((n, 2 * n)),
+        np.zeros((4 * n, 3 * n)),
+    )

@@ -45,7 +45,7 @@ class _Memory(threading.local):
     """The workspaces of each thread."""
 
     def __init__(self, structure: Structure):
-        self.work, self.state = structure.workspace(), structure.state()
+        self.work, self.state = structure.workspace(), np.zeros(structure.state_size)
         self.slopes = structure.slopes()
 
 

@@ -110,17 +110,17 @@ class Structure:
 
     def workspace(self) -> Workspace:
         """Memory for a stage."""
-        return Workspace.of(len(self.bodies), self.n)
+        return layout.workspace(len(self.bodies), self.n)
 
     def slopes(self) -> Slopes:
         """Memory for derivatives."""
-        arrays = self.arrays
-        return Slopes.of(len(self.bodies), self.n, len(self.state()), len(arrays.nonzeros))
+        terms, nonzeros = len(self.arrays.terms), len(self.arrays.nonzeros)
+        return layout.slopes(len(self.bodies), self.n, terms, nonzeros)
 
-    def state(self, *leading: int) -> Array:
-        """(…, s) memory for the state at so many samples; see `arrays.POSITION`."""
-        rows = len(self.bodies) + self.n + 1 + 2 * len(self.arrays.terms)
-        return np.zeros((*leading, rows * layout.FRAME))
+    @cached_property
+    def state_size(self) -> int:
+        """Numbers s of a state, see `arrays.POSITION`."""
+        return len(self.slopes().state)
 
     @cached_property
     def arrays(self) -> StructureArrays:

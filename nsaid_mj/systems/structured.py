@@ -47,7 +47,7 @@ class StructuredKinematics(SecondOrderSystem):
         self.n, self.m, self.n_u = structure.n, structure.m, structure.n_u
         self.group = structure.group
         self.velocity_units = sum((UNITS[body.joint] for body in structure.bodies), ())
-        self.motion_steps = max(64, min(500, _CACHED // len(structure.state())))
+        self.motion_steps = max(64, min(500, _CACHED // structure.state_size))
 
     @cached_property
     def _own(self) -> Evaluation:

@@ -80,8 +80,7 @@ class Forces:
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
         s, n = self.structure, self.structure.n
-        state = len(s.state())
-        memory = s.m, n, n, 9, n, n, (n, n), (n, n), state, state
+        memory = s.m, n, n, 9, n, n, (n, n), (n, n), s.state_size, s.state_size
         own = [np.zeros(size) for size in memory]
         return [*s.arrays, dofs, np.array(self.theta, dtype=np.float64), *own, *s.workspace()]
 
