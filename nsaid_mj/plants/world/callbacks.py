@@ -23,6 +23,8 @@ from typing import Any
 import mujoco
 from llvmlite import binding as llvm
 from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 WORDS = 1 << 15
 """How many 8-byte words of mjData are searched; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -79,6 +81,16 @@ def c_function(name: str, *parameters: Any) -> Any:
     address = ctypes.cast(getattr(_library(), name), ctypes.c_void_p).value
     llvm.add_symbol(name, address)
     return types.ExternalFunction(name, types.void(*parameters))
+
+
+@intrinsic
+def pointer(_: Any, address: Any) -> Any:
+    """An address as the pointer that `carray` takes, in compiled code."""
+
+    def convert(_: Any, builder: Any, __: Any, given: Any) -> Any:
+        return builder.inttoptr(given[0], cgutils.voidptr_t)
+
+    return types.voidptr(address), convert
 
 
 _in_use = False  # set also by plants without a callback: another plant's would act on them

@@ -23,20 +23,30 @@ from numba import carray, cfunc, njit, types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
-from ...structure.arrays import StructureArrays, Workspace
-from ...structure.columns import KINDS
-from ...structure.compiled import FAST, Kernel, i8, vector, void
+from ...structure.arrays import RIGID, TEN, StructureArrays, Workspace
+from ...structure.columns import KINDS, joint
+from ...structure.compiled import (
+    FAST,
+    STRUCTURE,
+    WORKSPACE,
+    Kernel,
+    matrix,
+    table,
+    vector,
+    void,
+)
 from ...structure.forces import add_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations
 from ...structure.structure import Structure
-from .callbacks import ARRAYS, WORDS, c_function, field_offsets
+from .callbacks import ARRAYS, WORDS, c_function, field_offsets, pointer
 from .coordinates import Reading
 
-_TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW, _GROUP, _POSE, _LAYOUT = 0, 1, 2, 3, 4, 7, 8, 9
+_TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
+_GROUP, _POSE, _PLACED, _LAYOUT = range(_FLOW + 3, _FLOW + 7)
 """Places in userdata: its length; whether commands are activations; their number; whether there is
-inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; place,
-rows and columns of every part."""
+inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; whether
+any force depends on where the bodies are; place, rows and columns of every part."""
 _DOFS, _THETA, _OWN, _WORK = 10, 11, 12, 22
 _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: of every velocity its place in qvel, its
@@ -74,6 +84,7 @@ class Forces:
         layout = [(at, *(*part.shape, 1)[:2]) for at, part in zip(places, parts, strict=False)]
         commands, flow = self.structure.n_u, self.flow
         head = [places[-1], lagged, commands, self.added, *flow, reading.group, reading.free[0]]
+        head.append(self.placed)
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
@@ -82,7 +93,25 @@ class Forces:
         s, n = self.structure, self.structure.n
         memory = s.m, n, n, 9, n, n, (n, n), (n, n), s.state_size, s.state_size
         own = [np.zeros(size) for size in memory]
-        return [*s.arrays, dofs, np.array(self.theta, dtype=np.float64), *own, *s.workspace()]
+        return [*self._arrays, dofs, np.array(self.theta, dtype=np.float64), *own, *s.workspace()]
+
+    @property
+    def _arrays(self) -> StructureArrays:
+        """The structure's, without rigid bodies if MuJoCo has them all."""
+        arrays = self.structure.arrays
+        tens = [i.start for i in self.structure.inertias if i.tensor is None]
+        if any(self.theta[k : k + 10].any() for k in tens):
+            return arrays
+        bodies = arrays.bodies.copy()
+        bodies[:, TEN], bodies[:, RIGID] = -1, 0
+        return arrays._replace(bodies=bodies)
+
+    @property
+    def placed(self) -> bool:
+        """Whether any force depends on where the bodies are."""
+        near = {kind.name for kind in joint.KINDS if kind.name != "load"}
+        acting = (c for c in self.structure.columns if self.theta[c.parameter])
+        return self.added or any(c.kind not in near for c in acting)
 
     @property
     def size(self) -> int:
@@ -220,26 +249,37 @@ def _push(d, dofs, work, own):
 
 
 @njit(inline="always")
-def _vector(d, k):
-    """Part k of the userdata d."""
-    at = int(d[_LAYOUT + 3 * k])
-    return d[at : at + int(d[_LAYOUT + 3 * k + 1]) * int(d[_LAYOUT + 3 * k + 2])]
+def _at(d, k):
+    """Address of part k of the userdata d."""
+    return pointer(d.ctypes.data + 8 * int(d[_LAYOUT + 3 * k]))
 
 
 @njit(inline="always")
-def _matrix(d, k, x):
-    """Part k of the userdata d, of rows and columns, as numbers of x: d, or its integers."""
-    at, rows = int(d[_LAYOUT + 3 * k]), int(d[_LAYOUT + 3 * k + 1])
-    columns = int(d[_LAYOUT + 3 * k + 2])
-    return x[at : at + rows * columns].reshape((rows, columns))
+def _shape(d, k):
+    return int(d[_LAYOUT + 3 * k + 1]), int(d[_LAYOUT + 3 * k + 2])
+
+
+@njit(inline="always")
+def _vector(d, k):
+    return carray(_at(d, k), (int(d[_LAYOUT + 3 * k + 1]),), np.float64)
+
+
+@njit(inline="always")
+def _matrix(d, k):
+    return carray(_at(d, k), _shape(d, k), np.float64)
+
+
+@njit(inline="always")
+def _table(d, k):
+    return carray(_at(d, k), _shape(d, k), np.int64)
 
 
 @njit(inline="always")
 def _workspace(d):
     """The memory of a stage."""
     return Workspace(
-        _vector(d, _WORK), _vector(d, _WORK + 1), _matrix(d, _WORK + 2, d),
-        _matrix(d, _WORK + 3, d), _matrix(d, _WORK + 4, d), _vector(d, _WORK + 5),
+        _vector(d, _WORK), _vector(d, _WORK + 1), _matrix(d, _WORK + 2),
+        _matrix(d, _WORK + 3), _matrix(d, _WORK + 4), _vector(d, _WORK + 5),
     )  # fmt: skip
 
 
@@ -248,41 +288,42 @@ def _memory(d):
     """The callback's own memory."""
     return _Memory(
         _vector(d, _OWN), _vector(d, _OWN + 1), _vector(d, _OWN + 2), _vector(d, _OWN + 3),
-        _vector(d, _OWN + 4), _vector(d, _OWN + 5), _matrix(d, _OWN + 6, d),
-        _matrix(d, _OWN + 7, d), _vector(d, _OWN + 8), _vector(d, _OWN + 9),
+        _vector(d, _OWN + 4), _vector(d, _OWN + 5), _matrix(d, _OWN + 6),
+        _matrix(d, _OWN + 7), _vector(d, _OWN + 8), _vector(d, _OWN + 9),
     )  # fmt: skip
 
 
-@partial(Kernel, signature=void(vector, i8[::1], vector, vector, vector))
-def _begin(d, integers, qpos, qvel, u):
+_MEMORY = types.NamedTuple((*(vector,) * 6, matrix, matrix, vector, vector), _Memory)
+
+
+@partial(
+    Kernel,
+    signature=void(
+        vector, STRUCTURE, WORKSPACE, _MEMORY, table, vector, vector, vector, vector
+    ),
+)  # fmt: skip
+def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
-    structure = StructureArrays(
-        _matrix(d, 0, integers), _vector(d, 1), _vector(d, 2), _matrix(d, 3, integers),
-        _matrix(d, 4, integers), _vector(d, 5), _matrix(d, 6, integers), _matrix(d, 7, integers),
-        _vector(d, 8), _matrix(d, 9, integers),
-    )  # fmt: skip
-    work, own, theta = _workspace(d), _memory(d), _vector(d, _THETA)
-    _read(d, _matrix(d, _DOFS, integers), qpos, qvel, own)
-    place(structure, own.q, own.v, own.state)
-    if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
-        place(structure, own.q, own.ground, own.on_ground)
-    else:
-        for i in range(own.state.shape[0]):
-            own.on_ground[i] = own.state[i]
+    _read(d, dofs, qpos, qvel, own)
+    on_ground = own.state
+    if d[_PLACED] > 0:
+        place(structure, own.q, own.v, own.state)
+        if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
+            on_ground = own.on_ground
+            place(structure, own.q, own.ground, on_ground)
     if d[_ADDED] > 0:
         write_equations(structure, own.state, own.v, theta, work, own.force)
     else:
         for i in range(own.force.shape[0]):
             own.force[i] = 0.0
-    add_forces(structure, own.state, own.on_ground, own.q, own.v, u, theta, work.scratch, own.force)
+    add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
 
 
-@partial(Kernel, signature=void(vector, i8[::1], vector))
-def _end(d, integers, passive):
+@partial(Kernel, signature=void(vector, WORKSPACE, _MEMORY, table, vector))
+def _end(d, work, own, dofs, passive):
     """Adds the forces in the world's axes to MuJoCo's."""
-    own, dofs = _memory(d), _matrix(d, _DOFS, integers)
     if d[_ADDED] > 0:
-        _push(d, dofs, _workspace(d), own)
+        _push(d, dofs, work, own)
     else:
         _into_world(d, own.R, own.force)
     for i in range(own.force.shape[0]):
@@ -305,12 +346,16 @@ def column_forces() -> Any:
         d = carray(arrays[at_user], (int(carray(arrays[at_user], (1,))[0]),))
         u = carray(arrays[at_act if d[_LAGGED] > 0 else at_ctrl], (int(d[_COMMANDS]),))
         qpos, qvel = carray(arrays[at_q], (WORDS,)), carray(arrays[at_v], (WORDS,))
-        integers = d.view(np.int64)
-        _begin(d, integers, qpos, qvel, u)
+        structure = StructureArrays(
+            _table(d, 0), _vector(d, 1), _vector(d, 2), _table(d, 3), _table(d, 4),
+            _vector(d, 5), _table(d, 6), _table(d, 7), _vector(d, 8), _table(d, 9),
+        )  # fmt: skip
+        work, own, dofs = _workspace(d), _memory(d), _table(d, _DOFS)
+        _begin(d, structure, work, own, dofs, _vector(d, _THETA), qpos, qvel, u)
         if d[_ADDED] > 0:
-            own = arrays.ctypes.data
-            _full_m(model, own, d[int(d[_LAYOUT + 3 * (_OWN + 6)]) :].ctypes.data)
-            _rne(model, own, np.int32(0), d[int(d[_LAYOUT + 3 * (_OWN + 5)]) :].ctypes.data)
-        _end(d, integers, carray(arrays[at_force], (WORDS,)))
+            address = arrays.ctypes.data
+            _full_m(model, address, own.M.ctypes.data)
+            _rne(model, address, np.int32(0), own.bias.ctypes.data)
+        _end(d, work, own, dofs, carray(arrays[at_force], (WORDS,)))
 
     return passive
