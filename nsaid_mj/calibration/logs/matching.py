@@ -32,6 +32,7 @@ WORDS: dict[Quantity, frozenset[str]] = {
 }
 _OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
 _WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
+_TARGET = _WANTED | {"action"}
 _MEASURED = _set("actual measured meas act fb feedback present real state")
 _NAMES = {"position": "position", "velocity": "velocity", "command": "torque or current"}
 
@@ -87,6 +88,22 @@ def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
             for joint in joints
         }
     )
+
+
+def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, str]:
+    """The channels of position targets by joint; empty if the names do not tell.
+
+    A target is named by its joint and a word such as `target` or `goal` beside words of positions:
+    `target_elbow`, `elbow.goal_position`, `action.elbow.pos`.
+    """
+    groups: dict[str, dict[str, str]] = defaultdict(dict)
+    others = _OTHER | WORDS["velocity"] | (WORDS["command"] - {"cmd", "command"})
+    for channel in channels:
+        joint, rest = _joint_of(words(channel), joints)
+        if joint and set(rest) & _TARGET and not set(rest) & others:
+            groups[" ".join(rest)].setdefault(joint, channel)
+    found = [by_joint for members in groups.values() if (by_joint := _by_joint(members, joints))]
+    return found[0] if len(found) == 1 else {}
 
 
 def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str]) -> str:

@@ -1,0 +1,13 @@
+"""Position servos from logs of (target, position), without torque: the law "output error".
+
+given = servo_logs("arm.xml", ["log.csv"])  # None if the logs hold no targets
+result = identify_servos(given)
+write_servo_mjcf(result, Path("identified.xml"))
+"""
+
+from .export import rollout as rollout
+from .export import write_servo_mjcf as write_servo_mjcf
+from .identify import ServoLogs as ServoLogs
+from .identify import identify_servos as identify_servos
+from .identify import servo_logs as servo_logs
+from .result import ServoIdentification as ServoIdentification

@@ -1,0 +1,133 @@
+"""What an estimate of servos means, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..findings import Finding
+from ..result import Explains, Parameter, Status
+from .estimate import JointEstimate
+from .fit import NAMES
+from .result import Servo
+
+_NEARLY = 0.8  # error over that of a delayed target above which the model explains nothing
+_TOLD = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
+_STILL = 1e-3  # error of a delayed target of a joint that hardly moves [rad or m]
+_LABELS = (
+    ("T", "damping over kp", "s"),
+    ("f", "friction over kp", "rad"),
+    ("kp", "stiffness kp", "N·m/rad"),
+    ("a", "armature over kp", "s²"),
+    ("d", "delay of the target", "s"),
+)
+_TRADE = "T, delay and armature trade: the motion is too slow to tell them apart"
+_CONVENTION = "a convention: no gravity acts on this joint; only kv/kp, f/kp and armature/kp count"
+
+
+def parameters(name: str, k: int, joint: JointEstimate) -> tuple[Parameter, ...]:
+    """Five parameters of a joint, numbered k, with 95 % intervals."""
+    found = []
+    for i, (short, label, unit) in enumerate(_LABELS):
+        sign = -1.0 if NAMES[i] == "g" else 1.0
+        x, half = sign * joint.x[i], joint.quantile * np.sqrt(joint.covariance[i, i])
+        status: Status = "identified" if half < _TOLD else "only in combination"
+        combination = "" if half < _TOLD else _TRADE
+        if NAMES[i] == "g" and not joint.gravity:
+            half, status, combination = np.inf, "only in combination", _CONVENTION
+        low, high = np.exp([x - half, x + half]) if np.isfinite(half) else (0.0, 1e9)
+        found.append(
+            Parameter(
+                f"{short}_{k}",
+                f"{label} of {name}",
+                "servo",
+                unit,
+                float(np.exp(x)),
+                float(low),
+                float(high),
+                float(np.exp(x)),
+                status,
+                combination,
+            )
+        )
+    return tuple(found)
+
+
+def servo(name: str, joint: JointEstimate) -> Servo:
+    """The joint's servo in MuJoCo's terms."""
+    T, f, g, a, d = (float(value) for value in joint.theta)
+    return Servo(
+        name, 1 / g, T / g, a / g, f / g, d, joint.gravity, joint.error, joint.delayed
+    )
+
+
+def verdict(
+    servos: Sequence[Servo], joints: Sequence[JointEstimate]
+) -> tuple[Explains, str, tuple[Finding, ...]]:
+    """Whether the model explains the logs better than a target that is followed late."""
+    moving = [k for k, joint in enumerate(joints) if joint.delayed > _STILL]
+    poor = [k for k in moving if joints[k].error > _NEARLY * joints[k].delayed]
+    findings = [
+        Finding(
+            "warning",
+            "no_better_than_late",
+            servos[k].name,
+            f"the target {joints[k].delay * 1e3:.0f} ms late predicts the motion nearly as well "
+            f"({joints[k].delayed * 1e3:.1f} mrad) as the servo's model "
+            f"({joints[k].error * 1e3:.1f} mrad); its numbers mean nothing",
+            "Record faster motions, stops and reversals; check that targets and positions have "
+            "the same zero, unit and sign.",
+        )
+        for k in poor
+    ]
+    still = [servos[k].name for k in range(len(servos)) if k not in moving]
+    if still:
+        text = "hardly moves, or follows its target exactly; it is not judged"
+        findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
+    explains: Explains = "yes" if not poor else "partly"
+    if len(poor) == len(moving):
+        explains = "no"
+    ours, late = (
+        1e3 * float(np.mean([part for part in parts]))
+        for parts in ([j.error for j in joints], [j.delayed for j in joints])
+    )
+    words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
+    sentence = (
+        f"The servo model {words} the motion: driven by the targets alone it departs by "
+        f"{ours:.1f} mrad in the mean, the target itself, late, by {late:.1f} mrad."
+    )
+    return explains, sentence, tuple(findings)
+
+
+def gravity_notes(
+    servos: Sequence[Servo], joints: Sequence[JointEstimate]
+) -> tuple[Finding, ...]:
+    """Where kp comes from, and what an offset would change."""
+    told = [s.name for s in servos if s.gravity]
+    others = [s.name for s in servos if not s.gravity]
+    found = []
+    if others:
+        source = "the mean of the others" if told else "the model file's"
+        found.append(
+            Finding(
+                "note",
+                "kp_convention",
+                ", ".join(others),
+                f"gravity does not tell kp, which is {source}; the motion depends on kv/kp, f/kp "
+                "and armature/kp alone",
+            )
+        )
+    for s, joint in zip(servos, joints, strict=True):
+        if s.gravity and abs(joint.offset) > 0.02:
+            found.append(
+                Finding(
+                    "note",
+                    "offset_trade",
+                    s.name,
+                    "kp and an offset between the zeros of target and position trade: 2 mrad "
+                    f"would change kp by {100 * abs(joint.offset):.0f} %; the interval has that",
+                    data={"relative": abs(joint.offset)},
+                )
+            )
+    return tuple(found)
