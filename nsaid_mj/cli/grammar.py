@@ -144,11 +144,13 @@ class Identify:
 
     `nsaid identify --model arm.urdf --log log.csv` writes the parameters with intervals, what the
     log cannot tell, a report, a recording, and the model file with identified values. `nsaid
-    identify tx40` does it with a packed log of a real arm. The exit code is 1 if the structure
+    identify tx40` does it with a packed log of a real arm. Logs of position targets instead of
+    torques, of an MJCF with position servos, yield kp, kv, armature, friction and delay of every
+    servo, and the MJCF with them; `nsaid identify so101` is such a log. The exit code is 1 if the structure
     does not explain the log, 2 if the log cannot be used.
 
     Attributes:
-        packed: a packed robot with a log: tx40.
+        packed: a packed robot with a log: tx40 or so101.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
         log: log files; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP, ULog, DataFlash.
         validate: log files on which the estimate is judged; they take no part in the fit.

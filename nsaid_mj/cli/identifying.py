@@ -32,6 +32,31 @@ def identify_log(chosen: Identify) -> int:
 
 
 def _identify(model: str, chosen: Identify, folder: Path) -> int:
+    from ..reporting.progress import Progress
+    from .servos import identify_given, servos_of
+
+    with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
+        progress.say("reading the model and the log")
+        given = servos_of(model, chosen.log, chosen)
+        if given is None:
+            found = None
+        else:
+            found = identify_given(given, model, chosen, folder / RESULT, progress)
+    if found is None:
+        return _identify_by_force(model, chosen, folder)
+    result, files = found
+    if chosen.json:
+        print(result.text())
+    elif not chosen.quiet:
+        from rich.console import Console
+
+        from ..reporting.identification.servos import print_servos
+
+        print_servos(result, Console(), files)
+    return 0 if result.explains != "no" else 1
+
+
+def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
     from ..calibration.findings import UnusableLog
     from ..calibration.identify import identify
     from ..reporting.progress import Progress

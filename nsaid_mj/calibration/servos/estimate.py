@@ -9,8 +9,9 @@ import numpy as np
 from scipy import stats
 
 from ...parameters import Array
+from ..data import RobotModel
 from .fit import GRAVITY, OutputError, Prior, minimise, undisturbed, weights
-from .logs import ServoLog
+from .logs import ServoLog, coupled
 from .simulation import JointLog, simulate
 from .start import start
 
@@ -18,7 +19,9 @@ _GUESS = np.array([np.nan, np.nan, np.nan, 2e-3, 0.015])  # a [s²] and d [s]; o
 _SPREAD = np.array([3.0, 3.0, 3.0, 0.5, 1.5])
 # standard deviations of ln θ before the log: T, f and g nearly free; published armatures of hobby
 # servos over their kp lie within a factor of 2.7 of 2e-3 s², delays of serial buses within 20
+_SWEEPS = 2  # over all joints, each with the loads of the others' simulated motion
 _KNOWN = 0.25  # relative deviation of g below which gravity tells kp
+_NUMERICAL = 0.01  # relative accuracy of the simulation itself, by arms with known servos
 _FEWEST = 5  # logs that serve as clusters; fewer are cut into blocks
 _BLOCK = 10.0  # shortest of them [s]
 _BLOCKS = 20  # at most, in one log
@@ -57,7 +60,9 @@ class JointEstimate(NamedTuple):
 
 
 def estimate(
-    logs: Sequence[ServoLog], kp: Array, told: Callable[[str], None] = lambda _: None
+    robot: RobotModel,
+    logs: Sequence[ServoLog],
+    kp: Array,     told: Callable[[str], None] = lambda _: None,
 ) -> tuple[tuple[JointEstimate, ...], Array]:
     """Fits every joint alone, masks windows with foreign forces, and fits again.
 
@@ -65,6 +70,7 @@ def estimate(
     model file's if there are none.
 
     Args:
+        robot: the model.
         logs: at least one.
         kp: (n,) of the model file [N·m/rad or N/m].
         told: called with the name of every stage.
@@ -84,11 +90,17 @@ def estimate(
         fits.append(minimise(own, first, prior, used))
     for own, fit in zip(joints, fits, strict=True):
         used = used * undisturbed(own, fit)
-    told("fitting without foreign forces")
-    fits = [
-        minimise(own, fit.x, prior, used)
-        for own, fit, prior in zip(joints, fits, priors, strict=True)
-    ]
+    for _ in range(_SWEEPS):
+        told("fitting all servos together, without foreign forces")
+        logs = [
+            coupled(robot, log, np.column_stack([simulate(log.joint(j), f.theta) for j, f in enumerate(fits)]))
+            for log in logs
+        ]
+        joints = [[log.joint(j) for log in logs] for j in range(len(kp))]
+        fits = [
+            minimise(own, fit.x, prior, used)
+            for own, fit, prior in zip(joints, fits, priors, strict=True)
+        ]
     parts = zip(joints, fits, priors, strict=True)
     spread = np.array([_covariance(*part, used, cluster)[0][GRAVITY, GRAVITY] for part in parts])
     known = np.sqrt(spread) < _KNOWN
@@ -121,22 +133,27 @@ def _covariance(
 ) -> tuple[Array, float]:
     """(5, 5) of ln θ̂, and the change of ln kp by an offset of the target's zero.
 
-    It is A⁻¹ (Σ sₖ sₖᵀ + P + o oᵀ) A⁻¹ with the score sₖ of each cluster, the prior's precision P,
-    and the score o of an offset. Residuals of a simulation are correlated over seconds, and a motion that the structure misses
-    is missed throughout a log: independent residuals would make intervals many times too narrow.
+    The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
+    plus the prior's part A⁻¹ P A⁻¹, plus that of the offset. Residuals of a simulation are
+    correlated over seconds, and a motion that the structure misses is missed throughout a log:
+    independent residuals would make intervals many times too narrow.
     """
     weight = weights(logs, fit.residual, used, fit.sigma)
     free, P = prior.free, np.diag(prior.deviation[prior.free] ** -2.0)
-    scores = fit.jacobian * (weight * fit.residual)[:, None]
-    count = int(cluster.max()) + 1
-    sums = np.array([scores[cluster == k].sum(axis=0) for k in range(count)])
-    sums -= sums.mean(axis=0)
-    A = np.linalg.inv((fit.jacobian.T * weight) @ fit.jacobian + P)
-    shifted = A @ (fit.jacobian.T * weight) @ _offset_effect(logs, fit)
+    weighted = fit.jacobian * weight[:, None]
+    H, count = weighted.T @ fit.jacobian + P, int(cluster.max()) + 1
+    A = np.linalg.inv(H)
+    shifts = []
+    for k in range(count):
+        own = cluster == k
+        rest = H - weighted[own].T @ fit.jacobian[own]
+        shifts.append(np.linalg.solve(rest, weighted[own].T @ fit.residual[own]))
+    jackknife = np.cov(np.array(shifts).T, bias=True) * max(count - 1, 1)
+    moved = A @ weighted.T @ _offset_effect(logs, fit)
     out, offset = np.zeros((len(fit.x), len(fit.x))), np.zeros(len(fit.x))
-    out[np.ix_(free, free)] = A @ (sums.T @ sums * count / max(count - 1, 1) + P) @ A
-    out[np.ix_(free, free)] += np.outer(shifted, shifted)
-    offset[free] = shifted
+    own = _NUMERICAL**2 * np.eye(len(free))
+    out[np.ix_(free, free)] = jackknife + A @ P @ A + np.outer(moved, moved) + own
+    offset[free] = moved
     return out, float(offset[GRAVITY])
 
 

@@ -120,7 +120,7 @@ def identify_servos(
     if length < 10.0:
         remedy = "Intervals need several motions."
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
-    joints, used = estimate(given.logs, given.kp, told)
+    joints, used = estimate(given.robot, given.logs, given.kp, told)
     names = given.robot.joints
     servos = tuple(servo(name, joint) for name, joint in zip(names, joints, strict=True))
     explains, sentence, doubts = verdict(servos, joints)

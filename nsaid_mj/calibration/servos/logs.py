@@ -34,7 +34,8 @@ class ServoLog(NamedTuple):
         t: (N,) times [s].
         target: (N, n) of the servos [rad or m], clipped to their `ctrlrange`.
         position: (N, n) measured [rad or m].
-        gravity: (N, n) torque or force that gravity asks of each joint [N·m or N].
+        load: (N, n) torque or force that gravity, and the other joints' motion where it is known,
+            ask of each joint [N·m or N].
         inertia: (N, n) diagonal of the mass matrix without armatures [kg·m² or kg].
     """
 
@@ -42,12 +43,12 @@ class ServoLog(NamedTuple):
     t: Array
     target: Array
     position: Array
-    gravity: Array
+    load: Array
     inertia: Array
 
     def joint(self, j: int) -> JointLog:
         """What the simulation of one joint needs."""
-        columns = (self.target, self.position, self.gravity, self.inertia)
+        columns = (self.target, self.position, self.load, self.inertia)
         return JointLog(self.t, *(np.ascontiguousarray(part[:, j]) for part in columns))
 
 
@@ -165,9 +166,32 @@ def _stretches(
 
 def _loads(robot: RobotModel, q: Array) -> tuple[Array, Array]:
     """(N, n) gravity and (N, n) diagonal of the mass matrix of the model file's links."""
-    model, data = robot.model, robot.model.createData()
-    gravity, inertia = np.empty_like(q), np.empty_like(q)
-    for row, at in enumerate(positions(model, q)):
-        gravity[row] = pin.computeGeneralizedGravity(model, data, at)
-        inertia[row] = np.diag(pin.crba(model, data, at)) - model.armature
-    return gravity, inertia
+    model = _without_armature(robot)
+    data, load, inertia = model.createData(), np.empty_like(q), np.empty_like(q)
+    for k, at in enumerate(positions(model, q)):
+        load[k] = pin.computeGeneralizedGravity(model, data, at)
+        inertia[k] = np.diag(pin.crba(model, data, at))
+    return load, inertia
+
+
+def coupled(robot: RobotModel, log: ServoLog, q: Array) -> ServoLog:
+    """The log with the loads of a simulated motion: gravity, and what joints exert on each other.
+
+    Args:
+        robot: whose links they are.
+        log: of targets and positions.
+        q: (N, n) simulated positions [rad or m].
+    """
+    model = _without_armature(robot)
+    v = np.gradient(q, log.t, axis=0)
+    a = np.gradient(v, log.t, axis=0)
+    data, load = model.createData(), -log.inertia * a
+    for k, at in enumerate(positions(model, q)):
+        load[k] += pin.rnea(model, data, at, v[k], a[k])
+    return log._replace(load=load)
+
+
+def _without_armature(robot: RobotModel) -> pin.Model:
+    model = pin.Model(robot.model)
+    model.armature = np.zeros(model.nv)
+    return model

@@ -5,8 +5,9 @@ Divided by the servo's stiffness kp, joint j of an arm obeys
     (a + g M_jj) q̈ = u(t − d) − q − T q̇ − f sgn q̇ − g Γ_j(q),
 
 with g = 1/kp [rad/(N·m)], T = (kv + damping)/kp [s], f = friction/kp [rad], a = armature/kp [s²] and
-the target's delay d [s]. Gravity Γ_j and inertia M_jj are those of the model file at the *measured*
-positions, which decouples the joints.
+the target's delay d [s]. Gravity Γ_j and inertia M_jj are those of the model file at given positions,
+which decouples the joints: first the measured ones, then those of a simulation, whose Γ_j includes
+what the other joints' accelerations and speeds exert on this one.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ class JointLog(NamedTuple):
         t: (N,) times [s], strictly increasing.
         target: (N,) of the servo [rad or m], held until the next sample.
         position: (N,) measured [rad or m].
-        gravity: (N,) torque or force that gravity asks of the joint [N·m or N].
+        load: (N,) torque or force that the arm asks of the joint beside M_jj q̈ [N·m or N].
         inertia: (N,) M_jj without armature [kg·m² or kg].
     """
 
     t: Array
     target: Array
     position: Array
-    gravity: Array
+    load: Array
     inertia: Array
 
 
@@ -45,19 +46,21 @@ def simulate(log: JointLog, theta: Array) -> Array:
     """(N,) positions of a joint that starts at rest at its first measured position.
 
     Args:
-        log: its targets, gravity and inertia.
+        log: its targets, load and inertia.
         theta: (5,) T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
     """
     out = np.empty(len(log.t))
-    _simulate(log.t, log.target, log.position[0], log.gravity, log.inertia, theta, STEP, out)
+    _simulate(log.t, log.target, log.position[0], log.load, log.inertia, theta, STEP, out)
     return out
 
 
 @njit(cache=True)
-def _simulate(t, target, q, gravity, inertia, theta, longest, out):
-    """Implicit Euler steps; the joint sticks where the drive J v + h e is within h f.
+def _simulate(t, target, q, load, inertia, theta, longest, out):
+    """Steps of the θ-method; the joint sticks where friction can hold what drives it.
 
-    The target is averaged over each step after its delay, so that positions are continuous in it.
+    θ between 1/2 and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that
+    steps may be longer than J/T. The target is averaged over each step after its delay, so that
+    positions are continuous in it.
     """
     T, f, g, a, d = theta
     last, held, v = len(t) - 1, 0, 0.0
@@ -65,6 +68,9 @@ def _simulate(t, target, q, gravity, inertia, theta, longest, out):
     for i in range(last):
         steps = int(np.ceil((t[i + 1] - t[i]) / longest))
         h = (t[i + 1] - t[i]) / steps
+        J = a + g * (inertia[i] + inertia[i + 1]) / 2
+        decay, resisted = h * T / J, h * T + h * h / 2
+        part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
         for s in range(steps):
             begin = t[i] + s * h - d
             while held < last and t[held + 1] <= begin:
@@ -76,12 +82,10 @@ def _simulate(t, target, q, gravity, inertia, theta, longest, out):
                 k += 1
             area += target[k] * (begin + h - at)
             w = (s + 0.5) / steps
-            load = g * ((1 - w) * gravity[i] + w * gravity[i + 1])
-            J = a + g * ((1 - w) * inertia[i] + w * inertia[i + 1])
-            drive = J * v + area - h * (q + load)
-            if abs(drive) <= h * f:
-                v = 0.0
-            else:
-                v = (drive - np.sign(drive) * h * f) / (J + h * T + h * h)
-            q += h * v
+            hold = g * ((1 - w) * load[i] + w * load[i + 1])
+            drive = (J - (1 - part) * resisted) * v + area - h * (q + hold)
+            before, v = v, 0.0
+            if abs(drive) > h * f:
+                v = (drive - np.sign(drive) * h * f) / (J + part * resisted)
+            q += h * ((1 - part) * before + part * v)
         out[i + 1] = q

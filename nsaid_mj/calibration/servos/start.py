@@ -50,7 +50,7 @@ def _rows(log: JointLog, delay: float) -> tuple[Array, Array]:
     q, u = (signals.low_pass(x, cut) for x in (np.interp(t, log.t, log.position), held))
     v = np.gradient(q, step)
     acceleration = np.gradient(v, step)
-    gravity, inertia = (np.interp(t, log.t, x) for x in (log.gravity, log.inertia))
+    gravity, inertia = (np.interp(t, log.t, x) for x in (log.load, log.inertia))
     A = np.column_stack([v, np.tanh(v / _SMOOTH), gravity + inertia * acceleration, acceleration])
     moving = np.abs(v) > _MOVING
     return A[moving], (u - q)[moving]

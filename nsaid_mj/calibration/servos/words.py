@@ -22,7 +22,7 @@ _LABELS = (
     ("a", "armature over kp", "s²"),
     ("d", "delay of the target", "s"),
 )
-_TRADE = "T, delay and armature trade: the motion is too slow to tell them apart"
+_WIDEST = 3.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 20
 _CONVENTION = "a convention: no gravity acts on this joint; only kv/kp, f/kp and armature/kp count"
 
 
@@ -31,27 +31,31 @@ def parameters(name: str, k: int, joint: JointEstimate) -> tuple[Parameter, ...]
     found = []
     for i, (short, label, unit) in enumerate(_LABELS):
         sign = -1.0 if NAMES[i] == "g" else 1.0
-        x, half = sign * joint.x[i], joint.quantile * np.sqrt(joint.covariance[i, i])
+        x = sign * joint.x[i]
+        half = min(joint.quantile * float(np.sqrt(joint.covariance[i, i])), _WIDEST)
         status: Status = "identified" if half < _TOLD else "only in combination"
-        combination = "" if half < _TOLD else _TRADE
-        if NAMES[i] == "g" and not joint.gravity:
-            half, status, combination = np.inf, "only in combination", _CONVENTION
-        low, high = np.exp([x - half, x + half]) if np.isfinite(half) else (0.0, 1e9)
+        combination = "" if half < _TOLD or short in {"f", "kp"} else _lag(joint)
+        if short == "kp" and not joint.gravity:
+            half, status, combination = _WIDEST, "only in combination", _CONVENTION
+        value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
+        about = f"{label} of {name}"
         found.append(
             Parameter(
-                f"{short}_{k}",
-                f"{label} of {name}",
-                "servo",
-                unit,
-                float(np.exp(x)),
-                float(low),
-                float(high),
-                float(np.exp(x)),
-                status,
-                combination,
+                f"{short}_{k}", about, "servo", unit, value, low, high, value, status, combination
             )
         )
     return tuple(found)
+
+
+def _lag(joint: JointEstimate) -> str:
+    """What the log determines of damping, armature and delay where the motion is slow."""
+    T, d = joint.theta[0], joint.theta[4]
+    slope = np.array([T, 0.0, 0.0, 0.0, d])
+    lag, half = T + d, joint.quantile * float(np.sqrt(slope @ joint.covariance @ slope))
+    return (
+        "damping, armature and delay trade; a slow motion tells the lag kv/kp + delay: "
+        f"{lag * 1e3:.0f} ms ± {half * 1e3:.0f}"
+    )
 
 
 def servo(name: str, joint: JointEstimate) -> Servo:

@@ -1,0 +1,88 @@
+"""`nsaid identify` with logs of targets and positions: servos by output error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..resources import write_text
+from .grammar import Identify
+
+if TYPE_CHECKING:
+    from ..calibration.servos import ServoIdentification, ServoLogs
+    from ..reporting.progress import Progress
+
+
+def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
+    """The arm and its logs if they are of targets and positions, else None."""
+    from ..calibration.servos import servo_logs
+
+    lock, joints = (
+        [name.strip() for name in text.split(",") if name.strip()]
+        for text in (chosen.lock, chosen.joints)
+    )
+    return servo_logs(model, logs, chosen.map, lock, joints or None)
+
+
+def identify_given(
+    given: ServoLogs, model: str, chosen: Identify, path: Path, progress: Progress
+) -> tuple[ServoIdentification, list[Path]]:
+    """Identifies servos and writes the results.
+
+    Args:
+        given: the arm and its logs.
+        model: as the user named it.
+        chosen: the command's options.
+        path: of the JSON file to write; the MJCF is written beside it.
+        progress: told the name of every stage.
+
+    Raises:
+        InvalidInput: an option has no meaning for logs of targets.
+    """
+    from ..calibration.servos import identify_servos, write_servo_mjcf
+
+    plain = Identify()
+    for name in ("known", "columns", "delay", "cutoff", "online"):
+        if getattr(chosen, name) != getattr(plain, name):
+            expected = "no such option with logs of targets and positions"
+            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), "Leave it out.")
+    others = servos_of(model, chosen.validate, chosen) if chosen.validate else None
+    result = identify_servos(given, progress.say)
+    progress.say("writing and trying the calibrated model")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    model_file = path.with_name(f"{result.robot.name}.xml")
+    write_servo_mjcf(result, model_file)
+    told = _followed(others or given, model_file, "validation logs" if others else "logs")
+    result = replace(result, findings=(*result.findings, told))
+    write_text(path, result.text() + "\n")
+    return result, [path, model_file]
+
+
+def _followed(given: ServoLogs, path: Path, what: str):
+    """How far MuJoCo departs from the logs with the exported file, and with the user's own."""
+    from ..calibration.findings import Finding
+    from ..calibration.servos import rollout
+
+    source = given.robot.source
+    assert source is not None  # a model with servos comes from a file
+    errors = [
+        np.mean(
+            [
+                np.abs(rollout(file, given.robot.joints, log) - log.position).mean(axis=0)
+                for log in given.logs
+            ],
+            axis=0,
+        )
+        for file in (path, source)
+    ]
+    own, before = (1e3 * error for error in errors)
+    text = (
+        f"MuJoCo, driven by the targets of the {what} alone, departs by {own.mean():.1f} mrad in "
+        f"the mean with the exported file, and by {before.mean():.1f} mrad with yours"
+    )
+    data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
+    return Finding("note" if own.mean() < before.mean() else "warning", "replay", "", text, "", data)
