@@ -146,8 +146,8 @@ class Identify:
     log cannot tell, a report, a recording, and the model file with identified values. `nsaid
     identify tx40` does it with a packed log of a real arm. Logs of position targets instead of
     torques, of an MJCF with position servos, yield kp, kv, armature, friction and delay of every
-    servo, and the MJCF with them; `nsaid identify so101` is such a log. The exit code is 1 if the structure
-    does not explain the log, 2 if the log cannot be used.
+    servo, and the MJCF with them; `nsaid identify so101` has such a log. The exit code is 1 if the
+    structure does not explain the log, 2 if the log cannot be used.
 
     Attributes:
         packed: a packed robot with a log: tx40 or so101.

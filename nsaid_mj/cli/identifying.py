@@ -41,7 +41,7 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
         if given is None:
             found = None
         else:
-            found = identify_given(given, model, chosen, folder / RESULT, progress)
+            found = identify_given(given, chosen, folder / RESULT, progress)
     if found is None:
         return _identify_by_force(model, chosen, folder)
     result, files = found

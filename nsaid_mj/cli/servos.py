@@ -13,6 +13,7 @@ from ..resources import write_text
 from .grammar import Identify
 
 if TYPE_CHECKING:
+    from ..calibration.findings import Finding
     from ..calibration.servos import ServoIdentification, ServoLogs
     from ..reporting.progress import Progress
 
@@ -29,13 +30,12 @@ def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs
 
 
 def identify_given(
-    given: ServoLogs, model: str, chosen: Identify, path: Path, progress: Progress
+    given: ServoLogs, chosen: Identify, path: Path, progress: Progress
 ) -> tuple[ServoIdentification, list[Path]]:
     """Identifies servos and writes the results.
 
     Args:
         given: the arm and its logs.
-        model: as the user named it.
         chosen: the command's options.
         path: of the JSON file to write; the MJCF is written beside it.
         progress: told the name of every stage.
@@ -56,33 +56,37 @@ def identify_given(
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    told = _followed(others or given, model_file, "validation logs" if others else "logs")
+    told = _followed(others or given, result, model_file)
     result = replace(result, findings=(*result.findings, told))
     write_text(path, result.text() + "\n")
     return result, [path, model_file]
 
 
-def _followed(given: ServoLogs, path: Path, what: str):
-    """How far MuJoCo departs from the logs with the exported file, and with the user's own."""
+def _followed(given: ServoLogs, result: ServoIdentification, path: Path) -> Finding:
+    """How far MuJoCo departs from logs with the exported file, and with the user's own."""
     from ..calibration.findings import Finding
     from ..calibration.servos import rollout
 
-    source = given.robot.source
+    source, joints = result.robot.source, result.robot.joints
     assert source is not None  # a model with servos comes from a file
-    errors = [
-        np.mean(
+    delays = [servo.delay for servo in result.servos]
+    own, before = (
+        1e3
+        * np.mean(
             [
-                np.abs(rollout(file, given.robot.joints, log) - log.position).mean(axis=0)
+                np.abs(rollout(file, joints, log, delay) - log.position).mean(axis=0)
                 for log in given.logs
             ],
             axis=0,
         )
-        for file in (path, source)
-    ]
-    own, before = (1e3 * error for error in errors)
+        for file, delay in ((path, delays), (source, 0.0))
+    )
+    what = ", ".join(dict.fromkeys(log.source for log in given.logs))
     text = (
-        f"MuJoCo, driven by the targets of the {what} alone, departs by {own.mean():.1f} mrad in "
-        f"the mean with the exported file, and by {before.mean():.1f} mrad with yours"
+        f"MuJoCo, driven by the targets alone, departs from {what} by {own.mean():.1f} mrad in the "
+        f"mean with the exported file and the delays, and by {before.mean():.1f} mrad with yours"
     )
     data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
-    return Finding("note" if own.mean() < before.mean() else "warning", "replay", "", text, "", data)
+    return Finding(
+        "note" if own.mean() < before.mean() else "warning", "replay", "", text, "", data
+    )

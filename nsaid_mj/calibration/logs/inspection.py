@@ -15,6 +15,7 @@ from .continuous import with_angles
 from .errors import UnmatchedChannels
 from .layout import Layout, layout
 from .mapping import Map
+from .matching import match_targets
 from .preparation import prepare
 from .tables import Channel, Table
 
@@ -103,10 +104,7 @@ def inspect(
             recordings = prepare(tables, mapping, robot)
             findings = (*recordings.findings, *checks(recordings, robot))
         except UnmatchedChannels as error:
-            remedy = "Complete map.toml by hand and pass it with --map."
-            text = f"cannot tell which channels are {', '.join(error.missing)}"
-            text += f". {' '.join(error.reasons)}".rstrip(".")
-            findings += (Finding("warning", "unmatched", "", text, remedy),)
+            findings += (_unmatched(error, robot, names),)
         except UnusableLog as error:
             findings = error.findings
     figures = tuple(
@@ -115,6 +113,18 @@ def inspect(
         for name, channel in table.channels.items()
     )
     return Inspection(tuple(tables), figures, (*findings, *_unmapped(figures)), recordings, robot)
+
+
+def _unmatched(error: UnmatchedChannels, robot: RobotModel, names: Sequence[str]) -> Finding:
+    """What to do about a log without torques or currents."""
+    if any(f.code == "servo" for f in robot.findings) and match_targets(names, robot.joints):
+        text = "the commands are position targets; `nsaid identify` fits the servos to them"
+        return Finding("note", "targets", "", text)
+    text = f"cannot tell which channels are {', '.join(error.missing)}"
+    text += f". {' '.join(error.reasons)}".rstrip(".")
+    return Finding(
+        "warning", "unmatched", "", text, "Complete map.toml by hand and pass it with --map."
+    )
 
 
 def figures_of(source: str, name: str, channel: Channel, role: str = "") -> ChannelFigures:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from ...parameters import Array
+from ...parameters import Array, Indices
 from ..data import RobotModel
 from .fit import GRAVITY, OutputError, Prior, minimise, undisturbed, weights
 from .logs import ServoLog, coupled
@@ -40,8 +40,8 @@ class JointEstimate(NamedTuple):
         offset: change of ln kp by an offset of 2 mrad between the zeros of target and position,
             which is part of the covariance.
         error: mean absolute residual [rad or m], of the samples in use.
-        delayed: the same of the target itself, at the delay that suits best.
-        delay: that delay [s].
+        simple: the same of what needs no model: the target at the delay that suits best, or a
+            constant position, whichever is closer.
     """
 
     x: Array
@@ -50,8 +50,7 @@ class JointEstimate(NamedTuple):
     gravity: bool
     offset: float
     error: float
-    delayed: float
-    delay: float
+    simple: float
 
     @property
     def theta(self) -> Array:
@@ -62,7 +61,8 @@ class JointEstimate(NamedTuple):
 def estimate(
     robot: RobotModel,
     logs: Sequence[ServoLog],
-    kp: Array,     told: Callable[[str], None] = lambda _: None,
+    kp: Array,
+    told: Callable[[str], None] = lambda _: None,
 ) -> tuple[tuple[JointEstimate, ...], Array]:
     """Fits every joint alone, masks windows with foreign forces, and fits again.
 
@@ -93,7 +93,11 @@ def estimate(
     for _ in range(_SWEEPS):
         told("fitting all servos together, without foreign forces")
         logs = [
-            coupled(robot, log, np.column_stack([simulate(log.joint(j), f.theta) for j, f in enumerate(fits)]))
+            coupled(
+                robot,
+                log,
+                np.column_stack([simulate(log.joint(j), f.theta) for j, f in enumerate(fits)]),
+            )
             for log in logs
         ]
         joints = [[log.joint(j) for log in logs] for j in range(len(kp))]
@@ -115,7 +119,7 @@ def estimate(
     return tuple(_judged(*part, used, cluster) for part in parts), used
 
 
-def clusters(logs: Sequence[ServoLog]) -> Array:
+def clusters(logs: Sequence[ServoLog]) -> Indices:
     """(N,) number of the cluster of each sample: its log, or a block of time of few logs."""
     if len(logs) >= _FEWEST:
         return np.repeat(np.arange(len(logs)), [len(log.t) for log in logs])
@@ -129,7 +133,7 @@ def clusters(logs: Sequence[ServoLog]) -> Array:
 
 
 def _covariance(
-    logs: Sequence[JointLog], fit: OutputError, prior: Prior, used: Array, cluster: Array
+    logs: Sequence[JointLog], fit: OutputError, prior: Prior, used: Array, cluster: Indices
 ) -> tuple[Array, float]:
     """(5, 5) of ln θ̂, and the change of ln kp by an offset of the target's zero.
 
@@ -170,11 +174,12 @@ def _judged(
     prior: Prior,
     gravity: bool,
     used: Array,
-    cluster: Array,
+    cluster: Indices,
 ) -> JointEstimate:
-    """An estimate with its covariance, beside a target that is followed perfectly but late."""
-    late = [_late(logs, used, delay) for delay in _DELAYS]
-    best = int(np.argmin(late))
+    """An estimate with its covariance, and what predictions without a model achieve."""
+    position = np.concatenate([log.position for log in logs])
+    constant = np.abs(position - np.median(position[used > 0])) @ used / used.sum()
+    late = min(_late(logs, used, delay) for delay in _DELAYS)
     covariance, offset = _covariance(logs, fit, prior, used, cluster)
     return JointEstimate(
         fit.x,
@@ -183,8 +188,7 @@ def _judged(
         bool(gravity),
         offset,
         float(np.abs(fit.residual) @ used / used.sum()),
-        late[best],
-        float(_DELAYS[best]),
+        min(late, float(constant)),
     )
 
 

@@ -6,12 +6,12 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...errors import BadRobot
 from ...parameters import Array
@@ -28,8 +28,9 @@ _HARD = "0.9999 0.9999 0.001 0.5 2"
 _REMARK = """ Servos identified by nsaid from logs of targets and positions.
 {verdict}
 kp, kv, armature and frictionloss are identified; damping is part of kv; forcerange is removed, for
-no saturation was seen. The target's delay is the actuator's own attribute (MuJoCo 4): do not delay
-targets a second time, and fill its buffer with the first target (mj_initCtrlHistory). Biases: 0.
+no saturation was seen. Targets act after the delays below, which this file does not have: shift the
+targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with the first
+targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Biases of the targets: 0.
 {joints} """
 
 
@@ -60,7 +61,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
             "frictionloss": numbers(servo.friction),
             "solimpfriction": _HARD,
         }
-        _set_actuator(actuators[index], servo, float(mj.opt.timestep))
+        _set_actuator(actuators[index], servo)
     for compiler in root.findall("compiler"):
         _redirect(compiler, source.resolve().parent, path.resolve().parent)
     told = "\n".join(
@@ -73,8 +74,8 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     write_text(path, ElementTree.tostring(root, encoding="unicode") + "\n")
 
 
-def _set_actuator(element: Element, servo: Servo, timestep: float) -> None:
-    """Gives an actuator its gains and its delay."""
+def _set_actuator(element: Element, servo: Servo) -> None:
+    """Gives an actuator its gains."""
     for key in ("dampratio", "timeconst", "forcerange", "damping", "armature"):
         element.attrib.pop(key, None)
     element.set("forcelimited", "false")
@@ -83,8 +84,6 @@ def _set_actuator(element: Element, servo: Servo, timestep: float) -> None:
     else:
         element.set("gainprm", numbers(servo.kp))
         element.set("biasprm", numbers([0.0, -servo.kp, -servo.kv]))
-    element.set("delay", numbers(servo.delay))
-    element.set("nsample", str(math.ceil(1.2 * servo.delay / timestep) + 2))
 
 
 def _redirect(compiler: Element, old: Path, new: Path) -> None:
@@ -94,20 +93,30 @@ def _redirect(compiler: Element, old: Path, new: Path) -> None:
         compiler.set(directory, Path(os.path.relpath(old / inside, new)).as_posix())
 
 
-def rollout(path: Path, joints: Sequence[str], log: ServoLog) -> Array:
+def rollout(path: Path, joints: Sequence[str], log: ServoLog, delay: ArrayLike = 0.0) -> Array:
     """(N, n) positions of an MJCF driven open loop by a log's targets, in full MuJoCo.
 
     It starts at rest at the first position; contacts are off. Steps are those of the file, or a
     little shorter, so that they end at the log's times.
+
+    Args:
+        path: of the MJCF.
+        joints: (n,) names of the joints, in the log's order.
+        log: targets, held until the next, and where the motion starts.
+        delay: of the targets [s], one or (n,).
     """
-    mj: Any = compile_file(path)[1]
-    mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, where, names = mujoco.MjData(mj), JointMap(mj, joints), joint_names(mj)
+    spec, mj, _ = compile_file(path)
+    names = joint_names(mj)
     servos = [actuators_of(mj, names.index(joint))[0] for joint in joints]
+    for i, late in zip(servos, np.broadcast_to(delay, len(servos)), strict=True):
+        spec.actuators[i].delay = late
+        spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
+    mj = spec.compile()
+    mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    data, where = mujoco.MjData(mj), JointMap(mj, joints)
     where.write(data, log.position[0], np.zeros(len(joints)))
     for u, i in zip(log.target[0], servos, strict=True):
-        if mj.actuator_history[i, 0]:
-            mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
+        mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
     longest, out = mj.opt.timestep, np.empty_like(log.position)
     out[0] = log.position[0]
     for k, interval in enumerate(np.diff(log.t)):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...parameters import Array
+from ...parameters import Array, Indices
 from .simulation import JointLog, simulate
 
 NAMES = ("T", "f", "g", "a", "d")
@@ -33,7 +33,7 @@ class Prior(NamedTuple):
     deviation: Array
 
     @property
-    def free(self) -> Array:
+    def free(self) -> Indices:
         """Indices of the parameters that are fitted."""
         return np.flatnonzero(self.deviation > 0)
 
@@ -132,7 +132,7 @@ def _residual(logs: Sequence[JointLog], x: Array) -> Array:
     return np.concatenate([simulate(log, theta) - log.position for log in logs])
 
 
-def _jacobian(logs: Sequence[JointLog], x: Array, free: Array) -> Array:
+def _jacobian(logs: Sequence[JointLog], x: Array, free: Indices) -> Array:
     """(N, k) central differences of the residual."""
     columns = []
     for i in free:
@@ -151,7 +151,7 @@ def _winsorised(residual: Array) -> float:
     return max(sigma, 1e-6)
 
 
-def windows(logs: Sequence[JointLog]) -> Array:
+def windows(logs: Sequence[JointLog]) -> Indices:
     """(N,) number of the two-second window that each sample belongs to, over all logs."""
     found, count = [], 0
     for log in logs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -66,7 +67,9 @@ def servo_map(
     channels = list(dict.fromkeys(name for table in tables for name in table.channels))
     found = candidates(channels, joints)
     targets = match_targets(channels, joints)
-    measured = [g for g in found["position"].values() if not set(g.values()) & set(targets.values())]
+    measured = [
+        g for g in found["position"].values() if not set(g.values()) & set(targets.values())
+    ]
     if not targets or len(measured) != 1 or _torques(found["command"], targets):
         return None
     return {
@@ -151,7 +154,7 @@ def _stretches(
         cuts |= set(np.searchsorted(t, signals.gaps(signal)[:, 1]).tolist())
     edges = sorted(cuts)
     logs = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         own = t[first:last]
         if len(own) < 10 or own[-1] - own[0] < _SHORTEST:
             continue

@@ -25,7 +25,8 @@ class Servo:
         gravity: whether gravity tells kp; otherwise kp is a convention, and so is the scale of all
             others but the delay.
         error: mean absolute error of the open-loop simulation [rad or m].
-        delayed: the same of the target itself, at the delay that suits best.
+        simple: the same of what needs no model: the target at the delay that suits best, or a
+            constant position, whichever is closer.
     """
 
     name: str
@@ -36,7 +37,7 @@ class Servo:
     delay: float
     gravity: bool
     error: float
-    delayed: float
+    simple: float
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ Divided by the servo's stiffness kp, joint j of an arm obeys
 
     (a + g M_jj) q̈ = u(t − d) − q − T q̇ − f sgn q̇ − g Γ_j(q),
 
-with g = 1/kp [rad/(N·m)], T = (kv + damping)/kp [s], f = friction/kp [rad], a = armature/kp [s²] and
-the target's delay d [s]. Gravity Γ_j and inertia M_jj are those of the model file at given positions,
-which decouples the joints: first the measured ones, then those of a simulation, whose Γ_j includes
-what the other joints' accelerations and speeds exert on this one.
+with g = 1/kp [rad/(N·m)], T = (kv + damping)/kp [s], f = friction/kp [rad], a = armature/kp [s²]
+and the target's delay d [s]. Gravity Γ_j and inertia M_jj are those of the model file at given
+positions, which decouples the joints: first the measured ones, then those of a simulation, whose
+Γ_j includes what the other joints' accelerations and speeds exert on this one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ...numerics import kernels as kernels  # sets the folder of compiled kernels
 from ...parameters import Array
 
 STEP = 4e-3

@@ -12,9 +12,9 @@ from .estimate import JointEstimate
 from .fit import NAMES
 from .result import Servo
 
-_NEARLY = 0.8  # error over that of a delayed target above which the model explains nothing
+_NEARLY = 0.8  # error over that of a simple prediction above which the model explains nothing
 _TOLD = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
-_STILL = 1e-3  # error of a delayed target of a joint that hardly moves [rad or m]
+_STILL = 1e-3  # error of a simple prediction of a joint that hardly moves [rad or m]
 _LABELS = (
     ("T", "damping over kp", "s"),
     ("f", "friction over kp", "rad"),
@@ -61,24 +61,22 @@ def _lag(joint: JointEstimate) -> str:
 def servo(name: str, joint: JointEstimate) -> Servo:
     """The joint's servo in MuJoCo's terms."""
     T, f, g, a, d = (float(value) for value in joint.theta)
-    return Servo(
-        name, 1 / g, T / g, a / g, f / g, d, joint.gravity, joint.error, joint.delayed
-    )
+    return Servo(name, 1 / g, T / g, a / g, f / g, d, joint.gravity, joint.error, joint.simple)
 
 
 def verdict(
     servos: Sequence[Servo], joints: Sequence[JointEstimate]
 ) -> tuple[Explains, str, tuple[Finding, ...]]:
-    """Whether the model explains the logs better than a target that is followed late."""
-    moving = [k for k, joint in enumerate(joints) if joint.delayed > _STILL]
-    poor = [k for k in moving if joints[k].error > _NEARLY * joints[k].delayed]
+    """Whether the model explains the logs better than predictions without a model."""
+    moving = [k for k, joint in enumerate(joints) if joint.simple > _STILL]
+    poor = [k for k in moving if joints[k].error > _NEARLY * joints[k].simple]
     findings = [
         Finding(
             "warning",
-            "no_better_than_late",
+            "no_better_than_simple",
             servos[k].name,
-            f"the target {joints[k].delay * 1e3:.0f} ms late predicts the motion nearly as well "
-            f"({joints[k].delayed * 1e3:.1f} mrad) as the servo's model "
+            "the target itself, late, or a constant position predicts the motion nearly as well "
+            f"({joints[k].simple * 1e3:.1f} mrad) as the servo's model "
             f"({joints[k].error * 1e3:.1f} mrad); its numbers mean nothing",
             "Record faster motions, stops and reversals; check that targets and positions have "
             "the same zero, unit and sign.",
@@ -94,19 +92,17 @@ def verdict(
         explains = "no"
     ours, late = (
         1e3 * float(np.mean([part for part in parts]))
-        for parts in ([j.error for j in joints], [j.delayed for j in joints])
+        for parts in ([j.error for j in joints], [j.simple for j in joints])
     )
     words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
     sentence = (
         f"The servo model {words} the motion: driven by the targets alone it departs by "
-        f"{ours:.1f} mrad in the mean, the target itself, late, by {late:.1f} mrad."
+        f"{ours:.1f} mrad in the mean; the target itself, late, or a constant by {late:.1f} mrad."
     )
     return explains, sentence, tuple(findings)
 
 
-def gravity_notes(
-    servos: Sequence[Servo], joints: Sequence[JointEstimate]
-) -> tuple[Finding, ...]:
+def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
     """Where kp comes from, and what an offset would change."""
     told = [s.name for s in servos if s.gravity]
     others = [s.name for s in servos if not s.gravity]

@@ -14,13 +14,12 @@ from ...calibration.result import Parameter
 from ...calibration.servos import ServoIdentification
 from .terminal import print_findings
 
-_SCALE = {"T": 1e3, "f": 1e3, "kp": 1.0, "a": 1e3, "d": 1e3}
-_HEADS = ("kv/kp\n[ms]", "f/kp\n[mrad]", "kp\n", "arm./kp\n[s²/1000]", "delay\n[ms]")
+_SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3}  # factor to the unit in the head
+_HEADS = ("kv/kp\nms", "f/kp\nmrad", "kp\n", "delay\nms")
+_PER_SERVO = 5  # parameters
 
 
-def print_servos(
-    result: ServoIdentification, console: Console, files: Sequence[Path] = ()
-) -> None:
+def print_servos(result: ServoIdentification, console: Console, files: Sequence[Path] = ()) -> None:
     """Prints the verdict, what was noticed, and every servo with its 95 % intervals.
 
     Args:
@@ -33,23 +32,29 @@ def print_servos(
     print_findings(result.findings, console)
     table = Table(box=None, pad_edge=False, padding=(0, 1), header_style="dim")
     table.add_column("\n\n servo", no_wrap=True)
-    for head in (*_HEADS, "error\n[mrad]", "late\n[mrad]"):
+    for head in (*_HEADS, "error\nmrad", "simple\nmrad"):
         table.add_column("\n" + head, justify="right", no_wrap=True)
     for k, servo in enumerate(result.servos):
-        cells = [_cell(p) for p in result.parameters[5 * k : 5 * k + 5]]
-        errors = (f"{servo.error * 1e3:.1f}", f"{servo.delayed * 1e3:.1f}")
+        own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
+        cells = [_cell(p) for p in own if _kind(p) in _SHOWN]
+        errors = (f"{servo.error * 1e3:.1f}", f"{servo.simple * 1e3:.1f}")
         table.add_row(f" {escape(servo.name)}", *cells, *errors)
     console.print(table)
     if any(parameter.combination for parameter in result.parameters):
         console.print("\n  ~ only in combination with others; identification.json says which.")
-    console.print("  error of the open-loop simulation; late: of the target at its best delay.")
+    console.print("  error: of the open-loop simulation; simple: of the late target or a constant.")
     for k, path in enumerate(files):
         console.print(f"{'' if k else chr(10)}  {path}", soft_wrap=True, markup=False)
 
 
+def _kind(parameter: Parameter) -> str:
+    """Which of a servo's parameters it is, such as "kp" of kp_2."""
+    return parameter.name.partition("_")[0]
+
+
 def _cell(parameter: Parameter) -> str:
     """A value with its interval, or marked where only a combination is identified."""
-    scale = _SCALE[parameter.name.rpartition("_")[0]]
+    scale = _SHOWN[_kind(parameter)]
     if parameter.status != "identified":
         return f"~ {scale * parameter.value:.3g}"
     half = 50 * (parameter.high - parameter.low) / parameter.value

@@ -30,7 +30,10 @@ def arm():
         servo.forcelimited = 0
         joint = spec.joint(servo.target)
         joint.damping[:], joint.armature, joint.frictionloss = 0, ARMATURE, KP[k] * F[k]
-        joint.solimp_friction[:], joint.solref_friction[:] = [0.9999, 0.9999, 1e-3, 0.5, 2], [1e-3, 1]
+        joint.solimp_friction[:], joint.solref_friction[:] = (
+            [0.9999, 0.9999, 1e-3, 0.5, 2],
+            [1e-3, 1],
+        )
     return spec.compile()
 
 

@@ -1,0 +1,115 @@
+"""Servo parameters from logs of a real SO-101: how well they predict motions not seen.
+
+    python scripts/so101.py FOLDER   # with so101.xml and logs NAME.csv.gz
+
+Leaves one log out at a time: mean absolute error of open-loop simulations by MuJoCo of that log,
+driven by its targets alone, with the identified file and with the user's own. Then the same fit
+from other kp in the model file, and the agreement between disjoint halves of the logs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nsaid_mj.calibration.servos import (
+    ServoLogs,
+    identify_servos,
+    rollout,
+    servo_logs,
+    write_servo_mjcf,
+)
+
+HALVES = 10
+
+
+def main() -> None:
+    """Prints the three tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    files = sorted(folder.glob("*.csv.gz"))
+    given = servo_logs(folder / "so101.xml", files)
+    assert given is not None
+    identify_servos(given._replace(logs=given.logs[:1]))  # compiles
+    leave_one_out(given)
+    priors(folder / "so101.xml", files)
+    halves(given)
+
+
+def error(given: ServoLogs, path: Path, k: int, delay: ArrayLike = 0.0) -> np.ndarray:
+    """(n,) mean absolute errors of log k [mrad], by a file and the delays of its targets [s]."""
+    log = given.logs[k]
+    found = rollout(path, given.robot.joints, log, delay)
+    return 1e3 * np.abs(found - log.position).mean(axis=0)
+
+
+def leave_one_out(given: ServoLogs) -> None:
+    """The table of errors on logs that took no part in the fit."""
+    print("| log left out | " + " | ".join(given.robot.joints) + " | mean | file | CPU s |")
+    print("|" + "---|" * (len(given.robot.joints) + 4))
+    rows, late, before = [], [], []
+    for k, log in enumerate(given.logs):
+        rest = given._replace(logs=given.logs[:k] + given.logs[k + 1 :])
+        begin = time.process_time()
+        result = identify_servos(rest)
+        seconds = time.process_time() - begin
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "identified.xml")
+            write_servo_mjcf(result, path)
+            rows.append(error(given, path, k, [servo.delay for servo in result.servos]))
+            late.append(error(given, path, k))
+        assert given.robot.source is not None
+        before.append(error(given, given.robot.source, k))
+        cells = " | ".join(f"{x:.1f}" for x in [*rows[-1], rows[-1].mean(), before[-1].mean()])
+        print(f"| {log.source.partition('.')[0]} | {cells} | {seconds:.0f} |", flush=True)
+    cells = " | ".join(f"{x:.1f}" for x in [*np.mean(rows, axis=0), np.mean(rows), np.mean(before)])
+    print(f"| mean | {cells} | |")
+    print(f"\nwithout the delays: {np.mean(late):.1f} mrad in the mean")
+
+
+def priors(model: Path, files: list[Path]) -> None:
+    """Largest relative difference of any number between model files with other kp."""
+    found = []
+    for kp in (5, 48, 998.22):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "arm.xml")
+            path.write_text(model.read_text().replace('kp="998.22"', f'kp="{kp}"'))
+            given = servo_logs(path, files)
+            assert given is not None
+            found.append([p.value for p in identify_servos(given).parameters])
+    spread = np.ptp(np.log(found), axis=0).max()
+    print(f"\nkp 5, 48 and 998 in the file: numbers differ by {100 * spread:.2g} % at most")
+
+
+def halves(given: ServoLogs) -> None:
+    """How often 95 % intervals of disjoint halves overlap, and hold the other's value."""
+    rng, overlap, hold = np.random.default_rng(0), {}, {}
+    for _ in range(HALVES):
+        order = rng.permutation(len(given.logs))
+        parts = (order[: len(order) // 2], order[len(order) // 2 :])
+        results = [
+            identify_servos(given._replace(logs=tuple(given.logs[i] for i in part)))
+            for part in parts
+        ]
+        for a, b in zip(*(r.parameters for r in results), strict=True):
+            if "convention" in a.combination + b.combination:
+                continue
+            name = a.name.partition("_")[0]
+            overlap.setdefault(name, []).append(max(a.low, b.low) <= min(a.high, b.high))
+            hold.setdefault(name, []).append(
+                a.low <= b.value <= a.high and b.low <= a.value <= b.high
+            )
+    print(f"\n| of {HALVES} disjoint halves | " + " | ".join(overlap) + " |")
+    print("|" + "---|" * (len(overlap) + 1))
+    for words, found in (("intervals overlap", overlap), ("each holds the other's value", hold)):
+        print(f"| {words} | " + " | ".join(f"{np.mean(v):.2f}" for v in found.values()) + " |")
+
+
+if __name__ == "__main__":
+    main()
