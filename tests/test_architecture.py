@@ -328,7 +328,6 @@ def test_a_truth_object_is_made_only_after_a_run():
         "evaluation.truth",
         "evaluation.verify",
         "reporting.finish",
-        "reporting.warmup",
         "studies.compare",
         "studies.montecarlo",
         "studies.sweep_worker",

@@ -188,7 +188,6 @@ def _carry_out(
     title = title_of(name, default, scenario)
     from ..experiment.loop import Observer, run
     from ..reporting.progress import Progress
-    from ..reporting.warmup import warm_up
 
     watchers: list[Observer] = []
     if output.live:
@@ -203,9 +202,7 @@ def _carry_out(
         if given:
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
-        compiled = warm_up(scenario)
         result = run(scenario, folder, progress, *watchers)
-        result.cost.compile += compiled
         return title, result, _finish(result, progress.say, command), output
 
 

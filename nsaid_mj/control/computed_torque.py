@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..numerics.kernels import kernel
 from ..dynamics.forward import forward_work
 from ..parameters import Array
 from ..structure.arrays import AT_Q, CIRCLE, KIND, StructureArrays
@@ -34,14 +34,14 @@ class Tracking(NamedTuple):
     limit: Array
 
 
-@njit(cache=True)
+@kernel()
 def tracking_workspace(tracking):
     """Allocates the workspace of `computed_torque`, which every call overwrites."""
     n = tracking.limit.shape[0]
     return np.empty((n, 3)), np.empty(n), np.zeros(n), forward_work(tracking.structure, n)
 
 
-@njit(cache=True)
+@kernel()
 def computed_torque(tracking, t, q, v, workspace, u):
     """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
 

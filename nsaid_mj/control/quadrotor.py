@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 
+from ..numerics.kernels import kernel
 from ..bounds import Positive, config
 from ..errors import InvalidInput
 from ..numerics.spatial import cross, rotation
@@ -206,7 +206,7 @@ def _body_model(system: Quadrotor, theta: Array) -> _BodyModel:
     return _BodyModel(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
 
 
-@njit(cache=True)
+@kernel()
 def _mix(q, v, path, dt, sums, loops, model):
     """(4,) squared rotor speeds that track the path.
 
@@ -266,7 +266,7 @@ def _mix(q, v, path, dt, sums, loops, model):
     return np.minimum(squares, loops.most)
 
 
-@njit(cache=True)
+@kernel()
 def _bounded(x, most):
     """x (n,) clipped to ±most (n,)."""
     return np.minimum(np.maximum(x, -most), most)

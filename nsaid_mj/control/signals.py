@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from ..numerics.kernels import kernel
 from ..errors import InvalidInput
 from ..parameters import Array
 
@@ -26,7 +26,7 @@ class Series(NamedTuple):
     centre: Array
 
 
-@njit(cache=True)
+@kernel()
 def fourier(series, t, motion):
     """Writes position, velocity and acceleration at time t [s] into motion (n, 3)."""
     omega, coefficients, centre = series
@@ -145,7 +145,7 @@ class Multisine:
         return signal.reshape(*times.shape, -1)
 
 
-@njit(cache=True)
+@kernel()
 def _sines(t, omega, phase, amplitude, bound):
     """(k, channels) sums of sines at times t (k,), clipped."""
     channels, tones = omega.shape

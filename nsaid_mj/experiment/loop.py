@@ -24,7 +24,7 @@ from ..identifiers.base import Estimates
 from ..identifiers.faults import FaultEvent
 from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor, structural
-from ..numerics.kernels import clock, compile_seconds
+from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Plant, VisualMesh

@@ -243,7 +243,7 @@ def _accurate(law, start, eta, before, theta, scratch):
     return flat if law.instance_class is Flat else curved
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def stored(stiffness, theta):
     """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p,) or (p, p)."""
     total = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..numerics.kernels import kernel
 from ..dynamics.motions import stage, stage_room
 from ..numerics.linalg import copy_into, times_into
 from ..structure.compiled import FAST
@@ -13,14 +14,14 @@ from .metric import accurate, adapt, chart, enter, hold, leave, sound
 # -- one step --------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@kernel()
 def room(law, n, p):
     """Allocates the workspace of a step: start, stage z = (v̂, η), weighted sum, rate, θ̂, chart."""
     start, z, total, rate = np.zeros(n + p), np.zeros(n + p), np.zeros(n + p), np.zeros(n + p)
     return start, z, total, rate, np.zeros(p), chart(law)
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def begin(law, work, v_hat, theta_hat):
     """Initialises a step's workspace at v̂ (n,) and θ̂ (p,)."""
     start, z, total, _, theta, scratch = work
@@ -32,7 +33,7 @@ def begin(law, work, v_hat, theta_hat):
     copy_into(theta_hat, theta)
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def advance(law, work, v, a_hat, gradient, weight, reach):
     """Adds a stage's rates to the weighted sum; moves z and θ̂ to the next stage or the step's end.
 
@@ -68,7 +69,7 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 # -- along a log -----------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def follow(law, motion, v_hats, theta_hats, pivots, first):
     """Integrates (44, 45) along a motion of N samples.
 
@@ -90,7 +91,7 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
     return _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient)
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient):
     """Does what `follow` says, in its memory."""
     t, z, theta = motion.t, work[1], work[4]

@@ -9,12 +9,13 @@ from one pose to the other (the group's exponential map), as in Pinocchio's free
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from .kernels import kernel
 
 _SMALL = 1e-2  # angle below which three terms of the series are exact in double precision [rad]
 
 
-@njit(cache=True)
+@kernel()
 def cross(a, b):
     """a × b of two (3,) vectors."""
     return np.array(
@@ -22,7 +23,7 @@ def cross(a, b):
     )
 
 
-@njit(cache=True)
+@kernel()
 def rotation(quaternion):
     """(3, 3) matrix, body to world, of a unit quaternion (x, y, z, w)."""
     x, y, z, w = quaternion
@@ -35,7 +36,7 @@ def rotation(quaternion):
     )
 
 
-@njit(cache=True)
+@kernel()
 def rotate(quaternion, vector):
     """(3,) a vector in world axes, from its components in body axes (3,)."""
     x, y, z, w = quaternion
@@ -46,14 +47,14 @@ def rotate(quaternion, vector):
     )
 
 
-@njit(cache=True)
+@kernel()
 def unrotate(quaternion, vector):
     """(3,) a vector in body axes, from its components in world axes (3,)."""
     x, y, z, w = quaternion
     return rotate((-x, -y, -z, w), vector)
 
 
-@njit(cache=True)
+@kernel()
 def product(one, other):
     """(4,) the quaternion product one ⊗ other, normalised."""
     a, b = one[:3], other[:3]
@@ -63,7 +64,7 @@ def product(one, other):
     return q / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
 
 
-@njit(cache=True)
+@kernel()
 def quaternion_of(vector):
     """(4,) unit quaternion (x, y, z, w) of a rotation vector (3,) [rad]."""
     angle = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
@@ -75,7 +76,7 @@ def quaternion_of(vector):
     return q
 
 
-@njit(cache=True)
+@kernel()
 def rotation_vector(quaternion):
     """(3,) rotation vector [rad], at most π long, of a unit quaternion (x, y, z, w)."""
     q = -quaternion if quaternion[3] < 0 else quaternion
@@ -86,7 +87,7 @@ def rotation_vector(quaternion):
     return q[:3] * (2.0 / q[3] * (1 - square / 3 + square**2 / 5 - square**3 / 7))
 
 
-@njit(cache=True)
+@kernel()
 def pose_jacobian(q):
     """(7, 6) J of q̇ = J v at a pose q (7,): ṗ = R v, and half the quaternion times ω."""
     x, y, z, w = q[3:7]
@@ -96,7 +97,7 @@ def pose_jacobian(q):
     return J
 
 
-@njit(cache=True)
+@kernel()
 def bracket(group, a, b):
     """(n,) the Lie bracket [a, b] of two velocities whose first `group` components are a twist.
 
@@ -119,7 +120,7 @@ def bracket(group, a, b):
     return c
 
 
-@njit(cache=True)
+@kernel()
 def coadjoint(group, w, h):
     """(n,) ad_wᵀ h, which is −C w of a body with momentum h = M v (n,) and Fossen's skew C.
 

@@ -22,7 +22,7 @@ from ..experiment.loop import Observer, columns
 from ..experiment.scenario import Scenario
 from ..identifiers import State
 from ..log import Measurement
-from ..numerics.kernels import clock, on_compiling
+from ..numerics.stopwatch import clock, on_compiling
 from ..plants import Plant
 
 COMPILING = "compiling, once (about a minute)"

@@ -97,7 +97,8 @@ def _write_flow(group, dt, v, A, rates, x, F):
         vector,
         matrix,
         matrix,
-    )
+    ),
+    inner=True,
 )
 def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B):
     """Writes the state after a step with the command held, and its derivatives.

@@ -166,7 +166,6 @@ def provoke(fault: Fault, desk: Path) -> Ended:
     os.chdir(desk)
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("nsaid_mj.reporting.warmup.is_warm", lambda _: True)  # else it is struck
             fault.patch(patch)
             code, said = script(fault.scenario, "--out", folder, "--json")
     finally:

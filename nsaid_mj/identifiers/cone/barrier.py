@@ -12,12 +12,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 
+from ...numerics.kernels import boolean, i8, kernel, table, vector
 from ...numerics.linalg import cholesky
 from ...parameters import Array, Block, Indices, ParameterSpace
 
-compiled = njit(cache=True, error_model="numpy", _nrt=True)  # division by 0 gives inf or NaN
+compiled = kernel(error_model="numpy")  # division by 0 gives inf or NaN
 
 
 class Cone(NamedTuple):
@@ -45,6 +46,9 @@ class Cone(NamedTuple):
     links: Indices
     others: Indices
     degree: int
+
+
+CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)
 
 
 def cone_of(space: ParameterSpace) -> Cone:
@@ -102,7 +106,8 @@ _PSEUDO_INERTIA = [
 @compiled
 def tied(cone, block):
     """Whether a block has fewer parameters than its symmetric matrix has distinct entries."""
-    start, end, k, _, _ = cone.blocks[block]
+    row = cone.blocks[block]
+    start, end, k = row[0], row[1], row[2]
     return end - start < k * (k + 1) // 2
 
 
@@ -123,7 +128,8 @@ def coordinates(cone: Cone) -> Array:
 @compiled
 def matrix(cone, block, theta):
     """(k, k) lower triangle of a block's P at θ (p,)."""
-    start, _, k, first, last = cone.blocks[block]
+    row = cone.blocks[block]
+    start, k, first, last = row[0], row[2], row[3], row[4]
     P = np.empty((k, k))
     matrix_into(cone.entries[first:last], cone.values[first:last], start, theta[start:], P, k)
     return P
@@ -141,7 +147,9 @@ def matrix_into(entries, values, start, theta, P, k):
         P: (k, k) or larger; written.
         k: order of the matrix.
     """
-    P[:k, :k] = 0.0
+    for i in range(k):
+        for j in range(k):
+            P[i, j] = 0.0
     for e in range(entries.shape[0]):
         P[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2] - start]
 
@@ -149,7 +157,8 @@ def matrix_into(entries, values, start, theta, P, k):
 @compiled
 def read(cone, block, P, pairing, theta):
     """Writes a block's parameters in θ (p,) from the lower triangle of its P (k, k)."""
-    start, end, _, first, last = cone.blocks[block]
+    row = cone.blocks[block]
+    start, end, first, last = row[0], row[1], row[3], row[4]
     own = cone.entries[first:last]
     read_into(own, pairing[first:last], start, P, theta[start:end])
 
@@ -165,7 +174,8 @@ def read_into(entries, pairing, start, P, theta):
         P: (k, k) or larger.
         theta: the block's parameters; written.
     """
-    theta[:] = 0.0
+    for e in range(entries.shape[0]):
+        theta[entries[e, 2] - start] = 0.0
     for e in range(entries.shape[0]):
         theta[entries[e, 2] - start] += pairing[e] * P[entries[e, 0], entries[e, 1]]
 
@@ -175,7 +185,9 @@ def factor(cone, block, theta):
     """(k, k) Cholesky factor of a block's P at θ (p,); NaN if P is not positive definite."""
     L = matrix(cone, block, theta)
     if not cholesky(L, L) > 0:
-        L[:] = np.nan
+        for i in range(L.shape[0]):
+            for j in range(L.shape[0]):
+                L[i, j] = np.nan
     return L
 
 
@@ -210,7 +222,7 @@ def inverse_into(L, X, S, k):
             S[i, j] = S[j, i] = total
 
 
-@compiled
+@kernel(boolean(CONE, vector), _nrt=True)
 def inside(cone, theta):
     """Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite."""
     for j in cone.positive:
@@ -221,7 +233,8 @@ def inside(cone, theta):
         k = max(k, cone.blocks[block, 2])
     L = np.empty((k, k))
     for block in range(cone.blocks.shape[0]):
-        start, end, k, first, last = cone.blocks[block]
+        row = cone.blocks[block]
+        start, end, k, first, last = row[0], row[1], row[2], row[3], row[4]
         own = cone.entries[first:last]
         matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
         factor_in_place(L, k)
@@ -250,10 +263,11 @@ def barrier(cone, theta):
 @compiled
 def block_gradient(cone, block, S, gradient):
     """Writes a block's part −tr(P⁻¹E_l) of ∇b into gradient (p,), from S = P⁻¹."""
-    start, end, _, first, last = cone.blocks[block]
-    gradient[start:end] = 0.0
-    for e in range(first, last):
-        i, j, at = cone.entries[e]
+    row = cone.blocks[block]
+    for i in range(row[0], row[1]):
+        gradient[i] = 0.0
+    for e in range(row[3], row[4]):
+        i, j, at = cone.entries[e, 0], cone.entries[e, 1], cone.entries[e, 2]
         gradient[at] -= cone.weights[e] * S[i, j]
 
 
@@ -295,7 +309,9 @@ def hessian_into(entries, weights, start, S, hessian, c):
         hessian: (c, c) or larger; written.
         c: number of the block's parameters.
     """
-    hessian[:c, :c] = 0.0
+    for i in range(c):
+        for j in range(c):
+            hessian[i, j] = 0.0
     for e in range(entries.shape[0]):
         a, b, row = entries[e, 0], entries[e, 1], entries[e, 2] - start
         for f in range(entries.shape[0]):
@@ -320,7 +336,8 @@ def gradient_and_hessian(cone, theta):
     for block in range(cone.blocks.shape[0]):
         S = inverse(factor(cone, block, theta))
         block_gradient(cone, block, S, gradient)
-        start, end, _, first, last = cone.blocks[block]
+        row = cone.blocks[block]
+        start, end, first, last = row[0], row[1], row[3], row[4]
         entries, weights = cone.entries[first:last], cone.weights[first:last]
         part, c = hessian[start:end, start:end], end - start
         hessian_into(entries, weights, start, S, part, c)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ...numerics.kernels import kernel
 from ...log import Log
 from ...parameters import Array
 from ...system import SecondOrderSystem
@@ -68,7 +68,7 @@ class FedBack(NamedTuple):
         return (self.together / np.sqrt(safe)).T
 
 
-@njit(cache=True)
+@kernel()
 def _add(increments, pending, together, variance, seen, steps, u):
     """Updates the covariance by the steps (k, 2n) that follow commands (k, n_u), in place."""
     number, width = steps.shape[1], pending.shape[0]

@@ -15,8 +15,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ...numerics.kernels import kernel
 from ...log import Log, Measurement, Middle, SensorLevels
 from ...parameters import Array
 from ...system import SecondOrderSystem
@@ -160,7 +160,7 @@ class Rows:
         return balance._replace(filtered=filtered, pending=pending), middle._replace(v=v)
 
 
-@njit(cache=True)
+@kernel()
 def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, made):
     """Integrates z by Simpson's rule and averages Y over blocks, in place.
 

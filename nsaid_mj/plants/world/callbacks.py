@@ -83,8 +83,7 @@ def c_function(name: str, *parameters: Any) -> Any:
     return types.ExternalFunction(name, types.void(*parameters))
 
 
-@intrinsic
-def pointer(_: Any, address: Any) -> Any:
+def _pointer(_: Any, address: Any) -> Any:
     """An address as the pointer that `carray` takes, in compiled code."""
 
     def convert(_: Any, builder: Any, __: Any, given: Any) -> Any:
@@ -92,6 +91,8 @@ def pointer(_: Any, address: Any) -> Any:
 
     return types.voidptr(address), convert
 
+
+pointer: Any = intrinsic(_pointer)
 
 _in_use = False  # set also by plants without a callback: another plant's would act on them
 
@@ -108,7 +109,7 @@ def installed(passive: Any | None) -> Iterator[None]:
         raise RuntimeError("another plant is running in this process; run plants one after another")
     _in_use = True
     try:
-        mujoco.set_mjcb_passive(passive.ctypes if passive is not None else None)
+        mujoco.set_mjcb_passive(passive)
         yield
     finally:
         mujoco.set_mjcb_passive(None)

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
 
+from ...numerics.kernels import kernel
 from ...numerics.spatial import cross, quaternion_of, rotate, rotation, rotation_vector, unrotate
 from ...parameters import Array, Indices
 
@@ -46,7 +46,7 @@ def reading_of(
     return Reading(6 if free else 0, np.array(free or (-1, -1)), joints)
 
 
-@njit(cache=True)
+@kernel()
 def read_coordinates(reading, qpos, qvel, numbers, velocity):
     """Writes position numbers (n,) and velocities (n,) from MuJoCo's qpos and qvel."""
     first = 0
@@ -67,7 +67,7 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
         velocity[0], velocity[1] = c * x + s * y, c * y - s * x
 
 
-@njit(cache=True)
+@kernel()
 def write_position(reading, numbers, q):
     """Writes q (m,) from position numbers (n,), as `JointTree` and `StructuredSystem` define it."""
     first = 0
@@ -313,7 +313,7 @@ class LevelMap:
         data.qvel[self.pose.dof] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]
 
 
-@njit(cache=True)
+@kernel()
 def _seen_from_above(pose, qvel):
     """Position and velocity as `LevelMap.read` returns them, from qpos (7,) and qvel (6,)."""
     attitude = (pose[4], pose[5], pose[6], pose[3])

@@ -14,12 +14,13 @@ acts through F only: MuJoCo's actuators have zero gain.
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, cfunc, njit, types
+from numba import carray, njit, types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
@@ -29,7 +30,7 @@ from ...structure.compiled import (
     FAST,
     STRUCTURE,
     WORKSPACE,
-    Kernel,
+    kernel,
     matrix,
     table,
     vector,
@@ -167,7 +168,7 @@ class _Memory(NamedTuple):
     on_ground: Array
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def _into_base(d, R, v, sign):
     """Adds the flow times a sign to the base's velocity in v (n,), and turns it into its axes."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -177,7 +178,7 @@ def _into_base(d, R, v, sign):
         v[i] = R[i] * x + R[3 + i] * y + R[6 + i] * z
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def _into_world(d, R, x):
     """Turns the base's linear part of a force x (n,) from its axes into the world's."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -187,7 +188,7 @@ def _into_world(d, R, x):
             x[i] = R[3 * i] * a + R[3 * i + 1] * b + R[3 * i + 2] * c
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def _read(d, dofs, qpos, qvel, own):
     """Writes q, both velocities and the base's axes, from MuJoCo's state."""
     q, v, R, free = own.q, own.v, own.R, 6 if d[_GROUP] == 6 else 0
@@ -210,7 +211,7 @@ def _read(d, dofs, qpos, qvel, own):
     _into_base(d, R, own.ground, 0.0)
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def _push(d, dofs, work, own):
     """Overwrites F θ − C_A v_r by M q̈ + bias, both of the base in the world's axes.
 
@@ -296,12 +297,9 @@ def _memory(d):
 _MEMORY = types.NamedTuple((*(vector,) * 6, matrix, matrix, vector, vector), _Memory)
 
 
-@partial(
-    Kernel,
-    signature=void(
-        vector, STRUCTURE, WORKSPACE, _MEMORY, table, vector, vector, vector, vector
-    ),
-)  # fmt: skip
+@kernel(
+    void(vector, STRUCTURE, WORKSPACE, _MEMORY, table, vector, vector, vector, vector), inner=True
+)
 def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     _read(d, dofs, qpos, qvel, own)
@@ -319,7 +317,7 @@ def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
 
 
-@partial(Kernel, signature=void(vector, WORKSPACE, _MEMORY, table, vector))
+@kernel(void(vector, WORKSPACE, _MEMORY, table, vector), inner=True)
 def _end(d, work, own, dofs, passive):
     """Adds the forces in the world's axes to MuJoCo's."""
     if d[_ADDED] > 0:
@@ -333,14 +331,12 @@ def _end(d, work, own, dofs, passive):
 @cache
 def column_forces() -> Any:
     """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive."""
-    for made in (_begin, _end):
-        made.load()
     offsets = field_offsets()
     at_q, at_v, at_ctrl, at_act, at_force, at_user = (
         offsets[name] for name in ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata")
     )
 
-    @cfunc(types.void(types.uintp, ARRAYS), cache=True)
+    @kernel(void(types.uintp, ARRAYS), inner=True, no_cfunc_wrapper=False, _nrt=True)
     def passive(model, data):
         arrays: Any = carray(data, (WORDS,))
         d = carray(arrays[at_user], (int(carray(arrays[at_user], (1,))[0]),))
@@ -358,4 +354,4 @@ def column_forces() -> Any:
             _rne(model, address, np.int32(0), own.bias.ctypes.data)
         _end(d, work, own, dofs, carray(arrays[at_force], (WORDS,)))
 
-    return passive
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback())

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ...numerics.kernels import kernel
 from ...bounds import Config, NonNegative, config
 from ...log import SensorLevels
 from ...parameters import Array
@@ -64,7 +64,7 @@ class Errors(NamedTuple):
     normal: Array
 
 
-@njit(cache=True)
+@kernel()
 def add_errors(errors, k, position, velocity):
     """Adds the k-th errors to a true position (n,) and velocity (n,) in place.
 

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from ...numerics.kernels import kernel
 from ...control.computed_torque import Tracking, computed_torque, tracking_workspace
 from ...log import Log
 from ...parameters import Array
@@ -78,7 +79,7 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
     return play(world, reading, errors, log)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def play(world, reading, errors, log):
     """Open loop: simulates with the commands in the log. Returns the number of rows written."""
     numbers = np.empty(log.v.shape[1])
@@ -90,7 +91,7 @@ def play(world, reading, errors, log):
     return log.t.shape[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def track(tracking, world, reading, errors, log):
     """Closed loop with `computed_torque`. Returns the number of rows written."""
     numbers, workspace = np.empty(log.v.shape[1]), tracking_workspace(tracking)
@@ -103,7 +104,7 @@ def track(tracking, world, reading, errors, log):
     return log.t.shape[0]
 
 
-@njit(cache=True)
+@kernel()
 def _advance(world, reading, errors, k, command, numbers, q, v):
     """Advances by one time step with a command, and writes a measurement with the k-th errors."""
     for i in range(command.shape[0]):
@@ -115,7 +116,7 @@ def _advance(world, reading, errors, k, command, numbers, q, v):
     write_position(reading, numbers, q)
 
 
-@njit(cache=True)
+@kernel()
 def sound(warnings, q, v, u):
     """Whether all counts in `warnings` are 0 and q, v and u are finite."""
     total = 0.0
