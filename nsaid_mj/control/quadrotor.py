@@ -13,9 +13,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from ..numerics.kernels import kernel
 from ..bounds import Positive, config
 from ..errors import InvalidInput
+from ..numerics.kernels import kernel
 from ..numerics.spatial import cross, rotation
 from ..parameters import Array
 from ..system import SecondOrderSystem

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..numerics.kernels import kernel
 from ..dynamics.motions import stage, stage_room
+from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
 from ..structure.compiled import FAST
 from .metric import accurate, adapt, chart, enter, hold, leave, sound

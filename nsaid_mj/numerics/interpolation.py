@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from .kernels import kernel
 from .spatial import bracket
 

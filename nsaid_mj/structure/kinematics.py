@@ -121,7 +121,7 @@ def _move(bodies, joints, b, v, state):
         add_turned(state, frame + TWIST, state, axis, 1.0, state, axis + RATE)
 
 
-@kernel(void(STRUCTURE, vector, vector, vector), inner=True)
+@kernel(void(STRUCTURE, vector, vector, vector))
 def place(structure, q, v, state):
     """Writes the state at q (m,) and v (n,).
 

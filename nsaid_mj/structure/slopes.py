@@ -352,7 +352,10 @@ def _add_loads(structure, q, v, theta, work, slopes):
                 slopes.by_state[bodies[b, AT_V], i] -= gain * (force - here) / STEP
 
 
-@kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix), inner=True)
+@kernel(
+    f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix),
+    inner=True,
+)
 def linearise(structure, q, v, u, theta, scale, work, slopes, a, B):
     """Writes v̇ and its derivatives; returns M's smallest pivot, > 0 if it succeeded.
 

@@ -318,7 +318,9 @@ def _add_square_gradient(structure, b, state, ground, motion, own, x, gradient):
             gradient[entries[e, 2]] += values[e] * power
 
 
-@kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector, vector), inner=True)
+@kernel(
+    f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector, vector), inner=True
+)
 def stage(structure, state, v, F, w, theta, work, a, gradient):
     """Writes â of (29) into a (n,) and Wᵀ Δv into gradient (p,); returns M̂'s smallest pivot.
 

@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ...numerics.kernels import kernel
 from ...identifiers.metric import Metric, adapt, chart, enter, hold, leave, sound
+from ...numerics.kernels import kernel
 from ...numerics.linalg import copy_into
 from ...parameters import Array
 

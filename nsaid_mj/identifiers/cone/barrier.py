@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from ...numerics.kernels import boolean, i8, kernel, table, vector
+from ...numerics.kernels import boolean, f8, i8, kernel, table, vector, void
+from ...numerics.kernels import matrix as matrix_type
 from ...numerics.linalg import cholesky
 from ...parameters import Array, Block, Indices, ParameterSpace
 
@@ -125,6 +126,23 @@ def coordinates(cone: Cone) -> Array:
     return pairing
 
 
+def block_matrix(cone: Cone, block: int, theta: Array) -> Array:
+    """(k, k) lower triangle of a block's P at θ (p,); uncompiled, for a few calls."""
+    _, _, k, first, last = cone.blocks[block]
+    i, j, at = cone.entries[first:last].T
+    P = np.zeros((k, k))
+    np.add.at(P, (i, j), cone.values[first:last] * theta[at])
+    return P
+
+
+def read_block(cone: Cone, block: int, P: Array, pairing: Array, theta: Array) -> None:
+    """Writes a block's parameters in θ (p,) from the lower triangle of its P (k, k); uncompiled."""
+    start, end, _, first, last = cone.blocks[block]
+    i, j, at = cone.entries[first:last].T
+    theta[start:end] = 0.0
+    np.add.at(theta, at, pairing[first:last] * P[i, j])
+
+
 @compiled
 def matrix(cone, block, theta):
     """(k, k) lower triangle of a block's P at θ (p,)."""
@@ -192,6 +210,17 @@ def factor(cone, block, theta):
 
 
 @compiled
+def factor_into(cone, block, theta, L):
+    """Writes a block's factor, as `factor_in_place` leaves it, into L (k, k) or larger."""
+    row = cone.blocks[block]
+    first, last = row[3], row[4]
+    matrix_into(
+        cone.entries[first:last], cone.values[first:last], row[0], theta[row[0] :], L, row[2]
+    )
+    factor_in_place(L, row[2])
+
+
+@compiled
 def inverse(L):
     """(k, k) P⁻¹ for P = L Lᵀ."""
     X, S = L.copy(), np.empty(L.shape)
@@ -233,31 +262,36 @@ def inside(cone, theta):
         k = max(k, cone.blocks[block, 2])
     L = np.empty((k, k))
     for block in range(cone.blocks.shape[0]):
-        row = cone.blocks[block]
-        start, end, k, first, last = row[0], row[1], row[2], row[3], row[4]
-        own = cone.entries[first:last]
-        matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
-        factor_in_place(L, k)
+        factor_into(cone, block, theta, L)
+        k = cone.blocks[block, 2]
         if not L[k - 1, k - 1] < np.inf:
             return False
     return True
 
 
-@compiled
-def barrier(cone, theta):
-    """b(θ) at θ (p,); infinite outside the cone."""
-    total = 0.0
+@kernel(f8(CONE, vector), _nrt=True)
+def _barrier(cone, theta):
+    total, k = 0.0, 0
     for j in cone.positive:
         if not theta[j] > 0:
             return np.inf
         total -= np.log(theta[j])
     for block in range(cone.blocks.shape[0]):
-        L = factor(cone, block, theta)
-        if np.isnan(L[0, 0]):
+        k = max(k, cone.blocks[block, 2])
+    L = np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        factor_into(cone, block, theta, L)
+        k = cone.blocks[block, 2]
+        if not L[k - 1, k - 1] < np.inf:  # what follows a pivot that is not > 0 is NaN
             return np.inf
-        for i in range(L.shape[0]):
-            total -= 2 * np.log(L[i, i])
+        for i in range(k):
+            total += 2 * np.log(L[i, i])
     return total
+
+
+def barrier(cone: Cone, theta: Array) -> float:
+    """b(θ) at θ (p,); infinite outside the cone."""
+    return _barrier(cone, np.array(theta, dtype=np.float64))
 
 
 @compiled
@@ -271,29 +305,35 @@ def block_gradient(cone, block, S, gradient):
         gradient[at] -= cone.weights[e] * S[i, j]
 
 
-@compiled
-def barriers(cone, thetas):
-    """(N,) b at N points θ (N, p)."""
-    found = np.empty(thetas.shape[0])
+@kernel(void(CONE, matrix_type, vector))
+def _barriers(cone, thetas, found):
     for k in range(thetas.shape[0]):
-        found[k] = barrier(cone, thetas[k])
+        found[k] = _barrier(cone, thetas[k])
+
+
+def barriers(cone: Cone, thetas: Array) -> Array:
+    """(N,) b at N points θ (N, p)."""
+    found = np.empty(len(thetas))
+    _barriers(cone, np.array(thetas, dtype=np.float64), found)
     return found
 
 
-@compiled
-def gaps(cone, theta, thetas):
-    """(N,) Bregman divergences b(θ) − b(θ̂) − ∇b(θ̂)·(θ − θ̂) of N points θ̂ (N, p) from θ (p,)."""
-    own, gradient = barrier(cone, theta), np.zeros(theta.shape[0])
-    found = np.empty(thetas.shape[0])
+@kernel(void(CONE, vector, matrix_type, vector, vector), _nrt=True)
+def _gaps(cone, theta, thetas, gradient, found):
+    own = _barrier(cone, theta)
+    nothing = np.empty((0, 0))
     for k in range(thetas.shape[0]):
         estimate = thetas[k]
-        for j in cone.positive:
-            gradient[j] = -1 / estimate[j] if estimate[j] > 0 else np.nan
-        for block in range(cone.blocks.shape[0]):
-            block_gradient(cone, block, inverse(factor(cone, block, estimate)), gradient)
-        found[k] = own - barrier(cone, estimate)
+        _differentiate(cone, estimate, gradient, nothing)
+        found[k] = own - _barrier(cone, estimate)
         for i in range(theta.shape[0]):
             found[k] -= gradient[i] * (theta[i] - estimate[i])
+
+
+def gaps(cone: Cone, theta: Array, thetas: Array) -> Array:
+    """(N,) Bregman divergences b(θ) − b(θ̂) − ∇b(θ̂)·(θ − θ̂) of N points θ̂ (N, p) from θ (p,)."""
+    found, points = np.empty(len(thetas)), np.array(thetas, dtype=np.float64)
+    _gaps(cone, np.array(theta, dtype=np.float64), points, np.zeros(len(theta)), found)
     return found
 
 
@@ -322,28 +362,40 @@ def hessian_into(entries, weights, start, S, hessian, c):
             hessian[row, column] += weight * (S[a, i] * S[b, j] + S[a, j] * S[b, i])
 
 
-@compiled
-def gradient_and_hessian(cone, theta):
+@kernel(void(CONE, vector, vector, matrix_type), _nrt=True)
+def _differentiate(cone, theta, gradient, hessian):
+    """Writes ∇b, and ∇²b if `hessian` is (p, p) and not (0, 0); both were 0 before."""
+    k, whole = 0, hessian.shape[0] > 0
+    for j in cone.positive:
+        own = 1 / theta[j] if theta[j] > 0 else np.nan
+        gradient[j] = -own
+        if whole:
+            hessian[j, j] = own * own
+    for block in range(cone.blocks.shape[0]):
+        k = max(k, cone.blocks[block, 2])
+    L, S = np.empty((k, k)), np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        row = cone.blocks[block]
+        start, c, first, last = row[0], row[1] - row[0], row[3], row[4]
+        factor_into(cone, block, theta, L)
+        inverse_into(L, L, S, row[2])
+        block_gradient(cone, block, S, gradient)
+        if whole:
+            entries, weights = cone.entries[first:last], cone.weights[first:last]
+            part = hessian[start : row[1], start : row[1]]
+            hessian_into(entries, weights, start, S, part, c)
+            for i in range(c):
+                for j in range(i):
+                    part[j, i] = part[i, j]
+
+
+def gradient_and_hessian(cone: Cone, theta: Array) -> tuple[Array, Array]:
     """∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
 
     Their entries are −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m).
     """
-    p = theta.shape[0]
-    gradient, hessian = np.zeros(p), np.zeros((p, p))
-    for j in cone.positive:
-        own = 1 / theta[j] if theta[j] > 0 else np.nan
-        gradient[j], hessian[j, j] = -own, own * own
-    for block in range(cone.blocks.shape[0]):
-        S = inverse(factor(cone, block, theta))
-        block_gradient(cone, block, S, gradient)
-        row = cone.blocks[block]
-        start, end, first, last = row[0], row[1], row[3], row[4]
-        entries, weights = cone.entries[first:last], cone.weights[first:last]
-        part, c = hessian[start:end, start:end], end - start
-        hessian_into(entries, weights, start, S, part, c)
-        for i in range(c):
-            for j in range(i):
-                part[j, i] = part[i, j]
+    gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+    _differentiate(cone, np.array(theta, dtype=np.float64), gradient, hessian)
     return gradient, hessian
 
 
@@ -384,7 +436,11 @@ def metric_solve(cone, theta, stiffness, mu, gradient):
         mu: weight μ of the barrier.
         gradient: (p,) the gradient.
     """
-    metric, x = stiffness + mu * gradient_and_hessian(cone, theta)[1], gradient.copy()
+    metric, x = np.zeros(stiffness.shape), gradient.copy()
+    _differentiate(cone, theta, np.zeros(x.shape), metric)
+    for i in range(x.shape[0]):
+        for j in range(x.shape[0]):
+            metric[i, j] = stiffness[i, j] + mu * metric[i, j]
     factor_in_place(metric, x.shape[0])
     solve_in_place(metric, x, x.shape[0])
     return x

@@ -28,8 +28,7 @@ from numba import types
 
 from ...numerics.linalg import cholesky, multiply, transpose
 from ...parameters import Array
-from ...structure import arrays as layout
-from ...structure.arrays import Slopes, StructureArrays, Workspace
+from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
 from ...structure.compiled import (
     SLOPES,
     STRUCTURE,
@@ -212,16 +211,12 @@ class Memory(NamedTuple):
     @staticmethod
     def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:
         """For a structure with n velocities, m positions and p parameters."""
-        bodies, terms, nonzeros = (
-            len(part) for part in (structure.bodies, structure.terms, structure.nonzeros)
-        )
         sizes = (
             m, m, n, (2 * n, 3 * n), (3 * n, 2 * n), (n, p), (p, n), (3 * n, p), (3 * n, n),
             (3 * n, 3 * n), (2 * n, 3 * n), (2 * n, 2 * n), (2 * n, 2 * n), (2 * n, 2 * n),
             (2 * n, p), 2 * n, 2 * n, 2 * n, p, p, p, (p, p),
         )  # fmt: skip
-        stage, slopes = layout.workspace(bodies, n), layout.slopes(bodies, n, terms, nonzeros)
-        return Memory(stage, slopes, *(np.zeros(size) for size in sizes))
+        return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
 
 
 LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector), Law)

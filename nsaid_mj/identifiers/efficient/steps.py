@@ -6,8 +6,16 @@ import numpy as np
 
 from ...numerics.kernels import boolean, f8, i8, kernel, matrix, routine, vector, void
 from ...parameters import Array
-from ..cone.barrier import CONE, Cone, coordinates, inside, matrix_into, read, tied
-from ..cone.barrier import matrix as matrix_of
+from ..cone.barrier import (
+    CONE,
+    Cone,
+    block_matrix,
+    coordinates,
+    inside,
+    matrix_into,
+    read_block,
+    tied,
+)
 
 _MARGIN = 1e-6  # distance of θ̂ from the cone's boundary, relative to the scale of θ
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
@@ -25,11 +33,11 @@ def margin_of(cone: Cone, scale: Array) -> Array:
     margin[cone.positive] = _MARGIN * scale[cone.positive]
     for block, (*_, first, last) in enumerate(cone.blocks):
         i, j, at = cone.entries[first:last].T
-        if tied(cone, block):
+        if tied.py_func(cone, block):  # uncompiled: a few numbers, once
             margin[at[i == j]] = _MARGIN * scale[at[i == j]]
         else:
-            diagonal = np.abs(matrix_of(cone, block, scale).diagonal())
-            read(cone, block, _MARGIN * np.diag(diagonal), pairing, margin)
+            diagonal = np.abs(block_matrix(cone, block, scale).diagonal())
+            read_block(cone, block, _MARGIN * np.diag(diagonal), pairing, margin)
     return margin
 
 
@@ -84,9 +92,7 @@ def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state):
         state[k] += own * missing / variance
 
 
-@kernel(
-    void(CONE, vector, vector, vector, vector, matrix, matrix, vector, vector), _nrt=True
-)
+@kernel(void(CONE, vector, vector, vector, vector, matrix, matrix, vector, vector), _nrt=True)
 def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
     """Projects θ̂ (p,) into the cone, by half-spaces that contain it, in the metric P⁻¹.
 

@@ -30,8 +30,10 @@ from ...structure.compiled import (
     FAST,
     STRUCTURE,
     WORKSPACE,
+    i8,
     kernel,
     matrix,
+    routine,
     table,
     vector,
     void,
@@ -249,33 +251,36 @@ def _push(d, dofs, work, own):
         force[i] = L[0, i]
 
 
-@njit(inline="always")
+_MEMORY = types.NamedTuple((*(vector,) * 6, matrix, matrix, vector, vector), _Memory)
+
+
+@routine(types.voidptr(vector, i8), _nrt=True)
 def _at(d, k):
     """Address of part k of the userdata d."""
     return pointer(d.ctypes.data + 8 * int(d[_LAYOUT + 3 * k]))
 
 
-@njit(inline="always")
+@routine(types.UniTuple(i8, 2)(vector, i8), _nrt=True)
 def _shape(d, k):
     return int(d[_LAYOUT + 3 * k + 1]), int(d[_LAYOUT + 3 * k + 2])
 
 
-@njit(inline="always")
+@routine(vector(vector, i8), _nrt=True)
 def _vector(d, k):
     return carray(_at(d, k), (int(d[_LAYOUT + 3 * k + 1]),), np.float64)
 
 
-@njit(inline="always")
+@routine(matrix(vector, i8), _nrt=True)
 def _matrix(d, k):
     return carray(_at(d, k), _shape(d, k), np.float64)
 
 
-@njit(inline="always")
+@routine(table(vector, i8), _nrt=True)
 def _table(d, k):
     return carray(_at(d, k), _shape(d, k), np.int64)
 
 
-@njit(inline="always")
+@routine(WORKSPACE(vector), _nrt=True)
 def _workspace(d):
     """The memory of a stage."""
     return Workspace(
@@ -284,7 +289,7 @@ def _workspace(d):
     )  # fmt: skip
 
 
-@njit(inline="always")
+@routine(_MEMORY(vector), _nrt=True)
 def _memory(d):
     """The callback's own memory."""
     return _Memory(
@@ -292,9 +297,6 @@ def _memory(d):
         _vector(d, _OWN + 4), _vector(d, _OWN + 5), _matrix(d, _OWN + 6),
         _matrix(d, _OWN + 7), _vector(d, _OWN + 8), _vector(d, _OWN + 9),
     )  # fmt: skip
-
-
-_MEMORY = types.NamedTuple((*(vector,) * 6, matrix, matrix, vector, vector), _Memory)
 
 
 @kernel(
