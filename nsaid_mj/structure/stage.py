@@ -225,7 +225,7 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
-@helper(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
+@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector), inner=True)
 def write_equations(structure, state, w, theta, work, force):
     """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
     bodies, rotors = structure.bodies, structure.rotors

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from ...identifiers.cone.barrier import inside
 from ...identifiers.metric import Metric, adapt, chart, enter, hold, leave, sound
 from ...numerics.kernels import kernel
 from ...numerics.linalg import copy_into
@@ -111,7 +112,7 @@ def begin(law, work, theta, eta):
     enter(law, theta, eta, work[4])
 
 
-@kernel()
+@kernel(None, inside)
 def descend(law, work, slope, step, eta, theta, moved):
     """A step of Heun's method in the chart; returns whether θ̂ is still inside its domain.
 
