@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..dynamics.motions import stage, stage_room
+from ..dynamics.motions import STAGES, stage, stage_room
 from ..numerics.kernels import kernel
-from ..numerics.linalg import copy_into, solve_positive, times_into
+from ..numerics.linalg import copy_into, times_into
 from ..structure.compiled import FAST
-from ..structure.stage import stage as structure_stage
-from .cone.barrier import inside
-from .metric import accurate, adapt, chart, enter, hold, leave, sound
+from .metric import CHARTS, accurate, adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
 
@@ -71,7 +69,7 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 # -- along a log -----------------------------------------------------------------------------------
 
 
-@kernel(None, structure_stage, solve_positive, inside)
+@kernel(None, *STAGES, *CHARTS)
 def follow(law, motion, v_hats, theta_hats, pivots, first):
     """Integrates (44, 45) along a motion of N samples.
 
