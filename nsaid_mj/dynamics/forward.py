@@ -10,12 +10,8 @@ import numpy as np
 from numba import njit
 
 from ..numerics.kernels import kernel
-from ..structure.arrays import SCRATCH, slopes, workspace
-from ..structure.forces import ALL, write_forces
-from ..structure.kinematics import place
-from ..structure.poses import difference, integrate
+from ..structure.arrays import slopes, workspace
 from ..structure.slopes import linearise as write_derivatives
-from ..structure.stage import accelerate
 from ..structure.transition import step
 
 _workspace, _slopes = njit(workspace), njit(slopes)
@@ -39,15 +35,6 @@ def transition_work(structure, n, m, p):
     """Allocates the workspace of `transition`."""
     own, rates, flow = forward_work(structure, n), np.empty((1, n)), np.empty((2 * n, 3 * n))
     return own, np.empty(m), np.empty((n, p)), rates, flow
-
-
-@kernel()
-def write_acceleration(structure, q, v, u, theta, work, a):
-    """Writes v̇ alone; arguments and result are those of `linearise`."""
-    stage, slopes = work
-    place(structure, q, v, slopes.state)
-    write_forces(structure, slopes.state, q, v, u, ALL, stage.scratch, slopes.F)
-    return accelerate(structure, slopes.state, slopes.F, v, theta.copy(), stage, a)
 
 
 @kernel()
@@ -97,15 +84,3 @@ def transition(structure, q, v, u, dt, theta, scale, work, q1, v1):
     own, size = theta.copy(), scale.copy()
     pivot = step(structure, q, v, u, dt, own, size, stage, slopes, at, q1, v1, F, B)
     return pivot, F, B
-
-
-@kernel()
-def integrate_into(structure, q, step, out):
-    """Writes the position reached from q (m,) by a tangent step (n,) into out (m,)."""
-    integrate(structure.bodies, q, step, out, np.empty(SCRATCH))
-
-
-@kernel()
-def difference_into(structure, q0, q1, out):
-    """Writes the tangent step from position q0 to q1 into out (n,)."""
-    difference(structure.bodies, q0, q1, out, np.empty(SCRATCH))
