@@ -211,13 +211,17 @@ def factor(cone, block, theta):
 
 @compiled
 def factor_into(cone, block, theta, L):
-    """Writes a block's factor, as `factor_in_place` leaves it, into L (k, k) or larger."""
+    """Writes a block's factor, as `factor_in_place` leaves it, into L (k, k); NaN if P is not ≻ 0."""
     row = cone.blocks[block]
     first, last = row[3], row[4]
     matrix_into(
         cone.entries[first:last], cone.values[first:last], row[0], theta[row[0] :], L, row[2]
     )
     factor_in_place(L, row[2])
+    if not L[row[2] - 1, row[2] - 1] < np.inf:  # what follows a pivot < 0 is NaN
+        for i in range(row[2]):
+            for j in range(row[2]):
+                L[i, j] = np.nan
 
 
 @compiled
