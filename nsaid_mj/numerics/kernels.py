@@ -32,7 +32,7 @@ except ImportError:  # not on Windows
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
 vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
 
-FAST: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 """Division by 0 gives inf or NaN, as in numpy, and numba compiles no error messages. Without `_nrt`
 it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
 SIGNATURES: dict[Any, Any] = {}
@@ -52,7 +52,7 @@ def routine(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], An
 
 def _part(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     def mark(function: Callable[..., Any]) -> Any:
-        made = njit(**(FAST | options), no_cpython_wrapper=True)(function)
+        made: Any = njit(**(FAST | options), no_cpython_wrapper=True)(function)
         SIGNATURES[made] = signature
         return made
 
@@ -90,9 +90,9 @@ class Kernel:
         inner: bool = False,
         **options: Any,
     ):
-        options = {"nogil": True} | (FAST if signature is not None else {}) | options
-        self.function: Any = njit(cache=True, no_cpython_wrapper=inner, **options)(function)
-        self.part = njit(**options)(function)
+        given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
+        self.function: Any = njit(cache=True, no_cpython_wrapper=inner, **given)(function)
+        self.part = njit(**given)(function)
         self._called = njit(lambda *x: self(*x)) if inner else self.function  # noqa: PLW0108
         self.signature, self.py_func, self._calls, self._loaded = signature, function, calls, False
         self.symbol = f"{function.__module__}.{function.__name__}"
