@@ -12,7 +12,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, cast
 
 from llvmlite import binding as llvm
 from numba import config, njit, typeof, types
@@ -37,7 +37,7 @@ FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
 SIGNATURES: dict[Any, Any] = {}
 """Of helpers and routines: without one, numba compiles one for every literal integer given."""
-_LOCK = threading.RLock()
+_LOCK, _njit = threading.RLock(), cast("Any", njit)  # its types leave no room for a dict of options
 
 
 def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -52,7 +52,7 @@ def routine(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], An
 
 def _part(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     def mark(function: Callable[..., Any]) -> Any:
-        made: Any = njit(**(FAST | options), no_cpython_wrapper=True)(function)
+        made: Any = _njit(**(FAST | options), no_cpython_wrapper=True)(function)
         SIGNATURES[made] = signature
         return made
 
@@ -91,8 +91,8 @@ class Kernel:
         **options: Any,
     ):
         given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
-        self.function: Any = njit(cache=True, no_cpython_wrapper=inner, **given)(function)
-        self.part = njit(**given)(function)
+        self.function: Any = _njit(cache=True, no_cpython_wrapper=inner, **given)(function)
+        self.part = _njit(**given)(function)
         self._called = njit(lambda *x: self(*x)) if inner else self.function  # noqa: PLW0108
         self.signature, self.py_func, self._calls, self._loaded = signature, function, calls, False
         self.symbol = f"{function.__module__}.{function.__name__}"
