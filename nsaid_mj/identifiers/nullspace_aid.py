@@ -161,7 +161,7 @@ class NullspaceIdentifier(Identifier):
             start[0] = part
         if state.status is not Status.completed:
             return state, estimates.first(1)
-        return _end(state, log, estimates, self._follow(log, estimates, motion))
+        return end_of(state, log, estimates, self._follow(log, estimates, motion))
 
     def motion(self, log: Log) -> Motion:
         """All parts of the RK4 stages along a log that do not depend on the estimate."""
@@ -252,7 +252,7 @@ class NullspaceIdentifier(Identifier):
         return None if self.memory is None else self.memory.confidence(state)
 
 
-def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
+def end_of(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
     """The state and the estimates after a log whose row `failed` is the first invalid one, or N."""
     last = failed - 1
     state = state._replace(

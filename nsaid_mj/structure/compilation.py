@@ -31,6 +31,9 @@ def ready() -> None:
             function, signature = made
             function.compile(signature)
             function.disable_compile()
+    for made in MARKED:
+        if not isinstance(made, Kernel):
+            made[0].disable_compile(False)  # for packs, see `numerics.packs`
     if not found:
         with suppress(OSError):
             complete.touch()

@@ -17,8 +17,9 @@ from typing import Any
 from llvmlite import binding as llvm
 from numba import njit, types
 from numba.core import cgutils
-from numba.extending import lower_builtin, type_callable
+from numba.extending import lower_builtin, overload, type_callable
 
+from ..numerics.packs import PACK
 from .arrays import Slopes, StructureArrays, Workspace
 
 f8, i8, void, boolean = types.float64, types.int64, types.void, types.boolean
@@ -70,6 +71,11 @@ def _marking(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], A
     return mark
 
 
+def in_packs(given: tuple[Any, ...]) -> bool:
+    """Whether a call computes several runs at once, see `numerics.packs`."""
+    return any(getattr(kind, "dtype", None) is PACK for kind in given)
+
+
 class Kernel:
     """A function that Python calls, and that compiled functions call by its address.
 
@@ -87,12 +93,15 @@ class Kernel:
         self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
 
-        def typed(*_: Any) -> Any:
-            return signature
+        def typed(*given: Any) -> Any:
+            return None if in_packs(given) else signature
 
         typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
         type_callable(self)(lambda _: typed)
         lower_builtin(self, *signature.args)(self._lower)
+        overload(self, jit_options=FAST, strict=False)(
+            lambda *given: function if in_packs(given) else None
+        )
 
     def __call__(self, *arguments: Any) -> Any:
         """Calls it from Python."""

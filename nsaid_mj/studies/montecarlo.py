@@ -34,6 +34,7 @@ from ..experiment.loop import ended
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
 from ..identifiers import Identifier, State, Status
+from ..identifiers.abreast import along
 from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
@@ -245,13 +246,13 @@ def _followed(
     runs: Sequence[Draw], log: Log, motion: Motion | None
 ) -> Iterator[tuple[State, Estimates]]:
     """Yields state and estimates of every run's identifier along a segment, from its last state."""
-    for run in runs:
-        law, state = run.following.identifier, run.following.state
-        if motion is None:
-            yield law.follow(state, log)
-        else:
-            assert isinstance(law, NullspaceIdentifier)
-            yield law.along(state, log, motion)
+    each = [(run.following.identifier, run.following.state) for run in runs]
+    if motion is None:
+        yield from (law.follow(state, log) for law, state in each)
+    else:
+        sharing = [(law, at) for law, at in each if isinstance(law, NullspaceIdentifier)]
+        assert len(sharing) == len(runs)
+        yield from along(sharing, log, motion)
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:
