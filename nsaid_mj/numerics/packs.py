@@ -102,8 +102,7 @@ _define(operator.gt, types.boolean, _everywhere(">"))
 _define(min, PACK, _smaller)
 
 
-@intrinsic
-def packs(_: Any, array: Any) -> Any:
+def _packs(_: Any, array: Any) -> Any:
     """In compiled code, an array (..., LANES) as an array (...) of packs."""
     kind = types.Array(PACK, array.ndim - 1, "C")
 
@@ -123,6 +122,9 @@ def packs(_: Any, array: Any) -> Any:
         return new._getvalue()
 
     return kind(array), view
+
+
+packs: Any = intrinsic(_packs)
 
 
 def packed(*shape: int) -> Array:

@@ -99,7 +99,8 @@ class Kernel:
         typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
         type_callable(self)(lambda _: typed)
         lower_builtin(self, *signature.args)(self._lower)
-        overload(self, jit_options=FAST, strict=False)(
+        packed: Any = overload
+        packed(self, jit_options=FAST, strict=False)(
             lambda *given: function if in_packs(given) else None
         )
 
