@@ -2,7 +2,8 @@
 
 Plants are simulated first, then identifiers follow their logs. Both happen in compiled code that
 releases the GIL, so that threads run in parallel. If all runs share one plant, the motion's stages
-are computed once for a group of identifiers.
+are computed once for a group of identifiers, which run several at a time, see
+`identifiers.abreast`.
 
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """

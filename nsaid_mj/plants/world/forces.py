@@ -23,8 +23,20 @@ from numba import cfunc, njit, types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
-from ...structure.arrays import RIGID, TEN, StructureArrays, Workspace
+from ...structure.arrays import (
+    AT,
+    AT_V,
+    CONSTANTS,
+    INPUT,
+    PARAMETER,
+    RIGID,
+    SORT,
+    TEN,
+    StructureArrays,
+    Workspace,
+)  # fmt: skip
 from ...structure.columns import KINDS, joint
+from ...structure.columns.joint import force_alone
 from ...structure.compilation import ready
 from ...structure.compiled import FAST, matrix, table, vector
 from ...structure.forces import add_forces
@@ -291,18 +303,31 @@ def _memory(d, a):
 def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     _read(d, dofs, qpos, qvel, own)
+    place(structure, own.q, own.v, own.state)
     on_ground = own.state
-    if d[_PLACED] > 0:
-        place(structure, own.q, own.v, own.state)
-        if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
-            on_ground = own.on_ground
-            place(structure, own.q, own.ground, on_ground)
+    if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
+        on_ground = own.on_ground
+        place(structure, own.q, own.ground, on_ground)
     if d[_ADDED] > 0:
         write_equations(structure, own.state, own.v, theta, work, own.force)
     else:
         for i in range(own.force.shape[0]):
             own.force[i] = 0.0
     add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
+
+
+@njit(**FAST, forceinline=True)
+def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
+    """Adds the forces on joints, where none depends on where the bodies are."""
+    for k in range(columns.shape[0]):
+        gain = theta[columns[k, PARAMETER]]
+        if gain == 0.0:
+            continue
+        i, own = bodies[columns[k, AT], AT_V], columns[k, CONSTANTS]
+        angle, rate = qpos[dofs[i, 1]], qvel[dofs[i, 0]]
+        command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
+        force = force_alone(columns[k, SORT], constants, own, angle, rate, command)
+        passive[dofs[i, 0]] += gain * force
 
 
 @njit(**FAST, forceinline=True)
@@ -333,16 +358,20 @@ def column_forces() -> Any:
         if d[_LAGGED] > 0:
             commands = arrays[at_act]
         u = array_at(vector, commands, (int(d[_COMMANDS]),))
-        qpos, qvel = (
-            array_at(vector, arrays[at_q], (WORDS,)),
-            array_at(vector, arrays[at_v], (WORDS,)),
-        )
-        structure, work, own = _structure(d, user), _workspace(d, user), _memory(d, user)
+        qpos = array_at(vector, arrays[at_q], (WORDS,))
+        qvel = array_at(vector, arrays[at_v], (WORDS,))
+        pushed = array_at(vector, arrays[at_force], (WORDS,))
         dofs, theta = _rows(table, d, user, _DOFS), _at(vector, d, user, _THETA)
+        structure = _structure(d, user)
+        if d[_PLACED] == 0:
+            bodies, columns, constants = structure.bodies, structure.columns, structure.constants
+            _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, pushed)
+            return
+        work, own = _workspace(d, user), _memory(d, user)
         _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
         if d[_ADDED] > 0:
             _full_m(model, data, user + 8 * int(d[_LAYOUT + 3 * (_OWN + 6)]))
             _rne(model, data, np.int32(0), user + 8 * int(d[_LAYOUT + 3 * (_OWN + 5)]))
-        _end(d, work, own, dofs, array_at(vector, arrays[at_force], (WORDS,)))
+        _end(d, work, own, dofs, pushed)
 
     return passive
