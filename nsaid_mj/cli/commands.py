@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from .. import __version__
 from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName
 from ..experiment.library import load
-from ..resources import MORE_ROBOTS, has_example_robots, known_robots, scenarios
+from ..resources import MORE_ROBOTS, has_example_robots, known_robots, reading, scenarios
 from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
@@ -196,6 +196,7 @@ def _carry_out(
 
         watchers.append(Live(title, output.live_speed))
     with (
+        reading(name, getattr(scenario.plant, "robot", None)),
         folder_for(title, scenario, output.out, output.force) as folder,
         Progress(title, quiet=output.quiet or output.json) as progress,
     ):

@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ..errors import BadRun, InvalidInput
+from ..errors import InvalidInput
 from ..evaluation import Truth, converged_at
 from ..evaluation.figures import actuator_ratio_error
 from ..experiment.following import CHECK, Following, due_rows
@@ -42,6 +42,7 @@ from ..log import Log
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..reporting.progress import announcing
+from ..resources import check_own
 from ..system import Motion
 from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
@@ -403,8 +404,7 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
         NsaidError: the scenario cannot be started.
     """
     check_count("jobs", 1 if jobs is None else jobs, _JOBS, MOST_JOBS)
-    if folder.is_dir() and not (folder / MANIFEST).is_file() and any(folder.iterdir()):
-        raise BadRun(folder, "it holds something else", "Give another folder with --out")
+    check_own(folder, (MANIFEST,))
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
