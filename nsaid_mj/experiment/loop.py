@@ -385,6 +385,7 @@ class _Loop:
     def stop(self) -> None:
         """Ends the loop after the current segment."""
         self.stopped = True
+        self.source.stop()
 
     def __call__(self) -> None:
         """Runs the loop: for each segment, first the robot moves, then the identifiers follow."""

@@ -14,6 +14,9 @@ from ..log import Log, Measurement
 from ..parameters import Array
 from ..plants import Plant, Sensors
 
+LONGEST_STEP = 1.5
+"""Interval between two samples, over the period, beyond which there is a gap between them."""
+
 
 class Segment(NamedTuple):
     """Consecutive measurements from a source.
@@ -50,6 +53,9 @@ class Source(ABC):
     @abstractmethod
     def segment(self, last: Measurement, k: int, steps: int) -> Segment:
         """The measurements after the last one, which has number k: at most `steps`, or none yet."""
+
+    def stop(self) -> None:  # noqa: B027  # most sources do not wait for anything
+        """Ends a wait for measurements."""
 
     def inform(self, k: int, theta_hat: Array) -> None:  # noqa: B027  # most sources ignore it
         """Hands over the own identifier's estimate (p,) at measurement k."""

@@ -463,7 +463,8 @@ class EfficientIdentifier(Identifier):
         sign = np.where(inside.factors < 0, -1.0, 1.0)
         units = units * np.outer(sign, sign)
         samples = np.full(self.system.n, number / (2 * self.system.n))
-        return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
+        excess = max(1.0, squares / number) if number else 1.0
+        return Confidence(excess * P * units, prior * units, samples)
 
 
 def _finite_rows(log: Log) -> int:
