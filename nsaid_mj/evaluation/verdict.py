@@ -25,8 +25,8 @@ def verdict(summary: dict[str, Any]) -> str:
     trajectory unexplained; an estimate within `CONVERGED` of the true set has *converged*;
     one that is closer to it than the prior is *still converging*. If the truth is unknown, the
     stated confidence and, unless the filter's innovations show that the structure explains the
-    motion, the force residual replace the distance: with noisy sensors the residual stays large. A misfit of `some` is told with
-    the widening of the intervals, or as gains that drift.
+    motion, the force residual replace the distance: with noisy sensors the residual stays large. A
+    misfit of `some` is told with the widening of the intervals, or as gains that drift.
 
     Args:
         summary: see `summarize`; keys that need a truth may be absent.

@@ -252,6 +252,7 @@ def followed(
     rng = np.random.default_rng(Seeds.of(scenario.seed).structure)
     r = structural(system, robot.prior, rng).r
     with told(folder):  # files of an earlier run could be mistaken for this one's
+        folder.mkdir(parents=True, exist_ok=True)
         for name in DERIVED:
             (folder / name).unlink(missing_ok=True)
     writer = RecordWriter(

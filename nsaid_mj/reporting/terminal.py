@@ -44,8 +44,9 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
     if summary["status_remedy"]:
         console.print(f"  {escape(summary['status_remedy'])}", soft_wrap=True)
     compiled = summary["compile_s"]
+    done = "followed" if "stream" in summary else "simulated"
     console.print(
-        f"  {summary['sim_s']:.4g} s {'followed' if 'stream' in summary else 'simulated'} in {summary['wall_s']:.1f} s "
+        f"  {summary['sim_s']:.4g} s {done} in {summary['wall_s']:.1f} s "
         f"({summary['real_time_factor']:.1f} × real time)"
         + (f", plus {compiled:.0f} s of one-time compilation" if compiled > _COMPILED else ""),
         soft_wrap=True,

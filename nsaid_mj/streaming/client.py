@@ -114,6 +114,12 @@ class LiveIdentifier:
         self._check()
         return self
 
+    @property
+    def process(self) -> int:
+        """Number of the law's process."""
+        assert self._process is not None
+        return self._process.pid
+
     def update(self, t: float, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> Estimate | None:
         """Hands over a sample, and returns the newest estimate without waiting.
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import json
 import socket
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -14,7 +17,7 @@ from ..errors import InvalidInput
 from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.scenario import MOST_STEPS, Scenario
 from ..identifiers import Identifier, NullspaceAID, State
-from ..log import Log, Measurement
+from ..log import Measurement
 from ..numerics.threads import single_threaded
 from ..plants import SensorNoise
 from ..reporting.finish import finish
@@ -23,7 +26,7 @@ from .samples import Cleaner, Counts
 from .stream import Stream
 
 _INTERVALS = 0.05  # time between two computations of the gains' intervals [s]
-_WARM = 2.0  # length of the motion with which kernels are loaded [s]
+_WARM, _LEAST = 2.0, 60  # length of the motion for warming up [s], and its fewest samples
 
 
 def live_scenario(
@@ -118,24 +121,21 @@ class Session:
         assert isinstance(scenario.plant, LiveRobot)
         self.scenario, self.robot = scenario, scenario.plant.known()
         self.identifiers = live_identifiers(scenario, self.robot)
-        self.cleaner = Cleaner(self.robot.system, 1 / scenario.dt, frame)
+        self._frame, self.cleaner = frame, Cleaner(self.robot.system, 1 / scenario.dt, frame)
 
-    @single_threaded
     def warm_up(self) -> None:
-        """Compiles or loads the kernels of law and robot, before the first sample."""
+        """Loads whatever a run needs, kernels above all, by a short run on a motion of no robot."""
         system, dt = self.robot.system, self.scenario.dt
         rng = np.random.default_rng(0)
-        q, v, u = system.random_state(rng)
-        rows, noise = [], self.scenario.noise.levels
-        for k in range(max(60, round(_WARM / dt))):
-            moved = v + noise.velocity * rng.standard_normal(system.n)
+        (q, v, u), lines = system.random_state(rng), []
+        for k in range(max(_LEAST, round(_WARM / dt))):
+            moved = v + self.scenario.noise.velocity * rng.standard_normal(system.n)
             q = system.integrate(q, dt * moved)
-            rows.append(Measurement(k * dt, q, moved, u))
-        for identifier in self.identifiers.values():
-            state = identifier.init(rows[0])
-            for part in (rows[:60], rows[59:]):
-                state, _ = identifier.follow(state, Log.unchecked_of(part))
-            gain_deviations(identifier, identifier.resume(state, rows[-1]))
+            parts = {"t": k * dt, "q": q.tolist(), "v": moved.tolist(), "u": u.tolist()}
+            lines.append(json.dumps(parts).encode() + b"\n")
+        with TemporaryDirectory(prefix="nsaid-mj-") as folder:
+            self.run(io.BytesIO(b"".join(lines)), Path(folder), lambda estimate: None)
+        self.cleaner = Cleaner(system, 1 / dt, self._frame)
 
     @single_threaded
     def run(
