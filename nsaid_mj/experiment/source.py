@@ -54,10 +54,12 @@ class Source(ABC):
     def segment(self, last: Measurement, k: int, steps: int) -> Segment:
         """The measurements after the last one, which has number k: at most `steps`, or none yet."""
 
-    def stop(self) -> None:  # noqa: B027  # most sources do not wait for anything
+    @abstractmethod
+    def stop(self) -> None:
         """Ends a wait for measurements."""
 
-    def inform(self, k: int, theta_hat: Array) -> None:  # noqa: B027  # most sources ignore it
+    @abstractmethod
+    def inform(self, k: int, theta_hat: Array) -> None:
         """Hands over the own identifier's estimate (p,) at measurement k."""
 
 
@@ -87,6 +89,9 @@ class Simulation(Source):
         """Moves the plant, at most to where the driver is informed next."""
         steps = int(min(steps, self._inform - k % self._inform))
         return self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
+
+    def stop(self) -> None:
+        """Nothing: a simulation does not wait."""
 
     def inform(self, k: int, theta_hat: Array) -> None:
         """Informs the driver where it asks for it."""

@@ -134,7 +134,7 @@ class Session:
             parts = {"t": k * dt, "q": q.tolist(), "v": moved.tolist(), "u": u.tolist()}
             lines.append(json.dumps(parts).encode() + b"\n")
         with TemporaryDirectory(prefix="nsaid-mj-") as folder:
-            self.run(io.BytesIO(b"".join(lines)), Path(folder), lambda estimate: None)
+            self.run(io.BytesIO(b"".join(lines)), Path(folder), lambda _: None)
         self.cleaner = Cleaner(system, 1 / dt, self._frame)
 
     @single_threaded

@@ -13,6 +13,7 @@ from ..errors import InvalidInput
 from ..experiment.source import Segment, Source
 from ..identifiers import Status
 from ..log import Log, Measurement
+from ..parameters import Array
 from ..system import SecondOrderSystem
 from .samples import Cleaner, parsed
 
@@ -89,6 +90,9 @@ class Stream(Source):
     def stop(self) -> None:
         """Ends the stream."""
         self._over = True
+
+    def inform(self, k: int, theta_hat: Array) -> None:
+        """Nothing: estimates go to observers."""
 
     def _next(self, wait: float) -> tuple[Measurement, bool] | None:
         """The next measurement, and whether there is a gap before it; None if none has come."""
