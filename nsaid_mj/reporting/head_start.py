@@ -48,7 +48,7 @@ def second_process(scenario: Scenario) -> Iterator[None]:
     """
     _ = Setup.of(scenario).system.forward  # compiles the structure's kernels, which both need
     process = subprocess.Popen(
-        [sys.executable, "-c", _CALL],
+        [sys.executable, "-P", "-c", _CALL],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

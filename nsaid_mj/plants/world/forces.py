@@ -23,8 +23,20 @@ from numba import carray, cfunc, njit, types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
-from ...structure.arrays import RIGID, TEN, StructureArrays, Workspace
+from ...structure.arrays import (
+    AT,
+    AT_V,
+    CONSTANTS,
+    INPUT,
+    PARAMETER,
+    RIGID,
+    SORT,
+    TEN,
+    StructureArrays,
+    Workspace,
+)  # fmt: skip
 from ...structure.columns import KINDS, joint
+from ...structure.columns.joint import force_alone
 from ...structure.compiled import (
     FAST,
     STRUCTURE,
@@ -305,18 +317,31 @@ _MEMORY = types.NamedTuple((*(vector,) * 6, matrix, matrix, vector, vector), _Me
 def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     _read(d, dofs, qpos, qvel, own)
+    place(structure, own.q, own.v, own.state)
     on_ground = own.state
-    if d[_PLACED] > 0:
-        place(structure, own.q, own.v, own.state)
-        if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
-            on_ground = own.on_ground
-            place(structure, own.q, own.ground, on_ground)
+    if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
+        on_ground = own.on_ground
+        place(structure, own.q, own.ground, on_ground)
     if d[_ADDED] > 0:
         write_equations(structure, own.state, own.v, theta, work, own.force)
     else:
         for i in range(own.force.shape[0]):
             own.force[i] = 0.0
     add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
+
+
+@njit(inline="always", **FAST)
+def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
+    """Adds the forces on joints, where none depends on where the bodies are."""
+    for k in range(columns.shape[0]):
+        gain = theta[columns[k, PARAMETER]]
+        if gain == 0.0:
+            continue
+        i, own = bodies[columns[k, AT], AT_V], columns[k, CONSTANTS]
+        angle, rate = qpos[dofs[i, 1]], qvel[dofs[i, 0]]
+        command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
+        force = force_alone(columns[k, SORT], constants, own, angle, rate, command)
+        passive[dofs[i, 0]] += gain * force
 
 
 @partial(Kernel, signature=void(vector, WORKSPACE, _MEMORY, table, vector))
@@ -346,16 +371,25 @@ def column_forces() -> Any:
         d = carray(arrays[at_user], (int(carray(arrays[at_user], (1,))[0]),))
         u = carray(arrays[at_act if d[_LAGGED] > 0 else at_ctrl], (int(d[_COMMANDS]),))
         qpos, qvel = carray(arrays[at_q], (WORDS,)), carray(arrays[at_v], (WORDS,))
+        pushed, dofs, theta = (
+            carray(arrays[at_force], (WORDS,)),
+            _table(d, _DOFS),
+            _vector(d, _THETA),
+        )
+        if d[_PLACED] == 0:
+            bodies, columns, constants = _table(d, 0), _table(d, 7), _vector(d, 8)
+            _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, pushed)
+            return
         structure = StructureArrays(
             _table(d, 0), _vector(d, 1), _vector(d, 2), _table(d, 3), _table(d, 4),
             _vector(d, 5), _table(d, 6), _table(d, 7), _vector(d, 8), _table(d, 9),
         )  # fmt: skip
-        work, own, dofs = _workspace(d), _memory(d), _table(d, _DOFS)
-        _begin(d, structure, work, own, dofs, _vector(d, _THETA), qpos, qvel, u)
+        work, own = _workspace(d), _memory(d)
+        _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
         if d[_ADDED] > 0:
             address = arrays.ctypes.data
             _full_m(model, address, own.M.ctypes.data)
             _rne(model, address, np.int32(0), own.bias.ctypes.data)
-        _end(d, work, own, dofs, carray(arrays[at_force], (WORDS,)))
+        _end(d, work, own, dofs, pushed)
 
     return passive
