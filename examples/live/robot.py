@@ -31,7 +31,12 @@ class Identifier:
     """`nsaid live` in another process, and the newest gains that it has printed."""
 
     def __init__(self, folder: Path):
-        words = [sys.executable, "-c", "from nsaid_mj.cli import run_from_shell; run_from_shell()"]
+        words = [
+            sys.executable,
+            "-P",
+            "-c",
+            "from nsaid_mj.cli import run_from_shell; run_from_shell()",
+        ]
         words += [
             "live",
             "--model",

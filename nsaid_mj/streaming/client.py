@@ -103,7 +103,7 @@ class LiveIdentifier:
         Raises:
             BadRun: it has failed; its message is on the standard error.
         """
-        words = [sys.executable, "-c", _START, "live", *self._flags, "--json", "--every", "0"]
+        words = [sys.executable, "-P", "-c", _START, "live", *self._flags, "--json", "--every", "0"]
         self._process = subprocess.Popen(
             words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | _ONE_THREAD
         )
