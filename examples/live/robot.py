@@ -64,7 +64,7 @@ class Identifier:
         self.process.wait()
 
     def _read(self) -> None:
-        for line in self.process.stdout:
+        for line in self.process.stdout or ():
             found = json.loads(line)
             if "gains" in found:
                 values = np.array([gain[0] for gain in found["gains"]])

@@ -4,7 +4,7 @@ import re
 import sys
 from contextlib import contextmanager
 from types import ModuleType, SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
@@ -70,7 +70,7 @@ def taken(monkeypatch):
         monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setattr(nsaid_mj, "live", live, raising=False)
     Node.warnings.clear()
-    space = {"__name__": "node"}
+    space: dict[str, Any] = {"__name__": "node"}
     exec(compile(SOURCE, "docs/live.md", "exec"), space)
     space["main"]("arm.urdf", "shoulder", "elbow")
     return samples
