@@ -125,6 +125,10 @@ def _command(arguments: Sequence[str]) -> int:
         from .identifying import identify_log
 
         return identify_log(chosen)
+    if isinstance(chosen, grammar.Live):
+        from .living import follow_robot
+
+        return follow_robot(chosen)
     if isinstance(chosen, grammar.Excite):
         from .exciting import excite
 

@@ -105,6 +105,14 @@ class NullspaceIdentifier(Identifier):
         theta = self.prior.copy()
         return State(first.t, first.v.copy(), theta, np.inf, Status.completed, memory)
 
+    def resume(self, state: State, here: Measurement) -> State:
+        """The state at a measurement after a gap, with v̂ = v."""
+        here = checked(self.system, here)
+        memory = state.memory
+        if self.memory is not None and memory is not None:
+            memory = self.memory.resume(memory, here)
+        return state._replace(t=here.t, v_hat=here.v.copy(), memory=memory)
+
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """RK4 steps of (44, 45) along a log, with the memory's updates if there is one.
 

@@ -108,6 +108,9 @@ class _MemoryAlone(Identifier):
     def init(self, first: Measurement) -> State:
         return self._guard.init(first)
 
+    def resume(self, state: State, here: Measurement) -> State:
+        return self._guard.resume(state, here)
+
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         self.check(log)
         made, at = [Estimates.of(state)], 0

@@ -31,9 +31,9 @@ from ..errors import InvalidInput
 from ..evaluation import Truth, converged_at
 from ..evaluation.figures import actuator_ratio_error
 from ..experiment.following import CHECK, Following, due_rows
-from ..experiment.loop import ended
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
+from ..experiment.source import ended
 from ..identifiers import Identifier, State, Status
 from ..identifiers.abreast import along
 from ..identifiers.base import Estimates
