@@ -35,6 +35,7 @@ _NAMED = {
     "log": ("Log", "Measurement", "SensorLevels"),
     "parameters": ("Block", "ParameterSpace"),
     "reporting.finish": ("finish",),
+    "streaming.client": ("live",),
     "plants": (
         "Bias",
         "Broken",

@@ -232,3 +232,19 @@ class MimicIgnored(UserWarning):
             f"robot {robot}: <mimic> is ignored, and every joint has a motor of its own, also "
             f"{', '.join(self.joints)}. Make a joint fixed if it should not move."
         )
+
+
+class PassiveIgnored(UserWarning):
+    """Joints without a drive in a robot's description are simulated with motors.
+
+    Attributes:
+        robot: its name or file.
+        joints: the joints.
+    """
+
+    def __init__(self, robot: str, joints: Iterable[str]):
+        self.robot, self.joints = robot, tuple(joints)
+        super().__init__(
+            f'robot {robot}: every simulated joint has a motor, also those with effort="0", '
+            f"{', '.join(self.joints)}. What this run shows does not hold for a passive joint."
+        )

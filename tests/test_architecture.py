@@ -36,6 +36,7 @@ ORDER = (
     ("design",),
     ("recording",),
     ("reporting",),
+    ("streaming",),
     ("studies",),
     ("cli",),
 )

@@ -15,12 +15,12 @@ from numba import types
 from pydantic import Field
 
 from ..bounds import Positive, config
-from ..errors import InvalidInput
 from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from ..systems.aerial import GRAVITY, Quadrotor
+from ..systems.inertial import GRAVITY
 from ..systems.structured import plain
+from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 
@@ -77,11 +77,9 @@ class QuadrotorFlight(DriverConfig):
         Raises:
             InvalidInput: the system is not a quadrotor.
         """
-        if not isinstance(system, Quadrotor):
-            raise InvalidInput(
-                "excitation", "a quadrotor to fly", type(system).__name__, "Use another driver."
-            )
-        return _Flight(self, system, prior, rng)
+        wanted = ("body", "rotor thrust gain", "rotor torque gain")
+        quadrotor = single_body(system, wanted, "a quadrotor to fly")
+        return _Flight(self, quadrotor, prior, rng)
 
 
 class _BodyModel(NamedTuple):
@@ -124,7 +122,7 @@ class _Flight(Driver):
     """Geometric tracking controller; rotor commands are speeds as shares of the top speed."""
 
     def __init__(
-        self, config: QuadrotorFlight, system: Quadrotor, prior: Array, rng: np.random.Generator
+        self, config: QuadrotorFlight, system: SingleBody, prior: Array, rng: np.random.Generator
     ):
         self._path = _Path(config, rng)
         self._dither = Multisine(4, config.low, config.high, _TONES, config.dither, rng)
@@ -191,15 +189,16 @@ class _Path:
         return path
 
 
-def _body_model(system: Quadrotor, theta: Array) -> _BodyModel:
+def _body_model(system: SingleBody, theta: Array) -> _BodyModel:
     """Mass, inertia about the centre of mass, and mixer from θ (24,)."""
     mass, centre = float(theta[0]), theta[1:4] / theta[0]
     Ixx, Ixy, Iyy, Ixz, Iyz, Izz = theta[4:10]
     inertia = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
     inertia -= mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     thrust = theta[system.space["rotor thrust gain"]]
-    torque = system.spin * theta[system.space["rotor torque gain"]]
-    arm = system.rotors - centre
+    spin = system.constants("rotor_torque", "direction")[:, 2]
+    torque = spin * theta[system.space["rotor torque gain"]]
+    arm = system.constants("rotor", "point") - centre
     wrench = np.array([thrust, arm[:, 1] * thrust, -arm[:, 0] * thrust, torque])
     yaw = _YAW * float(np.abs(torque).sum() * mass * GRAVITY / thrust.sum())
     x, y, _ = np.abs(arm).mean(axis=0)

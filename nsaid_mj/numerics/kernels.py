@@ -18,10 +18,11 @@ from llvmlite import binding as llvm
 from numba import config, njit, typeof, types
 from numba.core import cgutils
 from numba.core.errors import NumbaError
-from numba.extending import is_jitted, lower_builtin, type_callable, typeof_impl
+from numba.extending import is_jitted, lower_builtin, overload, type_callable, typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache
 from .cache import FOLDER
+from .packs import PACK
 from .stopwatch import compiling
 
 try:
@@ -37,7 +38,8 @@ FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
 SIGNATURES: dict[Any, Any] = {}
 """Of helpers and routines: without one, numba compiles one for every literal integer given."""
-_LOCK, _njit = threading.RLock(), cast("Any", njit)  # its types leave no room for a dict of options
+_LOCK = threading.RLock()
+_njit, _overload = cast("Any", njit), cast("Any", overload)  # types without a dict of options
 
 
 def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -68,6 +70,11 @@ def kernel(signature: Any = None, *calls: Any, **options: Any) -> Any:
     return mark
 
 
+def in_packs(given: tuple[Any, ...]) -> bool:
+    """Whether a call computes several runs at once, see `packs`."""
+    return any(getattr(kind, "dtype", None) is PACK for kind in given)
+
+
 class Kernel:
     """A function that Python calls, and that compiled functions call by its address.
 
@@ -79,6 +86,7 @@ class Kernel:
             that Python calls it with, and is part of every compiled function that calls it.
         calls: compiled functions it calls that its text does not name, as overloads do.
         inner: only compiled functions call it, and Python in tests.
+        packs: it computes several runs at once, see `packs`.
         options: of `numba.njit`.
     """
 
@@ -88,6 +96,7 @@ class Kernel:
         signature: Any = None,
         *calls: Any,
         inner: bool = False,
+        packs: bool = False,
         **options: Any,
     ):
         given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
@@ -95,16 +104,19 @@ class Kernel:
         self.part = _njit(**given)(function)
         self._called = njit(lambda *x: self(*x)) if inner else self.function  # noqa: PLW0108
         self.signature, self.py_func, self._calls, self._loaded = signature, function, calls, False
-        self.symbol = f"{function.__module__}.{function.__name__}"
+        self._packs, self.symbol = packs, f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         if signature is not None:
 
-            def typed(*_: Any) -> Any:
-                return signature
+            def typed(*given: Any) -> Any:
+                return None if in_packs(given) else signature
 
             typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
             type_callable(self)(lambda _: typed)
             lower_builtin(self, *signature.args)(self._lower)
+            _overload(self, jit_options=FAST, strict=False)(
+                lambda *given: function if in_packs(given) else None
+            )
 
     def __call__(self, *arguments: Any) -> Any:
         """Calls it from Python; raises TypeError if its signature has other types."""
@@ -132,6 +144,8 @@ class Kernel:
                     with compiling(callee):
                         callee.compile(SIGNATURES[callee])
                     callee.disable_compile()
+            for part in SIGNATURES if self._packs else ():
+                part.disable_compile(False)
             with _one_process(), compiling(self.function):
                 self._compile(signature)
             with suppress(OSError):

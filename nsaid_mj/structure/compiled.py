@@ -8,21 +8,40 @@ from __future__ import annotations
 
 from numba import types
 
-from ..numerics.kernels import FAST as FAST
-from ..numerics.kernels import Kernel as Kernel
-from ..numerics.kernels import boolean as boolean
-from ..numerics.kernels import cube as cube
-from ..numerics.kernels import f8 as f8
-from ..numerics.kernels import helper as helper
-from ..numerics.kernels import i8 as i8
-from ..numerics.kernels import index as index
-from ..numerics.kernels import kernel as kernel
-from ..numerics.kernels import matrix as matrix
-from ..numerics.kernels import routine as routine
-from ..numerics.kernels import table as table
-from ..numerics.kernels import vector as vector
-from ..numerics.kernels import void as void
+from ..numerics.kernels import (
+    FAST,
+    Kernel,
+    boolean,
+    cube,
+    f8,
+    helper,
+    i8,
+    index,
+    kernel,
+    matrix,
+    routine,
+    table,
+    vector,
+    void,
+)
 from .arrays import Slopes, StructureArrays, Workspace
+
+__all__ = [
+    "FAST",
+    "Kernel",
+    "boolean",
+    "cube",
+    "f8",
+    "helper",
+    "i8",
+    "index",
+    "kernel",
+    "matrix",
+    "routine",
+    "table",
+    "vector",
+    "void",
+]  # for the files of this room, beside the types below
 
 STRUCTURE = types.NamedTuple(
     (table, vector, vector, table, table, vector, table, table, vector, table), StructureArrays

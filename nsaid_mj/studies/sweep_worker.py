@@ -118,7 +118,7 @@ class _Child:
     def __init__(self, job: Job):
         self._key = job.script, job.digest
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "nsaid_mj.studies.sweep_worker"],
+            [sys.executable, "-P", "-m", "nsaid_mj.studies.sweep_worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

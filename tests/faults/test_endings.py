@@ -299,7 +299,7 @@ class CtrlC(Observer):
     def __init__(self, when: float):
         self.when, self.stopped = when, False
 
-    def start(self, scenario, plant) -> None:
+    def start(self, scenario, robot, first) -> None:
         pass
 
     def see(self, measurement, states, levels) -> None:

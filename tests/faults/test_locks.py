@@ -148,7 +148,7 @@ class Saboteur(Observer):
     def __init__(self, action) -> None:
         self.action = action
 
-    def start(self, scenario, plant) -> None:
+    def start(self, scenario, robot, first) -> None:
         pass
 
     def see(self, measurement, states, levels) -> None:

@@ -36,7 +36,6 @@ from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
 from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.faults import FaultEvent
-from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.stream import recording as stream
@@ -49,6 +48,7 @@ from nsaid_mj.systems.joints import JointTree
 from nsaid_mj.systems.structured import StructuredSystem
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
+from tests.support.fossen import published
 from tests.support.recordings import entities_of
 
 ARM = Scenario(
@@ -407,7 +407,7 @@ def test_force_arrows_start_at_their_thrusters(vehicle: SimulatedRun) -> None:
 
     # As MuJoCo has them: the published thrusters, each with its own true gain.
     thrusters, gains = (
-        nominal_numbers(UnderwaterSheet.of("bluerov2")),
+        published(),
         vehicle.plant.truth[space["thruster gain"]],
     )
     powers = u[..., None] ** (2 * np.arange(len(thrusters.curve)) + 1)

@@ -59,7 +59,7 @@ def test_progress_observes_a_whole_run_while_shown(tmp_path: Path):
 
 def test_the_cost_of_a_long_run_is_told_beforehand():
     plant = ROV.plant.build(ROV.dt, 0)
-    assert cost_of(replace(ROV, duration=60.0), plant) == ""
-    long = cost_of(replace(ROV, duration=1e7, dt=0.01), plant)
+    assert cost_of(replace(ROV, duration=60.0), plant.system) == ""
+    long = cost_of(replace(ROV, duration=1e7, dt=0.01), plant.system)
     assert long.startswith("1.0e+09 steps, which takes about 28 h and ")
-    assert cost_of(replace(ROV, duration=1e6, dt=0.01, record_every=1000), plant)
+    assert cost_of(replace(ROV, duration=1e6, dt=0.01, record_every=1000), plant.system)

@@ -211,7 +211,7 @@ def factor(cone, block, theta):
 
 @compiled
 def factor_into(cone, block, theta, L):
-    """Writes a block's factor, as `factor_in_place` leaves it, into L (k, k); NaN if P is not ≻ 0."""
+    """Writes a block's factor, see `factor_in_place`, into L (k, k); NaN if P is not ≻ 0."""
     row = cone.blocks[block]
     first, last = row[3], row[4]
     matrix_into(

@@ -48,7 +48,6 @@ from ...structure.stage import accelerate
 from ...structure.transition import step as transition
 from ..cone.barrier import CONE, Cone, inside
 from .noise import MEMORY, NOISE, Noise, add_increment, write_variance
-from .noise import noise_variance as noise_variance
 from .steps import carry_scale, project_inside
 
 COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
