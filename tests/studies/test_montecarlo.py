@@ -314,6 +314,6 @@ def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
 
 def test_montecarlo_refuses_a_folder_of_something_else_and_keeps_it(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("mine")
-    with pytest.raises(BadRun, match="something else"):
+    with pytest.raises(BadRun, match="other files"):
         montecarlo.run(Plan("ur5", ARM, 2), tmp_path, quiet=True)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
