@@ -371,7 +371,9 @@ def test_every_piece_between_faults_is_judged_under_the_signals_that_act() -> No
         for kind, begin in (("loss", 50.0), ("reversed", 100.0))
     ]
     unknown = events[0]._replace(kind="unknown", time=60.0, found=61.0)
-    run = SimpleNamespace(system=made.system, faults=(events[0], unknown, events[1]))
+    scenario = SimpleNamespace(dt=t[1])
+    faults = events[0], unknown, events[1]
+    run = SimpleNamespace(system=made.system, faults=faults, scenario=scenario)
     found = list(misfit._pieces(run, log))  # type: ignore[arg-type]
     rows = [(240, 400), (409, 800), (809, 1201)]  # the last 120 s; none of an unknown change
     assert [(piece.start, piece.stop) for _, piece, _ in found] == rows
