@@ -199,7 +199,7 @@ class DamagedKernelCache(UserWarning):
         self.reason = reason
         super().__init__(
             f"the cache of compiled kernels is damaged ({reason}); what cannot be loaded is "
-            "compiled again, for about a minute."
+            "compiled again, for about half a minute."
         )
 
 
@@ -214,7 +214,7 @@ class NoKernelCache(UserWarning):
         self.reason = reason
         super().__init__(
             f"compiled kernels cannot be cached ({reason}), so each run compiles them again, for "
-            "about a minute. Set NUMBA_CACHE_DIR to a writable folder."
+            "about half a minute. Set NUMBA_CACHE_DIR to a writable folder."
         )
 
 

@@ -25,7 +25,7 @@ from ..log import Measurement
 from ..numerics.stopwatch import clock, on_compiling
 from ..system import SecondOrderSystem
 
-COMPILING = "compiling, once (about a minute)"
+COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
 _LARGE = 1e10  # size of a record that is told beforehand [bytes]
 _PATIENCE = 10.0  # time between two lines where there is no terminal [s]
