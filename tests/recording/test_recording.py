@@ -33,9 +33,10 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
-from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
+from nsaid_mj.experiment.loop import FAULTS, Robot, SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.faults import FaultEvent
+from nsaid_mj.log import Measurement
 from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.stream import recording as stream
@@ -626,7 +627,8 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     plant = ROV.plant.build(ROV.dt, 0)
     monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
     observer = recording.Live("rov")
-    observer._start(plant)
+    first = Measurement(0.0, *plant.system.random_state(np.random.default_rng(0)))
+    observer._start(Robot(plant.system, plant.system.space.scale, plant), first)
     observer._rec = None
     observer.stop()
 
