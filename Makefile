@@ -16,8 +16,9 @@ install: .venv/installed  ## everything that tests and docs need as well
 	@$(PYTHON) scripts/install.py dev,docs
 	@touch $@
 
-# Two workers, a file at a time, in the order that tests/conftest.py chooses.
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Two workers, a file at a time, in the order that tests/conftest.py chooses. Bytecode is kept even
+# where the environment forbids it: tests start some hundred processes, 3 s of compiling each.
+PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 test: install  ## everything that a change must pass
 	$(PYTEST) -m 'not slow'

@@ -19,6 +19,7 @@ _NAMED = {
     "calibration.data": ("RobotModel",),
     "calibration.findings": ("UnusableLog",),
     "calibration.identify": ("identify",),
+    "calibration.live_robot": ("LiveRobot",),
     "calibration.models": ("load_robot_model",),
     "calibration.result": ("Identification",),
     "cli": ("main",),
@@ -35,6 +36,7 @@ _NAMED = {
     "log": ("Log", "Measurement", "SensorLevels"),
     "parameters": ("Block", "ParameterSpace"),
     "reporting.finish": ("finish",),
+    "streaming.client": ("live",),
     "plants": (
         "Bias",
         "Broken",

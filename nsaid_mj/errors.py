@@ -199,7 +199,7 @@ class DamagedKernelCache(UserWarning):
         self.reason = reason
         super().__init__(
             f"the cache of compiled kernels is damaged ({reason}); what cannot be loaded is "
-            "compiled again, for about a minute."
+            "compiled again, for about half a minute."
         )
 
 
@@ -214,7 +214,7 @@ class NoKernelCache(UserWarning):
         self.reason = reason
         super().__init__(
             f"compiled kernels cannot be cached ({reason}), so each run compiles them again, for "
-            "about a minute. Set NUMBA_CACHE_DIR to a writable folder."
+            "about half a minute. Set NUMBA_CACHE_DIR to a writable folder."
         )
 
 
@@ -231,4 +231,20 @@ class MimicIgnored(UserWarning):
         super().__init__(
             f"robot {robot}: <mimic> is ignored, and every joint has a motor of its own, also "
             f"{', '.join(self.joints)}. Make a joint fixed if it should not move."
+        )
+
+
+class PassiveIgnored(UserWarning):
+    """Joints without a drive in a robot's description are simulated with motors.
+
+    Attributes:
+        robot: its name or file.
+        joints: the joints.
+    """
+
+    def __init__(self, robot: str, joints: Iterable[str]):
+        self.robot, self.joints = robot, tuple(joints)
+        super().__init__(
+            f'robot {robot}: every simulated joint has a motor, also those with effort="0", '
+            f"{', '.join(self.joints)}. What this run shows does not hold for a passive joint."
         )

@@ -10,13 +10,13 @@ import json
 import os
 import threading
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .errors import FolderInUse, InvalidInput, NotWritten, UnknownName
+from .errors import BadRun, FolderInUse, InvalidInput, NotWritten, UnknownName
 
 try:
     import fcntl
@@ -119,6 +119,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
         NotWritten: the operating system refuses to write.
     """
     partial = path.with_name(f".{path.name}.part")
+    check_not_read(path)
     with told(path):
         try:
             create(partial)
@@ -129,6 +130,52 @@ def atomic_write(path: Path) -> Iterator[Path]:
         finally:
             with suppress(OSError):  # of a folder that is gone
                 partial.unlink(missing_ok=True)
+
+
+_inputs: set[Path] = set()  # files that the command which is executed reads
+
+
+@contextmanager
+def reading(*paths: str | Path | None) -> Iterator[None]:
+    """Within the context, these files are never overwritten; what is no file is left out."""
+    resolved = {Path(path).resolve() for path in paths if path}
+    files = {path for path in resolved if path.is_file()} - _inputs
+    _inputs.update(files)
+    try:
+        yield
+    finally:
+        _inputs.difference_update(files)
+
+
+def check_not_read(path: Path) -> None:
+    """Checks that a file which will be written is not one that is read.
+
+    Raises:
+        NotWritten: it is.
+    """
+    if _inputs and path.resolve() in _inputs:
+        raise NotWritten(path, "it is a file that was read", "Give another folder with --out")
+
+
+def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:
+    """Checks that a command overwrites no file that it did not make, whatever the folder.
+
+    Args:
+        folder: of the results; it may be missing, or hold hidden files.
+        results: names of files by which a folder of such results is known.
+        remedy: beside another folder.
+
+    Raises:
+        BadRun: the folder holds other files only.
+    """
+    with suppress(OSError):  # of a folder that is missing, or a file
+        others = [path.name for path in folder.iterdir() if not path.name.startswith(".")]
+        if others and not set(others) & set(results):
+            raise BadRun(
+                folder,
+                f"it holds other files, such as {min(others)}",
+                f"Give another folder with --out{remedy}",
+            )
 
 
 def create(path: Path) -> None:

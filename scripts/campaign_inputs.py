@@ -226,7 +226,6 @@ def _reaching(line: list[str]) -> str:
     """The outcome of a command line, whose work is replaced by an exception."""
     work = (
         "nsaid_mj.experiment.loop.run",
-        "nsaid_mj.reporting.warmup.warm_up",
         "nsaid_mj.studies.compare.run",
         "nsaid_mj.studies.sweep.run",
         "nsaid_mj.studies.montecarlo._rows",

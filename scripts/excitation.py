@@ -29,7 +29,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.numerics.kernels import compile_seconds
+from nsaid_mj.numerics.stopwatch import compile_seconds
 
 ARMS, VEHICLES = ("ur5", "panda", "kinova"), ("bluerov2", "crazyflie", "remus100")
 SEEDS = range(200, 210)  # none was used while the design was developed

@@ -24,7 +24,7 @@ import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
-from nsaid_mj.numerics.kernels import digest
+from nsaid_mj.numerics.cache import digest
 
 ROOT = Path(__file__).parents[1]
 KILLED = 0.9  # least share

@@ -36,6 +36,7 @@ ORDER = (
     ("design",),
     ("recording",),
     ("reporting",),
+    ("streaming",),
     ("studies",),
     ("cli",),
 )
@@ -328,7 +329,6 @@ def test_a_truth_object_is_made_only_after_a_run():
         "evaluation.truth",
         "evaluation.verify",
         "reporting.finish",
-        "reporting.warmup",
         "studies.compare",
         "studies.montecarlo",
         "studies.sweep_worker",

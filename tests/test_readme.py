@@ -248,6 +248,7 @@ def test_every_flag_named_in_the_docs_exists(page: str) -> None:
         flags("identify"),
         flags("inspect"),
         flags("excite"),
+        flags("live"),
         flags("track"),
         flags("run", "ur5"),
         flags("run", "bluerov2"),

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from .. import __version__
 from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName
 from ..experiment.library import load
-from ..resources import MORE_ROBOTS, has_example_robots, known_robots, scenarios
+from ..resources import MORE_ROBOTS, has_example_robots, known_robots, reading, scenarios
 from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
@@ -125,6 +125,10 @@ def _command(arguments: Sequence[str]) -> int:
         from .identifying import identify_log
 
         return identify_log(chosen)
+    if isinstance(chosen, grammar.Live):
+        from .living import follow_robot
+
+        return follow_robot(chosen)
     if isinstance(chosen, grammar.Excite):
         from .exciting import excite
 
@@ -188,7 +192,6 @@ def _carry_out(
     title = title_of(name, default, scenario)
     from ..experiment.loop import Observer, run
     from ..reporting.progress import Progress
-    from ..reporting.warmup import warm_up
 
     watchers: list[Observer] = []
     if output.live:
@@ -196,6 +199,7 @@ def _carry_out(
 
         watchers.append(Live(title, output.live_speed))
     with (
+        reading(name, getattr(scenario.plant, "robot", None)),
         folder_for(title, scenario, output.out, output.force) as folder,
         Progress(title, quiet=output.quiet or output.json) as progress,
     ):
@@ -203,9 +207,7 @@ def _carry_out(
         if given:
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
-        compiled = warm_up(scenario)
         result = run(scenario, folder, progress, *watchers)
-        result.cost.compile += compiled
         return title, result, _finish(result, progress.say, command), output
 
 

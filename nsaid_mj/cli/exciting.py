@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
+from ..resources import reading
 from .folders import folder_for_design
 from .grammar import Excite
 
@@ -25,7 +26,10 @@ def excite(chosen: Excite) -> int:
         raise InvalidInput("excite", "a scenario or --model", "neither", remedy)
     path = Path(chosen.model or chosen.scenario)
     name = path.absolute().parent.name if path.name == "vehicle.toml" else path.stem
-    with folder_for_design(name, chosen.out, chosen.force) as folder:
+    with (
+        reading(chosen.model, chosen.scenario, chosen.limits),
+        folder_for_design(name, chosen.out, chosen.force) as folder,
+    ):
         return _designed_in(folder, name, chosen)
 
 

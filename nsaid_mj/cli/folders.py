@@ -5,17 +5,20 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from ..errors import BadRun, FolderInUse
 from ..experiment.scenario import Scenario
 from ..identifiers import ConventionalAID
-from ..resources import locked
+from ..resources import check_own, locked
 
 RUNS = Path("runs")
+FORCE = ", or --force to write among them"
 DESIGN = "design.json"
+RUN = ("record.arrow", "scenario.json", "summary.json")
+"""Files by which the folder of a run is known, also of one that ended early."""
 
 
 def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
@@ -49,7 +52,7 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
     """
     conventional = isinstance(scenario.identifier, ConventionalAID)
     law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
-    with _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run") as folder:
+    with _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run", RUN) as folder:
         yield folder
 
 
@@ -67,15 +70,22 @@ def folder_for_design(name: str, out: Path | None, force: bool) -> Iterator[Path
         FolderInUse: another process is writing into `out`.
     """
     check_writable(out or RUNS)  # before the search, which takes a minute
-    with _free(f"{name}-excite", out, force, _holds_design, "a design") as folder:
+    with _free(f"{name}-excite", out, force, _holds_design, "a design", (DESIGN,)) as folder:
         yield folder
 
 
 @contextmanager
 def _free(
-    name: str, out: Path | None, force: bool, holds_results: Callable[[Path], bool], results: str
+    name: str,
+    out: Path | None,
+    force: bool,
+    holds_results: Callable[[Path], bool],
+    results: str,
+    known: Sequence[str],
 ) -> Iterator[Path]:
     """Yields `out`, or the first of runs/NAME, runs/NAME-2, … without results, locked."""
+    if out is not None and not force:
+        check_own(out, known, FORCE)
     for folder in _numbered(name) if out is None else [out]:
         with ExitStack() as stack:
             try:

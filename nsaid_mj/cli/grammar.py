@@ -255,6 +255,54 @@ class Excite:
 
 
 @dataclass(frozen=True)
+class Live:
+    """Identify a robot while it moves.
+
+    Reads samples, lines such as {"t": 0.002, "q": [...], "v": [...], "u": [...]}, and prints the
+    actuators' gains with intervals as they narrow. The stream ends with its file, with the line
+    {"end": true}, or with Ctrl-C; result and page follow. docs/live.md has axes, units and order.
+
+    Attributes:
+        model: URDF, MJCF or vehicle's TOML file, or a name from `nsaid list`.
+        law: efficient, memory, cone or paper.
+        rate: samples per second [Hz].
+        udp: port of this machine on which samples arrive; by default they come from the standard
+            input.
+        frame: axes of a vehicle's pose and twist, ENU/FLU (z up) or NED/FRD.
+        position_noise: standard deviation of positions [rad or m].
+        velocity_noise: standard deviation of velocities [rad/s or m/s].
+        prior_error: largest relative error of the model file's values and of guessed frictions.
+        gain: expected force per unit of command, for commands other than forces [N·m or N].
+        lock: comma-separated joints that do not move.
+        joints: comma-separated joints that move, all others being locked.
+        every: time between two printed estimates [s]; 0 for all.
+        view: stream into the Rerun viewer.
+        out: folder of the run; by default runs/NAME-live-LAW, numbered.
+        force: overwrite a completed run in the folder.
+        json: print estimates and summary as lines of JSON.
+        quiet: print only errors.
+    """
+
+    model: Annotated[str, arg(metavar="FILE_OR_NAME")]
+    law: str = "efficient"
+    rate: float = 500.0
+    udp: Annotated[int | None, arg(metavar="PORT")] = None
+    frame: str = "ENU/FLU"
+    position_noise: float = 1e-4
+    velocity_noise: float = 5e-3
+    prior_error: float = 1.0
+    gain: float | None = None
+    lock: str = ""
+    joints: str = ""
+    every: float | None = None
+    view: bool = False
+    out: Path | None = None
+    force: bool = False
+    json: bool = False
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
 class List:
     """List the scenarios, and the robots for `nsaid run arm --robot`."""
 
@@ -365,6 +413,7 @@ class View:
 Command = (
     Annotated[List, subcommand("list")]
     | Annotated[Identify, subcommand("identify")]
+    | Annotated[Live, subcommand("live")]
     | Annotated[Inspect, subcommand("inspect")]
     | Annotated[Excite, subcommand("excite")]
     | Annotated[Run, subcommand("run")]

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
-from ..resources import locked, write_text
-from .folders import RUNS, check_writable
+from ..resources import check_own, locked, reading, write_text
+from .folders import FORCE, RUNS, check_writable
 from .grammar import Identify
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def identify_log(chosen: Identify) -> int:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     folder = _folder(Path(model).stem, chosen.out, chosen.force)
     check_writable(folder)
-    with locked(folder):
+    with reading(model, *chosen.log, *chosen.validate, chosen.map), locked(folder):
         return _identify(model, chosen, folder)
 
 
@@ -134,6 +134,8 @@ def _print_notes(error: UnusableLog) -> None:
 def _folder(name: str, out: Path | None, force: bool) -> Path:
     """The folder of the results: `out`, or runs/NAME-identify, numbered if it holds results."""
     if out is not None:
+        if not force:
+            check_own(out, (RESULT,), FORCE)
         if not force and (out / RESULT).is_file():
             raise BadRun(
                 out, "it holds results", "Give --force to overwrite them, or another --out"

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
+from ..resources import reading
 from .folders import check_writable
 from .grammar import Inspect
 
@@ -35,7 +37,8 @@ def inspect_log(chosen: Inspect) -> int:
         kept = [name.strip() for name in chosen.joints.split(",") if name.strip()]
         robot = load_robot_model(chosen.model, lock, kept or None)
     found = inspect(read_tables(chosen.logs, mapping), mapping, robot)
-    files = _write(found, chosen)
+    with reading(*chosen.logs, chosen.map, chosen.model):
+        files = _write(found, chosen)
     if chosen.json:
         print(json.dumps(document(found), indent=2, ensure_ascii=False))
     else:
@@ -64,7 +67,8 @@ def document(found: Inspection) -> dict[str, object]:
 def _write(found: Inspection, chosen: Inspect) -> list[Path]:
     """Writes the picture and, if a model is given and no map, a first map; returns the files.
 
-    An existing map may have been edited by hand and is kept: the new one gets another name.
+    An existing map may have been edited by hand and is kept: a new one that differs gets another
+    name.
     """
     from ..calibration.logs.first_map import first_map
     from ..reporting.inspection import draw
@@ -73,9 +77,9 @@ def _write(found: Inspection, chosen: Inspect) -> list[Path]:
     chosen.out.mkdir(parents=True, exist_ok=True)
     files = [draw(found, chosen.out / PICTURE)]
     if found.robot is not None and chosen.map is None:
-        path = chosen.out / MAP
-        if path.exists():
-            path = path.with_stem("map-new")
-        write_text(path, first_map(found.tables, found.robot))
+        text, names = first_map(found.tables, found.robot), map("map-new-{}.toml".format, count(2))
+        paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
+        path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
+        write_text(path, text)
         files.append(path)
     return files

@@ -8,11 +8,10 @@ import numpy as np
 from pydantic import Field
 
 from ..bounds import Number, Positive, Tones, config
-from ..errors import InvalidInput
 from ..numerics.spatial import rotation
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from ..systems.torpedo import TorpedoVehicle
+from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 
@@ -59,11 +58,9 @@ class DepthHeadingAutopilot(DriverConfig):
         Raises:
             InvalidInput: the system is not a torpedo, or a frequency band is empty.
         """
-        if not isinstance(system, TorpedoVehicle):
-            raise InvalidInput(
-                "excitation", "a torpedo to steer", type(system).__name__, "Use MultisineCommand."
-            )
-        return _Autopilot(self, system, prior, rng)
+        wanted = ("propeller gain", "fin lift", "quadratic drag", "righting moment")
+        torpedo = single_body(system, wanted, "a torpedo to steer")
+        return _Autopilot(self, torpedo, prior, rng)
 
 
 class _Autopilot(Driver):
@@ -75,11 +72,11 @@ class _Autopilot(Driver):
     def __init__(
         self,
         config: DepthHeadingAutopilot,
-        system: TorpedoVehicle,
+        system: SingleBody,
         prior: Array,
         rng: np.random.Generator,
     ):
-        self._config, self._limit = config, system.limit
+        self._config, self._limit = config, float(system.operation.command[1][0])
         low, high, tones, slow = config.low, config.high, config.tones, config.slow
         self._dither = Multisine(system.n_u, low, high, tones, _DRIVEN, rng)
         self._course = Multisine(2, low / slow, high / slow, tones, 1.0, rng)
@@ -87,10 +84,14 @@ class _Autopilot(Driver):
         self._reach[-1] = config.swing
         place = system.space.index
         self._inertia, self._righting = prior[place("M_55")], prior[place("righting_z")]
-        lift = system.lever.T * prior[system.space["fin lift"]]
+        lever = np.cross(system.constants("fin", "point"), system.constants("fin", "direction"))
+        lift = lever.T * prior[system.space["fin lift"]]
         self._share = np.linalg.pinv(lift)[:, 1:]  # pitch and yaw only; [rad/(N·m)] at 1 m/s
         self._cruise = _balance(
-            prior[place("thrust")], prior[place("dq_along")], system.slip, config.propeller
+            prior[place("thrust")],
+            prior[place("dq_along")],
+            float(system.constants("propeller", "slip")[0]),
+            config.propeller,
         )
 
     def start(self) -> tuple[Array, Array]:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 
-from ..dynamics.forward import forward_work
 from ..parameters import Array
-from ..structure.arrays import AT_Q, CIRCLE, KIND, StructureArrays
+from ..structure.arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
+from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE, f8, kernel, matrix, vector, void
 from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.stage import require
-from .signals import Series, fourier
+from .signals import SERIES, Series, fourier
 
 
 class Tracking(NamedTuple):
@@ -34,14 +34,36 @@ class Tracking(NamedTuple):
     limit: Array
 
 
-@njit(cache=True)
-def tracking_workspace(tracking):
-    """Allocates the workspace of `computed_torque`, which every call overwrites."""
-    n = tracking.limit.shape[0]
-    return np.empty((n, 3)), np.empty(n), np.zeros(n), forward_work(tracking.structure, n)
+class TrackingMemory(NamedTuple):
+    """What `computed_torque` overwrites.
+
+    Attributes:
+        desired: (n, 3) position, velocity and acceleration.
+        a: (n,) acceleration asked for.
+        still: (n,) zeros.
+        stage: memory of a stage.
+        slopes: memory of derivatives.
+    """
+
+    desired: Array
+    a: Array
+    still: Array
+    stage: Workspace
+    slopes: Slopes
 
 
-@njit(cache=True)
+def tracking_workspace(tracking: Tracking) -> TrackingMemory:
+    """Allocates the workspace of `computed_torque`."""
+    n = len(tracking.limit)
+    own = np.empty((n, 3)), np.empty(n), np.zeros(n)
+    return TrackingMemory(*own, *memory_of(tracking.structure, n))
+
+
+TRACKING = types.NamedTuple((STRUCTURE, vector, SERIES, f8, vector), Tracking)
+TRACKING_MEMORY = types.NamedTuple((matrix, vector, vector, WORKSPACE, SLOPES), TrackingMemory)
+
+
+@kernel(void(TRACKING, f8, vector, vector, TRACKING_MEMORY, vector))
 def computed_torque(tracking, t, q, v, workspace, u):
     """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
 
@@ -57,7 +79,7 @@ def computed_torque(tracking, t, q, v, workspace, u):
         u: (n,) receives the command.
     """
     structure, theta, series, omega, limit = tracking
-    desired, a, still, (work, slopes) = workspace
+    desired, a, still, work, slopes = workspace
     bodies, gain = structure.bodies, theta.shape[0] - v.shape[0]
     fourier(series, t, desired)
     for i in range(v.shape[0]):

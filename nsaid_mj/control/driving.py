@@ -8,10 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from ..bounds import Positive, Tones, config
-from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from ..systems.ground import GroundVehicle
+from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 
@@ -55,23 +54,18 @@ class Driving(DriverConfig):
         Raises:
             InvalidInput: the system is not a ground vehicle, or a frequency band is empty.
         """
-        if not isinstance(system, GroundVehicle):
-            raise InvalidInput(
-                "excitation",
-                "a ground vehicle to drive",
-                type(system).__name__,
-                "Use MultisineCommand.",
-            )
-        return _Driver(self, system, prior, rng)
+        wanted = ("cornering stiffness", "drive gain", "drive loss", "rolling resistance")
+        car = single_body(system, wanted, "a ground vehicle to drive")
+        return _Driver(self, car, prior, rng)
 
 
 class _Driver(Driver):
     """Feedforward from the prior plus proportional feedback of speed and yaw rate."""
 
-    def __init__(
-        self, config: Driving, system: GroundVehicle, prior: Array, rng: np.random.Generator
-    ):
-        self._config, self._system = config, system
+    def __init__(self, config: Driving, system: SingleBody, prior: Array, rng: np.random.Generator):
+        self._config = config
+        front, rear = system.constants("tyre", "arm").tolist()
+        self._wheelbase, self._steering = front - rear, system.operation.command[1][1]
         self._m, self._k_d, self._k_v, self._c_0, self._c_D = (
             float(prior[system.space.index(name)]) for name in ("m", "k_d", "k_v", "c_0", "c_D")
         )
@@ -110,5 +104,5 @@ class _Driver(Driver):
             side = np.sin(bearing)
             share += 4 * away * (side if np.cos(bearing) > 0 else np.sign(side))
         curvature = self._config.grip * np.clip(share, -1, 1) / speed**2
-        desired = np.arctan(self._system.wheelbase * (2 * curvature - v[2] / speed))
-        return float(np.clip(desired, -self._system.steering, self._system.steering))
+        desired = np.arctan(self._wheelbase * (2 * curvature - v[2] / speed))
+        return float(np.clip(desired, -self._steering, self._steering))

@@ -11,15 +11,16 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 from pydantic import Field
 
 from ..bounds import Positive, config
-from ..errors import InvalidInput
-from ..numerics.spatial import cross, rotation
+from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from ..systems.aerial import GRAVITY, Quadrotor
+from ..systems.inertial import GRAVITY
+from ..systems.structured import plain
+from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 
@@ -76,11 +77,9 @@ class QuadrotorFlight(DriverConfig):
         Raises:
             InvalidInput: the system is not a quadrotor.
         """
-        if not isinstance(system, Quadrotor):
-            raise InvalidInput(
-                "excitation", "a quadrotor to fly", type(system).__name__, "Use another driver."
-            )
-        return _Flight(self, system, prior, rng)
+        wanted = ("body", "rotor thrust gain", "rotor torque gain")
+        quadrotor = single_body(system, wanted, "a quadrotor to fly")
+        return _Flight(self, quadrotor, prior, rng)
 
 
 class _BodyModel(NamedTuple):
@@ -123,7 +122,7 @@ class _Flight(Driver):
     """Geometric tracking controller; rotor commands are speeds as shares of the top speed."""
 
     def __init__(
-        self, config: QuadrotorFlight, system: Quadrotor, prior: Array, rng: np.random.Generator
+        self, config: QuadrotorFlight, system: SingleBody, prior: Array, rng: np.random.Generator
     ):
         self._path = _Path(config, rng)
         self._dither = Multisine(4, config.low, config.high, _TONES, config.dither, rng)
@@ -153,7 +152,8 @@ class _Flight(Driver):
         )
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        squares = _mix(q, v, self._path(t), t - self._t, self._sums, self._loops, self._model)
+        squares, step, known = np.empty(4), t - self._t, (self._sums, self._loops, self._model)
+        _mix(plain(q), plain(v), self._path(t), step, *known, np.empty(9), np.empty(30), squares)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
 
@@ -189,15 +189,16 @@ class _Path:
         return path
 
 
-def _body_model(system: Quadrotor, theta: Array) -> _BodyModel:
+def _body_model(system: SingleBody, theta: Array) -> _BodyModel:
     """Mass, inertia about the centre of mass, and mixer from θ (24,)."""
     mass, centre = float(theta[0]), theta[1:4] / theta[0]
     Ixx, Ixy, Iyy, Ixz, Iyz, Izz = theta[4:10]
     inertia = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
     inertia -= mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     thrust = theta[system.space["rotor thrust gain"]]
-    torque = system.spin * theta[system.space["rotor torque gain"]]
-    arm = system.rotors - centre
+    spin = system.constants("rotor_torque", "direction")[:, 2]
+    torque = spin * theta[system.space["rotor torque gain"]]
+    arm = system.constants("rotor", "point") - centre
     wrench = np.array([thrust, arm[:, 1] * thrust, -arm[:, 0] * thrust, torque])
     yaw = _YAW * float(np.abs(torque).sum() * mass * GRAVITY / thrust.sum())
     x, y, _ = np.abs(arm).mean(axis=0)
@@ -206,9 +207,66 @@ def _body_model(system: Quadrotor, theta: Array) -> _BodyModel:
     return _BodyModel(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
 
 
-@njit(cache=True)
-def _mix(q, v, path, dt, sums, loops, model):
-    """(4,) squared rotor speeds that track the path.
+LOOPS = types.NamedTuple((f8, vector, f8, f8, f8), _Loops)
+MODEL = types.NamedTuple((f8, matrix, matrix, vector, f8), _BodyModel)
+
+
+@routine(void(vector, index, vector, index, vector, index))
+def _cross(a, i, b, j, c, k):
+    """Writes a × b of 3-vectors that begin at a[i] and b[j] into c, from k on."""
+    c[k] = a[i + 1] * b[j + 2] - a[i + 2] * b[j + 1]
+    c[k + 1] = a[i + 2] * b[j] - a[i] * b[j + 2]
+    c[k + 2] = a[i] * b[j + 1] - a[i + 1] * b[j]
+
+
+@routine(void(vector, vector, vector))
+def _write_rotation(q, R, x):
+    """Writes the rotation, body to world, of a pose q (7,) into R (9,), column by column."""
+    for c in range(3):
+        for r in range(3):
+            x[r] = 1.0 if r == c else 0.0
+        _cross(q, 3, x, 0, x, 3)
+        _cross(q, 3, x, 3, x, 6)
+        for r in range(3):
+            R[3 * c + r] = x[r] + 2.0 * (q[6] * x[3 + r] + x[6 + r])
+
+
+@routine(f8(vector, index, vector, index))
+def _dot(a, i, b, j):
+    """Scalar product of 3-vectors that begin at a[i] and b[j]."""
+    return a[i] * b[j] + a[i + 1] * b[j + 1] + a[i + 2] * b[j + 2]
+
+
+@kernel(f8(vector, vector, matrix, f8, vector, LOOPS, vector, vector), inner=True)
+def _aim(q, v, path, dt, sums, loops, R, x):
+    """Writes the desired specific force a (3,) into x[9:12], its axes y and z into x[12:18].
+
+    x[18:21] receives z × jerk/|a|. Returns |a|.
+    """
+    w, holding = loops.place, _TRIM * loops.place**3
+    for i in range(3):
+        off, most = path[0, i] - q[i], _PLACE_TRIM[i] / holding
+        sums[i] = min(max(sums[i] + dt * off, -most), most)
+        ground = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2]
+        x[9 + i] = path[2, i] + w**2 * off + 2.0 * w * (path[1, i] - ground) + holding * sums[i]
+    x[11] = min(max(x[11] + GRAVITY, _FALL), _RISE)
+    flat = min(1.0, loops.slope * x[11] / max(np.sqrt(x[9] ** 2 + x[10] ** 2), 1e-9))
+    x[9], x[10] = flat * x[9], flat * x[10]
+    size = np.sqrt(_dot(x, 9, x, 9))
+    x[0], x[1], x[2] = np.cos(path[0, 3]), np.sin(path[0, 3]), 0.0
+    for i in range(3):
+        x[15 + i], x[3 + i] = x[9 + i] / size, path[3, i] / size
+    _cross(x, 15, x, 0, x, 12)
+    length = np.sqrt(_dot(x, 12, x, 12))
+    for i in range(3):
+        x[12 + i] /= length
+    _cross(x, 15, x, 3, x, 18)
+    return size
+
+
+@kernel(void(vector, vector, matrix, f8, vector, LOOPS, MODEL, vector, vector, vector))
+def _mix(q, v, path, dt, sums, loops, model, R, x, squares):
+    """Writes the squared rotor speeds (4,) that track the path.
 
     Args:
         q: (7,) pose.
@@ -218,55 +276,46 @@ def _mix(q, v, path, dt, sums, loops, model):
         sums: (6,) integrals of the position [m·s] and attitude [rad·s] errors; updated in place.
         loops: bandwidths and bounds.
         model: the controller's model of the quadrotor.
+        R: (9,) workspace.
+        x: (30,) workspace.
+        squares: (4,) written.
     """
-    place, velocity, acceleration, jerk = path
-    R = rotation(q[3:])
-
-    # desired specific force; its direction is the desired z-axis
-    w, holding = loops.place, _TRIM * loops.place**3
-    off = place[:3] - q[:3]
-    sums[:3] = _bounded(sums[:3] + dt * off, _PLACE_TRIM / holding)
-    a = acceleration[:3] + w**2 * off + 2 * w * (velocity[:3] - np.dot(R, v[:3]))
-    a += holding * sums[:3]
-    a[2] = min(max(a[2] + GRAVITY, _FALL), _RISE)
-    a[:2] *= min(1.0, loops.slope * a[2] / max(np.sqrt(a[0] ** 2 + a[1] ** 2), 1e-9))
-    size = np.sqrt(np.sum(a * a))
-    z = a / size
-    y = cross(z, np.array([np.cos(place[3]), np.sin(place[3]), 0.0]))
-    y /= np.sqrt(np.sum(y * y))
+    _write_rotation(q, R, x)
+    _aim(q, v, path, dt, sums, loops, R, x)
+    _cross(x, 12, x, 15, x, 0)  # the desired x-axis
+    x[20] += path[1, 3]  # the desired angular velocity, in the world
 
     # attitude error in body axes: shortest rotation of the tilt, and the heading's
-    E = np.dot(R.T, np.column_stack((cross(y, z), y, z)))
-    heading = np.arctan2(E[1, 0] - E[0, 1], E[0, 0] + E[1, 1])
-    turn = np.array([-E[1, 2], E[0, 2], heading])
-    if E[2, 2] < 0.0:  # tilt error above 90°
-        turn[:2] /= max(np.sqrt(turn[0] ** 2 + turn[1] ** 2), 1e-9)
-    rate = cross(z, jerk[:3]) / size
-    rate[2] += velocity[3]
-    w3, holding3 = loops.attitude, _TRIM * loops.attitude**3
-    sums[3:] = _bounded(sums[3:] + dt * turn, model.trim / holding3)
-    alpha = w3**2 * turn + 2 * w3 * (np.dot(R.T, rate) - v[3:]) + holding3 * sums[3:]
-
+    heading = np.arctan2(_dot(R, 3, x, 0) - _dot(R, 0, x, 12), _dot(R, 0, x, 0) + _dot(R, 3, x, 12))
+    x[3], x[4], x[5] = -_dot(R, 3, x, 15), _dot(R, 0, x, 15), heading
+    if _dot(R, 6, x, 15) < 0.0:  # tilt error above 90°
+        length = max(np.sqrt(x[3] ** 2 + x[4] ** 2), 1e-9)
+        x[3], x[4] = x[3] / length, x[4] / length
+    for i in range(3):
+        w, holding = loops.attitude[i], _TRIM * loops.attitude[i] ** 3
+        most = model.trim[i] / holding
+        sums[3 + i] = min(max(sums[3 + i] + dt * x[3 + i], -most), most)
+        rate = _dot(R, 3 * i, x, 18) - v[3 + i]
+        x[21 + i] = w**2 * x[3 + i] + 2.0 * w * rate + holding * sums[3 + i]
+    for i in range(3):
+        x[24 + i], x[27 + i] = 0.0, 0.0
+        for j in range(3):
+            x[24 + i] += model.inertia[i, j] * v[3 + j]
+            x[27 + i] += model.inertia[i, j] * x[21 + j]
+    _cross(v, 3, x, 24, x, 0)
     weight = model.mass * GRAVITY
-    lift = model.mass * np.sum(a * R[:, 2])
-    torque = np.dot(model.inertia, alpha) + cross(v[3:], np.dot(model.inertia, v[3:]))
-    wrench = np.array(
-        [
-            min(max(lift, _LIFT[0] * weight), _LIFT[1] * weight),
-            torque[0],
-            torque[1],
-            min(max(torque[2], -model.yaw), model.yaw),
-        ]
-    )
-    squares = np.dot(model.mixer, wrench)
-    squares -= max(
-        0.0, squares.max() - loops.most
-    )  # when saturated, keep the torques and give up thrust
-    squares += max(0.0, loops.least - squares.min())
-    return np.minimum(squares, loops.most)
-
-
-@njit(cache=True)
-def _bounded(x, most):
-    """x (n,) clipped to ±most (n,)."""
-    return np.minimum(np.maximum(x, -most), most)
+    x[3] = min(max(model.mass * _dot(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
+    x[4], x[5] = x[27] + x[0], x[28] + x[1]
+    x[6] = min(max(x[29] + x[2], -model.yaw), model.yaw)
+    largest, least = -np.inf, np.inf
+    for i in range(4):
+        squares[i] = 0.0
+        for j in range(4):
+            squares[i] += model.mixer[i, j] * x[3 + j]
+        largest = max(largest, squares[i])
+    lower = max(0.0, largest - loops.most)  # when saturated, keep the torques, give up thrust
+    for i in range(4):
+        squares[i] -= lower
+        least = min(least, squares[i])
+    for i in range(4):
+        squares[i] = min(squares[i] + max(0.0, loops.least - least), loops.most)

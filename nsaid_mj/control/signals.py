@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
+from ..numerics.kernels import f8, kernel, matrix, vector, void
 from ..parameters import Array
 
 
@@ -26,12 +27,16 @@ class Series(NamedTuple):
     centre: Array
 
 
-@njit(cache=True)
+SERIES = types.NamedTuple((vector, matrix, vector), Series)
+
+
+@kernel(void(SERIES, f8, matrix))
 def fourier(series, t, motion):
     """Writes position, velocity and acceleration at time t [s] into motion (n, 3)."""
     omega, coefficients, centre = series
     count = omega.shape[0]
-    motion[:] = 0.0
+    for i in range(motion.shape[0]):
+        motion[i, 0] = motion[i, 1] = motion[i, 2] = 0.0
     for k in range(count):
         rate = omega[k]
         s, c = np.sin(rate * t), np.cos(rate * t)
@@ -141,19 +146,18 @@ class Multisine:
     def __call__(self, t: ArrayLike) -> Array:
         """(..., channels) signals at times t (...) [s], clipped to ±amplitude."""
         times = np.asarray(t, dtype=np.float64)
-        signal = _sines(times.ravel(), self._omega, self._phase, self._amplitude, self._bound)
+        signal = np.empty((times.size, len(self._omega)))
+        _sines(times.flatten(), self._omega, self._phase, self._amplitude, self._bound, signal)
         return signal.reshape(*times.shape, -1)
 
 
-@njit(cache=True)
-def _sines(t, omega, phase, amplitude, bound):
-    """(k, channels) sums of sines at times t (k,), clipped."""
+@kernel(void(vector, matrix, matrix, f8, f8, matrix))
+def _sines(t, omega, phase, amplitude, bound, signal):
+    """Writes sums of sines at times t (k,), clipped, into signal (k, channels)."""
     channels, tones = omega.shape
-    signal = np.empty((t.shape[0], channels))
     for k in range(t.shape[0]):
         for i in range(channels):
             total = 0.0
             for j in range(tones):
                 total += np.sin(omega[i, j] * t[k] + phase[i, j])
             signal[k, i] = min(max(amplitude * total, -bound), bound)
-    return signal

@@ -13,8 +13,8 @@ where F_x, F_c and B are those of `forward.transition` and θ_⊥ = Zᵀ θ/scal
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..numerics.kernels import kernel
 from ..numerics.linalg import cholesky
 from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
@@ -24,7 +24,7 @@ from .forward import forward_work, linearise, transition, transition_work
 _BLOCK = 16  # samples whose rows enter J together: one product of matrices instead of many
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def information_along(structure, theta, scale, basis, R0, R, t, q, v, u, J):
     """Adds the information of a motion about θ_⊥ to J.
 
@@ -90,7 +90,7 @@ def information_along(structure, theta, scale, basis, R0, R, t, q, v, u, J):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def acceleration_rows(structure, q, v, u, theta, scale, rows):
     """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
     n = v.shape[1]
@@ -101,7 +101,7 @@ def acceleration_rows(structure, q, v, u, theta, scale, rows):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def torques_along(structure, theta, q, v, a, torque):
     """Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,)."""
     n = v.shape[1]

@@ -141,7 +141,7 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
     return structured if motion.instance_class is StructureMotion else tensor
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient):
     """A stage of a `StructureMotion`; see `stage`."""
     state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
@@ -150,7 +150,10 @@ def structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient):
     return structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
 
 
-@njit(cache=True, _nrt=True)  # np.dot allocates
+_ALLOCATING: Any = {"_nrt": True}  # np.dot allocates
+
+
+@njit(**_ALLOCATING)
 def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
     """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
 
@@ -174,3 +177,7 @@ def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
             for k in range(p):
                 gradient[k] += of_M * M[j, i, k] + of_C * C[j, i, k]
     return pivot
+
+
+STAGES = structured_gradient, tensor_gradient, stage_work
+"""What `stage_room` and `stage` call, for kernels that call them."""

@@ -20,6 +20,7 @@ but everything else is.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -28,7 +29,8 @@ import scipy.linalg
 
 from ..experiment.loop import Run
 from ..experiment.setup import told
-from ..identifiers import Confidence, NullspaceAID
+from ..experiment.source import LONGEST_STEP
+from ..identifiers import Confidence, NullspaceAID, State
 from ..identifiers.cone.barrier import cone_of, inside
 from ..identifiers.cone.prior import drawn_inside
 from ..identifiers.efficient.drift import walks
@@ -87,6 +89,20 @@ class Misfit(NamedTuple):
             "misfit_widening": self.widening,
             "misfit_drift": self.drift,
         }
+
+
+def running_misfit(state: State) -> str:
+    """The level while a law still runs, from its state alone; "" of a law without a filter.
+
+    It is that of all innovations so far, and of contradictions that no fault explains.
+    """
+    if state.filter is None:
+        return ""
+    inside = state.filter
+    squares, number = inside.filter.totals
+    if inside.restarts + inside.unnamed > _REPEATED:
+        return CONTRADICTS
+    return SOME if number and squares > _LARGE * number else NONE
 
 
 def misfit_of(run: Run) -> Misfit | None:
@@ -153,16 +169,18 @@ def _drifted(
 
 
 def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
-    """Parts of a log between faults, their rows in the record, and the signals that act."""
+    """Parts of a log between faults and gaps, their rows in the record, and acting signals."""
     known = [event for event in run.faults if event.kind != "unknown"]
     first = int(np.searchsorted(log.t, log.t[-1] - _LONGEST))
     starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
     ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
+    gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1
     for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
-        start = max(first, begin)
-        if end - start >= _FEWEST:
-            signals = Signals.after(run.system, known[:i])
-            yield log.part(start, end), slice(start, end), signals
+        cuts = [max(first, begin), *gaps[(gaps > max(first, begin)) & (gaps < end)].tolist(), end]
+        for start, stop in itertools.pairwise(cuts):
+            if stop - start >= _FEWEST:
+                signals = Signals.after(run.system, known[:i])
+                yield log.part(start, stop), slice(start, stop), signals
 
 
 def _sound(system: SecondOrderSystem, theta: Array, prior: Array) -> Array:

@@ -95,6 +95,7 @@ def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
         "sensor_noise": sensor_noise(run),
         **({"mismatch": list(truth.mismatches), "fault": truth.fault} if truth else {}),
         "faults": [fault.keys() for fault in run.faults],
+        **({"stream": run.stream} if run.stream else {}),
         "unobservable": [
             {
                 "direction": d.words,

@@ -24,8 +24,9 @@ def verdict(summary: dict[str, Any]) -> str:
     simulated plant, because every θ leaves more than `CONTRADICTED` of the forces on a held-out
     trajectory unexplained; an estimate within `CONVERGED` of the true set has *converged*;
     one that is closer to it than the prior is *still converging*. If the truth is unknown, the
-    stated confidence and the force residual replace the distance. A misfit of `some` is told with
-    the widening of the intervals, or as gains that drift.
+    stated confidence and, unless the filter's innovations show that the structure explains the
+    motion, the force residual replace the distance: with noisy sensors the residual stays large. A
+    misfit of `some` is told with the widening of the intervals, or as gains that drift.
 
     Args:
         summary: see `summarize`; keys that need a truth may be absent.
@@ -57,7 +58,8 @@ def verdict(summary: dict[str, Any]) -> str:
         stated = summary.get("confidence")
         worst = None if stated is None else stated["deviation_largest"]
         best = max(PREDICTS, _MARGIN * (floor or 0.0))
-        arrived = residual is not None and residual <= best
+        explained = summary.get("misfit") == "none" and worst is not None
+        arrived = explained or (residual is not None and residual <= best)
         arrived = arrived and (worst is None or worst <= CONVERGED)
         nearer = True
         known = "" if worst is None else f"least known direction to ±{_share(worst)}"

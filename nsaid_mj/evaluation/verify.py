@@ -200,11 +200,11 @@ def _premises(run: Run, truth: Truth | None, summary: dict[str, Any]) -> str:
     """Why the premises of Theorems 1 and 2 are not met; empty if they are."""
     if truth is None:
         return "the true θ is not known"
-    if summary["mismatch"]:
+    if summary.get("mismatch"):
         return f"not in the structure: {'; '.join(summary['mismatch'])}"
     if summary["sensor_noise"]:
         return f"the measurements are not exact: sensor {summary['sensor_noise']}"
-    if summary["fault"]:
+    if summary.get("fault"):
         return f"the true θ has changed: {summary['fault']}"
     if isinstance(run.scenario.identifier, ConventionalAID):
         return "the law holds parameters at their prior values, which are not the true ones"

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
-from ..log import Log
+from ..log import Log, Measurement
 
 DRIFT = 1e-3
 """Relative drift of the conserved quantity beyond which RK4 has lost the law's solution."""
@@ -56,6 +56,10 @@ class Following:
             The estimates up to the end of the segment, or up to the failure.
         """
         return self.absorb(log, *self.identifier.follow(self.state, log), due)
+
+    def resume(self, here: Measurement) -> None:
+        """Goes on at a measurement after a gap; see `Identifier.resume`."""
+        self.state = self.identifier.resume(self.state, here)
 
     def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> Estimates:
         """Absorbs the estimates of a segment, up to the first check with a drift beyond `DRIFT`.

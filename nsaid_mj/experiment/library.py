@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import sys
 import traceback
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,13 @@ if TYPE_CHECKING:
 
 
 _GUARD = "Call it under `if __name__ == '__main__':`, which does not hold while a script is loaded."
+
+
+class _Script(SourceFileLoader):
+    """Loads a script without leaving its bytecode in the user's folder."""
+
+    def set_data(self, path: str, data: object, *, _mode: int = 0o666) -> None:
+        pass
 
 
 def load(name: str) -> Scenario:
@@ -32,15 +40,17 @@ def load(name: str) -> Scenario:
     if path.suffix != ".py" or not path.is_file():
         remedy = "The name comes before all flags; a script is given by its path, ending in .py."
         raise UnknownName("scenario", name, known, remedy)
-    spec = importlib.util.spec_from_file_location(f"_scenario_{path.stem}", path)
-    assert spec is not None and spec.loader is not None  # a .py file always has one
+    name = f"_scenario_{path.stem}"
+    loader = _Script(name, str(path))
+    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    assert spec is not None  # of a .py file
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses of the script resolve their annotations here
     from ..experiment.scenario import Scenario
     from .blame import blame
 
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except SyntaxError as error:
         raise blame(error) or BadScript(path, 0, f"SyntaxError: {error.msg}") from error
     except Exception as error:

@@ -1,4 +1,4 @@
-"""The time loop: simulates a plant, runs the identifiers on its measurements, writes the record.
+"""The only loop: runs the identifiers on the measurements of a source, and writes the record.
 
 The wall: an identifier gets the plant's structure, a prior, and measurements. `setup` draws the
 prior before the first time step; the truth is not read again until the end of the run.
@@ -10,21 +10,20 @@ import json
 import signal
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..control import Driver, InformedDriver
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..identifiers.faults import FaultEvent
 from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor, structural
-from ..numerics.kernels import clock, compile_seconds
+from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Plant, VisualMesh
@@ -33,7 +32,8 @@ from ..system import SecondOrderSystem
 from .following import Following, due_rows
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
 from .scenario import Scenario
-from .setup import Setup
+from .setup import Seeds, Setup
+from .source import Segment, Simulation, Source
 
 FAULTS = "faults.json"
 """The faults found so far, rewritten whenever there is a new one."""
@@ -93,6 +93,20 @@ class Looks(Protocol):
         ...
 
 
+class Robot(NamedTuple):
+    """What is known of the robot that moves: no true value.
+
+    Attributes:
+        system: the structure.
+        prior: (p,) θ̂(0).
+        looks: its visual meshes; None if there are none.
+    """
+
+    system: SecondOrderSystem
+    prior: Array
+    looks: Looks | None
+
+
 @dataclass(eq=False, kw_only=True)
 class Run:
     """A finished run: measurements and estimates, without any true value.
@@ -110,6 +124,8 @@ class Run:
         states: the identifiers' last states, by name; empty if the run was read from its record.
         confidence: from an earlier summary of the run, if it was read from its record.
         looks: visual meshes of the robot; None if there are none.
+        stream: what was wrong with the samples of a live robot, in words and numbers; empty of a
+            run whose measurements did not arrive from outside.
     """
 
     scenario: Scenario
@@ -124,6 +140,7 @@ class Run:
     states: dict[str, State] = field(default_factory=dict)
     confidence: dict[str, Any] | None = None
     looks: Looks | None = None
+    stream: dict[str, int] = field(default_factory=dict)
 
     @property
     def faults(self) -> tuple[FaultEvent, ...]:
@@ -160,8 +177,8 @@ class Observer(ABC):
     period: float = np.inf
 
     @abstractmethod
-    def start(self, scenario: Scenario, plant: Plant) -> None:
-        """Called before the first time step."""
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+        """Called at the first measurement."""
 
     @abstractmethod
     def see(
@@ -199,14 +216,43 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
         NsaidError: the scenario cannot be started; no record has been written.
     """
     with locked(folder):
-        return _run(scenario, folder, *observers)
+        compiled, setup = compile_seconds(), Setup.of(scenario)
+        source = Simulation(setup.plant, setup.driver(), setup.sensors(), scenario.dt)
+        robot = Robot(setup.system, setup.prior, setup.plant)
+        done = followed(scenario, robot, source, setup.identifiers(), folder, observers)
+        done.cost.compile = compile_seconds() - compiled
+        return SimulatedRun(**vars(done), setup=setup)
 
 
-def _run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
-    compiled, setup = compile_seconds(), Setup.of(scenario)
-    system, driver, identifiers = setup.system, setup.driver(), setup.identifiers()
-    r = structural(system, setup.prior, np.random.default_rng(setup.seeds.structure)).r
+def followed(
+    scenario: Scenario,
+    robot: Robot,
+    source: Source,
+    identifiers: dict[str, Identifier],
+    folder: Path,
+    observers: Sequence[Observer] = (),
+    metadata: dict[str, Any] | None = None,
+) -> Run:
+    """Runs identifiers on the measurements of a source until it ends, and writes the record.
+
+    Args:
+        scenario: of the run; its plant is not simulated here.
+        robot: what is known of it.
+        source: of the measurements.
+        identifiers: by name; "" is the scenario's own.
+        folder: of the run's files, which no other run may write; created if missing.
+        observers: called during the run.
+        metadata: further entries of the record's.
+
+    Raises:
+        NotWritten: the disk is full; the record up to there is kept.
+        BadRun: the record was removed or replaced during the run.
+    """
+    system = robot.system
+    rng = np.random.default_rng(Seeds.of(scenario.seed).structure)
+    r = structural(system, robot.prior, rng).r
     with told(folder):  # files of an earlier run could be mistaken for this one's
+        folder.mkdir(parents=True, exist_ok=True)
         for name in DERIVED:
             (folder / name).unlink(missing_ok=True)
     writer = RecordWriter(
@@ -218,38 +264,36 @@ def _run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun
             "units": system.space.units,
             "scale": system.space.scale.tolist(),
             "r": r,
-        },
+        }
+        | (metadata or {}),
         batch=max(1, segment_steps(scenario) // scenario.record_every),
     )
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
-    loop = _Loop(setup, driver, identifiers, monitor, writer, observers, folder)
+    loop = _Loop(scenario, robot, source, identifiers, monitor, writer, observers, folder)
     begin = clock()
     try:
-        for observer in observers:
-            observer.start(scenario, setup.plant)
         with _ctrl_c(loop.stop):
             loop()
     except KeyboardInterrupt:
-        loop.ending.status = Status.interrupted
+        loop.ending.status = source.stopped
     finally:
-        loop.cost.wall, loop.cost.compile = clock() - begin, compile_seconds() - compiled
+        loop.cost.wall = clock() - begin
         for observer in observers:
             observer.stop()
         writer.close()
     writer.check()
-    return SimulatedRun(
+    return Run(
         scenario=scenario,
         folder=folder,
         record=Record.read(folder),
         system=system,
-        prior=setup.prior,
+        prior=robot.prior,
         identifiers=identifiers,
         statuses={name: state.status for name, state in loop.states.items()},
         ending=loop.ending,
         cost=loop.cost,
         states=loop.states,
-        looks=setup.plant,
-        setup=setup,
+        looks=robot.looks,
     )
 
 
@@ -280,16 +324,6 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         set_all(signal.default_int_handler)
-
-
-def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
-    """Status and signal of a plant that diverged or a measurement that is not finite, else None."""
-    if plant.diverged:
-        return Status.plant_diverged, plant.diverged
-    for name, part in (("q", last.q), ("v", last.v)):  # before u, which follows from them
-        if not np.isfinite(part).all():
-            return Status.measurement_not_finite, name
-    return None if np.isfinite(last.u).all() else (Status.command_not_finite, "u")
 
 
 def reopen(folder: Path, record: Record) -> SimulatedRun:
@@ -328,23 +362,15 @@ def segment_steps(scenario: Scenario) -> int:
     return max(1, round(BATCH_SECONDS / scenario.dt))
 
 
-def informing_steps(driver: Driver, dt: float) -> float:
-    """Time steps between two estimates that a driver is informed of; infinite for none.
-
-    They do not depend on the observers, so that these do not change a run.
-    """
-    period = driver.period if isinstance(driver, InformedDriver) else np.inf
-    return max(1.0, float(np.round(period / dt)))
-
-
 @dataclass
 class _Loop:
-    setup: Setup
-    driver: Driver
+    scenario: Scenario
+    robot: Robot
+    source: Source
     identifiers: dict[str, Identifier]
     monitor: PersistenceMonitor
     writer: RecordWriter
-    observers: tuple[Observer, ...]
+    observers: Sequence[Observer]
     folder: Path
     following: dict[str, Following] = field(default_factory=dict)
     ending: Ending = field(default_factory=Ending)
@@ -360,41 +386,52 @@ class _Loop:
     def stop(self) -> None:
         """Ends the loop after the current segment."""
         self.stopped = True
+        self.source.stop()
 
     def __call__(self) -> None:
-        """Runs the loop: for each segment, first the plant moves, then the identifiers follow."""
-        scenario, plant = self.setup.scenario, self.setup.plant
-        driver, sensors = self.driver, self.setup.sensors()
+        """Runs the loop: for each segment, first the robot moves, then the identifiers follow."""
+        scenario, source = self.scenario, self.source
         period = min((observer.period for observer in self.observers), default=np.inf)
-        segment = max(1, round(min(period / scenario.dt, segment_steps(scenario))))
-        inform = informing_steps(driver, scenario.dt)
-        with plant.running():
-            log = Log.unchecked_of([plant.begin(driver, sensors)])
-            if self._unsound(log):
+        most = max(1, round(min(period / scenario.dt, segment_steps(scenario))))
+        with source.running():
+            first = source.begin()
+            if first.end:
+                self._end(*first.end, float(first.log.t[0]))
                 return
+            log = first.log
+            for observer in self.observers:
+                observer.start(scenario, self.robot, log.at(0))
             self.following |= {name: Following(i, log) for name, i in self.identifiers.items()}
             self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
-                begin, steps = clock(), int(min(segment, scenario.steps - k, inform - k % inform))
-                log = plant.drive(driver, log.at(-1), steps, sensors)
+                begin = clock()
+                segment = source.segment(log.at(-1), k, min(most, scenario.steps - k))
                 self.cost.plant += clock() - begin
-                log, estimates = self._follow(k, log.first(len(log.t) - self._unsound(log)))
-                self._keep(k, 1, log, estimates)
-                k += len(log.t) - 1
-                self.cost.steps = k
-                if k % inform == 0 and isinstance(driver, InformedDriver):
-                    driver.inform(self.following[""].state.theta_hat)
-                if self.stopped and self.ending.status is Status.completed:
-                    self._end(Status.interrupted, "", self.ending.time)
+                k, log = self._absorb(k, segment)
+                if self.stopped or (segment.end and segment.end[0] is Status.completed):
+                    break
+            if self.stopped and self.ending.status is Status.completed:
+                self._end(source.stopped, "", self.ending.time)
 
-    def _unsound(self, log: Log) -> bool:
-        """Ends the run, and returns True, if the plant diverged or the last row is not finite."""
-        last = log.at(-1)
-        end = ended(self.setup.plant, last)
-        if end:
-            self._end(*end, last.t)
-        return end is not None
+    def _absorb(self, k: int, segment: Segment) -> tuple[int, Log]:
+        """Follows and records a segment after measurement k; returns the last one's number."""
+        log = segment.log
+        if segment.end and segment.end[0] is not Status.completed:
+            self._end(*segment.end, float(log.t[-1]))
+            log = log.first(len(log.t) - 1)
+        if segment.resumed:
+            for following in self.following.values():
+                following.resume(log.at(0))
+            k += 1
+            self._keep(k, 0, log.first(1), {n: Estimates.of(s) for n, s in self.states.items()})
+        if len(log.t) > 1:
+            log, estimates = self._follow(k, log)
+            self._keep(k, 1, log, estimates)
+            k += len(log.t) - 1
+        self.cost.steps = k
+        self.source.inform(k, self.following[""].state.theta_hat)
+        return k, log
 
     def _end(self, status: Status, signal: str, t: float) -> None:
         self.ending.status, self.ending.signal, self.ending.time = status, signal, t
@@ -403,7 +440,7 @@ class _Loop:
         """Runs the identifiers along a segment from time step k; cut where the own one fails."""
         begin, estimates = clock(), {}
         for name, following in self.following.items():  # the scenario's own comes first
-            due = due_rows(k, len(log.t), self.setup.scenario.dt, self.setup.scenario.steps)
+            due = due_rows(k, len(log.t), self.scenario.dt, self.scenario.steps)
             found = following.follow(log, due)
             if not name and following.ended is not None:
                 self._end(following.state.status, following.signal, following.ended)
@@ -414,7 +451,7 @@ class _Loop:
 
     def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
         """Records a segment from time step k, beginning with row `fresh`; calls the observers."""
-        scenario, system = self.setup.scenario, self.setup.system
+        scenario, system = self.scenario, self.robot.system
         own, rows = estimates[""], np.arange(fresh, len(log.t))
         every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
         levels = np.empty((len(log.t), 2))

@@ -199,6 +199,13 @@ class Identifier(ABC):
         """
 
     @abstractmethod
+    def resume(self, state: State, here: Measurement) -> State:
+        """The state at a measurement after a gap, in which nothing is known of the motion.
+
+        θ̂ and what was learned of it stay; v̂ and whatever else follows the motion begin anew.
+        """
+
+    @abstractmethod
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) the law's conserved quantity for estimates (..., p); constant along a run."""
 
@@ -239,6 +246,10 @@ class DataMemory(ABC):
     @abstractmethod
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
+
+    @abstractmethod
+    def resume(self, memory: Memory, here: Measurement) -> Memory:
+        """The memory at a measurement after a gap, whose data in between are left out."""
 
     @abstractmethod
     def absorb(self, state: State, log: Log) -> State:

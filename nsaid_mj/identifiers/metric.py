@@ -164,6 +164,12 @@ def accurate(law, start, eta, before, theta, scratch):
     """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate."""
 
 
+CHARTS = (
+    chart_room, confine, from_chart_into, height, inside, natural_rate_into, to_chart_into,
+)  # fmt: skip
+"""What the functions above call, for kernels that call them."""
+
+
 @overload(chart)
 def _chart(law):
     def flat(law):
@@ -243,7 +249,7 @@ def _accurate(law, start, eta, before, theta, scratch):
     return flat if law.instance_class is Flat else curved
 
 
-@njit(cache=True, **FAST)
+@njit(**FAST)
 def stored(stiffness, theta):
     """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p,) or (p, p)."""
     total = 0.0

@@ -105,6 +105,14 @@ class NullspaceIdentifier(Identifier):
         theta = self.prior.copy()
         return State(first.t, first.v.copy(), theta, np.inf, Status.completed, memory)
 
+    def resume(self, state: State, here: Measurement) -> State:
+        """The state at a measurement after a gap, with v̂ = v."""
+        here = checked(self.system, here)
+        memory = state.memory
+        if self.memory is not None and memory is not None:
+            memory = self.memory.resume(memory, here)
+        return state._replace(t=here.t, v_hat=here.v.copy(), memory=memory)
+
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """RK4 steps of (44, 45) along a log, with the memory's updates if there is one.
 
@@ -161,7 +169,7 @@ class NullspaceIdentifier(Identifier):
             start[0] = part
         if state.status is not Status.completed:
             return state, estimates.first(1)
-        return _end(state, log, estimates, self._follow(log, estimates, motion))
+        return end_of(state, log, estimates, self._follow(log, estimates, motion))
 
     def motion(self, log: Log) -> Motion:
         """All parts of the RK4 stages along a log that do not depend on the estimate."""
@@ -252,7 +260,7 @@ class NullspaceIdentifier(Identifier):
         return None if self.memory is None else self.memory.confidence(state)
 
 
-def _end(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
+def end_of(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
     """The state and the estimates after a log whose row `failed` is the first invalid one, or N."""
     last = failed - 1
     state = state._replace(

@@ -1,7 +1,7 @@
 """Small compiled mathematics: linear algebra, rotations and poses. No robotics.
 
-Importing this package sets the cache folder of compiled kernels, see `kernels`; every package that
+Importing this package sets the cache folder of compiled kernels, see `cache`; every package that
 defines kernels imports it first.
 """
 
-from . import kernels as kernels
+from . import cache as cache

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from numba import njit
-
+from .kernels import kernel
 from .spatial import bracket
 
 
-@njit(cache=True)
+@kernel()
 def half_way(dq, v0, v1, dt, hermite, group):
     """The tangent step (n,) to, and the velocity (n,) at, the middle between two samples.
 

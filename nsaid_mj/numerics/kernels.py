@@ -1,276 +1,226 @@
-"""The cache of compiled kernels, and the time spent compiling.
+"""Compiled functions: each is compiled once, by one process at a time, and cached on disk.
 
-By default numba caches compiled kernels beside the sources and checks only the file that defines a
-kernel: after an update, a caller may run with outdated code of its callees, or the index may name
-modules that no longer exist. Here the cache is a folder in the user's cache directory, named by a
-digest of everything that kernels are compiled from, so that no stale kernel is ever loaded.
-
-numba's files also mix up kernels if two processes write one index at the same time. Here they write
-one after the other, so that any number of processes can share the folder.
+What Python calls is a `kernel`. What only compiled functions call is either one, too, and they call
+it by its address, or a `helper` or `routine`, which becomes part of the kernels that call it.
 """
 
 from __future__ import annotations
 
-import atexit
-import gc
-import hashlib
-import os
-import platform
-import shutil
-import sys
-import tempfile
-import time
+import inspect
+import threading
 import warnings
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-import llvmlite
-import numba
-import numpy as np
-from numba.core import caching, event  # the Event API is in numba's manual
+from llvmlite import binding as llvm
+from numba import config, njit, typeof, types
+from numba.core import cgutils
+from numba.core.errors import NumbaError
+from numba.extending import is_jitted, lower_builtin, overload, type_callable, typeof_impl
 
-from ..errors import DamagedKernelCache, NoKernelCache, NotWritten
+from ..errors import DamagedKernelCache, NoKernelCache
+from .cache import FOLDER
+from .packs import PACK
+from .stopwatch import compiling
 
 try:
     import fcntl
 except ImportError:  # not on Windows
     fcntl = None
 
-PACKAGE = Path(__file__).resolve().parent.parent
-WITHOUT_KERNELS = (
-    "experiment",
-    "evaluation",
-    "design",
-    "recording",
-    "reporting",
-    "studies",
-    "cli",
-    "_assets",
-    "_scenarios",
-)
-"""Subpackages that define no kernel and that no kernel can depend on, by the order of imports."""
+f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
+vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
 
-KEPT = 3  # folders of other digests that survive when a new one is made
-IN_USE = 86400.0  # folders used more recently than this are never deleted [s]
-_FOLDER = "nsaid-mj"
+FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+"""Division by 0 gives inf or NaN, as in numpy, and numba compiles no error messages. Without `_nrt`
+it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
+SIGNATURES: dict[Any, Any] = {}
+"""Of helpers and routines: without one, numba compiles one for every literal integer given."""
+_LOCK = threading.RLock()
+_njit, _overload = cast("Any", njit), cast("Any", overload)  # types without a dict of options
 
 
-def digest(package: Path = PACKAGE) -> str:
-    """Sixteen hexadecimal digits that identify everything kernels are compiled from.
-
-    That is the package's sources and the versions of Python, numpy, numba and llvmlite.
-
-    Args:
-        package: the package's folder.
-    """
-    found = hashlib.sha256(f"{platform.python_version()} {sys.implementation.cache_tag}".encode())
-    for part in (np, numba, llvmlite):
-        found.update(f" {part.__name__} {part.__version__}".encode())
-    for folder, inner, files in os.walk(package):
-        top = Path(folder) == package
-        inner[:] = sorted(
-            name
-            for name in inner
-            if name != "__pycache__" and not (top and name in WITHOUT_KERNELS)
-        )
-        for name in sorted(files):
-            if name.endswith(".py"):
-                path = os.path.join(folder, name)
-                with open(path, "rb") as file:
-                    content = hashlib.sha256(file.read()).hexdigest()
-                found.update(f" {os.path.relpath(path, package)} {content}".encode())
-    return found.hexdigest()[:16]
+def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Marks a small function that becomes part of the compiled functions that call it."""
+    return _part(signature, forceinline=True)
 
 
-def cache_home() -> Path:
-    """The folder that contains the folders of all digests.
-
-    It is in NUMBA_CACHE_DIR if set, else in XDG_CACHE_HOME if set, else in ~/.cache.
-
-    Raises:
-        OSError: the home directory cannot be determined.
-    """
-    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
-        return Path(chosen).absolute() / _FOLDER
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(base):  # the XDG specification says to ignore relative paths
-        return Path(base) / _FOLDER
-    try:
-        return Path.home() / ".cache" / _FOLDER
-    except RuntimeError as error:
-        raise OSError(str(error)) from error
+def routine(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Marks a larger function that only functions of one kernel call."""
+    return _part(signature, **options)
 
 
-def open_cache() -> Path:
-    """Creates the folder of this version's kernels, or marks it as used, and deletes old folders.
+def _part(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    def mark(function: Callable[..., Any]) -> Any:
+        made: Any = _njit(**(FAST | options), no_cpython_wrapper=True)(function)
+        SIGNATURES[made] = signature
+        return made
 
-    If it is not writable, a temporary folder serves this process and its children, with a
-    `NoKernelCache` warning.
-    """
-    try:
-        home = cache_home()
-        folder = home / digest()
-        new = not folder.is_dir()
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()  # raises if the folder is not writable
-        os.utime(folder)
-    except OSError as error:
-        return _temporary(error)
-    if new:
-        prune(home, folder)
-    return folder
+    return mark
 
 
-def _temporary(error: OSError) -> Path:
-    """A cache folder that is deleted when this process ends; warns with the error's reason."""
-    try:
-        folder = Path(tempfile.mkdtemp(prefix="nsaid-mj-"))
-    except OSError:
-        remedy = "Set NUMBA_CACHE_DIR and TMPDIR to writable folders"
-        raise NotWritten("compiled kernels", "no folder is writable", remedy) from error
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)  # so that children share it, and do not warn
-    warnings.warn(NoKernelCache(error), stacklevel=2)
-    return folder
+def kernel(signature: Any = None, *calls: Any, **options: Any) -> Any:
+    """Marks a function that Python calls, or several compiled ones; see `Kernel`."""
+
+    def mark(function: Callable[..., Any]) -> Any:
+        return function if config.DISABLE_JIT else Kernel(function, signature, *calls, **options)
+
+    return mark
 
 
-def prune(home: Path, current: Path, now: float | None = None) -> None:
-    """Deletes the folders of other digests, except the newest ones and those recently used.
+def in_packs(given: tuple[Any, ...]) -> bool:
+    """Whether a call computes several runs at once, see `packs`."""
+    return any(getattr(kind, "dtype", None) is PACK for kind in given)
+
+
+class Kernel:
+    """A function that Python calls, and that compiled functions call by its address.
+
+    Every other function numba compiles again with each function that calls it, directly or not.
 
     Args:
-        home: the folder that contains them.
-        current: the folder of this version.
-        now: the current time [s since the epoch]; None reads the clock.
+        function: its text.
+        signature: its types; then it is compiled with `FAST`. If None, it is compiled for the types
+            that Python calls it with, and is part of every compiled function that calls it.
+        calls: compiled functions it calls that its text does not name, as overloads do.
+        inner: only compiled functions call it, and Python in tests.
+        packs: it computes several runs at once, see `packs`.
+        options: of `numba.njit`.
     """
-    now = time.time() if now is None else now
-    ages: list[tuple[float, Path]] = []
-    for folder in home.iterdir():
-        if folder == current or len(folder.name) != len(current.name):
-            continue
-        try:
-            ages.append((now - folder.stat().st_mtime, folder))
-        except OSError:  # deleted by another process
-            continue
-    for age, folder in sorted(ages)[KEPT:]:
-        if age > IN_USE:
-            shutil.rmtree(folder, ignore_errors=True)
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        signature: Any = None,
+        *calls: Any,
+        inner: bool = False,
+        packs: bool = False,
+        **options: Any,
+    ):
+        given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
+        self.function: Any = _njit(cache=True, no_cpython_wrapper=inner, **given)(function)
+        self.part = _njit(**given)(function)
+        self._called = njit(lambda *x: self(*x)) if inner else self.function  # noqa: PLW0108
+        self.signature, self.py_func, self._calls, self._loaded = signature, function, calls, False
+        self._packs, self.symbol = packs, f"{function.__module__}.{function.__name__}"
+        self.__name__, self.__doc__ = function.__name__, function.__doc__
+        if signature is not None:
+
+            def typed(*given: Any) -> Any:
+                return None if in_packs(given) else signature
+
+            typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
+            type_callable(self)(lambda _: typed)
+            lower_builtin(self, *signature.args)(self._lower)
+            _overload(self, jit_options=FAST, strict=False)(
+                lambda *given: function if in_packs(given) else None
+            )
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Calls it from Python; raises TypeError if its signature has other types."""
+        if self._loaded:
+            try:
+                return self._called(*arguments)
+            except TypeError:
+                if self.signature is not None:
+                    raise
+        self.load(None if self.signature is not None else tuple(map(typeof, arguments)))
+        return self._called(*arguments)
+
+    def load(self, given: Any = None) -> None:
+        """Compiles it after all that it calls, or loads it from the cache, for the given types."""
+        if self._loaded and given is None:
+            return
+        signature = self.signature if given is None else given
+        mark = FOLDER / f"{self.symbol}-{zlib.crc32(str(signature).encode()):08x}"
+        with _LOCK:
+            new = not mark.exists()
+            for callee in (*called(self._calls), *named(self.py_func)):
+                if isinstance(callee, Kernel):
+                    callee.load()
+                elif new and not callee.signatures:
+                    with compiling(callee):
+                        callee.compile(SIGNATURES[callee])
+                    callee.disable_compile()
+            for part in SIGNATURES if self._packs else ():
+                part.disable_compile(False)
+            with _one_process(), compiling(self.function):
+                self._compile(signature)
+            with suppress(OSError):
+                mark.touch()
+            if given is None:
+                llvm.add_symbol(self.symbol, self._address("llvm_func_name"))
+            self._loaded = True
+
+    def callback(self) -> int:
+        """Address by which C calls it, if it was made with `no_cfunc_wrapper=False`."""
+        self.load()
+        return self._address("llvm_cfunc_wrapper_name")
+
+    def _address(self, of: str) -> int:
+        (made,) = self.function.overloads.values()
+        return made.library.get_pointer_to_function(getattr(made.fndesc, of))
+
+    def _compile(self, signature: Any) -> None:
+        self.function.disable_compile(False)
+        for last in (False, True):
+            try:
+                self.function.compile(signature)
+                break
+            except (NumbaError, AssertionError):  # a mistake in a text, or in `calls`
+                raise
+            except Exception as error:  # unpickling damaged bytes may raise anything
+                if last:
+                    raise
+                kind = NoKernelCache if isinstance(error, OSError) else DamagedKernelCache
+                warnings.warn(kind(f"{type(error).__name__}: {error}"), stacklevel=4)
+                for path in FOLDER.rglob(f"*.{self.__name__}-*.nb?"):
+                    path.unlink(missing_ok=True)  # compiled already if it only could not be saved
+        self.function.disable_compile()
+
+    def _lower(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        assert self._loaded, f"{self.symbol} is missing in the `calls` of a kernel"
+        convention = context.call_conv
+        kind = convention.get_function_type(signature.return_type, signature.args)
+        called = cgutils.get_or_insert_function(builder.module, kind, self.symbol)
+        given = builder, called, signature.return_type, signature.args, arguments
+        return convention.call_function(*given)[1]
 
 
-FOLDER = open_cache()
-"""The folder of this process's compiled kernels."""
+def named(function: Callable[..., Any]) -> Iterator[Any]:
+    """Kernels, and helpers with their own callees before them, that a function's text names."""
+    found = inspect.getclosurevars(function)
+    yield from called((*found.nonlocals.values(), *found.globals.values()))
 
-numba.config.CACHE_DIR = str(FOLDER)
+
+def called(values: Iterable[Any]) -> Iterator[Any]:
+    """The compiled functions among some values, each after its own callees."""
+    for value in values:
+        if isinstance(value, Kernel) and value.signature is not None:
+            yield value
+        elif isinstance(value, Kernel) or is_jitted(value):
+            yield from named(value.py_func)
+            if value in SIGNATURES:
+                yield value
+
+
+@typeof_impl.register(Kernel)
+def _type_of_kernel(kernel: Kernel, _: Any) -> Any:
+    return None if kernel.signature is not None else typeof(kernel.part)  # else see `_lower`
 
 
 @contextmanager
-def _turn(to_write: bool) -> Iterator[None]:
-    """Waits until no other process writes to the cache; a writer also until no other one reads.
-
-    Where the file system has no locks, nobody waits.
-    """
-    descriptor = None
+def _one_process() -> Iterator[None]:
+    """Waits until no other process compiles or loads; without locks, nobody waits."""
+    file = None
     try:
         if fcntl is not None:
             with suppress(OSError):
-                descriptor = os.open(FOLDER, os.O_RDONLY)
-                fcntl.flock(descriptor, fcntl.LOCK_EX if to_write else fcntl.LOCK_SH)
+                file = open(FOLDER / "lock", "w")  # noqa: SIM115
+                fcntl.flock(file, fcntl.LOCK_EX)
         yield
     finally:
-        if descriptor is not None:
-            os.close(descriptor)  # frees the lock
-
-
-def guard(cache: Any) -> None:
-    """Makes a class of caches survive damaged files, a full disk and other processes.
-
-    Damage and a full disk are told with a warning.
-
-    numba has no interface for that. It would raise the error of the unpickling, or of the operating
-    system, at every call of a kernel whose files are damaged or cannot be written.
-
-    Args:
-        cache: the class, with numba's `load_overload`, `save_overload` and `flush`.
-    """
-    load, save = cache.load_overload, cache.save_overload
-
-    def load_overload(self: Any, sig: Any, target_context: Any) -> Any:
-        try:
-            with _turn(to_write=False):
-                return load(self, sig, target_context)
-        except Exception as error:  # unpickling damaged bytes may raise anything
-            warnings.warn(DamagedKernelCache(f"{type(error).__name__}: {error}"), stacklevel=2)
-            with suppress(OSError), _turn(to_write=True):
-                self.flush()  # else the damaged index would be read again
-            return None
-
-    def save_overload(self: Any, sig: Any, data: Any) -> None:
-        with _turn(to_write=True):
-            try:
-                save(self, sig, data)
-            except Exception as error:  # as above, of the index
-                if isinstance(error, OSError):
-                    warnings.warn(NoKernelCache(error.strerror), stacklevel=2)
-                with suppress(OSError):
-                    self.flush()
-
-    cache.load_overload, cache.save_overload = load_overload, save_overload
-
-
-guard(caching.Cache)
-
-
-class _Stopwatch(event.Listener):
-    """Accumulates the time this process spends compiling; nested compilations count once.
-
-    Meanwhile Python does not search for cyclic garbage, which takes 7 % of the time.
-    """
-
-    def __init__(self) -> None:
-        self.total, self.depth, self.begin, self.collecting = 0.0, 0, 0.0, False
-        self.watchers: list[Callable[[], None]] = []
-
-    def on_start(self, _: event.Event) -> None:
-        """Called by numba, under its compiler lock, when it begins to compile a kernel."""
-        if not self.depth:
-            self.begin, self.collecting = time.perf_counter(), gc.isenabled()
-            gc.disable()
-        self.depth += 1
-        for watcher in self.watchers:
-            watcher()
-
-    def on_end(self, _: event.Event) -> None:
-        """Called by numba when a compilation ends, successfully or not."""
-        self.depth -= 1
-        if not self.depth:
-            self.total += time.perf_counter() - self.begin
-            if self.collecting:
-                gc.enable()
-
-
-_STOPWATCH = _Stopwatch()
-event.register("numba:compile", _STOPWATCH)
-
-
-def compile_seconds() -> float:
-    """Time this process has spent compiling kernels so far [s], without loading cached ones."""
-    return _STOPWATCH.total
-
-
-def clock() -> float:
-    """A clock [s] that stops while kernels are compiled, to measure the cost of a run."""
-    return time.perf_counter() - _STOPWATCH.total
-
-
-@contextmanager
-def on_compiling(call: Callable[[], None]) -> Iterator[None]:
-    """Within the context, calls `call` whenever the compilation of a function begins.
-
-    It is called in the thread that compiles, for functions that others call as well.
-    """
-    _STOPWATCH.watchers.append(call)
-    try:
-        yield
-    finally:
-        _STOPWATCH.watchers.remove(call)
+        if file is not None:
+            file.close()  # frees the lock

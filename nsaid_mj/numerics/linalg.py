@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .kernels import FAST, f8, kernel, matrix, vector, void
 
-@njit(cache=True)
+
+@kernel(f8(matrix, matrix))
 def cholesky(M, L):
     """Factorises M = L Lᵀ into L (n, n), reading M's lower triangle; returns the smallest pivot.
 
@@ -30,7 +32,7 @@ def cholesky(M, L):
     return smallest
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@kernel(f8(matrix, matrix, vector), inner=True)
 def solve_positive(M, L, x):
     """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 
@@ -61,7 +63,7 @@ def solve_positive(M, L, x):
     return smallest
 
 
-@njit(cache=True)
+@kernel(void(matrix, matrix), inner=True)
 def solve_many(L, X):
     """Overwrites B in X (n, k) by M⁻¹ B, with the factor L that `solve_positive` left."""
     n, k = X.shape
@@ -80,14 +82,14 @@ def solve_many(L, X):
                 X[i, c] -= factor * X[j, c]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(**FAST)
 def copy_into(source, target):
     """Writes the numbers of an array (k,) into another: faster than a slice where k is small."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(**FAST)
 def times_into(gain, vector, product):
     """Writes a gain times a vector (k,) into product (k,).
 
@@ -104,7 +106,7 @@ def times_into(gain, vector, product):
             product[i] += gain[j, i] * vector[j]
 
 
-@njit(cache=True)
+@kernel()
 def evaluate(mass_tensor, W_C, F, theta):
     """â (n,) of (29), W (n, p) of (10, 31) and M̂'s smallest pivot at one sample.
 
@@ -126,3 +128,30 @@ def evaluate(mass_tensor, W_C, F, theta):
     if not pivot > 0.0:
         return np.full(n, np.nan), W, pivot
     return a_hat, np.dot(a_hat, mass_tensor.reshape(n, n * p)).reshape(n, p) + W, pivot  # (10)
+
+
+@kernel(void(matrix, matrix, matrix), inner=True)
+def multiply(A, B, C):
+    """Writes A B (n, k) into C, for A (n, m) and B (m, k) of any sizes, by rows of B."""
+    rows, inner, columns = A.shape[0], A.shape[1], B.shape[1]
+    for i in range(rows):
+        for j in range(columns):
+            C[i, j] = 0.0
+        k = 0
+        while k + 3 < inner:  # four rows at once: C is read and written a quarter as often
+            a, b, c, d = A[i, k], A[i, k + 1], A[i, k + 2], A[i, k + 3]
+            for j in range(columns):
+                C[i, j] += a * B[k, j] + b * B[k + 1, j] + c * B[k + 2, j] + d * B[k + 3, j]
+            k += 4
+        for r in range(k, inner):
+            a = A[i, r]
+            for j in range(columns):
+                C[i, j] += a * B[r, j]
+
+
+@kernel(void(matrix, matrix), inner=True)
+def transpose(A, B):
+    """Writes the transpose of A (n, m) into B (m, n)."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            B[j, i] = A[i, j]

@@ -9,12 +9,13 @@ from one pose to the other (the group's exponential map), as in Pinocchio's free
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from .kernels import kernel
 
 _SMALL = 1e-2  # angle below which three terms of the series are exact in double precision [rad]
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def cross(a, b):
     """a × b of two (3,) vectors."""
     return np.array(
@@ -22,7 +23,7 @@ def cross(a, b):
     )
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def rotation(quaternion):
     """(3, 3) matrix, body to world, of a unit quaternion (x, y, z, w)."""
     x, y, z, w = quaternion
@@ -35,7 +36,7 @@ def rotation(quaternion):
     )
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def rotate(quaternion, vector):
     """(3,) a vector in world axes, from its components in body axes (3,)."""
     x, y, z, w = quaternion
@@ -46,36 +47,43 @@ def rotate(quaternion, vector):
     )
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def unrotate(quaternion, vector):
     """(3,) a vector in body axes, from its components in world axes (3,)."""
     x, y, z, w = quaternion
     return rotate((-x, -y, -z, w), vector)
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def product(one, other):
     """(4,) the quaternion product one ⊗ other, normalised."""
-    a, b = one[:3], other[:3]
+    a, b, c, d = one[0], one[1], one[2], one[3]
+    i, j, k, w = other[0], other[1], other[2], other[3]
     q = np.empty(4)
-    q[:3] = one[3] * b + other[3] * a + cross(a, b)
-    q[3] = one[3] * other[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
-    return q / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    q[0] = d * i + w * a + (b * k - c * j)
+    q[1] = d * j + w * b + (c * i - a * k)
+    q[2] = d * k + w * c + (a * j - b * i)
+    q[3] = d * w - a * i - b * j - c * k
+    size = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for r in range(4):
+        q[r] /= size
+    return q
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def quaternion_of(vector):
     """(4,) unit quaternion (x, y, z, w) of a rotation vector (3,) [rad]."""
     angle = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
     square = angle * angle
     half = np.sin(angle / 2) / angle if angle > _SMALL else 0.5 - square / 48 + square**2 / 3840
     q = np.empty(4)
-    q[:3] = half * vector
+    for i in range(3):
+        q[i] = half * vector[i]
     q[3] = np.cos(angle / 2)
     return q
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def rotation_vector(quaternion):
     """(3,) rotation vector [rad], at most π long, of a unit quaternion (x, y, z, w)."""
     q = -quaternion if quaternion[3] < 0 else quaternion
@@ -86,17 +94,22 @@ def rotation_vector(quaternion):
     return q[:3] * (2.0 / q[3] * (1 - square / 3 + square**2 / 5 - square**3 / 7))
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def pose_jacobian(q):
     """(7, 6) J of q̇ = J v at a pose q (7,): ṗ = R v, and half the quaternion times ω."""
-    x, y, z, w = q[3:7]
-    J = np.zeros((7, 6))
-    J[:3, :3] = rotation(q[3:7])
-    J[3:, 3:] = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]])
+    x, y, z, w = 0.5 * q[3], 0.5 * q[4], 0.5 * q[5], 0.5 * q[6]
+    J, R = np.zeros((7, 6)), rotation(q[3:7])
+    for i in range(3):
+        for j in range(3):
+            J[i, j] = R[i, j]
+    J[3, 3], J[3, 4], J[3, 5] = w, -z, y
+    J[4, 3], J[4, 4], J[4, 5] = z, w, -x
+    J[5, 3], J[5, 4], J[5, 5] = -y, x, w
+    J[6, 3], J[6, 4], J[6, 5] = -x, -y, -z
     return J
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def bracket(group, a, b):
     """(n,) the Lie bracket [a, b] of two velocities whose first `group` components are a twist.
 
@@ -119,7 +132,7 @@ def bracket(group, a, b):
     return c
 
 
-@njit(cache=True)
+@kernel(error_model="numpy")
 def coadjoint(group, w, h):
     """(n,) ad_wᵀ h, which is −C w of a body with momentum h = M v (n,) and Fossen's skew C.
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -11,24 +10,28 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..systems.aerial import GRAVITY, AerialScales, Quadrotor
-from .world.body import BODY, Inertia, Vehicle, guessed, hidden, vehicle_spec
-from .world.plant import ParametricPlantConfig, Plant
+from ..structure.parts import Column
+from ..systems.inertial import GRAVITY, inertial_block
+from ..systems.vehicle import Operation, Term, numbered, term
+from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
+from .world.body import Inertia, guessed, hidden
 from .world.sheet import (
     NotNegative,
     Number,
     Positive,
-    Sheet,
     Table,
     check_inertia,
     one,
     several,
 )
 
-AIR_DENSITY, AIR_VISCOSITY = 1.225, 1.81e-5
-"""Standard atmosphere at sea level [kg/m³, Pa·s], for MuJoCo's own fluid model."""
-
-
+_AIR = Fluid(
+    1.225,  # standard atmosphere at sea level
+    1.81e-5,
+    lambda geom: not geom.startswith("rotor"),  # rotor disks are not solid
+    ("body drag",),
+)
+_UP = (0.0, 0.0, 1.0)
 Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
@@ -53,7 +56,7 @@ class Guess(Table):
     speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
 
 
-class QuadrotorSheet(Sheet):
+class QuadrotorSheet(VehicleSheet):
     """A quadrotor's data sheet; axes x forward, y left, z up, origin at the rotors' centre."""
 
     family: ClassVar[str] = "quadrotor"
@@ -76,9 +79,99 @@ class QuadrotorSheet(Sheet):
             )
         return self
 
+    def blueprint(self) -> Blueprint:
+        """M ν̇ + C(ν) ν = weight + drag + rotors, in still air.
+
+        θ = [m, m c (3), inertia (6), lift, rotor drag (2), body drag (3), thrust (4), torque (4)],
+        all about the rotors' centre, where the centre of mass is published. The command
+        u_i ∈ [0, 1] is a rotor's speed relative to its maximum, negative if it turns backwards.
+        With v_i the velocity of rotor i in the body's axes, it produces
+
+            thrust along z   k_i u_i abs(u_i) + lift (v_ix² + v_iy²)
+            torque about z   s_i κ_i u_i abs(u_i)
+            drag             −abs(u_i) diag(d_h, d_h, d_z) v_i
+
+        and the body −|v| diag(c) v. The drag on the rotors grows with their speed, but is not an
+        actuator's gain: it exerts no force on a vehicle at rest.
+        """
+        body = guessed(np.array([self.mass, *self.inertia]))
+        speed = np.array(self.guess.speed)
+        return Blueprint(
+            inertial_block("body", body[0], self.guess.offset, body[1:]),
+            Inertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
+            self._terms(),
+            Operation((-speed, speed), (np.full(4, 0.1), np.ones(4))),
+            gravity=GRAVITY,
+            fluid=_AIR,
+            size=self.size,
+            hidden_body=self._hidden_body,
+        )
+
+    def _terms(self) -> list[Term]:
+        rotors, top = self.rotors, self.rotors.top_speed
+        places = np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)]
+        at: list[dict[str, Any]] = [{"body": 0, "point": p, "direction": _UP} for p in places]
+        turning = [np.multiply(sign, _UP) for sign in rotors.spin]
+        drag = top * np.array(rotors.drag)
+        thrust, torque = rotors.thrust * top**2, rotors.torque * top**2
+        return [
+            term(
+                [Column("rotor_inflow", 0, **there) for there in at],
+                {"lift": "translational lift"},
+                rotors.lift,
+                np.array(self.guess.lift),
+            ),
+            term(
+                [
+                    Column(kind, k, input=i, **there)
+                    for i, there in enumerate(at)
+                    for k, kind in enumerate(("rotor_drag", "rotor_damping"))
+                ],
+                {
+                    "rotor_drag_h": "rotor drag across its axis",
+                    "rotor_drag_z": "rotor drag along it",
+                },
+                drag,
+                guessed(drag),
+            ),
+            term(
+                [Column("speed_drag", i, body=0, axes=e) for i, e in enumerate(np.eye(6)[:3])],
+                {f"drag_{axis}": f"body drag along {axis}" for axis in "xyz"},
+                self.body_drag,
+                guessed(np.array(self.body_drag)),
+            ),
+            term(
+                [Column("rotor", i, input=i, **there) for i, there in enumerate(at)],
+                numbered("thrust", "thrust of rotor", 4),
+                thrust,
+                guessed(thrust),
+            ),
+            term(
+                [
+                    Column("rotor_torque", i, body=0, input=i, direction=e)
+                    for i, e in enumerate(turning)
+                ],
+                numbered("torque", "torque of rotor", 4),
+                torque,
+                guessed(torque),
+                spread=0.5,
+            ),
+        ]
+
+    def _hidden_body(self, spread: float, rng: np.random.Generator) -> Array:
+        """(6, 6) a true mass matrix: mass and second moments vary, and so does the centre.
+
+        Any three positive second moments ∫x² dm, ∫y² dm, ∫z² dm give principal moments that satisfy
+        the triangle inequality.
+        """
+        mass, moments = float(hidden(self.mass, spread, rng)), np.array(self.inertia)
+        centre = np.array(self.centre_of_mass) * rng.uniform(-1, 1, 3)
+        second = hidden(moments.sum() / 2 - moments, spread, rng)
+        return Inertia(mass, centre, np.diag(second.sum() - second)).matrix()
+
 
 @config
-class QuadrotorPlant(ParametricPlantConfig):
+class QuadrotorPlant(VehiclePlant):
     """A quadrotor in the air.
 
     Attributes:
@@ -88,143 +181,10 @@ class QuadrotorPlant(ParametricPlantConfig):
             authority is small.
     """
 
-    sheet: ClassVar[type[Sheet]] = QuadrotorSheet
+    sheet: ClassVar[type[VehicleSheet]] = QuadrotorSheet
     vehicle: Name = "hummingbird"
     spread: Share = 0.1
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        sheet = QuadrotorSheet.of(self.vehicle)
-        nominal, rng = nominal_airframe(sheet), np.random.default_rng(seed)
-        moments = np.diag(nominal.inertia)
-        true = replace(
-            nominal,
-            mass=float(hidden(nominal.mass, self.spread, rng)),
-            centre=np.array(sheet.centre_of_mass) * rng.uniform(-1, 1, 3),
-            inertia=_inertia(hidden(moments.sum() / 2 - moments, self.spread, rng)),
-            lift=float(hidden(nominal.lift, self.spread, rng)),
-            rotor_drag=hidden(nominal.rotor_drag, self.spread, rng),
-            body_drag=hidden(nominal.body_drag, self.spread, rng),
-            thrust=hidden(nominal.thrust, self.spread, rng),
-            torque=hidden(nominal.torque, self.spread / 2, rng),
-        )
-        return self._plant(dt, true)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (24,), or the published ones.
-
-        The centre of mass is published as that of the rotors.
-        """
-        nominal = nominal_airframe(QuadrotorSheet.of(self.vehicle))
-        return self._plant(dt, nominal if theta is None else with_theta(nominal, theta))
-
-    def _plant(self, dt: float, true: Airframe) -> Plant:
-        sheet = QuadrotorSheet.of(self.vehicle)
-        nominal, guess = nominal_airframe(sheet), sheet.guess
-        system = Quadrotor(
-            AerialScales(
-                mass=float(guessed(nominal.mass)),
-                offset=guess.offset,
-                inertia=guessed(np.diag(nominal.inertia)),
-                lift=guess.lift,
-                rotor_drag=guessed(nominal.rotor_drag),
-                body_drag=guessed(nominal.body_drag),
-                thrust=guessed(nominal.thrust),
-                torque=guessed(nominal.torque),
-                speed=np.array(guess.speed),
-            ),
-            nominal.positions,
-            nominal.spin,
-        )
-        spec = vehicle_spec(self.vehicle, dt, true.mass, true.centre, true.inertia, sheet.size)
-        spec.option.gravity = [0, 0, -GRAVITY]
-        acting = true.theta()
-        acting[:10] = 0.0  # MuJoCo's body has them, and their weight
-        if self.mismatch.fluid == "ellipsoid":
-            spec.option.density, spec.option.viscosity = AIR_DENSITY, AIR_VISCOSITY
-            spec.option.wind = self.mismatch.flow
-            for geom in spec.body(BODY).geoms:
-                geom.fluid_ellipsoid = int(
-                    not geom.name.startswith("rotor")
-                )  # rotor disks are not solid
-            acting[13:16] = 0.0  # body drag
-        vehicle = Vehicle(system, true.theta(), spec, acting, self.mismatch)
-        return vehicle.failing(self.faults, self)
-
-
-@dataclass(frozen=True)
-class Airframe:
-    """Parameters of a quadrotor; axes x forward, y left, z up, origin at the rotors' centre.
-
-    Attributes:
-        mass: [kg].
-        centre: (3,) centre of mass [m].
-        inertia: (3, 3) about the centre of mass [kg·m²].
-        lift: translational lift of a rotor [N·s²/m²].
-        rotor_drag: (2,) of a rotor at full speed, in and across its plane [N·s/m].
-        body_drag: (3,) [N·s²/m²].
-        positions: (4, 3) of the rotors [m].
-        spin: (4,) ±1, sign of each rotor's torque about z.
-        thrust: (4,) at full speed [N].
-        torque: (4,) at full speed [N·m].
-    """
-
-    mass: float
-    centre: Array
-    inertia: Array
-    lift: float
-    rotor_drag: Array
-    body_drag: Array
-    positions: Array
-    spin: Array
-    thrust: Array
-    torque: Array
-
-    def theta(self) -> Array:
-        """(24,) θ of a `Quadrotor`."""
-        body = Inertia(self.mass, self.centre, self.inertia).theta()
-        return np.concatenate(
-            [body, [self.lift], self.rotor_drag, self.body_drag, self.thrust, self.torque]
-        )
-
-
-def nominal_airframe(sheet: QuadrotorSheet) -> Airframe:
-    """Nominal parameters of a data sheet, the centre of mass at the rotors' centre."""
-    rotors, top = sheet.rotors, sheet.rotors.top_speed
-    return Airframe(
-        mass=sheet.mass,
-        centre=np.zeros(3),
-        inertia=np.diag(sheet.inertia),
-        lift=rotors.lift,
-        rotor_drag=top * np.array(rotors.drag),
-        body_drag=np.array(sheet.body_drag),
-        positions=np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)],
-        spin=np.array(rotors.spin, dtype=float),
-        thrust=np.full(4, rotors.thrust * top**2),
-        torque=np.full(4, rotors.torque * top**2),
-    )
-
-
-def with_theta(nominal: Airframe, theta: Array) -> Airframe:
-    """The nominal geometry with the parameters θ (24,) of a `Quadrotor`."""
-    body = Inertia.of(theta[:10])
-    lift, rotor_drag, body_drag, thrust, torque = np.split(theta[10:], [1, 3, 6, 10])
-    return replace(
-        nominal,
-        mass=body.mass,
-        centre=body.lever,
-        inertia=body.inertia,
-        lift=float(lift[0]),
-        rotor_drag=rotor_drag,
-        body_drag=body_drag,
-        thrust=thrust,
-        torque=torque,
-    )
-
-
-def _inertia(second_moments: Array) -> Array:
-    """(3, 3) inertia of a body with the second moments ∫x² dm, ∫y² dm, ∫z² dm (3,) [kg·m²].
-
-    Any three positive ones give principal moments that satisfy the triangle inequality.
-    """
-    return np.diag(second_moments.sum() - second_moments)
+    def blueprint(self) -> Blueprint:
+        """What its data sheet says."""
+        return QuadrotorSheet.of(self.vehicle).blueprint()

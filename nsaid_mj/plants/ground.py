@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple, Self
+from collections.abc import Callable
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
-from ..parameters import Array
-from ..systems.ground import GroundScales, GroundVehicle
-from .world.body import Vehicle, guessed, hidden, vehicle_spec
+from ..parameters import Array, Block
+from ..structure.parts import Column, tied
+from ..systems.vehicle import Operation, Term, term
+from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
+from .world.body import guessed, hidden
 from .world.mismatch import Mismatch
-from .world.plant import ParametricPlantConfig, Plant
-from .world.sheet import Positive, Sheet, Table, one, several
+from .world.sheet import Positive, Table, one, several
+
+CREEP = 0.1
+"""Speed scale of rolling resistance, which is continuous where u changes sign [m/s]."""
+_SLIP = 0.1
+"""Slip angle in operation [rad]."""
 
 
 class Guess(Table):
@@ -26,7 +33,7 @@ class Guess(Table):
     grip: Positive = one("a lateral acceleration of operation > 0 [m/s²]")
 
 
-class CarSheet(Sheet):
+class CarSheet(VehicleSheet):
     """A car's data sheet; axes x forward, y left, z up."""
 
     family: ClassVar[str] = "car"
@@ -45,9 +52,140 @@ class CarSheet(Sheet):
     drag: Positive = one("a number > 0 [N·s²/m²]")
     guess: Guess
 
+    def blueprint(self) -> Blueprint:
+        """The car by the single-track model; the axle loads follow from the lever rule."""
+        wheelbase, guess = self.front + self.rear, self.guess
+        grip = self.friction * self.mass * self.gravity / wheelbase
+        stiffness = grip * np.array(self.stiffness) * [self.rear, self.front]
+        forces = np.array([*stiffness, self.drive, self.loss, self.rolling, self.drag])
+        scale = guessed(np.array([self.mass, 1.0, self.inertia, *forces]))
+        scale[1] = guess.off_centre * self.mass * wheelbase
+        scale[6] = scale[5] / guess.top_speed
+        return single_track(
+            planar_mass(self.mass, wheelbase / 2 - self.front, self.inertia),
+            forces,
+            scale,
+            wheelbase,
+            operation(guess.speed, guess.grip, self.steering, wheelbase),
+            self.size,
+            self._hidden_body,
+        )
+
+    def _hidden_body(self, spread: float, rng: np.random.Generator) -> Array:
+        centre = (self.rear - self.front) / 2
+        return planar_mass(*hidden(np.array([self.mass, centre, self.inertia]), spread, rng))
+
+
+def single_track(
+    rigid: Array,
+    forces: Array,
+    scale: Array,
+    wheelbase: float,
+    operating: Operation,
+    size: list[float] | None = None,
+    hidden_body: Callable[[float, np.random.Generator], Array] | None = None,
+) -> Blueprint:
+    """The single-track model, linear in θ = [m, h, I, C_f, C_r, k_d, k_v, c_0, c_D].
+
+    M = [[m, 0, 0], [0, m, h], [0, h, I]] about mid-wheelbase, where x is forward and y left; the
+    command is u = (drive d in [−1, 1], steering angle δ [rad]). Forces, with ν = [u, v, r]:
+
+        along x   (k_d − k_v u) d − c_0 tanh(u/0.1 m/s) − c_D |u| u
+        front     −C_f α_f across the steered wheel,  α_f = atan2(v + l r, u) − δ
+        rear      −C_r α_r along y,                   α_r = atan2(v − l r, u)
+
+    with l half the wheelbase. The model is for driving forwards: at standstill slip angles are
+    undefined (Rajamani, Vehicle Dynamics and Control, 2012, chapter 2).
+
+    Args:
+        rigid: (6, 6) from `planar_mass`.
+        forces: (6,) θ from C_f on.
+        scale: (9,) guesses of θ.
+        wheelbase: [m].
+        operating: see `operation`.
+        size: see `Blueprint`.
+        hidden_body: see `Blueprint`.
+    """
+    half = wheelbase / 2
+    rear = np.array([-half, 0.0, 0.0])
+    mass = Block(
+        "mass matrix",
+        ("m", "h", "I_z"),
+        ("kg", "kg·m", "kg·m²"),
+        scale[:3],
+        "spd",
+        labels=("mass", "first moment m·cx", "yaw inertia"),
+    )
+    tyres = term(
+        [
+            Column("tyre", 0, body=0, input=1, arm=half),
+            Column("tyre", 1, body=0, arm=-half),
+        ],
+        {"C_f": "cornering stiffness in front", "C_r": "cornering stiffness at the rear"},
+        forces[:2],
+        scale[3:5],
+    )
+
+    def one_term(k: int, name: str, symbol: str, column: Column) -> Term:
+        return term([column], {symbol: name}, forces[k], scale[3 + k], name, "positive")
+
+    return Blueprint(
+        mass,
+        rigid,
+        [
+            tyres,
+            one_term(2, "drive gain", "k_d", Column("drive", 0, body=0, input=0, point=rear)),
+            one_term(3, "drive loss", "k_v", Column("drive_loss", 0, body=0, input=0)),
+            one_term(4, "rolling resistance", "c_0", Column("rolling", 0, body=0, speed=CREEP)),
+            one_term(5, "air drag", "c_D", Column("drag", 0, body=0, axes=(1, 0, 0, 0, 0, 0))),
+        ],
+        operating,
+        tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),
+        size=size,
+        hidden_body=hidden_body,
+    )
+
+
+def operation(speed: float, grip: float, steering: float, wheelbase: float) -> Operation:
+    """A car's ranges: .4 to 1.6 times the cruising speed, slip and yaw rate within the grip.
+
+    Args:
+        speed: cruising speed [m/s].
+        grip: lateral acceleration [m/s²].
+        steering: largest steering angle [rad].
+        wheelbase: [m].
+    """
+    most = np.array([1.0, steering])
+
+    def state(rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        u, (slip, bend) = speed * rng.uniform(0.4, 1.6), rng.uniform(-1, 1, 2)
+        v = np.array([u, _SLIP * u * slip, grip / u * bend])
+        limit = min(steering, wheelbase * grip / u**2 + 0.5 * _SLIP)
+        command = rng.uniform(-1, 1, 2) * [1.0, limit]
+        return rng.uniform(-1, 1, 3) * [100.0, 100.0, 3.0], v, command
+
+    aside = np.array([_SLIP * speed, grip / speed])
+    velocities = np.r_[0.4 * speed, -aside], np.r_[1.6 * speed, aside]
+    return Operation(velocities, (-most, most), state=state)
+
+
+def planar_mass(mass: float, centre: float, inertia: float) -> Array:
+    """(6, 6) mass matrix in the plane of a body with its centre of mass at x = centre.
+
+    Args:
+        mass: [kg].
+        centre: [m].
+        inertia: about the vertical through the centre of mass [kg·m²].
+    """
+    M = np.zeros((6, 6))
+    M[0, 0] = M[1, 1] = mass
+    M[1, 5] = M[5, 1] = mass * centre
+    M[5, 5] = inertia + mass * centre * centre
+    return M
+
 
 @config
-class CarPlant(ParametricPlantConfig):
+class CarPlant(VehiclePlant):
     """A car that drives forwards on level ground.
 
     Attributes:
@@ -56,37 +194,18 @@ class CarPlant(ParametricPlantConfig):
             nominal values.
     """
 
-    sheet: ClassVar[type[Sheet]] = CarSheet
+    sheet: ClassVar[type[VehicleSheet]] = CarSheet
     vehicle: Name = "f1tenth"
     spread: Share = 0.2
+
+    def blueprint(self) -> Blueprint:
+        """What its data sheet says."""
+        return CarSheet.of(self.vehicle).blueprint()
 
     @model_validator(mode="after")
     def _check_mismatch(self) -> Self:
         check_wind(self.mismatch, "a car in the plane")
         return self
-
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        nominal, rng = nominal_car(CarSheet.of(self.vehicle)), np.random.default_rng(seed)
-        return self._plant(dt, Car(*hidden(np.array(nominal), self.spread, rng).tolist()))
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (9,), or the published ones."""
-        if theta is None:
-            return self._plant(dt, nominal_car(CarSheet.of(self.vehicle)))
-        mass, moment, inertia, *others = theta.tolist()
-        centre = moment / mass
-        return self._plant(dt, Car(mass, centre, inertia - moment * centre, *others))
-
-    def _plant(self, dt: float, true: Car) -> Plant:
-        sheet = CarSheet.of(self.vehicle)
-        nominal, wheelbase = nominal_car(sheet), sheet.front + sheet.rear
-        system = GroundVehicle(scales(nominal, wheelbase, sheet.guess), wheelbase, sheet.steering)
-        centre, inertia = np.array([true.centre, 0.0, 0.0]), true.inertia * np.eye(3)
-        spec = vehicle_spec(self.vehicle, dt, true.mass, centre, inertia, sheet.size, planar=True)
-        acting = np.array([0.0, 0.0, 0.0, *true[3:]])
-        vehicle = Vehicle(system, true.theta, spec, acting, self.mismatch)
-        return vehicle.failing(self.faults, self)
 
 
 @config
@@ -105,71 +224,6 @@ class BMW320iPlant(CarPlant):
     """
 
     vehicle: Name = "bmw320i"
-
-
-class Car(NamedTuple):
-    """Parameters of a car; x forward, y left, origin half-way between the axles.
-
-    Attributes:
-        mass: [kg].
-        centre: x of the centre of mass [m].
-        inertia: about the vertical through the centre of mass [kg·m²].
-        front: cornering stiffness of the front axle [N/rad].
-        rear: cornering stiffness of the rear axle [N/rad].
-        drive: drive force at full command and standstill [N].
-        loss: decrease of the drive force per unit of speed [N·s/m].
-        rolling: rolling resistance [N].
-        drag: aerodynamic drag [N·s²/m²].
-    """
-
-    mass: float
-    centre: float
-    inertia: float
-    front: float
-    rear: float
-    drive: float
-    loss: float
-    rolling: float
-    drag: float
-
-    @property
-    def theta(self) -> Array:
-        """(9,) θ of a `GroundVehicle` with these parameters."""
-        moment = self.mass * self.centre
-        return np.array([self.mass, moment, self.inertia + moment * self.centre, *self[3:]])
-
-
-def nominal_car(sheet: CarSheet) -> Car:
-    """Nominal parameters of a data sheet; the axle loads follow from the lever rule."""
-    wheelbase = sheet.front + sheet.rear
-    grip = sheet.friction * sheet.mass * sheet.gravity / wheelbase
-    return Car(
-        mass=sheet.mass,
-        centre=wheelbase / 2 - sheet.front,
-        inertia=sheet.inertia,
-        front=sheet.stiffness[0] * grip * sheet.rear,
-        rear=sheet.stiffness[1] * grip * sheet.front,
-        drive=sheet.drive,
-        loss=sheet.loss,
-        rolling=sheet.rolling,
-        drag=sheet.drag,
-    )
-
-
-def scales(nominal: Car, wheelbase: float, guess: Guess) -> GroundScales:
-    """An engineer's guess of a car's scales: nominal values rounded to powers of two."""
-    return GroundScales(
-        mass=float(guessed(nominal.mass)),
-        moment=guess.off_centre * nominal.mass * wheelbase,
-        inertia=float(guessed(nominal.inertia)),
-        stiffness=guessed(np.array([nominal.front, nominal.rear])),
-        drive=float(guessed(nominal.drive)),
-        loss=float(guessed(nominal.drive)) / guess.top_speed,
-        rolling=float(guessed(nominal.rolling)),
-        drag=float(guessed(nominal.drag)),
-        speed=guess.speed,
-        grip=guess.grip,
-    )
 
 
 def check_wind(mismatch: Mismatch, plant: str) -> None:

@@ -11,19 +11,16 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block
 from ..structure.columns import KINDS, curve
-from ..structure.parts import Column
+from ..structure.parts import Column, full
 from ..systems.inertial import inertial_block
-from ..systems.listed import LEVEL, ListedVehicle, Row
-from ..systems.underwater import mass_block
-from .world.body import Inertia, Vehicle, guessed, hidden, vehicle_spec
-from .world.hydrodynamics import split_mass
-from .world.plant import ParametricPlantConfig, Plant
+from ..systems.vehicle import LEVEL, Operation, Term, mass_block, term
+from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
+from .world.body import Inertia, guessed
 from .world.sheet import (
     LARGEST,
     NotNegative,
     Number,
     Positive,
-    Sheet,
     Table,
     check_inertia,
     one,
@@ -76,17 +73,20 @@ class ColumnRow(Table):
             )  # fmt: skip
         return self
 
-    def row(self) -> Row:
-        """The column of the structure, and the guess of its parameter."""
+    def column(self, parameter: int) -> Column:
+        """The column of the structure.
+
+        Args:
+            parameter: its index in the block.
+        """
         constants: dict[str, Any] = dict(self.__pydantic_extra__ or {})
         if "curve" in constants:
             constants["curve"] = curve.polynomial(*constants["curve"])
         number = -1 if self.command is None else self.command - 1
-        column = Column(self.kind, 0, body=0, input=number, **constants)
-        return Row(column, self.name, float(self.guess or guessed(self.value)))
+        return Column(self.kind, parameter, body=0, input=number, **constants)
 
 
-class ListedSheet(Sheet):
+class ListedSheet(VehicleSheet):
     """A data sheet of columns; axes x forward, y left, z up."""
 
     family: ClassVar[str] = "columns"
@@ -116,54 +116,53 @@ class ListedSheet(Sheet):
             )  # fmt: skip
         return self
 
-    @property
-    def axes(self) -> tuple[int, ...]:
-        """The axes along and about which it moves."""
-        return LEVEL if self.plane else tuple(range(6))
+    def blueprint(self) -> Blueprint:
+        """The vehicle; θ = [inertia, then the columns' parameters, kind by kind].
 
-    @property
-    def rigid(self) -> bool:
-        """Whether θ has the ten parameters of a rigid body, not the entries of M."""
-        return not self.plane and self.added_mass is None
+        Without added mass, a body in space has the ten parameters of a rigid one.
+        """
+        rigid = Inertia(self.mass, np.array(self.centre), np.diag(self.inertia)).matrix()
+        axes = list(LEVEL if self.plane else range(6))
+        added = None
+        if self.plane or self.added_mass is not None:
+            added = np.diag(self.added_mass or np.zeros(6))
+        speed = np.array(self.speed)[axes]
+        most = np.ones(max((row.command or 0 for row in self.column), default=0))
+        kinds = dict.fromkeys(row.kind for row in self.column)
+        return Blueprint(
+            self._inertia(rigid, added, axes),
+            rigid,
+            [_term([row for row in self.column if row.kind == kind]) for kind in kinds],
+            Operation((-speed, speed), (-most, most)),
+            None if added is None else full(tuple(axes)),
+            added,
+            self.gravity,
+            size=self.size,
+        )
 
-    def masses(self) -> tuple[Array, Array]:
-        """(n, n) nominal rigid-body and added mass about the origin."""
-        m, (x, y, z) = self.mass, self.centre
-        S = m * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        M = np.block([[m * np.eye(3), -S], [S, np.diag(self.inertia) - S @ S / m]])
-        at = np.ix_(self.axes, self.axes)
-        return M[at], np.diag(self.added_mass or np.zeros(6))[at]
+    def _inertia(self, rigid: Array, added: Array | None, axes: list[int]) -> Block:
+        if added is not None:
+            return mass_block(guessed(np.diag(rigid + added)[axes]), axes)
+        size = float(np.sqrt(max(self.inertia) / self.mass))
+        moments = guessed(np.array(self.inertia))
+        return inertial_block("body", float(guessed(self.mass)), 0.1 * size, moments)
 
-    def theta(self) -> Array:
-        """(p,) nominal θ."""
-        system, (rigid, added) = self.system(), self.masses()
-        inertia = (rigid + added)[np.triu_indices(len(rigid))]
-        if self.rigid:
-            inertia = Inertia(self.mass, np.array(self.centre), np.diag(self.inertia)).theta()
-        labels = {label: i for i, label in enumerate(system.space.labels)}
-        theta = np.zeros(len(system.space))
-        theta[: len(inertia)] = inertia
-        for row in self.column:
-            theta[labels[f"{KINDS[row.kind].block} of {row.name}"]] = row.value
-        return theta
 
-    def system(self) -> ListedVehicle:
-        """The structure."""
-        rows = [row.row() for row in self.column]
-        speed = np.array(self.speed)[list(self.axes)]
-        return ListedVehicle(rows, self._inertia(), speed, self.gravity)
-
-    def _inertia(self) -> Block:
-        if self.rigid:
-            size = float(np.sqrt(max(self.inertia) / self.mass))
-            moments = guessed(np.array(self.inertia))
-            return inertial_block("body", float(guessed(self.mass)), 0.1 * size, moments)
-        rigid, added = self.masses()
-        return mass_block(guessed(np.diag(rigid + added)), self.axes)
+def _term(rows: list[ColumnRow]) -> Term:
+    """The block of all columns of one kind; those of one name share their parameter."""
+    kind, own = KINDS[rows[0].kind], {row.name: row for row in rows}
+    names = list(own)
+    return term(
+        [row.column(names.index(row.name)) for row in rows],
+        {f"{kind.letter}_{name}".replace(" ", "_"): f"{kind.block} of {name}" for name in names},
+        [row.value for row in own.values()],
+        np.array([float(row.guess or guessed(row.value)) for row in own.values()]),
+        kind.name.replace("_", " "),
+    )
 
 
 @config
-class ListedPlant(ParametricPlantConfig):
+class ListedPlant(VehiclePlant):
     """A vehicle of one body whose data sheet lists its forces; see docs/your_vehicle.md.
 
     Attributes:
@@ -172,40 +171,15 @@ class ListedPlant(ParametricPlantConfig):
             the inertia is as published.
     """
 
-    sheet: ClassVar[type[Sheet]] = ListedSheet
+    sheet: ClassVar[type[VehicleSheet]] = ListedSheet
     vehicle: Name = "catamaran"
     spread: Share = 0.2
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        sheet = ListedSheet.of(self.vehicle)
-        theta, inertia = sheet.theta(), len(sheet.system().space.blocks[0])
-        theta[inertia:] = hidden(theta[inertia:], self.spread, np.random.default_rng(seed))
-        return self.simulating(dt, theta)
+    def blueprint(self) -> Blueprint:
+        """What its data sheet says."""
+        return ListedSheet.of(self.vehicle).blueprint()
 
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or those of the sheet.
-
-        See `split_mass` for how M is divided into rigid-body and added mass.
-        """
-        sheet = ListedSheet.of(self.vehicle)
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
         self.mismatch.refuse("a vehicle of listed columns", "fluid")
-        theta = sheet.theta() if theta is None else theta
-        acting, count = theta.copy(), len(sheet.axes)
-        if sheet.rigid:
-            body = Inertia.of(theta[:10])
-            acting[:10] = 0.0
-        else:
-            upper = np.triu_indices(count)
-            M = np.zeros((count, count))
-            M[upper] = theta[: len(upper[0])]
-            nominal, added = sheet.masses()
-            rigid, added = split_mass(M + np.triu(M, 1).T, nominal, added)
-            acting[: len(upper[0])] = added[upper]
-            share = rigid[0, 0] / nominal[0, 0]
-            about = share * np.diag(sheet.inertia)
-            body = Inertia(share * sheet.mass, np.array(sheet.centre), about)
-        spec = vehicle_spec(self.vehicle, dt, *body, sheet.size, planar=sheet.plane)
-        spec.option.gravity = [0, 0, -sheet.gravity]
-        vehicle = Vehicle(sheet.system(), theta, spec, acting, self.mismatch)
-        return vehicle.failing(self.faults, self)
+        return self

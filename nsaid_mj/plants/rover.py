@@ -11,8 +11,8 @@ from pydantic import model_validator
 from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
-from ..systems.ground import GroundScales, GroundVehicle
-from .ground import Car, check_wind
+from ..systems.vehicle import SingleBody
+from .ground import check_wind, operation, planar_mass, single_track
 from .world.body import BODY, body_poses, composed, guessed, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
@@ -65,7 +65,7 @@ class Rover(Plant):
         rng: source of the hidden parameters.
     """
 
-    system: GroundVehicle
+    system: SingleBody
     mismatches = (
         "MuJoCo's contact model at the wheels: lateral force depends on slip velocity, not slip "
         "angle, and saturates at friction times load",
@@ -85,7 +85,7 @@ class Rover(Plant):
         self._radius, self._arms = d["radius"], _arms(self.model)
         self._spins = np.array([self.model.joint(f"roll_{w}").dofadr[0] for w in WHEELS])
         self._rest = self._settled()
-        self._truth = self._effective(d).theta
+        self._truth = self._effective(d)
         plane = mujoco.mjtGeom.mjGEOM_PLANE
         self._drawn = [i for i in range(self.model.ngeom) if self.model.geom_type[i] != plane]
         self._places = self.data.geom_xpos[self._drawn].copy()
@@ -130,8 +130,8 @@ class Rover(Plant):
         self.body.write(self.data, np.zeros(3), np.zeros(3))
         return self.data.qpos.copy()
 
-    def _effective(self, d: dict[str, Any]) -> Car:
-        """The equivalent car on linear tyres, calculated from the parts."""
+    def _effective(self, d: dict[str, Any]) -> Array:
+        """(9,) θ of the equivalent car on linear tyres, calculated from the parts."""
         model, data = self.model, self.data
         data.qpos[:], data.qvel[:] = self._rest, 0.0
         with self.running():
@@ -145,39 +145,35 @@ class Rover(Plant):
             d["guess"]["speed"] * _stiffness(model, data, axle) for axle in ("front", "rear")
         )
         torque = model.wrap_prm[:2].sum()
-        return Car(
-            mass=float(mass.sum()),
-            centre=float(centre),
-            inertia=float(own.sum() + mass @ np.sum(spread**2, axis=1)),
-            front=front,
-            rear=rear,
-            drive=torque * model.actuator_gainprm[0, 0] / self._radius,
-            loss=-torque * torque * model.actuator_gainprm[0, 2] / self._radius**2,
-            rolling=model.dof_frictionloss[self._spins].sum() / self._radius,
-            drag=_air_drag(model),
-        )
+        inertia = float(own.sum() + mass @ np.sum(spread**2, axis=1))
+        M = planar_mass(float(mass.sum()), float(centre), inertia)
+        drive = torque * model.actuator_gainprm[0, 0] / self._radius
+        loss = -torque * torque * model.actuator_gainprm[0, 2] / self._radius**2
+        rolling = model.dof_frictionloss[self._spins].sum() / self._radius
+        forces = front, rear, drive, loss, rolling, _air_drag(model)
+        return np.array([M[0, 0], M[1, 5], M[5, 5], *forces])
 
 
-def structure(d: dict[str, Any]) -> GroundVehicle:
+def structure(d: dict[str, Any]) -> SingleBody:
     """The structure that an identifier may know, with scales guessed from vehicle.toml's `d`."""
     guess, weight = d["guess"], d["mass"] * d["gravity"]
-    drive = 2 * d["torque"] / d["radius"]
-    return GroundVehicle(
-        GroundScales(
-            mass=float(guessed(d["mass"])),
-            moment=guess["off_centre"] * d["mass"] * d["wheelbase"],
-            inertia=float(guessed(d["mass"] * d["wheelbase"] ** 2 / 4)),
-            stiffness=guessed(np.full(2, guess["stiffness"] * weight / 2)),
-            drive=float(guessed(drive)),
-            loss=float(guessed(drive)) / d["top_speed"],
-            rolling=guess["rolling"] * weight,
-            drag=0.5 * d["air"] * guess["drag_area"],
-            speed=guess["speed"],
-            grip=guess["grip"],
-        ),
-        d["wheelbase"],
-        d["steering"],
-    )
+    drive = float(guessed(2 * d["torque"] / d["radius"]))
+    stiffness = float(guessed(guess["stiffness"] * weight / 2))
+    scale = [
+        float(guessed(d["mass"])),
+        guess["off_centre"] * d["mass"] * d["wheelbase"],
+        float(guessed(d["mass"] * d["wheelbase"] ** 2 / 4)),
+        stiffness,
+        stiffness,
+        drive,
+        drive / d["top_speed"],
+        guess["rolling"] * weight,
+        0.5 * d["air"] * guess["drag_area"],
+    ]
+    ranges = operation(guess["speed"], guess["grip"], d["steering"], d["wheelbase"])
+    nominal = np.array(scale)
+    body = planar_mass(nominal[0], 0.0, nominal[2])
+    return single_track(body, nominal[3:], nominal, d["wheelbase"], ranges).system
 
 
 def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Generator) -> Any:

@@ -9,14 +9,14 @@ from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
-from ..parameters import Array
-from ..systems.space import FreeFlyer, FreeFlyerScales
-from .world.body import NED, Inertia, Vehicle, guessed, hidden, vehicle_spec
-from .world.plant import ParametricPlantConfig, Plant
+from ..structure.parts import columns_at
+from ..systems.inertial import inertial_block
+from ..systems.vehicle import Operation, numbered, term
+from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
+from .world.body import NED, Inertia, guessed
 from .world.sheet import (
     Number,
     Positive,
-    Sheet,
     Table,
     check_inertia,
     check_unit_vectors,
@@ -58,7 +58,7 @@ class Nozzles(Table):
         return self
 
 
-class FreeFlyerSheet(Sheet):
+class FreeFlyerSheet(VehicleSheet):
     """A free-flyer's data sheet; axes x forward, y right, z down."""
 
     family: ClassVar[str] = "free-flyer"
@@ -75,9 +75,36 @@ class FreeFlyerSheet(Sheet):
         check_inertia(self.inertia)
         return self
 
+    def blueprint(self) -> Blueprint:
+        """M ν̇ + C(ν) ν = Σ k_i u_i w_i: mass, centre of mass and inertia, and k nozzles.
+
+        θ = [m, m c (3), inertia (6), thrust (k)], about the body's origin. A nozzle opens with
+        u_i ∈ [0, 1], and pushes against its jet.
+        """
+        one_module, jets = np.array(self.nozzles.positions), np.array(self.nozzles.directions)
+        other = np.array([-1.0, -1.0, 1.0])
+        positions = NED * self.inch * np.concatenate([one_module, other * one_module])
+        directions = -NED * np.concatenate([jets, other * jets])
+        thrust = np.abs(directions) @ np.array(self.nozzles.force) / 2
+        count, guess, speed = len(positions), self.guess, np.array(self.guess.speed)
+        return Blueprint(
+            inertial_block("body", guess.mass, guess.offset, np.array(guess.inertia)),
+            Inertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
+            [
+                term(
+                    columns_at("nozzle", positions, directions),
+                    numbered("nozzle", "thrust of nozzle", count),
+                    thrust,
+                    guessed(thrust),
+                )
+            ],
+            Operation((-speed, speed), (np.zeros(count), np.ones(count)), reach=1.0),
+            size=self.size,
+        )
+
 
 @config
-class AstrobeePlant(ParametricPlantConfig):
+class AstrobeePlant(VehiclePlant):
     """NASA's Astrobee, or another free-flyer with two propulsion modules.
 
     Attributes:
@@ -85,60 +112,15 @@ class AstrobeePlant(ParametricPlantConfig):
         spread: largest relative deviation of the nozzles' true thrust from the published value.
     """
 
-    sheet: ClassVar[type[Sheet]] = FreeFlyerSheet
+    sheet: ClassVar[type[VehicleSheet]] = FreeFlyerSheet
     vehicle: Name = "astrobee"
     spread: Share = 0.2
+
+    def blueprint(self) -> Blueprint:
+        """What its data sheet says."""
+        return FreeFlyerSheet.of(self.vehicle).blueprint()
 
     @model_validator(mode="after")
     def _check_mismatch(self) -> Self:
         self.mismatch.refuse("a free-flyer in a vacuum", "flow", "fluid")
         return self
-
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        sheet = FreeFlyerSheet.of(self.vehicle)
-        thrust = hidden(nozzles(sheet)[2], self.spread, np.random.default_rng(seed))
-        return self._plant(dt, published_body(sheet), thrust)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones."""
-        if theta is not None:
-            return self._plant(dt, Inertia.of(theta[:10]), theta[10:])
-        sheet = FreeFlyerSheet.of(self.vehicle)
-        return self._plant(dt, published_body(sheet), nozzles(sheet)[2])
-
-    def _plant(self, dt: float, body: Inertia, true_thrust: Array) -> Plant:
-        sheet = FreeFlyerSheet.of(self.vehicle)
-        positions, jets, thrust = nozzles(sheet)
-        guess = sheet.guess
-        scales = FreeFlyerScales(
-            mass=guess.mass,
-            offset=guess.offset,
-            inertia=np.array(guess.inertia),
-            thrust=guessed(thrust),
-            speed=np.array(guess.speed),
-        )
-        spec = vehicle_spec(self.vehicle, dt, body.mass, body.lever, body.inertia, sheet.size)
-        truth = np.concatenate([body.theta(), true_thrust])
-        system = FreeFlyer(scales, positions, -jets)
-        acting = np.concatenate([np.zeros(10), true_thrust])
-        vehicle = Vehicle(system, truth, spec, acting, self.mismatch)
-        return vehicle.failing(self.faults, self)
-
-
-def published_body(sheet: FreeFlyerSheet) -> Inertia:
-    """The body's inertia; z up."""
-    return Inertia(sheet.mass, NED * sheet.centre, np.diag(sheet.inertia))
-
-
-def nozzles(sheet: FreeFlyerSheet) -> tuple[Array, Array, Array]:
-    """Positions, jet directions and nominal thrusts of the nozzles of both modules; z up.
-
-    Returns:
-        (k, 3) positions [m], (k, 3) unit vectors of the jets, (k,) nominal thrust [N].
-    """
-    one_module, jets = np.array(sheet.nozzles.positions), np.array(sheet.nozzles.directions)
-    other = np.array([-1.0, -1.0, 1.0])
-    positions = NED * sheet.inch * np.concatenate([one_module, other * one_module])
-    directions = NED * np.concatenate([jets, other * jets])
-    return positions, directions, np.abs(directions) @ np.array(sheet.nozzles.force) / 2

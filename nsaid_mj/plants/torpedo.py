@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -10,23 +9,33 @@ from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
-from ..parameters import Array
-from ..systems.torpedo import TorpedoScales, TorpedoVehicle, mass_tensor
-from .underwater import use_mujoco_fluid
-from .world.body import BODY, Vehicle, guessed, hidden, vehicle_spec
-from .world.hydrodynamics import split_mass
-from .world.mismatch import Mismatch
-from .world.plant import ParametricPlantConfig, Plant
+from ..parameters import Array, Block
+from ..structure.parts import Column, columns_at, tied
+from ..systems.vehicle import Operation, Term, numbered, term
+from .underwater import WATER
+from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
+from .world.body import guessed
 from .world.sheet import (
     Negative,
     Number,
     Positive,
-    Sheet,
     Table,
     check_inertia,
     one,
     several,
 )
+
+_FLUID = WATER._replace(
+    solid=lambda geom: geom == "hull",  # the fins keep their own lift
+    replaced=("mass matrix", "quadratic drag", "body lift"),
+)
+_DRAG = ((1, 0, 0, 0, 0, 0), (0, 1, 1, 0, 0, 0), (0, 0, 0, 1, 0, 0), (0, 0, 0, 0, 1, 1))
+"""Axes of the drag along, across, in roll and turning."""
+_MASS = (
+    (0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 2, 1, 1.0), (3, 3, 2, 1.0), (4, 4, 3, 1.0), (5, 5, 3, 1.0),
+    (5, 1, 4, 1.0), (4, 2, 4, -1.0), (4, 0, 5, 1.0), (3, 1, 5, -1.0),
+)  # fmt: skip
+"""Rows (i, j, l, value), i ≥ j: M of a body of revolution about x has value · θ_l at i, j."""
 
 
 class AddedMass(Table):
@@ -85,7 +94,7 @@ class Guess(Table):
     speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
 
 
-class TorpedoSheet(Sheet):
+class TorpedoSheet(VehicleSheet):
     """A torpedo's data sheet; axes x forward, y right, z down, origin at the centre of buoyancy."""
 
     family: ClassVar[str] = "torpedo"
@@ -129,9 +138,143 @@ class TorpedoSheet(Sheet):
             )
         return self
 
+    def blueprint(self) -> Blueprint:
+        """M ν̇ + C(ν) ν = −D_q |ν| ν − L(ν) − g(q) + propeller + Σ fins (6).
+
+        θ = [M_11, M_22 = M_33, M_44, M_55 = M_66, M_26 = −M_35, M_15 = −M_24, drag (4), body lift,
+        its moment, net weight, righting moment, propeller (2), fin lift (4), fin drag (4)]: a body
+        of revolution about x with its centre of gravity on its z axis. Commands are the fins'
+        deflections [rad], then the propeller's speed in [−1, 1]. Lift and drag go by the vehicle's
+        own u, as in Prestero (2001); stall is not modelled.
+
+        From z down to z up, the y and z components of vectors change sign. Coefficients that relate
+        two such components, as Y_uv and N_vdot, keep theirs; m z_g, the righting moment and Y_uuδr
+        do not.
+        """
+        a, height = self.added_mass, -self.gravity_centre[2]
+        added = -np.diag([a.X_udot, *[a.Y_vdot] * 2, a.K_pdot, *[a.M_qdot] * 2])
+        added[1, 5] = added[5, 1] = -a.Y_rdot
+        added[2, 4] = added[4, 2] = a.Y_rdot
+        rigid = np.diag([self.mass] * 3 + self.inertia)
+        rigid[0, 4] = rigid[4, 0] = self.mass * height
+        rigid[1, 3] = rigid[3, 1] = -self.mass * height
+        speed, most = np.array(self.guess.speed), np.full(5, self.fins.limit)
+        low, high = np.r_[0.4, -np.ones(5)], np.r_[1.2, np.ones(5)]
+        return Blueprint(
+            _mass_block(rigid + added),
+            rigid,
+            [*self._hull(), *self._actuators()],
+            Operation(
+                (low * speed, high * speed), (np.r_[-most[:4], 0.2], np.r_[most[:4], 1.0]), turn=0.5
+            ),
+            tied(list(_MASS)),
+            added,
+            fluid=_FLUID,
+            size=self.size,
+        )
+
+    def _hull(self) -> list[Term]:
+        """Drag, lift, net weight and righting moment of the body."""
+        a, d, fins = self.added_mass, self.drag, self.fins
+        front = np.pi / 4 * d.diameter**2
+        drag = [self.water_density / 2 * d.coefficient * front, -d.Y_vv, -d.K_pp, -d.M_qq]
+        munk = a.X_udot - a.Y_vdot
+        lift = [-self.lift.Y_uv - fins.Y_uudr, munk + fins.N_uudr - self.lift.M_uw]
+        righting = self.gravity_centre[2] * self.mass * self.gravity
+        return [
+            term(
+                [Column("drag", i, body=0, axes=axes) for i, axes in enumerate(_DRAG)],
+                {
+                    "dq_along": "quadratic drag along the hull",
+                    "dq_across": "quadratic drag across the hull",
+                    "dq_roll": "quadratic drag in roll",
+                    "dq_turn": "quadratic drag in pitch and yaw",
+                },
+                drag,
+                guessed(np.array(drag)),
+                geometry="positive",
+            ),
+            term(
+                [Column("lift", 0, body=0), Column("lift_moment", 1, body=0)],
+                {"lift_body": "body lift", "lift moment_body": "body lift moment"},
+                lift,
+                guessed(np.array(lift)),
+            ),
+            term(
+                [Column("weight", 0, body=0)],
+                {"net weight": "net weight"},
+                self.net_weight,
+                guessed(self.net_weight),
+            ),
+            term(
+                [Column("righting", 0, body=0, axis=[0, 0, 1])],
+                {"righting_z": "righting moment"},
+                righting,
+                guessed(righting),
+            ),
+        ]
+
+    def _actuators(self) -> list[Term]:
+        """Propeller and fins; a fin has half its pair's lift."""
+        fins, p = self.fins, self.propeller
+        x, r = fins.N_uudr / fins.Y_uudr, fins.radius
+        positions = np.array([[x, 0, r], [x, 0, -r], [x, r, 0], [x, -r, 0]])
+        lifts = np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
+        n, wide = p.shaft_speed, p.diameter
+        slope = (p.K_T[0] - p.K_T[1]) / p.advance
+        thrust = (1 - p.deduction) * self.water_density * n**2 * wide**4 * p.K_T[0]
+        gains = [thrust, p.torque * (2 * np.pi * n) ** 2]
+        ahead = {"body": 0, "input": 4, "direction": (1.0, 0.0, 0.0)}
+        slip = slope * p.wake / (n * wide) / p.K_T[0]
+        lift, drag = fins.Y_uudr / 2, fins.drag_by_lift * fins.Y_uudr / 2
+        return [
+            term(
+                [
+                    Column("propeller", 0, point=(p.position, 0.0, 0.0), slip=slip, **ahead),
+                    Column("propeller_torque", 1, **ahead),
+                ],
+                {"thrust": "propeller thrust", "torque": "propeller torque"},
+                gains,
+                guessed(np.array(gains)),
+            ),
+            term(
+                columns_at("fin", positions, lifts),
+                numbered("fin lift", "lift of fin", 4),
+                lift,
+                guessed(lift),
+            ),
+            term(
+                columns_at("fin_drag", positions),
+                numbered("fin drag", "drag of fin", 4),
+                drag,
+                guessed(drag),
+            ),
+        ]
+
+
+def _mass_block(M: Array) -> Block:
+    """The six parameters of a body of revolution; guesses from its nominal M (6, 6)."""
+    nominal = M[[0, 1, 3, 5, 1, 0], [0, 1, 3, 5, 5, 4]]
+    return Block(
+        "mass matrix",
+        ("M_11", "M_22", "M_44", "M_55", "M_26", "M_15"),
+        ("kg", "kg", "kg·m²", "kg·m²", "kg·m", "kg·m"),
+        guessed(nominal),
+        "tied",
+        entries=_MASS,
+        labels=(
+            "effective surge mass",
+            "effective sway and heave mass",
+            "effective roll inertia",
+            "effective pitch and yaw inertia",
+            "sway–yaw and heave–pitch coupling of M",
+            "surge–pitch and sway–roll coupling of M",
+        ),
+    )
+
 
 @config
-class REMUS100Plant(ParametricPlantConfig):
+class REMUS100Plant(VehiclePlant):
     """A REMUS 100, or another torpedo-shaped vehicle.
 
     Attributes:
@@ -140,196 +283,10 @@ class REMUS100Plant(ParametricPlantConfig):
             propeller and fins from the published values.
     """
 
-    sheet: ClassVar[type[Sheet]] = TorpedoSheet
+    sheet: ClassVar[type[VehicleSheet]] = TorpedoSheet
     vehicle: Name = "remus100"
     spread: Share = 0.2
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        nominal = nominal_numbers(TorpedoSheet.of(self.vehicle))
-        rng = np.random.default_rng(seed)
-        true = replace(
-            nominal,
-            drag=hidden(nominal.drag, self.spread, rng),
-            lift=hidden(nominal.lift, self.spread, rng),
-            net_weight=float(hidden(nominal.net_weight, self.spread, rng)),
-            righting=float(hidden(nominal.righting, self.spread, rng)),
-            propeller=hidden(nominal.propeller, self.spread, rng),
-            fin_lift=hidden(nominal.fin_lift, self.spread, rng),
-            fin_drag=hidden(nominal.fin_drag, self.spread, rng),
-        )
-        return self._plant(dt, true)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones.
-
-        See `split_mass` for how M is divided into rigid-body and added mass.
-        """
-        nominal = nominal_numbers(TorpedoSheet.of(self.vehicle))
-        return self._plant(dt, nominal if theta is None else with_theta(nominal, theta))
-
-    def _plant(self, dt: float, true: Torpedo) -> Plant:
-        sheet = TorpedoSheet.of(self.vehicle)
-        nominal = nominal_numbers(sheet)
-        system = TorpedoVehicle(
-            TorpedoScales(
-                inertia=guessed(theta_of(nominal)[:4]),
-                coupling=guessed(theta_of(nominal)[4:6]),
-                drag=guessed(nominal.drag),
-                lift=guessed(nominal.lift),
-                net_weight=float(guessed(nominal.net_weight)),
-                righting=float(guessed(nominal.righting)),
-                propeller=guessed(nominal.propeller),
-                fin_lift=guessed(nominal.fin_lift),
-                fin_drag=guessed(nominal.fin_drag),
-                speed=np.array(sheet.guess.speed),
-                limit=sheet.fins.limit,
-            ),
-            nominal.positions,
-            nominal.lifts,
-            np.array([sheet.propeller.position, 0.0, 0.0]),
-            nominal.slip,
-        )
-        vehicle = _in_water(self.vehicle, system, true, dt, self.mismatch, sheet.size)
-        return vehicle.failing(self.faults, self)
-
-
-@dataclass(frozen=True)
-class Torpedo:
-    """Parameters of a torpedo-shaped vehicle; axes x forward, y left, z up.
-
-    Attributes:
-        rigid: (6, 6) M_RB about the body's origin, the centre of buoyancy [kg, kg·m, kg·m²].
-        added: (6, 6) M_A, symmetric [kg, kg·m, kg·m²].
-        drag: (4,) quadratic: along, across [N·s²/m²], rolling, turning [N·m·s²/rad²].
-        lift: (2,) of the body: force [N·s²/m²], moment [N·s²/m].
-        net_weight: weight less buoyancy [N].
-        righting: z of r_B B − r_G W [N·m].
-        propeller: (2,) thrust [N] and torque [N·m] at full command at rest.
-        slip: share of full thrust that the propeller loses per unit of forward speed [s/m].
-        positions: (k, 3) of the fins [m].
-        lifts: (k, 3) unit vectors of the lift at positive deflection.
-        fin_lift: (k,) [N·s²/m² for each rad].
-        fin_drag: (k,) [N·s²/m² for each rad²].
-    """
-
-    rigid: Array
-    added: Array
-    drag: Array
-    lift: Array
-    net_weight: float
-    righting: float
-    propeller: Array
-    slip: float
-    positions: Array
-    lifts: Array
-    fin_lift: Array
-    fin_drag: Array
-
-
-def theta_of(true: Torpedo) -> Array:
-    """(p,) θ of a `TorpedoVehicle` with these parameters."""
-    M = true.rigid + true.added
-    return np.concatenate(
-        [
-            [M[0, 0], M[1, 1], M[3, 3], M[5, 5], M[1, 5], M[0, 4]],
-            true.drag,
-            true.lift,
-            [true.net_weight, true.righting],
-            true.propeller,
-            true.fin_lift,
-            true.fin_drag,
-        ]
-    )
-
-
-def with_theta(nominal: Torpedo, theta: Array) -> Torpedo:
-    """The nominal geometry with the parameters θ (p,) of a `TorpedoVehicle`."""
-    M = mass_tensor() @ theta[:6]
-    rigid, added = split_mass(M, nominal.rigid, nominal.added)
-    k = len(nominal.fin_lift)
-    drag, lift, weight, righting, propeller, fin_lift, fin_drag = np.split(
-        theta[6:], [4, 6, 7, 8, 10, 10 + k]
-    )
-    return replace(
-        nominal,
-        rigid=rigid,
-        added=added,
-        drag=drag,
-        lift=lift,
-        net_weight=float(weight[0]),
-        righting=float(righting[0]),
-        propeller=propeller,
-        fin_lift=fin_lift,
-        fin_drag=fin_drag,
-    )
-
-
-def nominal_numbers(sheet: TorpedoSheet) -> Torpedo:
-    """Nominal parameters of a data sheet, x forward, y left, z up; a fin has half its pair's lift.
-
-    From z down to z up, the y and z components of vectors change sign. Coefficients that relate two
-    such components, as Y_uv and N_vdot, keep theirs; m z_g, the righting moment and Y_uuδr do not.
-    """
-    a, drag, lift, fins, p = sheet.added_mass, sheet.drag, sheet.lift, sheet.fins, sheet.propeller
-    mass, height = sheet.mass, -sheet.gravity_centre[2]
-    rigid = np.diag([mass] * 3 + sheet.inertia)
-    rigid[0, 4] = rigid[4, 0] = mass * height
-    rigid[1, 3] = rigid[3, 1] = -mass * height
-    added = -np.diag([a.X_udot, *[a.Y_vdot] * 2, a.K_pdot, *[a.M_qdot] * 2])
-    added[1, 5] = added[5, 1] = -a.Y_rdot
-    added[2, 4] = added[4, 2] = a.Y_rdot
-    munk = a.X_udot - a.Y_vdot
-    x, r = fins.N_uudr / fins.Y_uudr, fins.radius
-    rho, n, wide = sheet.water_density, p.shaft_speed, p.diameter
-    slope = (p.K_T[0] - p.K_T[1]) / p.advance
-    thrust = (1 - p.deduction) * rho * n**2 * wide**4 * p.K_T[0]
-    fin_lift = np.full(4, fins.Y_uudr / 2)
-    front = np.pi / 4 * drag.diameter**2
-    return Torpedo(
-        rigid=rigid,
-        added=added,
-        drag=np.array([rho / 2 * drag.coefficient * front, -drag.Y_vv, -drag.K_pp, -drag.M_qq]),
-        lift=np.array([-lift.Y_uv - fins.Y_uudr, munk + fins.N_uudr - lift.M_uw]),
-        net_weight=sheet.net_weight,
-        righting=-height * mass * sheet.gravity,
-        propeller=np.array([thrust, p.torque * (2 * np.pi * n) ** 2]),
-        slip=slope * p.wake / (n * wide) / p.K_T[0],
-        positions=np.array([[x, 0, r], [x, 0, -r], [x, r, 0], [x, -r, 0]]),
-        lifts=np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]),
-        fin_lift=fin_lift,
-        fin_drag=fins.drag_by_lift * fin_lift,
-    )
-
-
-def _in_water(
-    vehicle: str,
-    system: TorpedoVehicle,
-    true: Torpedo,
-    dt: float,
-    mismatch: Mismatch,
-    size: list[float] | None,
-) -> Vehicle:
-    """The vehicle with the given true parameters and Prestero's or MuJoCo's fluid forces.
-
-    Args:
-        vehicle: whose model.xml is drawn.
-        system: the structure that an identifier may know.
-        true: the true parameters.
-        dt: time step [s].
-        mismatch: the effects outside the structure; its `fluid` selects the fluid forces.
-        size: (3,) of the box that is drawn if there is no model.xml [m].
-    """
-    mass = true.rigid[0, 0]
-    centre = np.array([0.0, 0.0, true.rigid[0, 4] / mass])
-    about_centre = true.rigid[3:, 3:] - mass * (
-        centre @ centre * np.eye(3) - np.outer(centre, centre)
-    )
-    spec = vehicle_spec(vehicle, dt, mass, centre, about_centre, size)
-    acting = theta_of(replace(true, rigid=np.zeros((6, 6))))
-    if mismatch.fluid == "ellipsoid":
-        use_mujoco_fluid(spec, mismatch)
-        for geom in spec.body(BODY).geoms:
-            geom.fluid_ellipsoid = int(geom.name == "hull")  # the fins keep their own lift
-        acting[:12] = 0.0
-    return Vehicle(system, theta_of(true), spec, acting, mismatch)
+    def blueprint(self) -> Blueprint:
+        """What its data sheet says."""
+        return TorpedoSheet.of(self.vehicle).blueprint()

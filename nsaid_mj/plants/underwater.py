@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -11,23 +10,15 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..systems.underwater import UnderwaterScales, UnderwaterVehicle
-from .world.body import (
-    BODY,
-    NED,
-    Vehicle,
-    guessed,
-    hidden,
-    vehicle_spec,
-)
-from .world.hydrodynamics import POWERS, Hydrodynamics, split_mass
-from .world.mismatch import Mismatch
-from .world.plant import ParametricPlantConfig, Plant
+from ..structure.columns.curve import odd
+from ..structure.parts import Column, columns_at, full
+from ..systems.vehicle import AXES, Operation, mass_block, numbered, term
+from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
+from .world.body import NED, guessed
 from .world.sheet import (
     NotNegative,
     Number,
     Positive,
-    Sheet,
     Table,
     check_inertia,
     check_unit_vectors,
@@ -35,6 +26,14 @@ from .world.sheet import (
     several,
 )
 
+POWERS = 5
+"""Number of odd powers of the command in the thrusters' curve: u, u³, u⁵, u⁷, u⁹."""
+WATER = Fluid(
+    1000.0,
+    1e-3,
+    lambda geom: not geom.startswith("thruster"),  # they only show where the thrust acts
+    ("mass matrix", "linear drag", "quadratic drag"),
+)
 Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
@@ -112,7 +111,7 @@ class Thrusters(Table):
         return np.concatenate([alone, *rings])
 
 
-class UnderwaterSheet(Sheet):
+class UnderwaterSheet(VehicleSheet):
     """An underwater vehicle's data sheet; x forward, y right, z down from the centre of mass."""
 
     family: ClassVar[str] = "underwater"
@@ -159,9 +158,64 @@ class UnderwaterSheet(Sheet):
         """Weight plus ballast minus buoyancy [N]."""
         return self.mass * self.gravity - self.buoyancy + self.ballast
 
+    def blueprint(self) -> Blueprint:
+        """What it says, after Fossen (6): M ν̇ + C(ν) ν = −D ν − D_q |ν| ν − g(q) + Σ k f(u) w.
+
+        θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust].
+        Righting moments are r_B B − r_G W.
+        """
+        positions, directions = (NED * self.thrusters.placed(x) for x in ("position", "direction"))
+        rigid, added = np.diag([self.mass] * 3 + self.inertia), np.diag(self.added_mass)
+        righting = NED * self.buoyancy_centre * self.buoyancy
+        full_thrust = sum(self.thrusters.curve)
+        each = list(enumerate(np.eye(6)))
+        curve = odd(*np.divide(self.thrusters.curve, full_thrust))
+        count, speed = len(positions), np.array(self.guess.speed)
+        return Blueprint(
+            mass_block(guessed(np.diag(rigid + added))),
+            rigid,
+            [
+                term(
+                    [Column("linear_drag", i, body=0, axes=axis) for i, axis in each],
+                    {f"d_{axis}": f"linear drag in {axis}" for axis in AXES},
+                    self.linear_drag,
+                    np.array(self.guess.linear_drag),
+                ),
+                term(
+                    [Column("drag", i, body=0, axes=axis) for i, axis in each],
+                    {f"dq_{axis}": f"quadratic drag in {axis}" for axis in AXES},
+                    self.quadratic_drag,
+                    guessed(np.array(self.quadratic_drag)),
+                ),
+                term(
+                    [Column("weight", 0, body=0)],
+                    {"net weight": "net weight"},
+                    self.net_weight,
+                    guessed(self.net_weight),
+                ),
+                term(
+                    [Column("righting", i, body=0, axis=axis) for i, axis in enumerate(np.eye(3))],
+                    {f"righting_{axis}": f"righting moment about {axis}" for axis in "xyz"},
+                    righting,
+                    guessed(righting[2]),
+                ),
+                term(
+                    columns_at("thruster", positions, directions, curve=curve),
+                    numbered("thrust", "thrust of thruster", count),
+                    full_thrust,
+                    guessed(full_thrust),
+                ),
+            ],
+            Operation((-speed, speed), (-np.ones(count), np.ones(count))),
+            full(),
+            added,
+            fluid=WATER,
+            size=self.size,
+        )
+
 
 @config
-class BlueROV2Plant(ParametricPlantConfig):
+class BlueROV2Plant(VehiclePlant):
     """A BlueROV2 Heavy, or another underwater vehicle with fixed thrusters.
 
     Attributes:
@@ -170,141 +224,13 @@ class BlueROV2Plant(ParametricPlantConfig):
             from the published values.
     """
 
-    sheet: ClassVar[type[Sheet]] = UnderwaterSheet
+    sheet: ClassVar[type[VehicleSheet]] = UnderwaterSheet
     vehicle: Name = "bluerov2"
     spread: Share = 0.2
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        nominal = nominal_numbers(UnderwaterSheet.of(self.vehicle))
-        return self._plant(dt, drawn(nominal, self.spread, np.random.default_rng(seed)))
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones.
-
-        See `split_mass` for how M is divided into rigid-body and added mass.
-        """
-        nominal = nominal_numbers(UnderwaterSheet.of(self.vehicle))
-        return self._plant(dt, nominal if theta is None else with_theta(nominal, theta))
-
-    def _plant(self, dt: float, true: Hydrodynamics) -> Plant:
-        sheet = UnderwaterSheet.of(self.vehicle)
-        nominal = nominal_numbers(sheet)
-        system = UnderwaterVehicle(
-            scales_of(nominal, sheet.guess), nominal.positions, nominal.directions, nominal.curve
-        )
-        vehicle = body_in_water(self.vehicle, system, true, dt, self.mismatch, sheet.size)
-        return vehicle.failing(self.faults, self)
-
-
-def drawn(nominal: Hydrodynamics, spread: float, rng: np.random.Generator) -> Hydrodynamics:
-    """Random true parameters: all but the inertias deviate from nominal by up to `spread`."""
-    return replace(
-        nominal,
-        linear=hidden(nominal.linear, spread, rng),
-        quadratic=hidden(nominal.quadratic, spread, rng),
-        net_weight=float(hidden(nominal.net_weight, spread, rng)),
-        righting=hidden(nominal.righting, spread, rng),
-        thrust=hidden(nominal.thrust, spread, rng),
-    )
-
-
-def scales_of(nominal: Hydrodynamics, guess: Guess) -> UnderwaterScales:
-    """An engineer's guess of the scales of a vehicle with these nominal parameters."""
-    return UnderwaterScales(
-        mass=guessed(np.diag(nominal.rigid + nominal.added)),
-        linear=np.array(guess.linear_drag),
-        quadratic=guessed(nominal.quadratic),
-        net_weight=float(guessed(nominal.net_weight)),
-        righting=float(guessed(nominal.righting[2])),
-        thrust=guessed(nominal.thrust),
-        speed=np.array(guess.speed),
-    )
-
-
-def body_in_water(
-    vehicle: str,
-    system: UnderwaterVehicle,
-    true: Hydrodynamics,
-    dt: float,
-    mismatch: Mismatch,
-    size: list[float] | None = None,
-) -> Vehicle:
-    """A vehicle with the given true parameters and Fossen's or MuJoCo's fluid forces.
-
-    Args:
-        vehicle: whose model.xml is drawn.
-        system: the structure that an identifier may know.
-        true: the true parameters.
-        dt: time step [s].
-        mismatch: the effects outside the structure; its `fluid` selects the fluid forces.
-        size: (3,) of the box that is drawn if there is no model.xml [m].
-    """
-    mass, inertia = true.rigid[0, 0], true.rigid[3:, 3:]
-    spec = vehicle_spec(vehicle, dt, mass, np.zeros(3), inertia, size)
-    acting = theta_of(true)
-    acting[:21] = true.added[np.triu_indices(6)]
-    if mismatch.fluid == "ellipsoid":
-        use_mujoco_fluid(spec, mismatch)
-        acting[:33] = 0.0
-    return Vehicle(system, theta_of(true), spec, acting, mismatch)
-
-
-def theta_of(true: Hydrodynamics) -> Array:
-    """(p,) θ of an `UnderwaterVehicle` with these parameters."""
-    M = (true.rigid + true.added)[np.triu_indices(6)]
-    return np.concatenate(
-        [M, true.linear, true.quadratic, [true.net_weight], true.righting, true.thrust]
-    )
-
-
-def with_theta(nominal: Hydrodynamics, theta: Array) -> Hydrodynamics:
-    """The nominal geometry with the parameters θ (p,) of an `UnderwaterVehicle`."""
-    M = np.zeros((6, 6))
-    M[np.triu_indices(6)] = theta[:21]
-    rigid, added = split_mass(M + np.triu(M, 1).T, nominal.rigid, nominal.added)
-    linear, quadratic, weight, righting, thrust = np.split(theta[21:], [6, 12, 13, 16])
-    return replace(
-        nominal,
-        rigid=rigid,
-        added=added,
-        linear=linear,
-        quadratic=quadratic,
-        net_weight=float(weight[0]),
-        righting=righting,
-        thrust=thrust,
-    )
-
-
-def use_mujoco_fluid(spec: Any, mismatch: Mismatch) -> None:
-    """Enables MuJoCo's own fluid forces of water in a specification: every geom is an ellipsoid.
-
-    Geoms whose names begin with "thruster" are left out: they only show where the thrust acts.
-    """
-    spec.option.density, spec.option.viscosity = 1000.0, 1e-3
-    spec.option.wind = mismatch.flow
-    for geom in spec.body(BODY).geoms:
-        geom.fluid_ellipsoid = int(not geom.name.startswith("thruster"))
-
-
-def nominal_numbers(sheet: UnderwaterSheet) -> Hydrodynamics:
-    """Nominal parameters of a data sheet, in axes x forward, y left, z up."""
-    turn6 = np.r_[NED, NED]
-    curve = np.zeros(POWERS)
-    curve[: len(sheet.thrusters.curve)] = sheet.thrusters.curve
-    positions, directions = (NED * sheet.thrusters.placed(x) for x in ("position", "direction"))
-    return Hydrodynamics(
-        rigid=np.diag([sheet.mass] * 3 + sheet.inertia),
-        added=turn6[:, None] * np.diag(sheet.added_mass) * turn6,
-        linear=np.array(sheet.linear_drag),
-        quadratic=np.array(sheet.quadratic_drag),
-        net_weight=sheet.net_weight,
-        righting=NED * sheet.buoyancy_centre * sheet.buoyancy,
-        positions=positions,
-        directions=directions,
-        thrust=np.full(len(positions), curve.sum()),
-        curve=curve / curve.sum(),
-    )
+    def blueprint(self) -> Blueprint:
+        """What its data sheet says."""
+        return UnderwaterSheet.of(self.vehicle).blueprint()
 
 
 def _turned(vector: list[float], angles: list[float]) -> Array:

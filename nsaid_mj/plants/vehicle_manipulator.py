@@ -13,24 +13,23 @@ from ..errors import UnknownName
 from ..parameters import Array
 from ..resources import numbers
 from ..systems.flying_arm import FlyingArm
+from ..systems.inertial import GRAVITY
 from ..systems.multibody import JointScales
 from ..systems.optional import pin
 from ..systems.underwater_manipulator import Cylinders, LinkFluidScales, UnderwaterManipulator
 from ..systems.vehicle_manipulator import VehicleManipulator
 from .arm import ArmPlant, HiddenJoints, extent, nominal_scales, set_tree
-from .underwater import UnderwaterSheet, nominal_numbers, scales_of
+from .underwater import UnderwaterSheet
+from .world.blueprint import Blueprint
 from .world.body import command_inputs, guessed, hidden, vehicle_spec
 from .world.coordinates import joint_map
 from .world.forces import Forces, column_forces
-from .world.hydrodynamics import Hydrodynamics, split_mass
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.robots import Robot, load_robot
 from .world.shapes import VisualMesh
 from .world.tree import GeomVisuals, RobotVisuals, set_inertias, tree_spec
 
-GRAVITY = 9.81
-"""[m/s²]."""
 BASE = "base"
 """Name of the free joint and of the base body in models that are assembled here."""
 
@@ -147,13 +146,12 @@ class UvmsPlant(ParametricPlantConfig):
     def simulating(self, dt: float, theta: Array | None = None) -> Plant:
         """Makes the plant with the true parameters θ (p,), or the published ones.
 
-        See `split_mass` for how M of the base is divided into rigid-body and added mass.
+        See `Blueprint.split` for how M of the base is divided into rigid-body and added mass.
         """
         arm, base, system = numbers("uvms"), _base(), uvms_system()
         space, theta = system.space, published_uvms() if theta is None else theta
-        M = np.zeros((6, 6))
-        M[np.triu_indices(6)] = theta[:21]
-        rigid, added = split_mass(M + np.triu(M, 1).T, base.rigid, base.added)
+        body, added = base.split(theta[:21])
+        rigid = body.matrix()
         links = slice(21, 21 + 10 * len(arm["links"]))
         model = uvms_model(rigid, arm)
         set_inertias(model, theta[links], 2)
@@ -161,7 +159,7 @@ class UvmsPlant(ParametricPlantConfig):
         for i, inertia in enumerate(theta[space["rotor inertia"]]):
             spec.joint(f"joint {i + 1}").armature = inertia
         acting = theta.copy()
-        acting[:21], acting[links] = added[np.triu_indices(6)], 0.0
+        acting[:21], acting[links] = added, 0.0
         acting[space["rotor inertia"]] = 0.0
         acting[space["net weight"]] -= rigid[0, 0] * GRAVITY  # MuJoCo's bodies have weight
         _add_visual_geoms(spec, arm)
@@ -177,24 +175,21 @@ _UNSURE = (
 )  # fmt: skip
 
 
-def _base() -> Hydrodynamics:
-    return nominal_numbers(UnderwaterSheet.of("bluerov2"))
+def _base() -> Blueprint:
+    return UnderwaterSheet.of("bluerov2").blueprint()
 
 
 def uvms_system() -> UnderwaterManipulator:
     """The structure of the vehicle with its arm."""
-    arm, base, sheet = numbers("uvms"), _base(), UnderwaterSheet.of("bluerov2")
+    arm, base = numbers("uvms"), _base()
     published, nominal = uvms_model(base.rigid, arm), published_links(arm)
     return UnderwaterManipulator(
         published,
         _joint_guesses(published, arm),
-        scales_of(base, sheet.guess),
+        base.system,
         LinkFluidScales(*map(guessed, nominal)),
         cylinders(arm),
         arm["joints"]["friction_speed"],
-        base.positions,
-        base.directions,
-        base.curve,
     )
 
 
@@ -204,19 +199,17 @@ def published_uvms() -> Array:
     d, k = arm["joints"], len(arm["links"])
     added, drag, buoyancy = published_links(arm)
     bodies = list(uvms_model(base.rigid, arm).inertias)[2:]
+    split = base.system.space["thruster gain"].start
     return np.concatenate(
         [
-            (base.rigid + base.added)[np.triu_indices(6)],
+            base.theta[:21],
             *(body.toDynamicParameters() for body in bodies),
             added,
             *(np.full(k, d[name]) for name in ("rotor", "viscous", "coulomb", "gain")),
-            base.linear,
-            base.quadratic,
-            [base.net_weight],
-            base.righting,
+            base.theta[21:split],
             drag,
             buoyancy,
-            base.thrust,
+            base.theta[split:],
         ]
     )
 

@@ -76,7 +76,8 @@ def _scene(result: Identification) -> Scene | None:
     system: SecondOrderSystem | None = robot.system
     if system is None and robot.model is not None and robot.model.njoints > 1:
         unit = np.ones(max(n, robot.model.nv))  # scales do not matter: nothing is estimated here
-        system = Multibody(robot.model, JointScales(*[unit] * 7), unit)
+        scales = JointScales(unit, unit, unit, unit, unit, unit, unit)
+        system = Multibody(robot.model, scales, unit)
     return None if system is None else Scene(system, robot.visuals)
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import rerun as rr
 
 from ..errors import InvalidInput
-from ..experiment.loop import Observer
+from ..experiment.loop import Observer, Robot
 from ..experiment.scenario import Scenario
 from ..identifiers import State
 from ..log import Measurement
-from ..plants import Plant
+from ..system import SecondOrderSystem
 from .forces import ESTIMATED, Arrows, Rows
 from .layout import live_blueprint, words
 from .scene import Scene
@@ -54,10 +54,10 @@ class Live(Observer):
         self._next = self._next_pose = -np.inf
         self._arrows: Arrows | None = None
 
-    def start(self, scenario: Scenario, plant: Plant) -> None:
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
         """Starts the viewer and shows the robot."""
         try:
-            self._start(plant)
+            self._start(robot, first)
         except Exception as error:  # no error of the viewer may stop the run
             self._give_up(error)
 
@@ -98,19 +98,19 @@ class Live(Observer):
         finally:
             self._end_server()
 
-    def _start(self, plant: Plant) -> None:
-        self._space, self._scene = plant.system.space, Scene(plant.system, plant)
+    def _start(self, robot: Robot, first: Measurement) -> None:
+        system = robot.system
+        self._space, self._scene = system.space, Scene(system, robot.looks)
         self._groups = [g for members in groups(self._space).values() for g in members]
         rng = np.random.default_rng(0)  # of random states, which set up camera and arrows
-        states = [plant.system.random_state(rng) for _ in range(50)]
+        states = [system.random_state(rng) for _ in range(50)]
         q, v, u = (np.array(part) for part in zip(*states, strict=True))
         rows = Rows(np.zeros(len(q)), q, v, u)
-        begin = plant.position(plant.coordinates()[0])
         camera = None
         if not self._scene.empty:
-            camera = self._scene.camera(np.vstack([begin, q[:20]]), v)
+            camera = self._scene.camera(np.vstack([first.q, q[:20]]), v)
         if camera and self._scene.vehicle:
-            self._arrows = Arrows.of(plant.system, camera.size, rows, self._space.scale)
+            self._arrows = Arrows.of(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
         drawn = words("Forces: estimated (orange)" if self._arrows else "", magnified)
         layout = live_blueprint(self._space, camera, drawn)
@@ -120,7 +120,7 @@ class Live(Observer):
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
         if self._arrows:
             self._arrows.log_style(rec, ESTIMATED)
-        for curve in _curves(plant):
+        for curve in _curves(system):
             curve.log_style(rec)
         self._rec = rec
 
@@ -217,15 +217,15 @@ def _target(port: int) -> str:
     return f"rerun+http://{LOCAL}:{port}/proxy"
 
 
-def _curves(plant: Plant) -> list[Curves]:
+def _curves(system: SecondOrderSystem) -> list[Curves]:
     """The streamed curves, without values."""
 
     def empty(width: int) -> np.ndarray:
         return np.zeros((0, width))
 
-    n = plant.system.n
-    found = [Curves("velocity_error", velocity_names(plant.system), empty(n))]
+    n = system.n
+    found = [Curves("velocity_error", velocity_names(system), empty(n))]
     found += excitation(empty(1), empty(1))
-    for group in (group for members in groups(plant.system.space).values() for group in members):
+    for group in (group for members in groups(system.space).values() for group in members):
         found.append(Curves(f"{group.path}/estimated", group.names, empty(len(group.names))))
     return found

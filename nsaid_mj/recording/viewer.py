@@ -50,7 +50,7 @@ def program() -> list[str]:
     for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe"):
         if (folder / name).is_file():
             return [str(folder / name)]
-    return [sys.executable, "-m", "rerun_cli"]
+    return [sys.executable, "-P", "-m", "rerun_cli"]
 
 
 def has_display() -> bool:

@@ -36,7 +36,7 @@ class Drawer:
             code = f"import sys; sys.path = {sys.path!r}; from {__name__} import serve; serve()"
             with contextlib.suppress(OSError):
                 self._child = subprocess.Popen(
-                    [sys.executable, "-c", code],
+                    [sys.executable, "-P", "-c", code],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,

@@ -18,14 +18,14 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from ..experiment.loop import Observer, columns
+from ..experiment.loop import Observer, Robot, columns
 from ..experiment.scenario import Scenario
 from ..identifiers import State
 from ..log import Measurement
-from ..numerics.kernels import clock, on_compiling
-from ..plants import Plant
+from ..numerics.stopwatch import clock, on_compiling
+from ..system import SecondOrderSystem
 
-COMPILING = "compiling, once (about a minute)"
+COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
 _LARGE = 1e10  # size of a record that is told beforehand [bytes]
 _PATIENCE = 10.0  # time between two lines where there is no terminal [s]
@@ -99,9 +99,9 @@ class Progress(Observer):
             self._told = time.monotonic()
             self._console.print(f"{self._name}: {words}", highlight=False)
 
-    def start(self, scenario: Scenario, plant: Plant) -> None:
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
         """Shows an empty bar, and says beforehand what a long run will cost."""
-        if words := cost_of(scenario, plant):
+        if words := cost_of(scenario, robot.system):
             self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
         self._begin, self._last, self._end = clock(), 0.0, scenario.duration
         self._bar.update(self._task, total=scenario.duration, description=self._name)
@@ -132,9 +132,9 @@ class Progress(Observer):
         self._bar.reset(self._task, total=None, description=self._name, figures="")
 
 
-def cost_of(scenario: Scenario, plant: Plant) -> str:
+def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     """What a run of an hour or more, or of a large record, will roughly cost; "" for others."""
-    system, rivals = plant.system, list(scenario.rivals)
+    rivals = list(scenario.rivals)
     hours = scenario.steps * _STEP * (1 + len(rivals)) / 3600
     widths = columns(system.n, system.m, system.n_u, system.p, rivals).values()
     size = 8 * scenario.steps / scenario.record_every * sum(max(width, 1) for width in widths)

@@ -135,9 +135,24 @@ def _alarms(summary: dict[str, Any]) -> list[dict[str, str]]:
         words = f"{fault['words']}, {100 * fault['confidence']:.4g} % sure"
         found.append(pages.alarm(words, "poor", f"fault found at {fault['found']:.4g} s:"))
     found += [pages.alarm(m, level="not in the structure:") for m in summary.get("mismatch", [])]
+    if told := stream_line(summary.get("stream", {})):
+        found.append(pages.alarm(told, "weak", "samples:", "·"))
     if summary["sensor_noise"]:
         found.append(pages.alarm(summary["sensor_noise"], "weak", "sensors:", "·"))
     return found
+
+
+def stream_line(counts: dict[str, int]) -> str:
+    """What was wrong with the samples of a live robot, in words; empty if nothing was."""
+    told = {
+        "gaps": "gaps",
+        "missing": "samples missing in them",
+        "not_finite": "not finite",
+        "duplicates": "repeated",
+        "late": "out of order",
+        "unreadable": "unreadable",
+    }
+    return ", ".join(f"{counts[key]} {words}" for key, words in told.items() if counts.get(key))
 
 
 def _again(run: Run, summary: dict[str, Any], command: str) -> dict[str, Any]:

@@ -44,18 +44,21 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
     if summary["status_remedy"]:
         console.print(f"  {escape(summary['status_remedy'])}", soft_wrap=True)
     compiled = summary["compile_s"]
+    done = "followed" if "stream" in summary else "simulated"
     console.print(
-        f"  {summary['sim_s']:.4g} s simulated in {summary['wall_s']:.1f} s "
+        f"  {summary['sim_s']:.4g} s {done} in {summary['wall_s']:.1f} s "
         f"({summary['real_time_factor']:.1f} × real time)"
         + (f", plus {compiled:.0f} s of one-time compilation" if compiled > _COMPILED else ""),
         soft_wrap=True,
     )
-    if summary["mismatch"]:
+    if summary.get("mismatch"):
         words = "; ".join(summary["mismatch"])
         console.print(f"  not in the structure: {escape(words)}", soft_wrap=True)
+    if told := report.stream_line(summary.get("stream", {})):
+        console.print(f"  samples: {told}", soft_wrap=True)
     if summary["sensor_noise"]:
         console.print(f"  sensors: {escape(summary['sensor_noise'])}", soft_wrap=True)
-    if summary["fault"]:
+    if summary.get("fault"):
         console.print(f"  fault: {escape(summary['fault'])}", soft_wrap=True)
     for fault in summary["faults"]:
         words = f"found at {fault['found']:.4g} s: {fault['words']}"

@@ -161,3 +161,9 @@ def slopes(bodies: int, n: int, terms: int, nonzeros: int) -> Slopes:
         np.zeros((n, 2 * n)),
         np.zeros((4 * n, 3 * n)),
     )
+
+
+def memory_of(structure: StructureArrays, n: int) -> tuple[Workspace, Slopes]:
+    """Memory of a stage and for derivatives, for a structure with n velocities."""
+    bodies, terms, nonzeros = structure.bodies, structure.terms, structure.nonzeros
+    return workspace(len(bodies), n), slopes(len(bodies), n, len(terms), len(nonzeros))

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import FALL, FRAME, Array
-from .compilation import ready
 from .forces import ALL, write_forces
 from .kinematics import place
 from .motion import (
@@ -57,7 +56,6 @@ class Evaluation:
     """
 
     def __init__(self, structure: Structure):
-        ready()
         self.structure, self.arrays = structure, structure.arrays
         self._memory, self._still = _Memory(structure), np.zeros(structure.n)
         self._none = np.zeros(len(self.arrays.nonzeros))

@@ -109,19 +109,24 @@ class Column:
             if name != "self":
                 object.__setattr__(self, name, value)
 
+    def shifted(self, parameter: int, command: int = 0) -> Column:
+        """The same term, its parameter and, if it reads one, its command that much later."""
+        constants = dict[str, Any](self.constants)
+        later = self.input + command if self.input >= 0 else self.input
+        place = {"body": self.body, "dof": self.dof, "input": later}
+        return Column(self.kind, self.parameter + parameter, **place, **constants)
+
 
 def columns_at(
     kind: str,
-    parameter: int,
     points: ArrayLike,
     directions: ArrayLike | None = None,
     **constants: Any,
 ) -> list[Column]:
-    """Columns of the first body's actuators, one for each parameter and command.
+    """Columns of the first body's actuators, one for each parameter and command, from 0.
 
     Args:
         kind: of the columns.
-        parameter: index in θ of the first.
         points: (k, 3) where they act, in the body's axes [m].
         directions: (k, 3) unit vectors along which they push, if the kind has a direction.
         constants: what all have in common.
@@ -129,9 +134,7 @@ def columns_at(
     columns = []
     for i, point in enumerate(np.asarray(points, dtype=float)):
         along = {} if directions is None else {"direction": np.asarray(directions)[i]}
-        columns.append(
-            Column(kind, parameter + i, body=0, input=i, point=point, **along, **constants)
-        )
+        columns.append(Column(kind, i, body=0, input=i, point=point, **along, **constants))
     return columns
 
 

@@ -14,7 +14,6 @@ from . import arrays as layout
 from .arrays import Array, Slopes, StructureArrays, Workspace
 from .columns import KINDS, Kind
 from .columns.kind import CURVE, LISTED
-from .compilation import ready
 from .forces import BODY_KINDS
 from .parts import KINDS_OF_JOINT, Body, Column, Inertia, Rotor
 
@@ -125,7 +124,6 @@ class Structure:
     @cached_property
     def arrays(self) -> StructureArrays:
         """The data as kernels read them."""
-        ready()
         entries, values, terms, ranges = self._entries()
         columns, constants, nonzeros = self._columns()
         return StructureArrays(

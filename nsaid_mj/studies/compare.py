@@ -30,7 +30,7 @@ from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
 from ..reporting.progress import announcing, counted
-from ..resources import locked, write_json, write_text
+from ..resources import check_own, locked, write_json, write_text
 from .cells import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
 from .compare_table import print_table
 from .study import Study
@@ -292,6 +292,7 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
         FolderInUse: another process is writing into the folder.
         NotWritten: the folder cannot be written.
     """
+    check_own(folder, FILES[:1])
     with locked(folder):
         return _run(plan, folder, quiet)
 

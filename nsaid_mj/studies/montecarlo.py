@@ -2,7 +2,8 @@
 
 Plants are simulated first, then identifiers follow their logs. Both happen in compiled code that
 releases the GIL, so that threads run in parallel. If all runs share one plant, the motion's stages
-are computed once for a group of identifiers.
+are computed once for a group of identifiers, which run several at a time, see
+`identifiers.abreast`.
 
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
@@ -26,20 +27,22 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ..errors import BadRun, InvalidInput
+from ..errors import InvalidInput
 from ..evaluation import Truth, converged_at
 from ..evaluation.figures import actuator_ratio_error
 from ..experiment.following import CHECK, Following, due_rows
-from ..experiment.loop import ended
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
+from ..experiment.source import ended
 from ..identifiers import Identifier, State, Status
+from ..identifiers.abreast import along
 from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..reporting.progress import announcing
+from ..resources import check_own
 from ..system import Motion
 from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
@@ -245,13 +248,13 @@ def _followed(
     runs: Sequence[Draw], log: Log, motion: Motion | None
 ) -> Iterator[tuple[State, Estimates]]:
     """Yields state and estimates of every run's identifier along a segment, from its last state."""
-    for run in runs:
-        law, state = run.following.identifier, run.following.state
-        if motion is None:
-            yield law.follow(state, log)
-        else:
-            assert isinstance(law, NullspaceIdentifier)
-            yield law.along(state, log, motion)
+    each = [(run.following.identifier, run.following.state) for run in runs]
+    if motion is None:
+        yield from (law.follow(state, log) for law, state in each)
+    else:
+        sharing = [(law, at) for law, at in each if isinstance(law, NullspaceIdentifier)]
+        assert len(sharing) == len(runs)
+        yield from along(sharing, log, motion)
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:
@@ -401,8 +404,7 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
         NsaidError: the scenario cannot be started.
     """
     check_count("jobs", 1 if jobs is None else jobs, _JOBS, MOST_JOBS)
-    if folder.is_dir() and not (folder / MANIFEST).is_file() and any(folder.iterdir()):
-        raise BadRun(folder, "it holds something else", "Give another folder with --out")
+    check_own(folder, (MANIFEST,))
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),

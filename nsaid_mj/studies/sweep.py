@@ -22,8 +22,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from ..errors import InvalidInput
 from ..experiment.fields import field_path, field_value, with_fields
 from ..experiment.scenario import Scenario
-from ..reporting.progress import COMPILING
-from ..reporting.warmup import is_warm
 from .study import Study, check_count
 from .sweep_engine import Engine
 from .sweep_folder import opened
@@ -172,8 +170,6 @@ def run(
         lost = sum(row["failure"] is not None for row in known.values())
         task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
         todo = [number for number in range(len(plan)) if number not in known]
-        if todo and not quiet and engine.name == "loky" and not is_warm(plan.run(todo[0])):
-            bar.console.print(COMPILING, highlight=False)
         for found in engine.make(todo, job, longest):
             row = plan.what(found["run"]) | found
             rows.append(row)

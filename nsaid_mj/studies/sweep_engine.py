@@ -129,7 +129,7 @@ class Engine:
         """Makes joblib use the engine; yields the exceptions that mean that a worker died."""
         broken: tuple[type[Exception], ...] = (BrokenExecutor, multiprocessing.TimeoutError)
         if self.name == "loky":
-            with joblib.parallel_config("loky"):
+            with _isolated(), joblib.parallel_config("loky"):
                 yield broken
         else:
             distributed = _package("distributed", "dask")
@@ -149,6 +149,22 @@ class Engine:
             raise InvalidInput(
                 "address", f"that of a running {self.name} cluster", self.address, str(error)
             ) from error
+
+
+@contextmanager
+def _isolated() -> Iterator[None]:
+    """Within the context, Pythons that start import nothing from the current folder.
+
+    joblib has no option for the Pythons that it starts.
+    """
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        del os.environ["PYTHONSAFEPATH"]
+        if before is not None:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 def _fit(row: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 from ..bounds import without_nonfinite
 from ..errors import BadRun, NotWritten
-from ..resources import atomic_write, locked, told, write_json
+from ..resources import atomic_write, check_own, locked, told, write_json
 from .sweep_results import MANIFEST, ROWS, Row, read_manifest, read_rows, write_table
 
 
@@ -60,6 +60,7 @@ def opened(
         NotWritten: the folder cannot be written.
         BadRun: it holds another sweep, or rows of which nothing is known.
     """
+    check_own(folder, (MANIFEST, ROWS))
     with locked(folder):
         rows = folder / ROWS
         known = _resumed(folder, manifest, say)

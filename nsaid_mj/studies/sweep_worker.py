@@ -118,7 +118,7 @@ class _Child:
     def __init__(self, job: Job):
         self._key = job.script, job.digest
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "nsaid_mj.studies.sweep_worker"],
+            [sys.executable, "-P", "-m", "nsaid_mj.studies.sweep_worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -259,12 +259,10 @@ def _types_of(script: str) -> None:
 def figures(run: SimulatedRun) -> dict[str, Any]:
     """Scalar entries of a run's summary by key, dotted if nested, and `time_to_converge`."""
     from .. import evaluation
-    from ..reporting.warmup import mark_warm
 
     truth = evaluation.truth_of(run)
     converged = {"time_to_converge": time_to_converge(run, truth)}
     summary = evaluation.summarize(run, truth)
-    mark_warm(run)
     return {"failure": None} | converged | _plain(summary)
 
 

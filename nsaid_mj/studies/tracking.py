@@ -24,8 +24,8 @@ from ..errors import BadRun, InvalidInput, UnknownName
 from ..evaluation import Truth
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
-from ..experiment.loop import informing_steps
 from ..experiment.setup import Setup
+from ..experiment.source import informing_steps
 from ..identifiers import Status
 from ..identifiers.cone.law import ConeMetric
 from ..log import Log

@@ -10,7 +10,7 @@ from rich.console import Console
 from ..evaluation.tracking import Motion
 from ..numerics.threads import single_threaded
 from ..reporting.progress import announcing, counted
-from ..resources import locked
+from ..resources import check_own, locked
 from .tracking import FILES, Course, Plan, courses, print_table, write
 from .tracking_page import draw
 
@@ -30,6 +30,7 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
         FolderInUse: another process is writing into the folder.
         NotWritten: the folder cannot be written.
     """
+    check_own(folder, FILES[:1])
     with locked(folder):
         return _run(plan, folder, quiet)
 

@@ -58,7 +58,7 @@ class FlyingArm(VehicleManipulator):
                 _gains("rotor torque gain", "torque", "N·m", torque),
             ],
             [
-                *columns_at("rotor", 0, positions, directions),
+                *columns_at("rotor", positions, directions),
                 *(
                     Column("rotor_torque", rotors + i, body=0, input=i, direction=e)
                     for i, e in enumerate(turning)

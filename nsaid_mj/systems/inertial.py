@@ -6,6 +6,8 @@ import numpy as np
 
 from ..parameters import Array, Block
 
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s²], known: weight is a column of the mass."""
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
 INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6

@@ -6,9 +6,7 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, ParameterSpace
-
-GRAVITY = 9.81
-"""Of a payload in water [m/s²]; in air it is that of the structure."""
+from .inertial import GRAVITY
 
 _SUBMERGED = ("mass matrix", "net weight", "righting moment")  # blocks of a body in water
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parameters import Array, Block
-from ..structure.columns.curve import odd
-from ..structure.parts import Column, Inertia, columns_at, cylinder, full
+from ..structure.parts import Column, Inertia, cylinder, full
 from .joints import body_names
 from .multibody import JointScales, link_blocks
 from .optional import pin
-from .underwater import UnderwaterScales, body_space, water_columns
+from .vehicle import SingleBody
 from .vehicle_manipulator import VehicleManipulator
 
 STRIPS = 4
@@ -50,7 +49,7 @@ class LinkFluidScales:
 
 
 class UnderwaterManipulator(VehicleManipulator):
-    """An underwater vehicle (see `UnderwaterVehicle`) with an arm in water.
+    """An underwater vehicle with an arm in water.
 
     θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
     (6), quadratic drag (6), net weight, righting moments (3), links' drag (k), links' buoyancy (k),
@@ -61,35 +60,32 @@ class UnderwaterManipulator(VehicleManipulator):
     Args:
         model: Pinocchio's, its root a free flyer; its inertias are discarded.
         joints: guesses of the links and joints; the base's mass and length are not used.
-        base: guesses of the base in water.
+        base: the vehicle without its arm, see `plants.underwater.UnderwaterSheet.blueprint`.
         links: guesses of the links in water.
         cylinders: the links' shapes.
         friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
-        positions: (t, 3) of the thrusters on the base [m].
-        directions: (t, 3) unit vectors along which they push.
-        curve: coefficients of u, u³, u⁵ … of the command curve; their sum is 1.
     """
 
     def __init__(
         self,
         model: pin.Model,
         joints: JointScales,
-        base: UnderwaterScales,
+        base: SingleBody,
         links: LinkFluidScales,
         cylinders: Cylinders,
         friction_speed: float,
-        positions: Array,
-        directions: Array,
-        curve: Array,
     ):
         k = len(cylinders.lengths)
-        mass, linear, quadratic, weight, righting, thrust = body_space(base).blocks
+        assert base.mounts is not None
+        mass, linear, quadratic, weight, righting, thrust = base.space.blocks
+        own = len(mass)
         names = body_names(model)[1:]
         added = _per_link("added mass", "added", "kg", links.added, names)
         drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag, names)
         buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy, names)
         self.cylinders = cylinders
-        inertias, columns = [Inertia(0, 0, full())], water_columns(0)
+        inertias, forces = [Inertia(0, 0, full())], base.structure.columns
+        columns = [c.shifted(-own) for c in forces if c.kind != "thruster"]
         shapes = cylinders.centres, cylinders.axes, cylinders.lengths
         for i, (centre, axis, length) in enumerate(zip(*shapes, strict=True)):
             points = strips(centre, axis, length)
@@ -101,8 +97,7 @@ class UnderwaterManipulator(VehicleManipulator):
                 Column("strip_drag", 16 + i, body=1 + i, axis=axis, strips=points),
                 Column("buoyancy", 16 + k + i, body=1 + i, point=centre),
             ]
-        thrusters = columns_at("thruster", 16 + 2 * k, positions, directions, curve=odd(*curve))
-        most = np.ones(len(positions))
+        thrusters = [c.shifted(2 * k - own) for c in base.columns("thruster")]
         super().__init__(
             model,
             inertias,
@@ -111,9 +106,9 @@ class UnderwaterManipulator(VehicleManipulator):
             friction_speed,
             [linear, quadratic, weight, righting, drag, buoyancy, thrust],
             [*columns, *thrusters],
-            (-most, most),
-            positions,
-            base.speed,
+            base.operation.command,
+            base.mounts,
+            base.operation.velocity[1],
         )
 
 

@@ -8,8 +8,6 @@ then the thrusters'.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..parameters import Array, Block, ParameterSpace
@@ -65,10 +63,7 @@ class VehicleManipulator(JointTree, StructuredSystem):
         rotors, columns = joint_parts(
             model, start, joints.rotor is not None, np.full(k, friction_speed)
         )
-        for c in forces:
-            number, constants = c.input + k if c.input >= 0 else -1, dict[str, Any](c.constants)
-            parameter = first + c.parameter
-            columns.append(Column(c.kind, parameter, body=c.body, input=number, **constants))
+        columns += [column.shifted(first, k) for column in forces]
         space = ParameterSpace((*blocks, *motors, *vehicle))
         super().__init__(
             model,

@@ -393,7 +393,7 @@ class Often(experiment.Observer):
 
     period, looks = 7e-3, 0
 
-    def start(self, scenario, plant) -> None:
+    def start(self, scenario, robot, first) -> None:
         pass
 
     def see(self, measurement, states, levels) -> None:

@@ -222,7 +222,7 @@ class _Often(Observer):
 
     period = 0.03
 
-    def start(self, scenario: Any, plant: Any) -> None:
+    def start(self, scenario: Any, robot: Any, first: Any) -> None:
         pass
 
     def see(self, measurement: Any, states: Any, levels: Any) -> None:

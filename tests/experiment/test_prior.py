@@ -28,7 +28,7 @@ from nsaid_mj.plants import (
     RoverPlant,
     ScalarRovPlant,
 )
-from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers, theta_of, with_theta
+from nsaid_mj.plants.underwater import UnderwaterSheet
 from nsaid_mj.resources import scenarios
 from nsaid_mj.studies.montecarlo import Plan, monte_carlo
 from tests.support.plants import assert_engines_agree, name_of
@@ -79,15 +79,22 @@ def test_a_parametric_plant_moves_by_the_theta_it_is_given(config, seed, error):
 @given(seed=seeds, error=st.sampled_from([0.1, 0.3, 1.0]))
 def test_a_drawn_mass_in_water_is_a_rigid_body_and_an_added_mass_both_physical(seed, error):
     theta, space = published(VEHICLES["bluerov2"])
-    nominal = nominal_numbers(UnderwaterSheet.of("bluerov2"))
+    blueprint = UnderwaterSheet.of("bluerov2").blueprint()
     drawn = drawn_inside(space, theta, error, np.random.default_rng(seed))
-    true = with_theta(nominal, drawn)
-    assert theta_of(true) == pytest.approx(drawn, rel=1e-12, abs=1e-12)
-    share = true.rigid[0, 0] / nominal.rigid[0, 0]
-    assert share > 0 and true.rigid == pytest.approx(share * nominal.rigid, rel=1e-12)
-    beyond = np.linalg.eigvalsh(true.added - share * nominal.added)
+    body, acting = blueprint.split(drawn)
+    rigid, added, M = body.matrix(), np.zeros((6, 6)), np.zeros((6, 6))
+    upper = np.triu_indices(6)
+    added[upper], M[upper] = acting[:21], drawn[:21]
+    added, M = added + np.triu(added, 1).T, M + np.triu(M, 1).T
+    assert rigid + added == pytest.approx(M, rel=1e-12, abs=1e-12)
+    assert (acting[21:] == drawn[21:]).all()
+    share = rigid[0, 0] / blueprint.rigid[0, 0]
+    assert share > 0 and rigid == pytest.approx(share * blueprint.rigid, rel=1e-12, abs=1e-14)
+    assert blueprint.added is not None
+    beyond = np.linalg.eigvalsh(added - share * blueprint.added)
     assert beyond[0] == pytest.approx(0.0, abs=1e-10 * beyond[-1])  # the largest such share
-    assert with_theta(nominal, theta).added == pytest.approx(nominal.added, abs=1e-10)
+    nominal = blueprint.split(theta)[1][:21]
+    assert nominal == pytest.approx(blueprint.added[upper], abs=1e-10)
 
 
 @parametric

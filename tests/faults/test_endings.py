@@ -166,7 +166,6 @@ def provoke(fault: Fault, desk: Path) -> Ended:
     os.chdir(desk)
     try:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("nsaid_mj.reporting.warmup.is_warm", lambda _: True)  # else it is struck
             fault.patch(patch)
             code, said = script(fault.scenario, "--out", folder, "--json")
     finally:
@@ -300,7 +299,7 @@ class CtrlC(Observer):
     def __init__(self, when: float):
         self.when, self.stopped = when, False
 
-    def start(self, scenario, plant) -> None:
+    def start(self, scenario, robot, first) -> None:
         pass
 
     def see(self, measurement, states, levels) -> None:

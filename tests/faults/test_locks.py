@@ -148,7 +148,7 @@ class Saboteur(Observer):
     def __init__(self, action) -> None:
         self.action = action
 
-    def start(self, scenario, plant) -> None:
+    def start(self, scenario, robot, first) -> None:
         pass
 
     def see(self, measurement, states, levels) -> None:
@@ -203,9 +203,11 @@ def test_links_planted_in_a_runs_folder_are_not_followed(tmp_path: Path) -> None
 def test_links_planted_in_a_sweeps_folder_are_not_followed(tmp_path: Path) -> None:
     out, victim = tmp_path / "out", tmp_path / "victim"
     names = ("manifest.json", "results.parquet", ROWS)
-    plant(out, victim, *(f".{name}.part" for name in names), "results.parquet")
+    plant(out, victim, *(f".{name}.part" for name in names))
     sweep_in(out)
     assert victim.read_text() == "dear"
+    (out / "results.parquet").unlink()
+    (out / "results.parquet").symlink_to(victim)
     (out / ROWS).unlink()
     (out / ROWS).symlink_to(victim)  # as if it held the rows of the sweep
     found = sweep_in(out)

@@ -72,7 +72,7 @@ from nsaid_mj.experiment.loop import Observer
 
 class Watch(Observer):
     period, seen = 36.0, []
-    def start(self, scenario, plant): pass
+    def start(self, scenario, robot, first): pass
     def stop(self): pass
     def see(self, measurement, states, levels):
         self.seen.append(int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6)

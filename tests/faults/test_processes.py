@@ -97,7 +97,6 @@ def test_ctrl_c_while_finishing_names_how_to_finish(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("nsaid_mj.reporting.warmup.is_warm", lambda _: True)
     monkeypatch.setattr(evaluation, "summarize", interrupted)
     code, said = shell("run", "scalar_rov", *SHORT, "--out", tmp_path, "--quiet")
     assert code == 130

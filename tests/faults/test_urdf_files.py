@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.errors import BadRobot, MimicIgnored
+from nsaid_mj.errors import BadRobot, MimicIgnored, PassiveIgnored
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.world.robots import load_robot
 from nsaid_mj.resources import packed_robots
@@ -126,6 +126,21 @@ def test_the_links_of_a_good_urdf_are_merged(tmp_path):
 def test_a_simulation_tells_of_joints_that_should_follow_others(tmp_path):
     with pytest.warns(MimicIgnored, match="j2"):
         assert load_robot(written(tmp_path, robot(ONE, MIMIC))).model.nv == 2
+
+
+EFFORT = 'lower="-1" upper="1" velocity="1" effort="{}"'
+
+
+@pytest.mark.parametrize("efforts,warned", [((5, 0), ["j2"]), ((0, 0), []), ((5, 5), [])])
+def test_a_simulation_says_that_a_passive_joint_gets_a_motor(efforts, warned, tmp_path, recwarn):
+    limits = [EFFORT.format(effort) for effort in efforts]
+    arm = robot(
+        link("l1") + joint("j1", "base", "l1", limit=limits[0]),
+        link("l2") + joint("j2", "l1", "l2", limit=limits[1]),
+    )
+    load_robot(written(tmp_path, arm))
+    found = [w.message for w in recwarn if issubclass(w.category, PassiveIgnored)]
+    assert [name for warning in found for name in warning.joints] == warned
 
 
 def test_a_packed_robot_says_nothing_of_its_mimics(recwarn):

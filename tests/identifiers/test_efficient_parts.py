@@ -10,7 +10,6 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
-from nsaid_mj.dynamics.forward import transition_work
 from nsaid_mj.evaluation import misfit
 from nsaid_mj.evaluation.whiteness import whiteness
 from nsaid_mj.identifiers.cone.barrier import cone_of, inside
@@ -33,22 +32,29 @@ from nsaid_mj.identifiers.efficient.guarded import Guarded
 from nsaid_mj.identifiers.efficient.kalman import (
     Filter,
     Law,
+    Memory,
     _innovate,
     _linear_share,
     _predict,
     _update,
-    _workspaces,
     filter_at,
 )
 from nsaid_mj.identifiers.efficient.law import EfficientIdentifier
 from nsaid_mj.identifiers.efficient.steps import margin_of, project_inside
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array, Block, ParameterSpace
+from nsaid_mj.structure.arrays import StructureArrays
 from tests.support.plants import plant
 
 # -- the filter's sample ---------------------------------------------------------------------------
 
 P, N = 4, 2  # parameters and velocities
+NO_STRUCTURE = StructureArrays(
+    *(
+        np.zeros((0, size), dtype=np.int64) if size else np.zeros(0)
+        for size in (12, 0, 0, 2, 3, 0, 4, 6, 0, 2)
+    )
+)
 
 
 def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Filter, Law]:
@@ -65,7 +71,7 @@ def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Fi
     kalman = filter_at(np.zeros(N), np.zeros(N), theta, joint[2 * N :, 2 * N :].copy())
     kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
     cone, walks = cone_of(space), np.full(P, walk)
-    return kalman, Law(0, cone, scale, margin_of(cone, scale), gamma, 10, walks)  # type: ignore[arg-type]
+    return kalman, Law(NO_STRUCTURE, cone, scale, margin_of(cone, scale), gamma, 10, walks)
 
 
 @pytest.mark.parametrize(("size", "share"), [(0.01, 1.0), (0.01, 0.25), (30.0, 1.0)])
@@ -82,10 +88,12 @@ def test_an_update_is_kalmans_then_projected_with_the_scale_carried_along(
         K, Kx = np.linalg.solve(S, Pxt).T, np.linalg.solve(S, Pxx).T
         free = theta + share * law.scale * (K @ y)
         P_after = Ptt - share * (K @ Pxt + Pxt.T @ K.T) + share**2 * K @ S @ K.T
-        given = y.copy()
-        work = _workspaces(N, P)[1]
-        square, spread = _innovate(law, kalman, R, given, work)
-        _update(law, kalman, R, share, given, work)
+        memory = Memory.of(law.structure, N, N, P)
+        memory.R[:], memory.y[:] = R, y
+        spread = _innovate(law, kalman, memory)
+        square = memory.e @ memory.e
+        _update(law, kalman, share, memory)
+        given = memory.y
         out = not (free[:3] > 0).all()
         assert out == (size > 1)
         after = kalman.theta
@@ -110,7 +118,9 @@ def test_a_prediction_carries_the_covariance_and_adds_linearisation_and_walk() -
     rng = np.random.default_rng(0)
     F, B = rng.standard_normal((2 * N, 3 * N)), rng.standard_normal((N, P))
     _, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
-    _predict(law, dt, F, B, kalman, _workspaces(N, P)[0])
+    memory = Memory.of(law.structure, N, N, P)
+    memory.F[:], memory.B[:] = F, B
+    _predict(law, dt, kalman, memory)
     joint = np.block([[Pxx, Pxt], [Pxt.T, Ptt]])
     Phi = np.hstack([F[:, : 2 * N], F[:, 2 * N :] @ B])
     effect = F[:, 2 * N :] @ B @ Ptt @ B.T @ F[:, 2 * N :].T
@@ -150,10 +160,9 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
         rng = np.random.default_rng(seed)
         q, v, u = system.random_state(rng)
         kalman = filter_at(q, v, truth, np.eye(system.p))
-        predicting = transition_work(system.forward, n, len(q), system.p)
-        work = _workspaces(n, system.p)[1]
-        work[6][:] = truth * 10 ** rng.uniform(-1, 1) * rng.standard_normal(system.p)
-        share = _linear_share(law, q, v, u, kalman, predicting, work)
+        memory = Memory.of(law.structure, n, len(q), system.p)
+        memory.step[:] = truth * 10 ** rng.uniform(-1, 1) * rng.standard_normal(system.p)
+        share = _linear_share(law, q, v, u, kalman, memory)
 
         W_M = system.W_M(np.tile(np.concatenate([q, v]), (n, 1)), np.eye(n))
 
@@ -161,9 +170,9 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
             return float(np.linalg.eigvalsh(W_M @ theta)[0])
 
         assert 0 < share <= 1
-        assert least(0.5 * truth + share * work[6]) > 0
+        assert least(0.5 * truth + share * memory.step) > 0
         if share < 1:
-            assert least(0.5 * truth + 2 * share * work[6]) <= 0
+            assert least(0.5 * truth + 2 * share * memory.step) <= 0
             shortened += 1
     assert 0 < shortened < 30
 
@@ -362,7 +371,9 @@ def test_every_piece_between_faults_is_judged_under_the_signals_that_act() -> No
         for kind, begin in (("loss", 50.0), ("reversed", 100.0))
     ]
     unknown = events[0]._replace(kind="unknown", time=60.0, found=61.0)
-    run = SimpleNamespace(system=made.system, faults=(events[0], unknown, events[1]))
+    scenario = SimpleNamespace(dt=t[1])
+    faults = events[0], unknown, events[1]
+    run = SimpleNamespace(system=made.system, faults=faults, scenario=scenario)
     found = list(misfit._pieces(run, log))  # type: ignore[arg-type]
     rows = [(240, 400), (409, 800), (809, 1201)]  # the last 120 s; none of an unknown change
     assert [(piece.start, piece.stop) for _, piece, _ in found] == rows

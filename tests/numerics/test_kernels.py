@@ -5,16 +5,16 @@ import os
 import subprocess
 import sys
 import time
-from functools import cache
+from functools import cache as once
 from pathlib import Path
 
 import pytest
 
 import nsaid_mj
-from nsaid_mj.numerics import kernels
+from nsaid_mj.numerics import cache
 
 PACKAGE = Path(nsaid_mj.__file__).parent
-SHOW = "from nsaid_mj.numerics import kernels; import numba; print(numba.config.CACHE_DIR)"
+SHOW = "from nsaid_mj.numerics import cache; import numba; print(numba.config.CACHE_DIR)"
 
 
 def process(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -41,31 +41,31 @@ def package(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("changed", ["dynamics/tree.py", "system.py", "dynamics/new.py"])
 def test_digest_changes_with_any_source_that_a_kernel_may_depend_on(package: Path, changed: str):
-    before = kernels.digest(package)
+    before = cache.digest(package)
     (package / changed).write_text("LENGTH = 2\n")
-    assert kernels.digest(package) != before
+    assert cache.digest(package) != before
 
 
 def test_digest_stays_where_no_kernel_can_depend_on_the_change(package: Path):
-    before = kernels.digest(package)
+    before = cache.digest(package)
     (package / "cli" / "commands.py").write_text("LENGTH = 2\n")
     (package / "dynamics" / "__pycache__").mkdir()
     (package / "dynamics" / "__pycache__" / "tree.py").write_text("LENGTH = 2\n")
     os.utime(package / "system.py", (0, 0))
-    assert kernels.digest(package) == before
+    assert cache.digest(package) == before
 
 
 def test_digest_of_the_whole_package_takes_less_than_20_ms():
-    kernels.digest()
+    cache.digest()
     times = []
     for _ in range(5):
         begin = time.process_time()  # other processes do not count
-        kernels.digest()
+        cache.digest()
         times.append(time.process_time() - begin)
     assert min(times) < 0.02
 
 
-@cache
+@once
 def rooms_with_kernels() -> dict[str, list[Path]]:
     found: dict[str, list[Path]] = {}
     for path in PACKAGE.rglob("*.py"):
@@ -81,7 +81,7 @@ def rooms_with_kernels() -> dict[str, list[Path]]:
 
 
 def test_folders_left_out_of_the_digest_define_no_kernels():
-    assert not set(rooms_with_kernels()) & set(kernels.WITHOUT_KERNELS)
+    assert not set(rooms_with_kernels()) & set(cache.WITHOUT_KERNELS)
 
 
 @pytest.mark.parametrize("room", sorted(set(rooms_with_kernels()) - {"numerics"}))
@@ -96,7 +96,7 @@ def test_folders_with_kernels_set_the_cache_directory_first(room: str):
 
 def test_kernels_are_kept_in_the_users_cache_directory(tmp_path: Path):
     folder = Path(process(SHOW, XDG_CACHE_HOME=str(tmp_path)).stdout.strip())
-    assert folder == tmp_path / "nsaid-mj" / kernels.digest()
+    assert folder == tmp_path / "nsaid-mj" / cache.digest()
     assert folder.is_dir()
 
 
@@ -142,14 +142,14 @@ def test_no_kernel_is_kept_beside_the_sources(tmp_path: Path):
 import numpy as np
 from nsaid_mj.numerics import spatial
 spatial.bracket(6, np.ones(6), np.ones(6))
-assert spatial.bracket.signatures
+assert spatial.bracket.function.signatures
 """
     process(code, XDG_CACHE_HOME=str(tmp_path))
     assert list(tmp_path.rglob("spatial.bracket*.nbi"))
 
 
 def test_pruning_keeps_the_newest_folders_and_those_in_use(tmp_path: Path):
-    now, day = 1e9, kernels.IN_USE
+    now, day = 1e9, cache.IN_USE
     ages = {"current": 9, "a": 0.1, "b": 2, "c": 3, "d": 4, "e": 5}
     folders = {name: tmp_path / name.ljust(16, "0") for name in ages}
     for name, folder in folders.items():
@@ -158,7 +158,7 @@ def test_pruning_keeps_the_newest_folders_and_those_in_use(tmp_path: Path):
         os.utime(folder, (now - ages[name] * day,) * 2)
     (tmp_path / "somebody else's").mkdir()
     os.utime(tmp_path / "somebody else's", (0, 0))
-    kernels.prune(tmp_path, folders["current"], now)
+    cache.prune(tmp_path, folders["current"], now)
     left = {name for name, folder in folders.items() if folder.exists()}
     assert left == {"current", "a", "b", "c"}
     assert (tmp_path / "somebody else's").exists()
@@ -168,7 +168,7 @@ def test_folders_in_use_are_never_pruned_however_many(tmp_path: Path):
     folders = [tmp_path / f"{k:016x}" for k in range(8)]
     for folder in folders:
         folder.mkdir()
-    kernels.prune(tmp_path, folders[0])
+    cache.prune(tmp_path, folders[0])
     assert all(folder.exists() for folder in folders)
 
 
@@ -176,14 +176,14 @@ def test_compile_time_excludes_loading_and_counts_nothing_twice(tmp_path: Path):
     code = """
 import time
 import numpy as np
-from nsaid_mj.numerics import kernels, spatial
+from nsaid_mj.numerics import spatial, stopwatch
 calls, ones = [], np.ones(6)
-times = [time.perf_counter(), kernels.clock(), time.perf_counter()]
-with kernels.on_compiling(lambda: calls.append(1)):
+times = [time.perf_counter(), stopwatch.clock(), time.perf_counter()]
+with stopwatch.on_compiling(lambda: calls.append(1)):
     spatial.bracket(6, ones, ones)
 spatial.bracket(6, ones, ones)
-times += [time.perf_counter(), kernels.clock(), time.perf_counter()]
-print(kernels.compile_seconds(), len(calls), *times)
+times += [time.perf_counter(), stopwatch.clock(), time.perf_counter()]
+print(stopwatch.compile_seconds(), len(calls), *times)
 """
     first, second = (
         [float(word) for word in process(code, XDG_CACHE_HOME=str(tmp_path)).stdout.split()]

@@ -49,9 +49,7 @@ def test_the_log_the_multibody_systems_and_the_vehicles_are_public():
         "Log",
         "Multibody",
         "CompiledMultibody",
-        "UnderwaterVehicle",
-        "Quadrotor",
-        "GroundVehicle",
+        "SingleBody",
         "NullspaceIdentifier",
         "BlueROV2Plant",
     }

@@ -281,7 +281,8 @@ from nsaid_mj.plants.world import stepping
 for case in ("ur5", "bluerov2"):
     driven(*made(case))
 for loop in (stepping.track, stepping.play):
-    assert loop.stats.cache_hits and not loop.stats.cache_misses, loop
+    stats = loop.function.stats
+    assert stats.cache_hits and not stats.cache_misses, loop.symbol
 """
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120, cwd=root)

@@ -52,6 +52,12 @@ DRIVES = {
 car = partial(plant, dt=0.005)
 
 
+def wheelbase(p: Plant) -> float:
+    """Distance between the axles [m]."""
+    front, rear = p.system.constants("tyre", "arm")
+    return float(front - rear)
+
+
 def driver(name: str, p: Plant, seed: int = 0) -> Driver:
     return DRIVES[name].build(p.system, wrong_prior(p, seed), np.random.default_rng(seed))
 
@@ -112,14 +118,14 @@ START = {
 def test_mujoco_moves_as_the_single_track_model(name, wind):
     p = car(name, dt=1e-3, mismatch=Mismatch(flow=(*wind, 0.0)))
     q, v, u = START[name]
-    expected = SingleTrack(p, p.system.wheelbase, u, wind).end(q, v, 3.0)
+    expected = SingleTrack(p, wheelbase(p), u, wind).end(q, v, 3.0)
     np.testing.assert_allclose(hold(p, (q, v), u, 3.0), expected, rtol=0, atol=1e-8)
 
 
 @cars
 def test_the_plant_is_of_fourth_order_in_the_step(name):
     q, v, u = START[name]
-    expected = SingleTrack(car(name), car(name).system.wheelbase, u).end(q, v, 0.64)
+    expected = SingleTrack(car(name), wheelbase(car(name)), u).end(q, v, 0.64)
     errors = np.array(
         [
             np.abs(hold(car(name, dt=dt), (q, v), u, 0.64) - expected).max()
@@ -227,7 +233,7 @@ def test_a_gentle_bend_has_the_radius_of_the_understeer_gradient(name):
     """u/r = R, δ = L/R + K_us a_y with K_us = W_f/C_f − W_r/C_r: Rajamani, (3.22)."""
     p = car(name)
     m, h, _, C_f, C_r = p.truth[:5]
-    L, speed, delta = p.system.wheelbase, START[name][1][0], 2e-3
+    L, speed, delta = wheelbase(p), START[name][1][0], 2e-3
     front, rear = (m * (0.5 + sign * h / m / L) for sign in (1, -1))
     gradient = front / C_f - rear / C_r
     _, _, _, _, _, k_d, k_v, c_0, c_D = p.truth
@@ -283,8 +289,8 @@ def test_the_driver_stays_on_its_ground_and_within_the_tyres_speeds(name, seed):
     assert np.ptp(speed) > 1.2 * config.variation * config.speed
     assert np.hypot(q[:, 0], q[:, 1]).max() < config.ground
     assert np.abs(v[:, 0] * v[:, 2]).max() < 1.5 * config.grip
-    assert (np.abs(u) <= [1.0, p.system.steering]).all()
-    assert np.abs(np.arctan2(v[:, 1] - 0.5 * p.system.wheelbase * v[:, 2], speed)).max() < 0.15
+    assert (np.abs(u) <= [1.0, p.system.operation.command[1][1]]).all()
+    assert np.abs(np.arctan2(v[:, 1] - 0.5 * wheelbase(p) * v[:, 2], speed)).max() < 0.15
 
 
 def test_the_driver_uses_only_the_prior():
@@ -381,7 +387,7 @@ def test_a_rover_turns_at_its_kinematic_yaw_rate():
     p = rover(spread=0.0)
     for delta in (-0.3, 0.1, 0.3):
         end = hold(p, (np.zeros(3), np.array([1.0, 0, 0])), np.array([0.12, delta]), 4.0)
-        assert end[5] == pytest.approx(end[3] * np.tan(delta) / p.system.wheelbase, rel=0.05)
+        assert end[5] == pytest.approx(end[3] * np.tan(delta) / wheelbase(p), rel=0.05)
 
 
 def test_the_rack_turns_each_wheel_by_its_own_angle():
@@ -389,9 +395,7 @@ def test_the_rack_turns_each_wheel_by_its_own_angle():
     hold(p, (np.zeros(3), np.array([1.0, 0, 0])), np.array([0.12, 0.3]), 3.0)
     left, right = (float(p.data.joint(name).qpos[0]) for name in STEERED)
     track = numbers("rover")["track"]
-    assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(
-        track / p.system.wheelbase, rel=0.03
-    )
+    assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(track / wheelbase(p), rel=0.03)
     angle = np.linspace(-0.4, 0.4, 9)
     curve = np.polynomial.polynomial.polyval(angle, ackermann(0.3, 0.4))
     np.testing.assert_allclose(
@@ -405,7 +409,7 @@ def test_a_rovers_cornering_stiffness_grows_with_speed():
     stiffness = []
     for speed, throttle in ((1.0, 0.08), (2.0, 0.12)):
         end = hold(p, (np.zeros(3), np.array([speed, 0, 0])), np.array([throttle, 0.05]), 4.0)
-        slip = np.arctan2(end[4] - 0.5 * p.system.wheelbase * end[5], end[3])
+        slip = np.arctan2(end[4] - 0.5 * wheelbase(p) * end[5], end[3])
         stiffness.append(-end[3] * end[5] / slip / end[3])
     assert stiffness[0] == pytest.approx(stiffness[1], rel=0.1)  # per speed, not per angle
 

@@ -10,8 +10,8 @@ import pytest
 from nsaid_mj.errors import InvalidInput, NsaidError, UnknownName
 from nsaid_mj.plants import BlueROV2Plant, ListedPlant, Mismatch
 from nsaid_mj.plants.listed import ListedSheet
-from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.resources import asset
+from tests.support.fossen import published
 from tests.support.vehicles import acceleration
 
 TEXT = asset("catamaran", "vehicle.toml").read_text(encoding="utf-8")
@@ -65,7 +65,7 @@ def test_a_listed_catamaran_moves_as_its_equations_say(flow):
 
 def test_a_bluerov2_by_columns_is_the_bluerov2(tmp_path):
     """Its family's plant and the same forces listed have the same θ and the same motion."""
-    known = nominal_numbers(UnderwaterSheet.of("bluerov2"))
+    known = published()
     lines = ['kind = "columns"', "mass = 13.5", "inertia = [0.26, 0.23, 0.37]"]
     lines += [f"added_mass = {np.diag(known.added).tolist()}", "size = [0.5, 0.4, 0.3]"]
     lines += ["speed = [1.0, 0.7, 0.7, 1.5, 1.5, 1.5]"]
@@ -80,7 +80,7 @@ def test_a_bluerov2_by_columns_is_the_bluerov2(tmp_path):
     column("weight", "the vehicle", known.net_weight)
     for i, value in enumerate(known.righting):
         column("righting", "xyz"[i], value, guess=1.0, axis=np.eye(3)[i].tolist())
-    curve = np.zeros(9)
+    curve = np.zeros(2 * len(known.curve) - 1)
     curve[::2] = known.curve
     for i, thrust in enumerate(known.thrust):
         place, push = known.positions[i].tolist(), known.directions[i].tolist()
@@ -118,7 +118,7 @@ def test_without_added_mass_the_ten_parameters_of_a_rigid_body_are_identified(tm
 def test_columns_of_one_kind_and_name_share_their_parameter(tmp_path):
     shared = sheet(tmp_path, 'name = "the starboard rudder"', 'name = "the port rudder"')
     plant = shared.build(1e-2, 0)
-    assert len(plant.truth) == len(ListedSheet.of("catamaran").theta()) - 1
+    assert len(plant.truth) == len(ListedSheet.of("catamaran").blueprint().theta) - 1
     assert [len(block) for block in plant.system.space.blocks] == [6, 3, 2, 2, 1]
 
 

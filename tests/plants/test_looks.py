@@ -17,9 +17,8 @@ from nsaid_mj.plants import (
     RoverPlant,
     UvmsPlant,
 )
-from nsaid_mj.plants.space import FreeFlyerSheet, nozzles
-from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
 from nsaid_mj.resources import numbers
+from tests.support.fossen import published
 
 NEAR = 0.005  # m
 FINS = ("upper_rudder", "lower_rudder", "left_plane", "right_plane")
@@ -35,7 +34,7 @@ def geom(plant: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("config", [BlueROV2Plant(), UvmsPlant()], ids=["bluerov2", "uvms"])
 def test_a_thruster_is_drawn_where_it_pushes_and_along_its_thrust(config: Any) -> None:
-    plant, sheet = config.build(1e-2, 1), nominal_numbers(UnderwaterSheet.of("bluerov2"))
+    plant, sheet = config.build(1e-2, 1), published()
     for i, (place, direction) in enumerate(zip(sheet.positions, sheet.directions, strict=True), 1):
         for part in ("", "_propeller", "_hub"):
             at, axis = geom(plant, f"thruster_{i}{part}")
@@ -44,14 +43,13 @@ def test_a_thruster_is_drawn_where_it_pushes_and_along_its_thrust(config: Any) -
 
 
 def test_a_nozzle_is_drawn_where_its_jet_leaves() -> None:
-    plant, (places, jets, _) = (
-        AstrobeePlant().build(1e-2, 1),
-        nozzles(FreeFlyerSheet.of("astrobee")),
-    )
-    for i, (place, jet) in enumerate(zip(places, jets, strict=True), 1):
+    plant = AstrobeePlant().build(1e-2, 1)
+    nozzles = plant.system.columns("nozzle")
+    assert len(nozzles) == 12
+    for i, nozzle in enumerate(nozzles, 1):
         at, axis = geom(plant, f"nozzle_{i}")
-        assert at == pytest.approx(place, abs=NEAR)
-        assert axis == pytest.approx(jet, abs=1e-3)
+        assert at == pytest.approx(nozzle.constants["point"], abs=NEAR)
+        assert axis == pytest.approx(-nozzle.constants["direction"], abs=1e-3)
 
 
 @pytest.mark.parametrize("vehicle", ["hummingbird", "crazyflie"])

@@ -11,19 +11,14 @@ import pytest
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import ArmPlant, BlueROV2Plant, Mismatch, Plant
-from nsaid_mj.plants.underwater import (
-    drawn,
-    nominal_numbers,
-    theta_of,
-)
 from tests.support.fossen import (
     FLOW,
-    SHEET,
     START,
     apart,
     commands,
     ends,
     flown,
+    published,
     true_numbers,
     vehicle,
 )
@@ -49,8 +44,8 @@ def test_the_public_configuration_builds_the_tested_plant():
     """The public plant is the one tested here, in the current, too."""
     for mismatch in (Mismatch(), CURRENT):
         p = BlueROV2Plant(mismatch=mismatch).build(2e-3, 8)
-        true = drawn(nominal_numbers(SHEET), 0.2, np.random.default_rng(8))
-        assert (p.truth == theta_of(true)).all()
+        true = published().drawn(0.2, np.random.default_rng(8))
+        assert (p.truth == true.theta()).all()
         assert apart(ends(p, commands(1), 1.0), flown(true, commands(1), 1.0, mismatch)) <= 1e-8
 
 
@@ -115,7 +110,7 @@ def test_theta_is_what_a_physicist_would_measure():
         for speed in (0.5, -2.0):
             lost = (wrench(speed * np.eye(6)[i], idle) - rest)[i]
             assert lost == pytest.approx(-d * speed - dq * abs(speed) * speed, abs=1e-10)
-    nominal = nominal_numbers(SHEET)
+    nominal = published()
     for j, gain in enumerate(theta[space["thruster gain"]]):
         push = wrench(still, np.eye(8)[j]) - rest
         place, direction = nominal.positions[j], nominal.directions[j]

@@ -33,10 +33,10 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
-from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
+from nsaid_mj.experiment.loop import FAULTS, Robot, SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.faults import FaultEvent
-from nsaid_mj.plants.underwater import UnderwaterSheet, nominal_numbers
+from nsaid_mj.log import Measurement
 from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.stream import recording as stream
@@ -49,6 +49,7 @@ from nsaid_mj.systems.joints import JointTree
 from nsaid_mj.systems.structured import StructuredSystem
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
+from tests.support.fossen import published
 from tests.support.recordings import entities_of
 
 ARM = Scenario(
@@ -407,7 +408,7 @@ def test_force_arrows_start_at_their_thrusters(vehicle: SimulatedRun) -> None:
 
     # As MuJoCo has them: the published thrusters, each with its own true gain.
     thrusters, gains = (
-        nominal_numbers(UnderwaterSheet.of("bluerov2")),
+        published(),
         vehicle.plant.truth[space["thruster gain"]],
     )
     powers = u[..., None] ** (2 * np.arange(len(thrusters.curve)) + 1)
@@ -626,7 +627,8 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     plant = ROV.plant.build(ROV.dt, 0)
     monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
     observer = recording.Live("rov")
-    observer._start(plant)
+    first = Measurement(0.0, *plant.system.random_state(np.random.default_rng(0)))
+    observer._start(Robot(plant.system, plant.system.space.scale, plant), first)
     observer._rec = None
     observer.stop()
 

@@ -1,4 +1,4 @@
-"""Terminal output during a command, and kernels compiled before the clock starts."""
+"""Terminal output during a command."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +9,6 @@ import pytest
 from nsaid_mj import Record
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
-from nsaid_mj.reporting import warmup
 from nsaid_mj.reporting.progress import COMPILING, Progress, cost_of
 from tests.support.faulty import call
 
@@ -52,38 +51,6 @@ def test_quiet_says_nothing_of_compiling(tmp_path: Path):
     assert (told.returncode, told.stdout, told.stderr) == (0, "", "")
 
 
-@pytest.fixture
-def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No scenario counts as warmed up."""
-    monkeypatch.setattr(warmup, "FOLDER", tmp_path)
-
-
-@pytest.mark.usefixtures("cold")
-@pytest.mark.parametrize("law", ["paper", "memory"])
-def test_after_warming_up_a_run_compiles_nothing(law: str, tmp_path: Path):
-    scenario = replace(ROV, identifier=replace(ROV.identifier, law=law), sensors="noisy")
-    warmup.warm_up(scenario)
-    assert warmup.is_warm(scenario)
-    assert warmup.warm_up(scenario) == 0.0
-    assert run(scenario, tmp_path / "run").cost.compile == 0.0
-
-
-@pytest.mark.usefixtures("cold")
-def test_warming_up_changes_no_number_of_the_run(tmp_path: Path):
-    before = run(ROV, tmp_path / "before").record
-    warmup.warm_up(ROV)
-    after = run(ROV, tmp_path / "after").record
-    assert all(np.array_equal(before[column], after[column]) for column in before.columns)
-
-
-def test_warm_up_kinds_depend_on_structure_not_on_numbers():
-    kind = warmup.kind_of(ROV)
-    assert kind == warmup.kind_of(replace(ROV, duration=3.0, seed=5))
-    assert kind != warmup.kind_of(replace(ROV, sensors="noisy"))
-    other = replace(ROV.identifier, law="memory" if ROV.identifier.law != "memory" else "paper")
-    assert kind != warmup.kind_of(replace(ROV, identifier=other))
-
-
 def test_progress_observes_a_whole_run_while_shown(tmp_path: Path):
     with Progress("rov") as progress:
         assert len(run(ROV, tmp_path, progress).record) > 1
@@ -92,7 +59,7 @@ def test_progress_observes_a_whole_run_while_shown(tmp_path: Path):
 
 def test_the_cost_of_a_long_run_is_told_beforehand():
     plant = ROV.plant.build(ROV.dt, 0)
-    assert cost_of(replace(ROV, duration=60.0), plant) == ""
-    long = cost_of(replace(ROV, duration=1e7, dt=0.01), plant)
+    assert cost_of(replace(ROV, duration=60.0), plant.system) == ""
+    long = cost_of(replace(ROV, duration=1e7, dt=0.01), plant.system)
     assert long.startswith("1.0e+09 steps, which takes about 28 h and ")
-    assert cost_of(replace(ROV, duration=1e6, dt=0.01, record_every=1000), plant)
+    assert cost_of(replace(ROV, duration=1e6, dt=0.01, record_every=1000), plant.system)

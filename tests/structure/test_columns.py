@@ -102,7 +102,7 @@ WRENCHES = {
         ) + torque(-0.4 * slip(v, w, u) * np.cos(u) * Z),
     ),
     "rolling": ({"speed": 0.7}, lambda v, w, u, up, g: force(-np.tanh(v[0] / 0.7) * X)),
-    "drive": ({}, lambda v, w, u, up, g: force(u * X)),
+    "drive": ({"point": P}, lambda v, w, u, up, g: force(u * X, P)),
     "drive_loss": ({}, lambda v, w, u, up, g: force(-u * v[0] * X)),
 }  # fmt: skip
 FORCES = {

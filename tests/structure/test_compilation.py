@@ -1,13 +1,18 @@
-"""Kernels are compiled in one step, once; later processes load them."""
+"""Kernels are compiled once, and called by their address; later processes load them."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-from nsaid_mj.structure.compilation import ready
-from nsaid_mj.structure.compiled import MARKED, Kernel
+import numpy as np
+import pytest
+from numba import njit
+
+from nsaid_mj.numerics.kernels import FAST, f8, kernel, vector
+from nsaid_mj.plants.world.stepping import track
 
 COUNT = """
 from numba.core import event  # the Event API is in numba's manual
@@ -17,23 +22,55 @@ class Counter(event.Listener):
     def on_end(self, _): pass
 counter = Counter()
 event.register("numba:compile", counter)
-from nsaid_mj.structure.compilation import ready
-from nsaid_mj.structure.structure import Structure
-import nsaid_mj.identifiers, nsaid_mj.systems.compiled, nsaid_mj.dynamics.motions
+import nsaid_mj.systems.compiled, nsaid_mj.dynamics.motions
+from nsaid_mj.identifiers.efficient.kalman import _follow
+from nsaid_mj.plants.world.stepping import track
 assert counter.count == 0, "importing compiles"
-ready()
-assert counter.count == {expected}, counter.count
+_follow.load()
+track.load()
+assert counter.count == 0, counter.count
+assert len(_follow.function.signatures) == len(track.function.signatures) == 1
 """
 
 
-def run(expected: int) -> None:
-    code = COUNT.format(expected=expected)
+@kernel(f8(vector), inner=True)
+def norm(x):
+    """A kernel."""
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += x[i] * x[i]
+    return np.sqrt(total)
+
+
+@kernel(f8(vector))
+def twice(x):
+    """A kernel that calls another one."""
+    return 2.0 * norm(x)
+
+
+def test_importing_compiles_nothing_and_a_second_process_finds_all_kernels():
+    from nsaid_mj.identifiers.efficient.kalman import _follow
+
+    _follow.load()
+    track.load()
     root = Path(__file__).parents[2]
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=300, cwd=root)
+    subprocess.run([sys.executable, "-c", COUNT], check=True, timeout=300, cwd=root)
 
 
-def test_every_kernel_has_one_specialisation_and_is_found_on_disk():
-    """Functions that kernels call may have more here: tests call some of them from Python."""
-    ready()
-    assert {len(k.function.signatures) for k in MARKED if isinstance(k, Kernel)} == {1}
-    run(0)
+def test_a_kernel_called_by_address_gives_the_same_numbers_and_has_no_text_in_the_caller():
+    x = np.random.default_rng(0).standard_normal(5)
+    assert twice(x) == 2.0 * norm(x) == 2.0 * norm.py_func(x)
+    made: Any = njit(**FAST)(twice.py_func)  # text loaded from the cache cannot be inspected
+    made.compile(f8(vector))
+    (text,) = made.inspect_llvm().values()
+    about = [line for line in text.splitlines() if norm.symbol in line]
+    assert any(line.startswith("declare") for line in about)
+    assert not any(line.startswith("define") for line in about)
+    assert "sqrt" not in text
+
+
+def test_a_kernel_refuses_other_types():
+    with pytest.raises(TypeError, match="No matching definition"):
+        twice(np.zeros(3, dtype=np.float32))
+    with pytest.raises(TypeError, match="No matching definition"):
+        twice(np.zeros((3, 3)))

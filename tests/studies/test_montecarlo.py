@@ -27,6 +27,7 @@ from nsaid_mj.experiment import following
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import MemoryConfig, State, Status
+from nsaid_mj.identifiers.abreast import along
 from nsaid_mj.identifiers.base import Estimates
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
@@ -216,8 +217,7 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
 
 def followed(laws: list[NullspaceIdentifier], log: Log) -> list[tuple[State, Estimates]]:
     """What the identifiers make of a log whose motion they share."""
-    motion = laws[0].motion(log)
-    return [law.along(law.init(log.at(0)), log, motion) for law in laws]
+    return list(along([(law, law.init(log.at(0))) for law in laws], log, laws[0].motion(log)))
 
 
 def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:
@@ -314,6 +314,6 @@ def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
 
 def test_montecarlo_refuses_a_folder_of_something_else_and_keeps_it(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("mine")
-    with pytest.raises(BadRun, match="something else"):
+    with pytest.raises(BadRun, match="other files"):
         montecarlo.run(Plan("ur5", ARM, 2), tmp_path, quiet=True)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -13,21 +13,77 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import Mismatch, Plant
-from nsaid_mj.plants.underwater import (
-    UnderwaterSheet,
-    drawn,
-    nominal_numbers,
-    scales_of,
-    theta_of,
-)
-from nsaid_mj.plants.world.body import Vehicle, vehicle_spec
-from nsaid_mj.plants.world.hydrodynamics import Hydrodynamics
-from nsaid_mj.systems.underwater import UnderwaterVehicle
+from nsaid_mj.plants.underwater import UnderwaterSheet
+from nsaid_mj.plants.world.body import NED, Vehicle, hidden, vehicle_spec
 from tests.support.matrices import skew
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.7, 0.4, -0.5, 0.5, 0.6, -0.4])
 SHEET = UnderwaterSheet.of("bluerov2")
 FLOW = (0.3, -0.2, 0.1)
+
+
+@dataclass(frozen=True)
+class Hydrodynamics:
+    """Parameters of a body in water; axes x forward, y left, z up.
+
+    Attributes:
+        rigid: (6, 6) M_RB about the body's origin [kg, kg·m, kg·m²].
+        added: (6, 6) M_A, symmetric [kg, kg·m, kg·m²].
+        linear: (6,) linear drag [N·s/m, N·m·s/rad].
+        quadratic: (6,) quadratic drag [N·s²/m², N·m·s²/rad²].
+        net_weight: weight less buoyancy [N].
+        righting: (3,) r_B B − r_G W [N·m].
+        positions: (k, 3) of the thrusters [m].
+        directions: (k, 3) unit vectors of the thrusts.
+        thrust: (k,) at full command [N].
+        curve: coefficients of u, u³, u⁵ … in the command curve.
+    """
+
+    rigid: Array
+    added: Array
+    linear: Array
+    quadratic: Array
+    net_weight: float
+    righting: Array
+    positions: Array
+    directions: Array
+    thrust: Array
+    curve: Array
+
+    def drawn(self, spread: float, rng: np.random.Generator) -> Hydrodynamics:
+        """Random true parameters: all but the inertias deviate by up to `spread`."""
+        return replace(
+            self,
+            linear=hidden(self.linear, spread, rng),
+            quadratic=hidden(self.quadratic, spread, rng),
+            net_weight=float(hidden(self.net_weight, spread, rng)),
+            righting=hidden(self.righting, spread, rng),
+            thrust=hidden(self.thrust, spread, rng),
+        )
+
+    def theta(self) -> Array:
+        """(p,) θ in the order of `UnderwaterSheet.blueprint`."""
+        M = (self.rigid + self.added)[np.triu_indices(6)]
+        drag = self.linear, self.quadratic
+        return np.concatenate([M, *drag, [self.net_weight], self.righting, self.thrust])
+
+
+def published() -> Hydrodynamics:
+    """The BlueROV2's numbers, from its sheet."""
+    places, pushes = (NED * SHEET.thrusters.placed(what) for what in ("position", "direction"))
+    curve = np.array(SHEET.thrusters.curve)
+    return Hydrodynamics(
+        np.diag([SHEET.mass] * 3 + SHEET.inertia),
+        np.diag(SHEET.added_mass),
+        np.array(SHEET.linear_drag),
+        np.array(SHEET.quadratic_drag),
+        SHEET.net_weight,
+        NED * SHEET.buoyancy_centre * SHEET.buoyancy,
+        places,
+        pushes,
+        np.full(len(places), curve.sum()),
+        curve / curve.sum(),
+    )
 
 
 # -- Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2021 -----------------------
@@ -119,7 +175,7 @@ def flown(
 @cache
 def true_numbers(kind: str) -> Hydrodynamics:
     """A BlueROV2's hidden numbers; `full` ones have a CG offset and couplings of every kind."""
-    true = drawn(nominal_numbers(SHEET), 0.2, np.random.default_rng(3))
+    true = published().drawn(0.2, np.random.default_rng(3))
     if "full" in kind:
         rng = np.random.default_rng(4)
         body = pin.Inertia(13.5, np.array([0.03, -0.02, -0.04]), _spd(rng, [0.26, 0.23, 0.37], 0.1))
@@ -138,15 +194,12 @@ def _spd(rng: np.random.Generator, diagonal: Any, coupling: float) -> Array:
 
 def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> Vehicle:  # noqa: B008
     """The plant with these numbers, its centre of gravity where M_RB has it."""
-    nominal = nominal_numbers(SHEET)
-    system = UnderwaterVehicle(
-        scales_of(nominal, SHEET.guess), nominal.positions, nominal.directions, nominal.curve
-    )
+    system = SHEET.blueprint().system
     m, S_c = true.rigid[0, 0], true.rigid[3:, :3] / true.rigid[0, 0]
     centre = np.array([S_c[2, 1], S_c[0, 2], S_c[1, 0]])
     spec = vehicle_spec("bluerov2", dt, m, centre, true.rigid[3:, 3:] + m * S_c @ S_c)
-    acting = theta_of(replace(true, rigid=np.zeros((6, 6))))
-    return Vehicle(system, theta_of(true), spec, acting, mismatch)
+    acting = replace(true, rigid=np.zeros((6, 6))).theta()
+    return Vehicle(system, true.theta(), spec, acting, mismatch)
 
 
 def ends(p: Plant, commands: list[Array], each: float) -> Array:

@@ -8,6 +8,7 @@ that act at points. Nothing here knows `nsaid_mj.structure`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -15,12 +16,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.parameters import Array
-from nsaid_mj.systems.aerial import AerialScales, Quadrotor
-from nsaid_mj.systems.ground import GroundScales, GroundVehicle
+from nsaid_mj.plants.aerial import QuadrotorSheet
+from nsaid_mj.plants.ground import CarSheet
+from nsaid_mj.plants.space import FreeFlyerSheet
+from nsaid_mj.plants.torpedo import TorpedoSheet
+from nsaid_mj.plants.underwater import UnderwaterSheet
+from nsaid_mj.plants.world.blueprint import VehicleSheet
+from nsaid_mj.structure.columns.curve import odd
+from nsaid_mj.structure.parts import Column
 from nsaid_mj.systems.scalar import ScalarVehicle
-from nsaid_mj.systems.space import FreeFlyer, FreeFlyerScales
-from nsaid_mj.systems.torpedo import TorpedoScales, TorpedoVehicle
-from nsaid_mj.systems.underwater import UnderwaterScales, UnderwaterVehicle
 from tests.support.matrices import skew
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -28,7 +32,7 @@ Z = np.array([0.0, 0.0, 1.0])
 
 def regressor(made: Made, q: Array, v: Array, a: Array, u: Array) -> Array:
     """(n, p) W(t, x, v, a), column by column."""
-    residual, s = REFERENCES[type(made.system)], SimpleNamespace(**made.geometry)
+    residual, s = REFERENCES[made.family], SimpleNamespace(**made.geometry)
     return np.stack([residual(s, q, v, a, u, e) for e in np.eye(made.system.p)], axis=1)
 
 
@@ -74,7 +78,7 @@ def underwater(s: Any, q: Array, v: Array, a: Array, u: Array, theta: Array) -> 
     weight = np.concatenate([theta[33] * up(q), np.cross(up(q), theta[34:37])])
     thrust = sum(
         gain * sum(c * command ** (2 * i + 1) for i, c in enumerate(s.curve)) * at(p, d)
-        for gain, command, p, d in zip(theta[37:], u, s.positions, s.directions, strict=True)
+        for gain, command, p, d in zip(theta[37:], u, s.positions, s.directions, strict=False)
     )
     return moved(M, v, a) + drag + weight - thrust
 
@@ -119,7 +123,7 @@ def quadrotor(s: Any, q: Array, v: Array, a: Array, u: Array, theta: Array) -> A
 
 def free_flyer(s: Any, q: Array, v: Array, a: Array, u: Array, theta: Array) -> Array:
     """A rigid body and nozzles."""
-    places = zip(theta[10:], u, s.positions, s.directions, strict=True)
+    places = zip(theta[10:], u, s.positions, s.directions, strict=False)
     force = sum(gain * command * at(p, d) for gain, command, p, d in places)
     return moved(rigid(theta[:10]), v, a) - force
 
@@ -146,13 +150,21 @@ def scalar(s: Any, q: Array, v: Array, a: Array, u: Array, theta: Array) -> Arra
     return m * a + d * v * np.abs(v) + g - gain * u
 
 
-REFERENCES: dict[type, Callable[..., Array]] = {
-    UnderwaterVehicle: underwater,
-    TorpedoVehicle: torpedo,
-    Quadrotor: quadrotor,
-    FreeFlyer: free_flyer,
-    GroundVehicle: car,
-    ScalarVehicle: scalar,
+REFERENCES: dict[str, Callable[..., Array]] = {
+    "underwater": underwater,
+    "torpedo": torpedo,
+    "quadrotor": quadrotor,
+    "free flyer": free_flyer,
+    "car": car,
+    "scalar": scalar,
+}
+FAMILIES = tuple(REFERENCES)
+SHEETS: dict[str, tuple[type[VehicleSheet], str]] = {
+    "underwater": (UnderwaterSheet, "bluerov2"),
+    "torpedo": (TorpedoSheet, "remus100"),
+    "quadrotor": (QuadrotorSheet, "hummingbird"),
+    "free flyer": (FreeFlyerSheet, "astrobee"),
+    "car": (CarSheet, "f1tenth"),
 }
 
 
@@ -160,9 +172,10 @@ REFERENCES: dict[type, Callable[..., Array]] = {
 
 
 class Made(NamedTuple):
-    """A system, and the geometry that its constructor was given."""
+    """A system, its family, and its geometry."""
 
     system: Any
+    family: str
     geometry: dict[str, Any]
 
 
@@ -173,42 +186,49 @@ def units(rng: np.random.Generator, k: int) -> Array:
 
 
 def random(family: str, rng: np.random.Generator) -> Made:
-    """A system of a family; its scales do not matter to W."""
-    points, directions, ones = rng.uniform(-1, 1, (5, 3)), units(rng, 5), np.ones(6)
+    """A system of a family: an included vehicle with its actuators elsewhere."""
     if family == "scalar":
-        return Made(ScalarVehicle(np.ones(4)), {})
+        return Made(ScalarVehicle(np.ones(4)), family, {})
+    points, directions = rng.uniform(-1, 1, (12, 3)), units(rng, 12)
+    placed, curve = {"positions": points, "directions": directions}, rng.uniform(-1, 1, 3)
     if family == "car":
-        scales = GroundScales(1, 1, 1, np.ones(2), 1, 1, 1, 1, 3.0, 4.0)
         length = rng.uniform(0.3, 3)
-        return Made(GroundVehicle(scales, length, 0.5), {"wheelbase": length})
+        arms = {0: {"arm": length / 2}, 1: {"arm": -length / 2}}
+        return Made(_with(family, {"tyre": arms}), family, {"wheelbase": length})
     if family == "quadrotor":
-        scales = AerialScales(1, 1, ones[:3], 1, ones[:2], ones[:3], ones[:4], ones[:4], 5 * ones)
         spin = rng.choice([-1.0, 1.0], 4)
-        return Made(Quadrotor(scales, points[:4], spin), {"rotors": points[:4], "spin": spin})
-    if family == "free flyer":
-        geometry = {"positions": points, "directions": directions}
-        return Made(
-            FreeFlyer(FreeFlyerScales(1, 1, ones[:3], ones[:5], ones), **geometry), geometry
-        )
+        at = {i: {"point": points[i]} for i in range(4)}
+        rotors: dict[str, Any] = dict.fromkeys(("rotor", "rotor_drag", "rotor_damping"), at)
+        rotors["rotor_inflow"] = [{"point": p} for p in points[:4]]
+        rotors["rotor_torque"] = {i: {"direction": spin[i] * Z} for i in range(4)}
+        return Made(_with(family, rotors), family, {"rotors": points[:4], "spin": spin})
+    at = {
+        i: {"point": p, "direction": e}
+        for i, (p, e) in enumerate(zip(points, directions, strict=True))
+    }
     if family == "torpedo":
-        geometry = {"positions": points, "lifts": directions, "slip": rng.uniform(0, 0.5)}
-        scales = TorpedoScales(
-            ones[:4],
-            ones[:2],
-            ones[:4],
-            ones[:2],
-            1,
-            1,
-            ones[:2],
-            ones[:5],
-            ones[:5],
-            2 * ones,
-            0.3,
-        )
-        return Made(TorpedoVehicle(scales, **geometry, propeller=np.zeros(3)), geometry)
-    geometry = {"positions": points, "directions": directions, "curve": rng.uniform(-1, 1, 3)}
-    scales = UnderwaterScales(ones, ones, ones, 1, 1, ones[:5], ones)
-    return Made(UnderwaterVehicle(scales, **geometry), geometry)
+        slip = rng.uniform(0, 0.5)
+        fins = {i: {"point": p} for i, p in enumerate(points)}
+        columns = {"fin": at, "fin_drag": fins, "propeller": {0: {"slip": slip}}}
+        geometry = {"positions": points, "lifts": directions, "slip": slip}
+        return Made(_with(family, columns), family, geometry)
+    if family == "underwater":
+        at = {i: {**own, "curve": odd(*curve)} for i, own in at.items()}
+        return Made(_with(family, {"thruster": at}), family, {**placed, "curve": curve})
+    return Made(_with(family, {"nozzle": at}), family, placed)
 
 
-FAMILIES = ("underwater", "torpedo", "quadrotor", "free flyer", "car", "scalar")
+def _with(family: str, constants: dict[str, Any]) -> Any:
+    """A family's included vehicle with other constants, by kind and number of the column."""
+    sheet, name = SHEETS[family]
+    blueprint, terms, seen = sheet.of(name).blueprint(), [], dict.fromkeys(constants, 0)
+    for term in blueprint.terms:
+        columns = []
+        for c in term.columns:
+            own = dict[str, Any](c.constants)
+            if c.kind in constants:
+                number, seen[c.kind] = seen[c.kind], seen[c.kind] + 1
+                own |= constants[c.kind][number]
+            columns.append(Column(c.kind, c.parameter, body=c.body, input=c.input, **own))
+        terms.append(term._replace(columns=columns))
+    return replace(blueprint, terms=terms).system

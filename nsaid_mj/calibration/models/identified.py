@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -115,4 +116,4 @@ def remarks(robot: RobotModel, values: Identified, also: tuple[str, ...] = ()) -
         speed, gain = values.friction_speed[k], values.gain[k]
         lines.append(f"  {joint}: gain {gain:.6g}, s {speed:.3g}, rotor {values.rotor[k]:.6g}")
     text = "\n".join([*lines, *values.notes, *also])
-    return text.replace("--", "- -").rstrip("-")  # XML comments may not contain two hyphens
+    return re.sub("-(?=-)", "- ", text).rstrip("-")  # XML comments may not contain two hyphens

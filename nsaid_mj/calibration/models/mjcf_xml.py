@@ -15,6 +15,7 @@ from ...systems.optional import pin
 from .mjcf_tree import joint_names, pose
 
 _JOINTS = ("joint", "freejoint")
+_REFERENCES = ("joint", "jointinparent", "joint1", "joint2", "objname")  # attributes with a name
 _OVERRULING = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass",
                "discardvisual", "fusestatic")  # fmt: skip
 
@@ -43,6 +44,10 @@ def exact_xml(spec: Any) -> tuple[Element, Any]:
         assert inertial is not None
         inertial.set("quat", numbers(mj.body_iquat[b]))
     names = joint_names(mj)
+    renamed = {mj.joint(j).name: name for j, name in enumerate(names) if mj.joint(j).name != name}
+    for element, key in ((e, k) for e in root.iter() for k in _REFERENCES if k in e.attrib):
+        if key != "objname" or element.get("objtype") == "joint":
+            element.set(key, renamed.get(element.attrib[key], element.attrib[key]))
     for j, joint in enumerate(joints_of(root)):
         joint.set("name", names[j])
         if mj.jnt_type[j] in {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}:

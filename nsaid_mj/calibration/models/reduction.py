@@ -11,6 +11,7 @@ from ...parameters import Array
 from ...systems.optional import pin
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."
+_MARK = "\1"  # no name has it: XML forbids the character
 
 
 def locked_joints(
@@ -54,7 +55,16 @@ def reduced(
 ) -> tuple[pin.Model, pin.GeometryModel]:
     """A model and its shapes with joints locked at a configuration q (nq,)."""
     ids = [i for i in range(1, model.njoints) if model.names[i] in locked]
-    return pin.buildReducedModel(model, geometry, ids, q) if ids else (model, geometry)
+    if not ids:
+        return model, geometry
+    marked = pin.Model(model)  # Pinocchio finds a joint's frame by its name, which a body may share
+    for frame in marked.frames:
+        if frame.type == pin.FrameType.BODY:
+            frame.name = _MARK + frame.name
+    small, shapes = pin.buildReducedModel(marked, geometry, ids, q)
+    for frame in small.frames:
+        frame.name = frame.name.removeprefix(_MARK)
+    return small, shapes
 
 
 def check_tree(robot: str, model: pin.Model) -> None:

@@ -11,7 +11,7 @@ from ...parameters import Array
 from ...system import SecondOrderSystem
 from ...systems.joints import JointTree
 from ...systems.multibody import MotorTree
-from ...systems.space import FreeFlyer
+from ...systems.vehicle import SingleBody
 from ...systems.vehicle_manipulator import VehicleManipulator
 from ..driver import DriverConfig
 from ..signals import FourierTrajectory
@@ -126,7 +126,7 @@ def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
     A motor's largest command is the joint's rated torque where the model states one.
     """
     one = np.ones(system.n_u)
-    if isinstance(system, FreeFlyer):
+    if isinstance(system, SingleBody) and system.columns("nozzle"):
         return 0.0 * one, one, 0.4 * one  # nozzles only push
     if isinstance(system, VehicleManipulator):
         return *system.command_limits, 0.0 * one

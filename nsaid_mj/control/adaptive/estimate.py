@@ -5,9 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numba import njit
 
-from ...identifiers.metric import Metric, adapt, chart, enter, hold, leave, sound
+from ...identifiers.metric import CHARTS, Metric, adapt, chart, enter, hold, leave, sound
+from ...numerics.kernels import kernel
 from ...numerics.linalg import copy_into
 from ...parameters import Array
 
@@ -99,19 +99,19 @@ class Constant(Estimate):
             self.theta = np.array(theta, dtype=np.float64)
 
 
-@njit(cache=True)
+@kernel(None, *CHARTS)
 def workspace(law, p):
     """Allocates the workspace of `descend`: rates at both ends, η and θ̂ after a first step."""
     return np.empty(p), np.empty(p), np.empty(p), np.empty(p), chart(law)
 
 
-@njit(cache=True)
+@kernel(None, *CHARTS)
 def begin(law, work, theta, eta):
     """Writes the chart's η (p,) of θ̂ (p,)."""
     enter(law, theta, eta, work[4])
 
 
-@njit(cache=True)
+@kernel(None, *CHARTS)
 def descend(law, work, slope, step, eta, theta, moved):
     """A step of Heun's method in the chart; returns whether θ̂ is still inside its domain.
 

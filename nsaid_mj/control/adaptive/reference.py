@@ -10,8 +10,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numba import njit
 
+from ...numerics.kernels import kernel
 from ...numerics.spatial import cross, product, rotate, rotation_vector, unrotate
 from ...parameters import Array
 from ...system import SecondOrderSystem
@@ -93,7 +93,7 @@ class PoseReference(Reference):
         return v_r, a_r
 
 
-@njit(cache=True)
+@kernel()
 def attitude_of(angles, rates, accelerations):
     """Attitude and its derivatives from roll, pitch and yaw.
 
@@ -125,7 +125,7 @@ def attitude_of(angles, rates, accelerations):
     return quaternion, turning, change
 
 
-@njit(cache=True)
+@kernel()
 def follow_pose(motion, q, v, rate, v_r, a_r):
     """Writes the first six entries of v_r and v̇_r; see `PoseReference`.
 

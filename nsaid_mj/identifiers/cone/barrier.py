@@ -12,12 +12,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 
+from ...numerics.kernels import boolean, f8, i8, kernel, table, vector, void
+from ...numerics.kernels import matrix as matrix_type
 from ...numerics.linalg import cholesky
 from ...parameters import Array, Block, Indices, ParameterSpace
 
-compiled = njit(cache=True, error_model="numpy", _nrt=True)  # division by 0 gives inf or NaN
+compiled = kernel(error_model="numpy", _nrt=True)  # division by 0 gives inf or NaN
 
 
 class Cone(NamedTuple):
@@ -45,6 +47,9 @@ class Cone(NamedTuple):
     links: Indices
     others: Indices
     degree: int
+
+
+CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)
 
 
 def cone_of(space: ParameterSpace) -> Cone:
@@ -102,7 +107,8 @@ _PSEUDO_INERTIA = [
 @compiled
 def tied(cone, block):
     """Whether a block has fewer parameters than its symmetric matrix has distinct entries."""
-    start, end, k, _, _ = cone.blocks[block]
+    row = cone.blocks[block]
+    start, end, k = row[0], row[1], row[2]
     return end - start < k * (k + 1) // 2
 
 
@@ -120,10 +126,28 @@ def coordinates(cone: Cone) -> Array:
     return pairing
 
 
+def block_matrix(cone: Cone, block: int, theta: Array) -> Array:
+    """(k, k) lower triangle of a block's P at θ (p,); uncompiled, for a few calls."""
+    _, _, k, first, last = cone.blocks[block]
+    i, j, at = cone.entries[first:last].T
+    P = np.zeros((k, k))
+    np.add.at(P, (i, j), cone.values[first:last] * theta[at])
+    return P
+
+
+def read_block(cone: Cone, block: int, P: Array, pairing: Array, theta: Array) -> None:
+    """Writes a block's parameters in θ (p,) from the lower triangle of its P (k, k); uncompiled."""
+    start, end, _, first, last = cone.blocks[block]
+    i, j, at = cone.entries[first:last].T
+    theta[start:end] = 0.0
+    np.add.at(theta, at, pairing[first:last] * P[i, j])
+
+
 @compiled
 def matrix(cone, block, theta):
     """(k, k) lower triangle of a block's P at θ (p,)."""
-    start, _, k, first, last = cone.blocks[block]
+    row = cone.blocks[block]
+    start, k, first, last = row[0], row[2], row[3], row[4]
     P = np.empty((k, k))
     matrix_into(cone.entries[first:last], cone.values[first:last], start, theta[start:], P, k)
     return P
@@ -141,7 +165,9 @@ def matrix_into(entries, values, start, theta, P, k):
         P: (k, k) or larger; written.
         k: order of the matrix.
     """
-    P[:k, :k] = 0.0
+    for i in range(k):
+        for j in range(k):
+            P[i, j] = 0.0
     for e in range(entries.shape[0]):
         P[entries[e, 0], entries[e, 1]] += values[e] * theta[entries[e, 2] - start]
 
@@ -149,7 +175,8 @@ def matrix_into(entries, values, start, theta, P, k):
 @compiled
 def read(cone, block, P, pairing, theta):
     """Writes a block's parameters in θ (p,) from the lower triangle of its P (k, k)."""
-    start, end, _, first, last = cone.blocks[block]
+    row = cone.blocks[block]
+    start, end, first, last = row[0], row[1], row[3], row[4]
     own = cone.entries[first:last]
     read_into(own, pairing[first:last], start, P, theta[start:end])
 
@@ -165,7 +192,8 @@ def read_into(entries, pairing, start, P, theta):
         P: (k, k) or larger.
         theta: the block's parameters; written.
     """
-    theta[:] = 0.0
+    for e in range(entries.shape[0]):
+        theta[entries[e, 2] - start] = 0.0
     for e in range(entries.shape[0]):
         theta[entries[e, 2] - start] += pairing[e] * P[entries[e, 0], entries[e, 1]]
 
@@ -175,8 +203,25 @@ def factor(cone, block, theta):
     """(k, k) Cholesky factor of a block's P at θ (p,); NaN if P is not positive definite."""
     L = matrix(cone, block, theta)
     if not cholesky(L, L) > 0:
-        L[:] = np.nan
+        for i in range(L.shape[0]):
+            for j in range(L.shape[0]):
+                L[i, j] = np.nan
     return L
+
+
+@compiled
+def factor_into(cone, block, theta, L):
+    """Writes a block's factor, see `factor_in_place`, into L (k, k); NaN if P is not ≻ 0."""
+    row = cone.blocks[block]
+    first, last = row[3], row[4]
+    matrix_into(
+        cone.entries[first:last], cone.values[first:last], row[0], theta[row[0] :], L, row[2]
+    )
+    factor_in_place(L, row[2])
+    if not L[row[2] - 1, row[2] - 1] < np.inf:  # what follows a pivot < 0 is NaN
+        for i in range(row[2]):
+            for j in range(row[2]):
+                L[i, j] = np.nan
 
 
 @compiled
@@ -210,7 +255,7 @@ def inverse_into(L, X, S, k):
             S[i, j] = S[j, i] = total
 
 
-@compiled
+@kernel(boolean(CONE, vector), _nrt=True)
 def inside(cone, theta):
     """Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite."""
     for j in cone.positive:
@@ -221,65 +266,78 @@ def inside(cone, theta):
         k = max(k, cone.blocks[block, 2])
     L = np.empty((k, k))
     for block in range(cone.blocks.shape[0]):
-        start, end, k, first, last = cone.blocks[block]
-        own = cone.entries[first:last]
-        matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
-        factor_in_place(L, k)
+        factor_into(cone, block, theta, L)
+        k = cone.blocks[block, 2]
         if not L[k - 1, k - 1] < np.inf:
             return False
     return True
 
 
-@compiled
-def barrier(cone, theta):
-    """b(θ) at θ (p,); infinite outside the cone."""
-    total = 0.0
+@kernel(f8(CONE, vector), _nrt=True)
+def _barrier(cone, theta):
+    total, k = 0.0, 0
     for j in cone.positive:
         if not theta[j] > 0:
             return np.inf
         total -= np.log(theta[j])
     for block in range(cone.blocks.shape[0]):
-        L = factor(cone, block, theta)
-        if np.isnan(L[0, 0]):
+        k = max(k, cone.blocks[block, 2])
+    L = np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        factor_into(cone, block, theta, L)
+        k = cone.blocks[block, 2]
+        if not L[k - 1, k - 1] < np.inf:  # what follows a pivot that is not > 0 is NaN
             return np.inf
-        for i in range(L.shape[0]):
-            total -= 2 * np.log(L[i, i])
+        for i in range(k):
+            total += 2 * np.log(L[i, i])
     return total
+
+
+def barrier(cone: Cone, theta: Array) -> float:
+    """b(θ) at θ (p,); infinite outside the cone."""
+    return _barrier(cone, np.array(theta, dtype=np.float64))
 
 
 @compiled
 def block_gradient(cone, block, S, gradient):
     """Writes a block's part −tr(P⁻¹E_l) of ∇b into gradient (p,), from S = P⁻¹."""
-    start, end, _, first, last = cone.blocks[block]
-    gradient[start:end] = 0.0
-    for e in range(first, last):
-        i, j, at = cone.entries[e]
+    row = cone.blocks[block]
+    for i in range(row[0], row[1]):
+        gradient[i] = 0.0
+    for e in range(row[3], row[4]):
+        i, j, at = cone.entries[e, 0], cone.entries[e, 1], cone.entries[e, 2]
         gradient[at] -= cone.weights[e] * S[i, j]
 
 
-@compiled
-def barriers(cone, thetas):
-    """(N,) b at N points θ (N, p)."""
-    found = np.empty(thetas.shape[0])
+@kernel(void(CONE, matrix_type, vector))
+def _barriers(cone, thetas, found):
     for k in range(thetas.shape[0]):
-        found[k] = barrier(cone, thetas[k])
+        found[k] = _barrier(cone, thetas[k])
+
+
+def barriers(cone: Cone, thetas: Array) -> Array:
+    """(N,) b at N points θ (N, p)."""
+    found = np.empty(len(thetas))
+    _barriers(cone, np.array(thetas, dtype=np.float64), found)
     return found
 
 
-@compiled
-def gaps(cone, theta, thetas):
-    """(N,) Bregman divergences b(θ) − b(θ̂) − ∇b(θ̂)·(θ − θ̂) of N points θ̂ (N, p) from θ (p,)."""
-    own, gradient = barrier(cone, theta), np.zeros(theta.shape[0])
-    found = np.empty(thetas.shape[0])
+@kernel(void(CONE, vector, matrix_type, vector, vector), _nrt=True)
+def _gaps(cone, theta, thetas, gradient, found):
+    own = _barrier(cone, theta)
+    nothing = np.empty((0, 0))
     for k in range(thetas.shape[0]):
         estimate = thetas[k]
-        for j in cone.positive:
-            gradient[j] = -1 / estimate[j] if estimate[j] > 0 else np.nan
-        for block in range(cone.blocks.shape[0]):
-            block_gradient(cone, block, inverse(factor(cone, block, estimate)), gradient)
-        found[k] = own - barrier(cone, estimate)
+        _differentiate(cone, estimate, gradient, nothing)
+        found[k] = own - _barrier(cone, estimate)
         for i in range(theta.shape[0]):
             found[k] -= gradient[i] * (theta[i] - estimate[i])
+
+
+def gaps(cone: Cone, theta: Array, thetas: Array) -> Array:
+    """(N,) Bregman divergences b(θ) − b(θ̂) − ∇b(θ̂)·(θ − θ̂) of N points θ̂ (N, p) from θ (p,)."""
+    found, points = np.empty(len(thetas)), np.array(thetas, dtype=np.float64)
+    _gaps(cone, np.array(theta, dtype=np.float64), points, np.zeros(len(theta)), found)
     return found
 
 
@@ -295,7 +353,9 @@ def hessian_into(entries, weights, start, S, hessian, c):
         hessian: (c, c) or larger; written.
         c: number of the block's parameters.
     """
-    hessian[:c, :c] = 0.0
+    for i in range(c):
+        for j in range(c):
+            hessian[i, j] = 0.0
     for e in range(entries.shape[0]):
         a, b, row = entries[e, 0], entries[e, 1], entries[e, 2] - start
         for f in range(entries.shape[0]):
@@ -306,27 +366,40 @@ def hessian_into(entries, weights, start, S, hessian, c):
             hessian[row, column] += weight * (S[a, i] * S[b, j] + S[a, j] * S[b, i])
 
 
-@compiled
-def gradient_and_hessian(cone, theta):
+@kernel(void(CONE, vector, vector, matrix_type), _nrt=True)
+def _differentiate(cone, theta, gradient, hessian):
+    """Writes ∇b, and ∇²b if `hessian` is (p, p) and not (0, 0); both were 0 before."""
+    k, whole = 0, hessian.shape[0] > 0
+    for j in cone.positive:
+        own = 1 / theta[j] if theta[j] > 0 else np.nan
+        gradient[j] = -own
+        if whole:
+            hessian[j, j] = own * own
+    for block in range(cone.blocks.shape[0]):
+        k = max(k, cone.blocks[block, 2])
+    L, S = np.empty((k, k)), np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        row = cone.blocks[block]
+        start, c, first, last = row[0], row[1] - row[0], row[3], row[4]
+        factor_into(cone, block, theta, L)
+        inverse_into(L, L, S, row[2])
+        block_gradient(cone, block, S, gradient)
+        if whole:
+            entries, weights = cone.entries[first:last], cone.weights[first:last]
+            part = hessian[start : row[1], start : row[1]]
+            hessian_into(entries, weights, start, S, part, c)
+            for i in range(c):
+                for j in range(i):
+                    part[j, i] = part[i, j]
+
+
+def gradient_and_hessian(cone: Cone, theta: Array) -> tuple[Array, Array]:
     """∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
 
     Their entries are −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m).
     """
-    p = theta.shape[0]
-    gradient, hessian = np.zeros(p), np.zeros((p, p))
-    for j in cone.positive:
-        own = 1 / theta[j] if theta[j] > 0 else np.nan
-        gradient[j], hessian[j, j] = -own, own * own
-    for block in range(cone.blocks.shape[0]):
-        S = inverse(factor(cone, block, theta))
-        block_gradient(cone, block, S, gradient)
-        start, end, _, first, last = cone.blocks[block]
-        entries, weights = cone.entries[first:last], cone.weights[first:last]
-        part, c = hessian[start:end, start:end], end - start
-        hessian_into(entries, weights, start, S, part, c)
-        for i in range(c):
-            for j in range(i):
-                part[j, i] = part[i, j]
+    gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+    _differentiate(cone, np.array(theta, dtype=np.float64), gradient, hessian)
     return gradient, hessian
 
 
@@ -367,7 +440,11 @@ def metric_solve(cone, theta, stiffness, mu, gradient):
         mu: weight μ of the barrier.
         gradient: (p,) the gradient.
     """
-    metric, x = stiffness + mu * gradient_and_hessian(cone, theta)[1], gradient.copy()
+    metric, x = np.zeros(stiffness.shape), gradient.copy()
+    _differentiate(cone, theta, np.zeros(x.shape), metric)
+    for i in range(x.shape[0]):
+        for j in range(x.shape[0]):
+            metric[i, j] = stiffness[i, j] + mu * metric[i, j]
     factor_in_place(metric, x.shape[0])
     solve_in_place(metric, x, x.shape[0])
     return x

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array, ParameterSpace
-from .barrier import Cone, cone_of, coordinates, matrix, read, tied
+from .barrier import Cone, block_matrix, cone_of, coordinates, read_block, tied
 
 _FLOOR = 0.01  # least positive number or diagonal entry of a matrix that is drawn about, over scale
 _EDGE = 1e-3  # least eigenvalue of a matrix of unit diagonal that is drawn about
@@ -41,13 +41,13 @@ def drawn_inside(
             start = np.maximum(theta[place], _FLOOR * block.scale)
             drawn[place] = start * np.exp(error * rng.uniform(-1, 1, len(block)))
     for i, (_, _, k, _, _) in enumerate(cone.blocks):
-        if tied(cone, i):
+        if tied.py_func(cone, i):
             _draw_tied(cone, i, space.scale, error, rng, drawn)
             continue
         N, balance = _scaled(cone, i, theta, space.scale)
         A = error / 4 * rng.uniform(-1, 1, (k, k))
         A[np.diag_indices(k)] = np.exp(error / 2 * rng.uniform(-1, 1, k))
-        read(cone, i, A @ N @ A.T / np.outer(balance, balance), pairing, drawn)
+        read_block(cone, i, A @ N @ A.T / np.outer(balance, balance), pairing, drawn)
     return drawn
 
 
@@ -70,7 +70,7 @@ def _draw_tied(
 
 def _smallest(cone: Cone, block: int, theta: Array) -> float:
     """Smallest eigenvalue of a block's P after scaling it to unit diagonal."""
-    P = matrix(cone, block, theta)
+    P = block_matrix(cone, block, theta)
     balance = 1 / np.sqrt(P.diagonal())
     return float(np.linalg.eigvalsh(P * np.outer(balance, balance))[0])
 
@@ -104,7 +104,7 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     for i, (start, end, *_) in enumerate(cone.blocks):
         found[start:end, start:end] = (
             _spread_of_tied(cone, i, theta, space.scale, error)
-            if tied(cone, i)
+            if tied.py_func(cone, i)
             else _spread_of_matrix(cone, i, theta, space.scale, error, pairing)
         )
     return found / np.outer(space.scale, space.scale)
@@ -120,9 +120,9 @@ def _spread_of_numbers(theta: Array, scale: Array, error: float) -> Array:
 
 def _scaled(cone: Cone, block: int, theta: Array, scale: Array) -> tuple[Array, Array]:
     """A block's P, (k, k), scaled to unit diagonal and moved inside, and the factors (k,)."""
-    P = matrix(cone, block, theta)
+    P = block_matrix(cone, block, theta)
     P += np.tril(P, -1).T
-    smallest = _FLOOR * np.abs(matrix(cone, block, scale).diagonal())
+    smallest = _FLOOR * np.abs(block_matrix(cone, block, scale).diagonal())
     balance = 1 / np.sqrt(np.maximum(P.diagonal(), smallest))
     N = P * np.outer(balance, balance)
     N += max(0.0, _EDGE - np.linalg.eigvalsh(N)[0]) * np.eye(len(N))

@@ -24,25 +24,35 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 
-from ...dynamics.forward import (
-    difference_into,
-    integrate_into,
-    transition,
-    transition_work,
-    write_acceleration,
-)
-from ...numerics.linalg import cholesky
+from ...numerics.linalg import cholesky, multiply, transpose
 from ...parameters import Array
-from ...structure.arrays import StructureArrays
-from ..cone.barrier import Cone, inside
-from .noise import MEMORY, Noise, add_increment, noise_variance
+from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
+from ...structure.compiled import (
+    SLOPES,
+    STRUCTURE,
+    WORKSPACE,
+    cube,
+    f8,
+    i8,
+    kernel,
+    matrix,
+    vector,
+    void,
+)
+from ...structure.forces import ALL, write_forces
+from ...structure.kinematics import place
+from ...structure.poses import difference, integrate
+from ...structure.stage import accelerate
+from ...structure.transition import step as transition
+from ..cone.barrier import CONE, Cone, inside
+from .noise import MEMORY, NOISE, Noise, add_increment, write_variance
 from .steps import carry_scale, project_inside
 
-COMPLETED, CONTRADICTED, ROUNDED = 0, 1, 2
+COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
-rounding errors left the covariance indefinite."""
+rounding errors left the covariance indefinite. A row may also precede the filter's beginning."""
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
 SMALL = 0.1
@@ -142,32 +152,124 @@ class Along(NamedTuple):
         return Along(*(rows[first:] for rows in self))
 
 
+class Memory(NamedTuple):
+    """What the filter's functions write besides a `Filter`, for n velocities and p parameters.
+
+    Attributes:
+        stage: memory of a stage.
+        slopes: memory of derivatives.
+        at: (m,) a position.
+        q1: (m,) predicted position.
+        v1: (n,) predicted velocity.
+        F: (2n, 3n) derivatives of the prediction by the state and c.
+        F_T: (3n, 2n) the same, transposed.
+        B: (n, p) derivatives of c by θ/scale.
+        B_T: (p, n) the same, transposed.
+        with_theta: (3n, p) covariance of (x, c) with θ/scale.
+        with_c: (3n, n) that with c.
+        both: (3n, 3n) that with itself.
+        moved: (2n, 3n) F times that.
+        S: (2n, 2n) covariance of the innovation.
+        L: (2n, 2n) its factor.
+        inverse: (2n, 2n) the factor's inverse.
+        whitened: (2n, p) L⁻¹ P̄_xθ.
+        e: (2n,) normalised innovation.
+        y: (2n,) innovation, then the step of the state.
+        R: (2n,) variances of the noise.
+        step: (p,) of θ̂.
+        before: (p,) θ̂ before the step.
+        trial: (p,) anything.
+        factor: (p, p) anything.
+    """
+
+    stage: Workspace
+    slopes: Slopes
+    at: Array
+    q1: Array
+    v1: Array
+    F: Array
+    F_T: Array
+    B: Array
+    B_T: Array
+    with_theta: Array
+    with_c: Array
+    both: Array
+    moved: Array
+    S: Array
+    L: Array
+    inverse: Array
+    whitened: Array
+    e: Array
+    y: Array
+    R: Array
+    step: Array
+    before: Array
+    trial: Array
+    factor: Array
+
+    @staticmethod
+    def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:
+        """For a structure with n velocities, m positions and p parameters."""
+        sizes = (
+            m, m, n, (2 * n, 3 * n), (3 * n, 2 * n), (n, p), (p, n), (3 * n, p), (3 * n, n),
+            (3 * n, 3 * n), (2 * n, 3 * n), (2 * n, 2 * n), (2 * n, 2 * n), (2 * n, 2 * n),
+            (2 * n, p), 2 * n, 2 * n, 2 * n, p, p, p, (p, p),
+        )  # fmt: skip
+        return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
+
+
+LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector), Law)
+FILTER = types.NamedTuple(
+    (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector), Filter
+)
+ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
+MEMORIES = types.NamedTuple(
+    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 12, *(vector,) * 6, matrix), Memory
+)
+
+
 def acceptable(law: Law, filter: Filter) -> float:
     """Largest sum of squared normalised innovations in a window that chance explains."""
     return _acceptable(law.window, filter.v.shape[0], filter.noise.seen[0])
 
 
-@njit(cache=True)
+@kernel(f8(i8, i8, f8))
 def _acceptable(window, n, seen):
     dof = 2.0 * n * window
     vague = 1.0 + 4.0 / np.sqrt(min(seen, MEMORY))  # of R itself
     return vague * (dof + _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2)
 
 
-@njit(cache=True)
+@kernel(void(matrix, matrix), inner=True)
+def _copy(source, target):
+    """Copies a matrix."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@kernel(void(FILTER, vector, vector, vector))
 def restart_state(filter, q, v, R):
     """Starts the state at a measurement, uncorrelated with θ."""
-    filter.q[:], filter.v[:] = q, v
-    filter.Pxx[:], filter.Pxt[:] = 0.0, 0.0
-    for i in range(R.shape[0]):
-        filter.Pxx[i, i] = R[i]
-    filter.tally[:] = 0.0
-    filter.tally[0] = 1.0
-    filter.safe[0], filter.safe[1] = filter.theta, filter.theta
-    filter.safe_P[0], filter.safe_P[1] = filter.Ptt, filter.Ptt
+    n, theta, tally = v.shape[0], filter.theta, filter.tally
+    for i in range(q.shape[0]):
+        filter.q[i] = q[i]
+    for i in range(n):
+        filter.v[i] = v[i]
+    for i in range(2 * n):
+        for j in range(2 * n):
+            filter.Pxx[i, j] = R[i] if i == j else 0.0
+        for j in range(theta.shape[0]):
+            filter.Pxt[i, j] = 0.0
+    for i in range(tally.shape[0]):
+        tally[i] = 1.0 if i == 0 else 0.0
+    for i in range(theta.shape[0]):
+        filter.safe[0, i] = filter.safe[1, i] = theta[i]
+    _copy(filter.Ptt, filter.safe_P[0])
+    _copy(filter.Ptt, filter.safe_P[1])
 
 
-@njit(cache=True)
+@kernel(void(matrix, matrix))
 def keep_above_rounding(P, L):
     """Adds a floor to P (p, p) where its own rounding errors could make it indefinite.
 
@@ -182,36 +284,28 @@ def keep_above_rounding(P, L):
             P[i, i] += _FLOOR * largest
 
 
-@njit(cache=True)
-def _workspaces(n, p):
-    """Allocates the workspaces of `_predict` and `_update`."""
-    size = 2 * n
-    predicting = (
-        np.empty((3 * n, p)), np.empty((3 * n, n)), np.empty((3 * n, 3 * n)),
-        np.empty((size, 3 * n)),
-    )  # fmt: skip
-    updating = (
-        np.empty((size, size)), np.zeros((size, size)), np.empty((size, size)),
-        np.empty((size, p)), np.empty((p, p)), np.empty(size),
-        np.empty(p), np.empty(p), np.empty(p),
-    )  # fmt: skip
-    return predicting, updating
-
-
-@njit(cache=True)
-def _predict(law, dt, F, B, filter, work):
-    """Writes P̄, without R, from the derivatives F (2n, 3n) and B (n, p) of `transition`."""
-    Pxx, Pxt, Ptt, gamma = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma
-    with_theta, with_c, both, moved = work  # covariances of (x, c) with θ/scale, c and itself
-    size, n = Pxt.shape[0], B.shape[0]
-    with_theta[:size] = Pxt
-    np.dot(B, Ptt, with_theta[size:])
-    np.dot(with_theta, B.T, with_c)
-    both[:size, :size], both[:, size:] = Pxx, with_c
-    both[size:, :size] = with_c[:size].T
-    np.dot(F, with_theta, Pxt)
-    np.dot(F, both, moved)
-    np.dot(moved, F.T, Pxx)
+@kernel(void(LAW, f8, FILTER, MEMORIES), inner=True)
+def _predict(law, dt, filter, memory):
+    """Writes P̄, without R, from the derivatives F and B of `transition`."""
+    Pxx, Pxt, Ptt, gamma, F = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma, memory.F
+    with_theta, with_c, both = memory.with_theta, memory.with_c, memory.both
+    size, n = Pxt.shape[0], filter.v.shape[0]
+    transpose(memory.B, memory.B_T)
+    transpose(F, memory.F_T)
+    _copy(Pxt, with_theta)
+    multiply(memory.B, Ptt, with_theta[size:])
+    multiply(with_theta, memory.B_T, with_c)
+    for i in range(size + n):
+        for j in range(n):
+            both[i, size + j] = with_c[i, j]
+    for i in range(size):
+        for j in range(size):
+            both[i, j] = Pxx[i, j]
+        for j in range(n):
+            both[size + j, i] = with_c[i, j]
+    multiply(F, with_theta, Pxt)
+    multiply(F, both, memory.moved)
+    multiply(memory.moved, memory.F_T, Pxx)
     for i in range(size):
         for j in range(n):
             for k in range(n):
@@ -223,23 +317,23 @@ def _predict(law, dt, F, B, filter, work):
             Ptt[k, k] += law.walk[k] * dt * relative * relative
 
 
-@njit(cache=True)
-def _innovate(law, filter, R, y, work):
-    """Factors S and writes the step of θ̂ for an innovation y (2n,) into `work`.
+@kernel(f8(LAW, FILTER, MEMORIES), inner=True)
+def _innovate(law, filter, memory):
+    """Factors S and writes the step of θ̂ for the innovation y.
 
     Returns:
-        The squared normalised innovation and log det S; NaN if S is not positive definite.
+        log det S; NaN if S is not positive definite.
     """
-    Pxx, Pxt = filter.Pxx, filter.Pxt
-    S, L, inverse, whitened, gained, e, step, _, _ = work
-    size, p = Pxt.shape
+    Pxx, S, L, inverse = filter.Pxx, memory.S, memory.L, memory.inverse
+    y, e, step, whitened = memory.y, memory.e, memory.step, memory.whitened
+    size, p = whitened.shape
     for i in range(size):
         for j in range(size):
             S[i, j], inverse[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i]), 0.0
-        S[i, i] += R[i]
+        S[i, i] += memory.R[i]
         inverse[i, i] = 1.0
     if not cholesky(S, L) > 0.0:
-        return np.nan, np.nan
+        return np.nan
     spread = 0.0
     for i in range(size):  # L⁻¹
         spread += 2.0 * np.log(L[i, i])
@@ -248,93 +342,176 @@ def _innovate(law, filter, R, y, work):
                 inverse[i, k] -= L[i, j] * inverse[j, k]
         for k in range(i + 1):
             inverse[i, k] /= L[i, i]
-    np.dot(inverse, y, e)
-    np.dot(inverse, Pxt, whitened)
-    np.dot(whitened.T, whitened, gained)
-    np.dot(e, whitened, step)
+    multiply(inverse, filter.Pxt, whitened)
+    for k in range(p):
+        step[k] = 0.0
+    for i in range(size):
+        e[i] = 0.0
+        for j in range(i + 1):
+            e[i] += inverse[i, j] * y[j]
+        for k in range(p):
+            step[k] += e[i] * whitened[i, k]
     for k in range(p):
         step[k] *= law.scale[k]
-    return np.dot(e, e), spread
+    return spread
 
 
-@njit(cache=True)
-def _update(law, filter, R, share, y, work):
-    """Moves θ̂ by a share of its step, updates P, and writes the step of the state into y (2n,)."""
+@kernel(void(LAW, FILTER, f8, MEMORIES), inner=True)
+def _update(law, filter, share, memory):
+    """Moves θ̂ by a share of its step, updates P, and overwrites y by the step of the state."""
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened, gained, e, step, at, trial = work
-    scale = law.scale
-    size, p = Pxt.shape
+    S, L, inverse, whitened = memory.S, memory.L, memory.inverse, memory.whitened
+    e, y, R, before, trial = memory.e, memory.y, memory.R, memory.before, memory.trial
+    size, p = whitened.shape
     for k in range(p):
-        at[k] = theta[k]
-        theta[k] += share * step[k]
+        before[k] = theta[k]
+        theta[k] += share * memory.step[k]
     learned = share * (2.0 - share)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
-    for i in range(p):  # BLAS may round the two triangles differently
-        for k in range(i + 1):
-            Ptt[i, k] -= learned * gained[i, k]
+    for i in range(p):
+        for r in range(size):
+            own = learned * whitened[r, i]
+            for k in range(i + 1):
+                Ptt[i, k] -= own * whitened[r, k]
+        for k in range(i):
             Ptt[k, i] = Ptt[i, k]
     for i in range(size):
         for j in range(size):
             L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
-    np.dot(L, whitened, Pxt)
-    np.dot(inverse.T, e, y)
-    y[:] = np.dot(Pxx, y)  # y − R S⁻¹ y would cancel
-    np.dot(inverse, Pxx, S)
-    np.dot(L, S, inverse)
+    multiply(L, whitened, Pxt)
+    for i in range(size):
+        S[0, i], y[i] = 0.0, 0.0
+        for j in range(i, size):
+            S[0, i] += inverse[j, i] * e[j]
+    for i in range(size):  # y − R S⁻¹ y would cancel
+        for j in range(size):
+            y[i] += Pxx[i, j] * S[0, j]
+    multiply(inverse, Pxx, S)
+    multiply(L, S, inverse)
     for i in range(size):
         for j in range(size):
             Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
-    project_inside(law.cone, law.margin, at, theta, scale, Ptt, Pxt, y, trial)
-    carry_scale(at, theta, scale, Pxt, Ptt, step, trial)
+    project_inside(law.cone, law.margin, before, theta, law.scale, Ptt, Pxt, y, trial)
+    carry_scale(before, theta, law.scale, Pxt, Ptt, memory.step, trial)
 
 
-@njit(cache=True)
-def _linear_share(law, q, v, u, filter, predicting, work):
+@kernel(f8(LAW, vector, vector, vector, FILTER, MEMORIES), inner=True)
+def _linear_share(law, q, v, u, filter, memory):
     """Largest share 2⁻ᵏ of θ̂'s step that keeps half of M̂ at a state q (m,), v (n,).
 
     Along a longer step M̂⁻¹, and with it the derivatives of the prediction, are not nearly constant.
     """
-    forward, a, step, trial, share = predicting[0], predicting[3][0], work[6], work[8], 1.0
+    structure, stage, slopes = law.structure, memory.stage, memory.slopes
+    step, trial, share, placed = memory.step, memory.trial, 1.0, False
     while share > _SMALLEST:
         for k in range(step.shape[0]):
             trial[k] = 0.5 * filter.theta[k] + share * step[k]
         if inside(law.cone, trial):  # then M̂ ≻ 0 there
             return share
-        if write_acceleration(law.structure, q, v, u, trial, forward, a) > 0.0:
+        if not placed:
+            place(structure, q, v, slopes.state)
+            write_forces(structure, slopes.state, q, v, u, ALL, stage.scratch, slopes.F)
+            placed = True
+        if accelerate(structure, slopes.state, slopes.F, v, trial, stage, memory.with_c[0]) > 0.0:
             return share
         share *= 0.5
     return 0.0
 
 
-# Whatever does not depend on the structure is a function of its own, which is compiled only once.
-
-
-@njit(cache=True)
-def _observe(noise, increment, R):
-    """Updates the estimate of the noise by an increment (2n,), and writes R (2n,)."""
-    add_increment(noise, increment)
-    R[:] = noise_variance(noise)
-
-
-@njit(cache=True)
-def _hand_out(theta, v, theta_row, v_row):
-    """Writes one row of the estimates."""
-    for i in range(theta.shape[0]):
-        theta_row[i] = theta[i]
-    for i in range(v.shape[0]):
-        v_row[i] = v[i]
-
-
-@njit(cache=True)
-def _begin_window(theta, Ptt, safe, safe_P, tally, factor):
+@kernel(void(FILTER, matrix), inner=True)
+def _begin_window(filter, factor):
     """Begins another window of innovations; `factor` (p, p) is workspace."""
-    keep_above_rounding(Ptt, factor)
-    safe[0], safe[1] = safe[1], theta
-    safe_P[0], safe_P[1] = safe_P[1], Ptt
-    tally[1:] = 0.0
+    theta, safe, safe_P, tally = filter.theta, filter.safe, filter.safe_P, filter.tally
+    keep_above_rounding(filter.Ptt, factor)
+    for i in range(theta.shape[0]):
+        safe[0, i], safe[1, i] = safe[1, i], theta[i]
+    _copy(safe_P[1], safe_P[0])
+    _copy(filter.Ptt, safe_P[1])
+    for i in range(1, tally.shape[0]):
+        tally[i] = 0.0
 
 
-@njit(cache=True, nogil=True)
-def follow_filter(law, filter, t, q, v, u, along):
+@kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES), inner=True)
+def _move(law, filter, dt, q, v, u, memory):
+    """Carries state and covariance through a step, and writes the step and the innovation y.
+
+    Returns:
+        M̂'s smallest pivot, > 0 if it succeeded.
+    """
+    pivot = transition(
+        law.structure, q, v, u, dt, filter.theta, law.scale, memory.stage, memory.slopes,
+        memory.at, memory.q1, memory.v1, memory.F, memory.B,
+    )  # fmt: skip
+    if pivot > 0.0:
+        _predict(law, dt, filter, memory)
+    return pivot
+
+
+@kernel(i8(LAW, FILTER, i8, vector, matrix, matrix, matrix, ALONG, MEMORIES), inner=True)
+def _follow_row(law, filter, k, t, q, v, u, along, memory):
+    """Runs the filter from row k − 1 to k, and returns how that ended."""
+    structure, tally, totals = law.structure, filter.tally, filter.totals
+    n, y, x, v1, out = v.shape[1], memory.y, memory.stage.scratch, memory.v1, along.innovation[k]
+    difference(structure.bodies, q[k - 1], q[k], y, x)
+    for i in range(n):
+        y[n + i] = v[k, i] - v[k - 1, i]
+    add_increment(filter.noise, y)
+    write_variance(filter.noise, memory.R)
+    along.pivot[k] = np.inf
+    for i in range(2 * n):
+        out[i] = np.nan
+    if tally[0] == 0.0:
+        if filter.noise.seen[0] >= _WARM_UP + 3:
+            restart_state(filter, q[k], v[k], memory.R)
+        return BEGINNING
+    pivot = _move(law, filter, t[k] - t[k - 1], filter.q, filter.v, u[k - 1], memory)
+    if not pivot > 0.0:
+        return CONTRADICTED
+    along.pivot[k] = pivot
+    difference(structure.bodies, memory.q1, q[k], y, x)
+    for i in range(n):
+        y[n + i] = v[k, i] - v1[i]
+    spread, square = _innovate(law, filter, memory), 0.0
+    for i in range(2 * n):
+        square += memory.e[i] * memory.e[i]
+    if not (spread < np.inf and square < np.inf):
+        return ROUNDED
+    share = _linear_share(law, q[k], v[k], u[k - 1], filter, memory)
+    _update(law, filter, share, memory)
+    integrate(structure.bodies, memory.q1, y, filter.q, x)
+    for i in range(n):
+        filter.v[i] = v1[i] + y[n + i]
+    for i in range(2 * n):
+        out[i] = memory.e[i]
+    tally[1] += 1
+    tally[2] += square
+    tally[3] += spread
+    totals[0] += square
+    totals[1] += 2 * n
+    return COMPLETED
+
+
+@kernel(types.UniTuple(i8, 2)(LAW, FILTER, vector, matrix, matrix, matrix, ALONG, MEMORIES))
+def _follow(law, filter, t, q, v, u, along, memory):
+    """Does what `follow_filter` says, in its memory."""
+    n, tally = v.shape[1], filter.tally
+    for k in range(1, t.shape[0]):
+        end = _follow_row(law, filter, k, t, q, v, u, along, memory)
+        for i in range(filter.theta.shape[0]):
+            along.theta[k, i] = filter.theta[i]
+        for i in range(n):
+            along.v[k, i] = filter.v[i] if end == COMPLETED else v[k, i]
+        if end == BEGINNING:
+            continue
+        if end != COMPLETED or tally[2] > _acceptable(law.window, n, filter.noise.seen[0]):
+            return k, end if end != COMPLETED else CONTRADICTED
+        if tally[1] >= law.window:
+            _begin_window(filter, memory.factor)
+    return t.shape[0] - 1, COMPLETED
+
+
+def follow_filter(
+    law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array, along: Along
+) -> tuple[int, int]:
     """Runs the filter along a log of N samples.
 
     Args:
@@ -349,61 +526,29 @@ def follow_filter(law, filter, t, q, v, u, along):
     Returns:
         The last row processed, and how the loop ended.
     """
-    structure, scale, tally, totals = law.structure, law.scale, filter.tally, filter.totals
-    thetas, v_hats, pivots, innovations = along
-    n, m, p = v.shape[1], q.shape[1], scale.shape[0]
-    step, (predicting, updating) = transition_work(structure, n, m, p), _workspaces(n, p)
-    size = 2 * n
-    q1, v1, y, R = np.empty(m), np.empty(n), np.empty(size), np.empty(size)
-    factor = np.zeros((p, p))
+    memory = Memory.of(law.structure, v.shape[1], q.shape[1], len(law.scale))
+    return _follow(law, filter, t, q, v, u, along, memory)
+
+
+@kernel(i8(LAW, FILTER, vector, vector, matrix, matrix, matrix, MEMORIES))
+def _cover(law, filter, R, t, q, v, u, memory):
+    """Does what `covariance_along` says, in its memory."""
+    for i in range(R.shape[0]):
+        memory.R[i] = R[i]
     for k in range(1, t.shape[0]):
-        difference_into(structure, q[k - 1], q[k], y[:n])
-        for i in range(n):
-            y[n + i] = v[k, i] - v[k - 1, i]
-        _observe(filter.noise, y, R)
-        pivots[k], innovations[k] = np.inf, np.nan
-        if tally[0] == 0.0:
-            if filter.noise.seen[0] >= _WARM_UP + 3:
-                restart_state(filter, q[k], v[k], R)
-            _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
-            continue
-        pivot, F, B = transition(
-            structure, filter.q, filter.v, u[k - 1], t[k] - t[k - 1], filter.theta, scale, step,
-            q1, v1,
-        )  # fmt: skip
-        square, spread = np.nan, np.nan
-        if pivot > 0.0:
-            pivots[k] = pivot
-            _predict(law, t[k] - t[k - 1], F, B, filter, predicting)
-            difference_into(structure, q1, q[k], y[:n])
-            for i in range(n):
-                y[n + i] = v[k, i] - v1[i]
-            square, spread = _innovate(law, filter, R, y, updating)
-        if square < np.inf:
-            share = _linear_share(law, q[k], v[k], u[k - 1], filter, step, updating)
-            _update(law, filter, R, share, y, updating)
-        if not square < np.inf:
-            _hand_out(filter.theta, v[k], thetas[k], v_hats[k])
-            return k, ROUNDED if pivot > 0.0 else CONTRADICTED
-        innovations[k] = updating[5]
-        integrate_into(structure, q1, y[:n], filter.q)
-        for i in range(n):
-            filter.v[i] = v1[i] + y[n + i]
-        _hand_out(filter.theta, filter.v, thetas[k], v_hats[k])
-        tally[1] += 1
-        tally[2] += square
-        tally[3] += spread
-        totals[0] += square
-        totals[1] += size
-        if tally[2] > _acceptable(law.window, n, filter.noise.seen[0]):
-            return k, CONTRADICTED
-        if tally[1] >= law.window:
-            _begin_window(filter.theta, filter.Ptt, filter.safe, filter.safe_P, tally, factor)
-    return t.shape[0] - 1, COMPLETED
+        if not _move(law, filter, t[k] - t[k - 1], q[k - 1], v[k - 1], u[k - 1], memory) > 0.0:
+            return k - 1
+        for i in range(R.shape[0]):
+            memory.y[i] = 0.0
+        if not _innovate(law, filter, memory) < np.inf:
+            return k - 1
+        _update(law, filter, 1.0, memory)
+    return t.shape[0] - 1
 
 
-@njit(cache=True, nogil=True)
-def covariance_along(law, filter, R, t, q, v, u):
+def covariance_along(
+    law: Law, filter: Filter, R: Array, t: Array, q: Array, v: Array, u: Array
+) -> int:
     """Overwrites P of a filter by that after a log, along given states and at a given θ.
 
     Args:
@@ -418,19 +563,5 @@ def covariance_along(law, filter, R, t, q, v, u):
     Returns:
         The last row processed: N − 1, or that where M or S was not positive definite.
     """
-    n, m, p = v.shape[1], q.shape[1], law.scale.shape[0]
-    step, (predicting, updating) = transition_work(law.structure, n, m, p), _workspaces(n, p)
-    q1, v1, y = np.empty(m), np.empty(n), np.empty(2 * n)
-    for k in range(1, t.shape[0]):
-        pivot, F, B = transition(
-            law.structure, q[k - 1], v[k - 1], u[k - 1], t[k] - t[k - 1], filter.theta, law.scale,
-            step, q1, v1,
-        )  # fmt: skip
-        if not pivot > 0.0:
-            return k - 1
-        _predict(law, t[k] - t[k - 1], F, B, filter, predicting)
-        y[:] = 0.0
-        if not _innovate(law, filter, R, y, updating)[0] < np.inf:
-            return k - 1
-        _update(law, filter, R, 1.0, y, updating)
-    return t.shape[0] - 1
+    memory = Memory.of(law.structure, v.shape[1], q.shape[1], len(law.scale))
+    return _cover(law, filter, R, t, q, v, u, memory)

@@ -29,6 +29,7 @@ import numpy as np
 
 from ...log import Log, Measurement
 from ...parameters import Array
+from ...system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..memory.cost import quotient
 from ..memory.law import ImplicitMemory
@@ -58,9 +59,9 @@ from .kalman import (
     Along,
     filter_at,
     follow_filter,
-    noise_variance,
     restart_state,
 )
+from .noise import noise_variance
 from .witness import EfficientConfig, Witness, mend
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
@@ -114,6 +115,18 @@ class EfficientIdentifier(Identifier):
         sound = Signals.sound(self.system), np.ones(self.system.p), theta.copy()
         inside = Guarded(kalman, guard, 0, 0, 0.0, False, 0, 0, *sound)
         return guard._replace(memory=None, filter=inside)
+
+    def resume(self, state: State, here: Measurement) -> State:
+        """The state at a measurement after a gap; trials and comparisons under way are given up."""
+        here = checked(self.system, here)
+        inside = state.filter
+        kalman, n = deepcopy(inside.filter), self.system.n
+        kalman.noise.increments[:, :n] = here.v * self._interval / self._every
+        if kalman.tally[0]:
+            restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+        guard = self.guard.resume(inside.guard, here)
+        inside = inside._replace(filter=kalman, guard=guard, trials=None, rivals=None, recent=None)
+        return state._replace(t=here.t, v_hat=here.v.copy(), filter=inside)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Filter and memory along a log, with a decision at the end of every interval."""
@@ -243,6 +256,9 @@ class EfficientIdentifier(Identifier):
     def _contradicted(self, inside: Guarded, log: Log) -> Guarded:
         """After a contradiction at a log's end: trials of what may have failed, or a new start."""
         kalman, system, here = inside.filter, self.system, self._here(inside, log)
+        if len(log.t) <= LEAD + 1:  # right after a gap: too short to tell anything from
+            restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+            return inside
         young = inside.calm < 2**inside.unnamed * _MATURE and inside.loose is None
         if young and inside.restarts < _STARTS and inside.signals.as_recorded:
             return self._started_again(inside, here)
@@ -447,7 +463,8 @@ class EfficientIdentifier(Identifier):
         sign = np.where(inside.factors < 0, -1.0, 1.0)
         units = units * np.outer(sign, sign)
         samples = np.full(self.system.n, number / (2 * self.system.n))
-        return Confidence(max(1.0, squares / number) * P * units, prior * units, samples)
+        excess = max(1.0, squares / number) if number else 1.0
+        return Confidence(excess * P * units, prior * units, samples)
 
 
 def _finite_rows(log: Log) -> int:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 
+from ...numerics.kernels import helper, kernel, matrix, vector, void
 from ...parameters import Array
 
 MEMORY = 2000.0
@@ -34,7 +35,10 @@ class Noise(NamedTuple):
     seen: Array
 
 
-@njit(cache=True)
+NOISE = types.NamedTuple((matrix, vector, vector, vector), Noise)
+
+
+@kernel(void(NOISE, vector), inner=True)
 def add_increment(noise, increment):
     """Updates the estimate of the noise by an increment (2n,) of position and velocity."""
     increments, variance, count, seen = noise
@@ -49,7 +53,13 @@ def add_increment(noise, increment):
     seen[0] += 1
 
 
-@njit(cache=True)
-def noise_variance(noise):
+@helper(void(NOISE, vector))
+def write_variance(noise, R):
+    """Writes `noise_variance` into R (2n,)."""
+    for i in range(R.shape[0]):
+        R[i] = max(noise.variance[i], _SMALLEST * _SMALLEST)
+
+
+def noise_variance(noise: Noise) -> Array:
     """(2n,) R, not below what rounding errors allow."""
     return np.maximum(noise.variance, _SMALLEST * _SMALLEST)

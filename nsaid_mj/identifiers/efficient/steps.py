@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ...numerics.kernels import boolean, f8, i8, kernel, matrix, routine, vector, void
 from ...parameters import Array
-from ..cone.barrier import Cone, coordinates, inside, matrix, matrix_into, read, tied
+from ..cone.barrier import (
+    CONE,
+    Cone,
+    block_matrix,
+    coordinates,
+    inside,
+    matrix_into,
+    read_block,
+    tied,
+)
 
 _MARGIN = 1e-6  # distance of θ̂ from the cone's boundary, relative to the scale of θ
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
@@ -24,15 +33,15 @@ def margin_of(cone: Cone, scale: Array) -> Array:
     margin[cone.positive] = _MARGIN * scale[cone.positive]
     for block, (*_, first, last) in enumerate(cone.blocks):
         i, j, at = cone.entries[first:last].T
-        if tied(cone, block):
+        if tied.py_func(cone, block):  # uncompiled: a few numbers, once
             margin[at[i == j]] = _MARGIN * scale[at[i == j]]
         else:
-            diagonal = np.abs(matrix(cone, block, scale).diagonal())
-            read(cone, block, _MARGIN * np.diag(diagonal), pairing, margin)
+            diagonal = np.abs(block_matrix(cone, block, scale).diagonal())
+            read_block(cone, block, _MARGIN * np.diag(diagonal), pairing, margin)
     return margin
 
 
-@njit(cache=True)
+@routine(boolean(matrix, i8, vector))
 def _negative(P, k, x):
     """Writes x (k,) with xᵀ P x <= 0 for a symmetric P (k, k) that is not positive definite.
 
@@ -49,7 +58,8 @@ def _negative(P, k, x):
             P[i, j] = total / P[j, j]
             P[i, i] -= P[i, j] * P[i, j] * P[j, j]
         if not P[i, i] > 0.0:
-            x[:], x[i] = 0.0, 1.0
+            for j in range(k):
+                x[j] = 1.0 if j == i else 0.0
             for j in range(i - 1, -1, -1):
                 for m in range(j + 1, i + 1):
                     x[j] -= P[m, j] * x[m]
@@ -57,7 +67,7 @@ def _negative(P, k, x):
     return False
 
 
-@njit(cache=True)
+@routine(void(vector, i8, i8, f8, vector, vector, matrix, matrix, vector))
 def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state):
     """Projects θ̂ and the state onto plane · θ = bound, in the metric P⁻¹.
 
@@ -82,7 +92,7 @@ def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state):
         state[k] += own * missing / variance
 
 
-@njit(cache=True)
+@kernel(void(CONE, vector, vector, vector, vector, matrix, matrix, vector, vector), _nrt=True)
 def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
     """Projects θ̂ (p,) into the cone, by half-spaces that contain it, in the metric P⁻¹.
 
@@ -114,16 +124,18 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
                 plane[j], outside = 1.0, True
                 _onto(plane, j, j + 1, 2.0 * margin[j], theta, scale, Ptt, Pxt, state)
         for block in range(cone.blocks.shape[0]):
-            start, end, k, first, last = cone.blocks[block]
+            row = cone.blocks[block]
+            start, end, k, first, last = row[0], row[1], row[2], row[3], row[4]
             for j in range(start, end):
                 plane[j] = theta[j] - margin[j]
             own, values = cone.entries[first:last], cone.values[first:last]
             matrix_into(own, values, start, plane[start:end], P, k)
-            if _negative(P, k, x[:k]):
+            if _negative(P, k, x):
                 bound, outside = 0.0, True
-                plane[start:end] = 0.0
+                for j in range(start, end):
+                    plane[j] = 0.0
                 for e in range(first, last):
-                    i, j, at = cone.entries[e]
+                    i, j, at = cone.entries[e, 0], cone.entries[e, 1], cone.entries[e, 2]
                     plane[at] += cone.weights[e] * x[i] * x[j]
                 for j in range(start, end):
                     bound += 2.0 * plane[j] * margin[j]
@@ -137,7 +149,7 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
             theta[k] = 0.5 * (theta[k] + before[k]) if share > 0.0 else before[k]
 
 
-@njit(cache=True)
+@kernel(void(vector, vector, vector, matrix, matrix, vector, vector), inner=True)
 def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
     """Carries the error of the common scale along with θ̂, from `before` (p,) to `after` (p,).
 

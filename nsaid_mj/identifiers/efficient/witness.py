@@ -22,9 +22,9 @@ from .kalman import (
     Law,
     filter_at,
     follow_filter,
-    noise_variance,
     restart_state,
 )
+from .noise import noise_variance
 from .steps import margin_of
 
 USUAL = 0.3

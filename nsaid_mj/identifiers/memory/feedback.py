@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ...log import Log
+from ...numerics.kernels import i8, kernel, matrix, vector, void
 from ...parameters import Array
 from ...system import SecondOrderSystem
 
@@ -57,7 +57,7 @@ class FedBack(NamedTuple):
             variance=self.variance.copy(),
             seen=self.seen + len(steps),
         )
-        _add(*after[:4], self.seen, steps, log.u[:-1])
+        _add(*after[:4], self.seen, steps, log.u[:-1], np.empty(len(self.pending)))
         return after
 
     def deviations(self) -> Array:
@@ -68,11 +68,13 @@ class FedBack(NamedTuple):
         return (self.together / np.sqrt(safe)).T
 
 
-@njit(cache=True)
-def _add(increments, pending, together, variance, seen, steps, u):
-    """Updates the covariance by the steps (k, 2n) that follow commands (k, n_u), in place."""
+@kernel(void(matrix, vector, matrix, vector, i8, matrix, matrix, vector))
+def _add(increments, pending, together, variance, seen, steps, u, fourth):
+    """Updates the covariance by the steps (k, 2n) that follow commands (k, n_u), in place.
+
+    `fourth` (2n + n_u,) is workspace.
+    """
     number, width = steps.shape[1], pending.shape[0]
-    fourth = np.empty(width)
     for k in range(steps.shape[0]):
         for i in range(width):
             new = pending[i] if i < number else u[k, i - number] - pending[i]

@@ -118,6 +118,10 @@ class ImplicitMemory(DataMemory):
         """The empty memory at a first measurement."""
         return self.recorder.begin(first)
 
+    def resume(self, memory: Memory, here: Measurement) -> Memory:
+        """The memory at a measurement after a gap, whose data in between are left out."""
+        return self.recorder.resume(memory, here)
+
     def absorb(self, state: State, log: Log) -> State:
         """The state with a log added to its memory, after an implicit step if one is due."""
         assert state.memory is not None

@@ -15,9 +15,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 
 from ...log import Log, Measurement, Middle, SensorLevels
+from ...numerics.kernels import cube, f8, i8, kernel, matrix, vector
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from .feedback import FedBack
@@ -160,7 +161,7 @@ class Rows:
         return balance._replace(filtered=filtered, pending=pending), middle._replace(v=v)
 
 
-@njit(cache=True)
+@kernel(types.UniTuple(i8, 2)(f8, i8, vector, cube, cube, cube, cube, matrix, matrix, i8, cube, i8))
 def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, made):
     """Integrates z by Simpson's rule and averages Y over blocks, in place.
 
@@ -195,8 +196,10 @@ def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, m
                 total[i, j] += momenta[k + 1, i, j] - z
         filled += 1
         if filled == block:
-            rows[made] = total / block
-            total[:] = 0.0
+            for i in range(n):
+                for j in range(p):
+                    rows[made, i, j] = total[i, j] / block
+                    total[i, j] = 0.0
             made, filled = made + 1, 0
     return made, filled
 

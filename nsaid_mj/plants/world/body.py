@@ -131,18 +131,16 @@ class Inertia(NamedTuple):
     inertia: Array
 
     @staticmethod
-    def of(theta: Array) -> Inertia:
-        """From m, m·c (3,) and Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin (10,)."""
-        mass, lever = float(theta[0]), theta[1:4] / theta[0]
-        xx, xy, yy, xz, yz, zz = theta[4:10]
-        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        return Inertia(mass, lever, about_origin - mass * _steiner(lever))
+    def of_matrix(M: Array) -> Inertia:
+        """From the mass matrix (6, 6) about the origin."""
+        mass, lever = float(M[0, 0]), np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
+        return Inertia(mass, lever, M[3:, 3:] - mass * _steiner(lever))
 
-    def theta(self) -> Array:
-        """(10,) the inertial parameters, in the order of `of`."""
+    def matrix(self) -> Array:
+        """(6, 6) mass matrix about the origin."""
+        S = self.mass * np.cross(self.lever, np.eye(3))
         about = self.inertia + self.mass * _steiner(self.lever)
-        columns = about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-        return np.concatenate([[self.mass], self.mass * np.asarray(self.lever), columns])
+        return np.block([[self.mass * np.eye(3), S], [S.T, about]])
 
 
 def _steiner(c: Array) -> Array:
@@ -263,7 +261,7 @@ def command_inputs(spec: Any, count: int, body: str = BODY) -> None:
         actuator.gainprm[0] = 0.0
 
 
-def hidden(nominal: Array | float, spread: float, rng: np.random.Generator) -> Array:
+def hidden(nominal: Array | float, spread: Array | float, rng: np.random.Generator) -> Array:
     """Nominal values, each multiplied by its own random factor within 1 ± spread."""
     nominal = np.asarray(nominal, dtype=np.float64)
     return nominal * (1 + spread * rng.uniform(-1, 1, nominal.shape))

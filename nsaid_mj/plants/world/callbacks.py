@@ -22,9 +22,10 @@ from typing import Any
 
 import mujoco
 from llvmlite import binding as llvm
-from numba import types
+from numba import cfunc, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np import arrayobj
 
 WORDS = 1 << 15
 """How many 8-byte words of mjData are searched; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -83,14 +84,44 @@ def c_function(name: str, *parameters: Any) -> Any:
     return types.ExternalFunction(name, types.void(*parameters))
 
 
-@intrinsic
-def pointer(_: Any, address: Any) -> Any:
-    """An address as the pointer that `carray` takes, in compiled code."""
+def _array_at(_: Any, kind: Any, address: Any, shape: Any) -> Any:
+    """In compiled code, the C-contiguous array of a type and shape at an address.
 
-    def convert(_: Any, builder: Any, __: Any, given: Any) -> Any:
-        return builder.inttoptr(given[0], cgutils.voidptr_t)
+    It is `carray` for functions that count no references to arrays, as `carray` does.
+    """
+    made = kind.instance_type
 
-    return types.voidptr(address), convert
+    def view(context: Any, builder: Any, _: Any, given: Any) -> Any:
+        array = arrayobj.make_array(made)(context, builder)
+        sizes, step = cgutils.unpack_tuple(builder, given[2]), context.get_constant(types.intp, 8)
+        strides = [step]
+        for size in sizes[:0:-1]:
+            strides.insert(0, builder.mul(strides[0], size))
+        arrayobj.populate_array(
+            array,
+            data=builder.inttoptr(given[1], context.get_data_type(made.dtype).as_pointer()),
+            shape=sizes,
+            strides=strides,
+            itemsize=step,
+            meminfo=None,
+        )
+        return array._getvalue()
+
+    return made(kind, address, shape), view
+
+
+array_at: Any = intrinsic(_array_at)
+
+
+@cache
+def _stopped_clock() -> Any:
+    """A clock for MuJoCo's timers, which nobody reads here and which take a quarter of a step."""
+
+    @cfunc(types.float64(), cache=True)
+    def clock():
+        return 0.0
+
+    return clock
 
 
 _in_use = False  # set also by plants without a callback: another plant's would act on them
@@ -108,8 +139,10 @@ def installed(passive: Any | None) -> Iterator[None]:
         raise RuntimeError("another plant is running in this process; run plants one after another")
     _in_use = True
     try:
-        mujoco.set_mjcb_passive(passive.ctypes if passive is not None else None)
+        mujoco.set_mjcb_passive(passive)
+        mujoco.set_mjcb_time(_stopped_clock().ctypes)
         yield
     finally:
         mujoco.set_mjcb_passive(None)
+        mujoco.set_mjcb_time(None)
         _in_use = False

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
+from numba import types
 
-from ...numerics.spatial import cross, quaternion_of, rotate, rotation, rotation_vector, unrotate
+from ...numerics.kernels import i8, kernel, table, vector, void
+from ...numerics.spatial import cross, quaternion_of, rotate, rotation, unrotate
 from ...parameters import Array, Indices
 
 
@@ -43,20 +44,35 @@ def reading_of(
     circles = np.array(circular or np.zeros(len(qpos)), dtype=int)
     places = (7 if free else 0) + np.cumsum(1 + circles) - (1 + circles)
     joints = np.column_stack([qpos, dof, places, circles])
-    return Reading(6 if free else 0, np.array(free or (-1, -1)), joints)
+    places = np.array(free or (-1, -1), dtype=np.int64)
+    return Reading(6 if free else 0, places, np.ascontiguousarray(joints, dtype=np.int64))
 
 
-@njit(cache=True)
+READING = types.NamedTuple((i8, i8[::1], table), Reading)
+_SMALL = 1e-2  # angle below which three terms of the series are exact in double precision [rad]
+
+
+@kernel(void(READING, vector, vector, vector, vector))
 def read_coordinates(reading, qpos, qvel, numbers, velocity):
     """Writes position numbers (n,) and velocities (n,) from MuJoCo's qpos and qvel."""
     first = 0
     if reading.group == 6:
-        at, dof = reading.free
-        attitude = np.array([qpos[at + 4], qpos[at + 5], qpos[at + 6], qpos[at + 3]])
-        turn, linear = rotation_vector(attitude), unrotate(attitude, qvel[dof : dof + 3])
-        for i in range(3):
-            numbers[i], numbers[3 + i] = qpos[at + i], turn[i]
-            velocity[i], velocity[3 + i] = linear[i], qvel[dof + 3 + i]
+        at, dof = reading.free[0], reading.free[1]
+        x, y, z, w = qpos[at + 4], qpos[at + 5], qpos[at + 6], qpos[at + 3]
+        sine = np.sqrt(x * x + y * y + z * z)
+        ratio = sine / w
+        square = ratio * ratio
+        turn = 2.0 / w * (1.0 - square / 3.0 + square**2 / 5.0 - square**3 / 7.0)
+        if sine > _SMALL:
+            turn = 2.0 * np.arctan2(sine if w >= 0.0 else -sine, abs(w)) / sine
+        a, b, c = qvel[dof], qvel[dof + 1], qvel[dof + 2]
+        i, j, k = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+        velocity[0] = a + w * i + j * z - k * y  # the inverse rotation
+        velocity[1] = b + w * j + k * x - i * z
+        velocity[2] = c + w * k + i * y - j * x
+        numbers[3], numbers[4], numbers[5] = turn * x, turn * y, turn * z
+        for r in range(3):
+            numbers[r], velocity[3 + r] = qpos[at + r], qvel[dof + 3 + r]
         first = 6
     for k in range(reading.joints.shape[0]):
         numbers[first + k] = qpos[reading.joints[k, 0]]
@@ -67,20 +83,25 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
         velocity[0], velocity[1] = c * x + s * y, c * y - s * x
 
 
-@njit(cache=True)
+@kernel(void(READING, vector, vector), inner=True)
 def write_position(reading, numbers, q):
     """Writes q (m,) from position numbers (n,), as `JointTree` and `StructuredSystem` define it."""
     first = 0
     if reading.group == 6:
-        attitude = quaternion_of(numbers[3:6])
-        q[:3], q[3:7] = numbers[:3], attitude
+        x, y, z = numbers[3], numbers[4], numbers[5]
+        angle = np.sqrt(x * x + y * y + z * z)
+        square = angle * angle
+        half = 0.5 - square / 48.0 + square**2 / 3840.0
+        if angle > _SMALL:
+            half = np.sin(0.5 * angle) / angle
+        q[0], q[1], q[2] = numbers[0], numbers[1], numbers[2]
+        q[3], q[4], q[5], q[6] = half * x, half * y, half * z, np.cos(0.5 * angle)
         first = 6
     for k in range(reading.joints.shape[0]):
         number, place = numbers[first + k], reading.joints[k, 2]
+        q[place] = number
         if reading.joints[k, 3]:
             q[place], q[place + 1] = np.cos(number), np.sin(number)
-        else:
-            q[place] = number
 
 
 class JointMap:
@@ -313,7 +334,7 @@ class LevelMap:
         data.qvel[self.pose.dof] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]
 
 
-@njit(cache=True)
+@kernel()
 def _seen_from_above(pose, qvel):
     """Position and velocity as `LevelMap.read` returns them, from qpos (7,) and qvel (6,)."""
     attitude = (pose[4], pose[5], pose[6], pose[3])

@@ -14,32 +14,36 @@ acts through F only: MuJoCo's actuators have zero gain.
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, cfunc, njit, types
+from numba import njit, types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
-from ...structure.arrays import RIGID, TEN, StructureArrays, Workspace
+from ...structure.arrays import (
+    AT,
+    AT_V,
+    CONSTANTS,
+    INPUT,
+    PARAMETER,
+    RIGID,
+    SORT,
+    TEN,
+    StructureArrays,
+    Workspace,
+)  # fmt: skip
 from ...structure.columns import KINDS, joint
-from ...structure.compiled import (
-    FAST,
-    STRUCTURE,
-    WORKSPACE,
-    Kernel,
-    matrix,
-    table,
-    vector,
-    void,
-)
+from ...structure.columns.joint import force_alone
+from ...structure.compiled import FAST, kernel, matrix, table, vector, void
 from ...structure.forces import add_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations
 from ...structure.structure import Structure
-from .callbacks import ARRAYS, WORDS, c_function, field_offsets, pointer
+from .callbacks import WORDS, array_at, c_function, field_offsets
 from .coordinates import Reading
 
 _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
@@ -52,6 +56,7 @@ _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: of every velocity its place in qvel, its
 joint's in qpos and in q, and whether q has cosine and sine; θ; `_Memory`; a stage's memory."""
 
+_ADDRESSES = types.uintp[::1]
 _full_m = c_function("mj_fullM", types.uintp, types.uintp, types.uintp)
 _rne = c_function("mj_rne", types.uintp, types.uintp, types.intc, types.uintp)
 
@@ -249,68 +254,60 @@ def _push(d, dofs, work, own):
 
 
 @njit(inline="always")
-def _at(d, k):
-    """Address of part k of the userdata d."""
-    return pointer(d.ctypes.data + 8 * int(d[_LAYOUT + 3 * k]))
+def _at(kind, d, address, k):
+    """Part k of the userdata d at an address, as an array in one dimension."""
+    at = address + 8 * int(d[_LAYOUT + 3 * k])
+    return array_at(kind, at, (int(d[_LAYOUT + 3 * k + 1]),))
 
 
 @njit(inline="always")
-def _shape(d, k):
-    return int(d[_LAYOUT + 3 * k + 1]), int(d[_LAYOUT + 3 * k + 2])
+def _rows(kind, d, address, k):
+    """Part k as an array in two dimensions."""
+    at = address + 8 * int(d[_LAYOUT + 3 * k])
+    return array_at(kind, at, (int(d[_LAYOUT + 3 * k + 1]), int(d[_LAYOUT + 3 * k + 2])))
 
 
 @njit(inline="always")
-def _vector(d, k):
-    return carray(_at(d, k), (int(d[_LAYOUT + 3 * k + 1]),), np.float64)
+def _structure(d, a):
+    """The structure."""
+    return StructureArrays(
+        _rows(table, d, a, 0), _at(vector, d, a, 1), _at(vector, d, a, 2), _rows(table, d, a, 3),
+        _rows(table, d, a, 4), _at(vector, d, a, 5), _rows(table, d, a, 6),
+        _rows(table, d, a, 7), _at(vector, d, a, 8), _rows(table, d, a, 9),
+    )  # fmt: skip
 
 
 @njit(inline="always")
-def _matrix(d, k):
-    return carray(_at(d, k), _shape(d, k), np.float64)
-
-
-@njit(inline="always")
-def _table(d, k):
-    return carray(_at(d, k), _shape(d, k), np.int64)
-
-
-@njit(inline="always")
-def _workspace(d):
+def _workspace(d, a):
     """The memory of a stage."""
+    k = _WORK
     return Workspace(
-        _vector(d, _WORK), _vector(d, _WORK + 1), _matrix(d, _WORK + 2),
-        _matrix(d, _WORK + 3), _matrix(d, _WORK + 4), _vector(d, _WORK + 5),
+        _at(vector, d, a, k), _at(vector, d, a, k + 1), _rows(matrix, d, a, k + 2),
+        _rows(matrix, d, a, k + 3), _rows(matrix, d, a, k + 4), _at(vector, d, a, k + 5),
     )  # fmt: skip
 
 
 @njit(inline="always")
-def _memory(d):
+def _memory(d, a):
     """The callback's own memory."""
+    k = _OWN
     return _Memory(
-        _vector(d, _OWN), _vector(d, _OWN + 1), _vector(d, _OWN + 2), _vector(d, _OWN + 3),
-        _vector(d, _OWN + 4), _vector(d, _OWN + 5), _matrix(d, _OWN + 6),
-        _matrix(d, _OWN + 7), _vector(d, _OWN + 8), _vector(d, _OWN + 9),
+        _at(vector, d, a, k), _at(vector, d, a, k + 1), _at(vector, d, a, k + 2),
+        _at(vector, d, a, k + 3), _at(vector, d, a, k + 4), _at(vector, d, a, k + 5),
+        _rows(matrix, d, a, k + 6), _rows(matrix, d, a, k + 7), _at(vector, d, a, k + 8),
+        _at(vector, d, a, k + 9),
     )  # fmt: skip
 
 
-_MEMORY = types.NamedTuple((*(vector,) * 6, matrix, matrix, vector, vector), _Memory)
-
-
-@partial(
-    Kernel,
-    signature=void(
-        vector, STRUCTURE, WORKSPACE, _MEMORY, table, vector, vector, vector, vector
-    ),
-)  # fmt: skip
+@njit(**FAST, forceinline=True)
 def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     _read(d, dofs, qpos, qvel, own)
+    place(structure, own.q, own.v, own.state)
     on_ground = own.state
-    if d[_PLACED] > 0:
-        place(structure, own.q, own.v, own.state)
-        if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
-            on_ground = own.on_ground
-            place(structure, own.q, own.ground, on_ground)
+    if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
+        on_ground = own.on_ground
+        place(structure, own.q, own.ground, on_ground)
     if d[_ADDED] > 0:
         write_equations(structure, own.state, own.v, theta, work, own.force)
     else:
@@ -319,7 +316,21 @@ def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
 
 
-@partial(Kernel, signature=void(vector, WORKSPACE, _MEMORY, table, vector))
+@njit(**FAST, forceinline=True)
+def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
+    """Adds the forces on joints, where none depends on where the bodies are."""
+    for k in range(columns.shape[0]):
+        gain = theta[columns[k, PARAMETER]]
+        if gain == 0.0:
+            continue
+        i, own = bodies[columns[k, AT], AT_V], columns[k, CONSTANTS]
+        angle, rate = qpos[dofs[i, 1]], qvel[dofs[i, 0]]
+        command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
+        force = force_alone(columns[k, SORT], constants, own, angle, rate, command)
+        passive[dofs[i, 0]] += gain * force
+
+
+@njit(**FAST, forceinline=True)
 def _end(d, work, own, dofs, passive):
     """Adds the forces in the world's axes to MuJoCo's."""
     if d[_ADDED] > 0:
@@ -333,29 +344,33 @@ def _end(d, work, own, dofs, passive):
 @cache
 def column_forces() -> Any:
     """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive."""
-    for made in (_begin, _end):
-        made.load()
     offsets = field_offsets()
     at_q, at_v, at_ctrl, at_act, at_force, at_user = (
         offsets[name] for name in ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata")
     )
 
-    @cfunc(types.void(types.uintp, ARRAYS), cache=True)
+    @kernel(void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False)
     def passive(model, data):
-        arrays: Any = carray(data, (WORDS,))
-        d = carray(arrays[at_user], (int(carray(arrays[at_user], (1,))[0]),))
-        u = carray(arrays[at_act if d[_LAGGED] > 0 else at_ctrl], (int(d[_COMMANDS]),))
-        qpos, qvel = carray(arrays[at_q], (WORDS,)), carray(arrays[at_v], (WORDS,))
-        structure = StructureArrays(
-            _table(d, 0), _vector(d, 1), _vector(d, 2), _table(d, 3), _table(d, 4),
-            _vector(d, 5), _table(d, 6), _table(d, 7), _vector(d, 8), _table(d, 9),
-        )  # fmt: skip
-        work, own, dofs = _workspace(d), _memory(d), _table(d, _DOFS)
-        _begin(d, structure, work, own, dofs, _vector(d, _THETA), qpos, qvel, u)
+        arrays = array_at(_ADDRESSES, data, (WORDS,))
+        user, commands = arrays[at_user], arrays[at_ctrl]
+        d = array_at(vector, user, (WORDS,))
+        if d[_LAGGED] > 0:
+            commands = arrays[at_act]
+        u = array_at(vector, commands, (int(d[_COMMANDS]),))
+        qpos = array_at(vector, arrays[at_q], (WORDS,))
+        qvel = array_at(vector, arrays[at_v], (WORDS,))
+        pushed = array_at(vector, arrays[at_force], (WORDS,))
+        dofs, theta = _rows(table, d, user, _DOFS), _at(vector, d, user, _THETA)
+        structure = _structure(d, user)
+        if d[_PLACED] == 0:
+            bodies, columns, constants = structure.bodies, structure.columns, structure.constants
+            _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, pushed)
+            return
+        work, own = _workspace(d, user), _memory(d, user)
+        _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
         if d[_ADDED] > 0:
-            address = arrays.ctypes.data
-            _full_m(model, address, own.M.ctypes.data)
-            _rne(model, address, np.int32(0), own.bias.ctypes.data)
-        _end(d, work, own, dofs, carray(arrays[at_force], (WORDS,)))
+            _full_m(model, data, user + 8 * int(d[_LAYOUT + 3 * (_OWN + 6)]))
+            _rne(model, data, np.int32(0), user + 8 * int(d[_LAYOUT + 3 * (_OWN + 5)]))
+        _end(d, work, own, dofs, pushed)
 
-    return passive
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback())

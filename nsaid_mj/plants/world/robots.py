@@ -23,7 +23,7 @@ from ...resources import (
 )
 from ...systems.joints import floats
 from ...systems.optional import coal, pin
-from .urdf import check_masses, check_urdf, parse, read_text, tell_of_mimics
+from .urdf import check_masses, check_urdf, parse, read_text, warn_of_motors
 
 Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
@@ -103,8 +103,8 @@ def _load_file(path: Path, base: Base, meshes: bool) -> tuple[pin.Model, Any]:
     root = parse(path, read_text(path)[0])
     check_urdf(path, root)
     check_masses(path, root)
-    if path not in packed_robots().values():  # whose mimics are known
-        tell_of_mimics(path, root)
+    if path not in packed_robots().values():  # whose joints are known
+        warn_of_motors(path, root)
     try:
         joint = (pin.JointModelFreeFlyer(),) if base == "free" else ()
         model = build(ElementTree.tostring(root, encoding="unicode"), *joint)

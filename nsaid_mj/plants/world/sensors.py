@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import types
 
 from ...bounds import Config, NonNegative, config
 from ...log import SensorLevels
+from ...numerics.kernels import cube, f8, i8, kernel, vector, void
 from ...parameters import Array
 
 
@@ -64,7 +65,10 @@ class Errors(NamedTuple):
     normal: Array
 
 
-@njit(cache=True)
+ERRORS = types.NamedTuple((f8, f8, f8, cube), Errors)
+
+
+@kernel(void(ERRORS, i8, vector, vector), inner=True)
 def add_errors(errors, k, position, velocity):
     """Adds the k-th errors to a true position (n,) and velocity (n,) in place.
 

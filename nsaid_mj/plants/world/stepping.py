@@ -9,14 +9,21 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from ...control.computed_torque import Tracking, computed_torque, tracking_workspace
+from ...control.computed_torque import (
+    TRACKING,
+    TRACKING_MEMORY,
+    Tracking,
+    computed_torque,
+    tracking_workspace,
+)
 from ...log import Log
+from ...numerics.kernels import boolean, i8, kernel, matrix, vector, void
 from ...parameters import Array
 from .callbacks import c_function
-from .coordinates import Reading, read_coordinates, write_position
-from .sensors import Errors, add_errors
+from .coordinates import READING, Reading, read_coordinates, write_position
+from .sensors import ERRORS, Errors, add_errors
 
 _FIRST, _LAST = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADCTRL)
 
@@ -72,57 +79,66 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
         Number of rows written: N, or up to and including the first row that is not finite or at
         which MuJoCo diverged.
     """
-    if isinstance(law, Tracking):
-        return track(law, world, reading, errors, log)
-    log.u[1:] = law[1:]
-    return play(world, reading, errors, log)
-
-
-@njit(cache=True, nogil=True)
-def play(world, reading, errors, log):
-    """Open loop: simulates with the commands in the log. Returns the number of rows written."""
     numbers = np.empty(log.v.shape[1])
-    for k in range(1, log.t.shape[0]):
-        q, v, u = log.q[k], log.v[k], log.u[k]
-        _advance(world, reading, errors, k - 1, log.u[k - 1], numbers, q, v)
-        if not sound(world.warnings, q, v, u):
-            return k + 1
-    return log.t.shape[0]
+    if isinstance(law, Tracking):
+        return track(law, world, reading, errors, log, numbers, tracking_workspace(law))
+    log.u[1:] = law[1:]
+    return play(world, reading, errors, log, numbers)
 
 
-@njit(cache=True, nogil=True)
-def track(tracking, world, reading, errors, log):
-    """Closed loop with `computed_torque`. Returns the number of rows written."""
-    numbers, workspace = np.empty(log.v.shape[1]), tracking_workspace(tracking)
-    for k in range(1, log.t.shape[0]):
-        q, v, u = log.q[k], log.v[k], log.u[k]
-        _advance(world, reading, errors, k - 1, log.u[k - 1], numbers, q, v)
-        computed_torque(tracking, log.t[k], q, v, workspace, u)
-        if not sound(world.warnings, q, v, u):
-            return k + 1
-    return log.t.shape[0]
+WARNINGS = types.Array(types.int32, 1, "A")
+WORLD = types.NamedTuple((types.uintp, types.uintp, vector, vector, vector, WARNINGS, i8), World)
+LOG = types.NamedTuple((vector, matrix, matrix, matrix), Log)
 
 
-@njit(cache=True)
-def _advance(world, reading, errors, k, command, numbers, q, v):
-    """Advances by one time step with a command, and writes a measurement with the k-th errors."""
-    for i in range(command.shape[0]):
-        world.ctrl[i] = command[i]
-    for _ in range(world.substeps):
-        _mj_step(world.model, world.data)
-    read_coordinates(reading, world.qpos, world.qvel, numbers, v)
-    add_errors(errors, k, numbers, v)
-    write_position(reading, numbers, q)
-
-
-@njit(cache=True)
+@kernel(boolean(WARNINGS, vector, vector, vector))
 def sound(warnings, q, v, u):
     """Whether all counts in `warnings` are 0 and q, v and u are finite."""
     total = 0.0
-    for count in warnings:
-        if count > 0:
+    for k in range(warnings.shape[0]):
+        if warnings[k] > 0:
             return False
-    for part in (q, v, u):
-        for number in part:
-            total += number
+    for i in range(q.shape[0]):
+        total += q[i]
+    for i in range(v.shape[0]):
+        total += v[i]
+    for i in range(u.shape[0]):
+        total += u[i]
     return np.isfinite(total)
+
+
+@kernel(void(WORLD, READING, ERRORS, LOG, i8, vector), inner=True)
+def _advance(world, reading, errors, log, k, numbers):
+    """Advances to row k with the command before, and writes a measurement with the k-th errors.
+
+    `numbers` (n,) is workspace.
+    """
+    q, v = log.q[k], log.v[k]
+    for i in range(log.u.shape[1]):
+        world.ctrl[i] = log.u[k - 1, i]
+    for _ in range(world.substeps):
+        _mj_step(world.model, world.data)
+    read_coordinates(reading, world.qpos, world.qvel, numbers, v)
+    add_errors(errors, k - 1, numbers, v)
+    write_position(reading, numbers, q)
+
+
+@kernel(i8(WORLD, READING, ERRORS, LOG, vector))
+def play(world, reading, errors, log, numbers):
+    """Open loop: simulates with the commands in the log. Returns the number of rows written."""
+    for k in range(1, log.t.shape[0]):
+        _advance(world, reading, errors, log, k, numbers)
+        if not sound(world.warnings, log.q[k], log.v[k], log.u[k]):
+            return k + 1
+    return log.t.shape[0]
+
+
+@kernel(i8(TRACKING, WORLD, READING, ERRORS, LOG, vector, TRACKING_MEMORY))
+def track(tracking, world, reading, errors, log, numbers, workspace):
+    """Closed loop with `computed_torque`. Returns the number of rows written."""
+    for k in range(1, log.t.shape[0]):
+        _advance(world, reading, errors, log, k, numbers)
+        computed_torque(tracking, log.t[k], log.q[k], log.v[k], workspace, log.u[k])
+        if not sound(world.warnings, log.q[k], log.v[k], log.u[k]):
+            return k + 1
+    return log.t.shape[0]

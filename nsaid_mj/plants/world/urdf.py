@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...bounds import LARGEST
-from ...errors import BadRobot, MimicIgnored
+from ...errors import BadRobot, MimicIgnored, PassiveIgnored
 from ...parameters import Array
 
 ENTRIES = {
@@ -250,11 +250,19 @@ def number(text: str) -> float:
         return np.nan
 
 
-def tell_of_mimics(path: Path, root: ElementTree.Element) -> None:
-    """Warns of joints that follow others: a simulated robot has a motor on every joint."""
-    names = [joint.get("name", "") for joint in root.findall("joint") if follows(joint)]
-    if names:
+def warn_of_motors(path: Path, root: ElementTree.Element) -> None:
+    """Warns of joints that follow others or are passive: each is simulated with a motor.
+
+    A joint is passive if its effort is 0 and another's is not: many files state none at all.
+    """
+    moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    if names := [joint.get("name", "") for joint in moving if follows(joint)]:
         warnings.warn(MimicIgnored(str(path), names), stacklevel=2)
+    limits = {joint.get("name", ""): joint.find("limit") for joint in moving}
+    efforts = {name: number(x.get("effort", "")) for name, x in limits.items() if x is not None}
+    names = [name for name, effort in efforts.items() if effort == 0.0]
+    if 0 < len(names) < len(efforts):
+        warnings.warn(PassiveIgnored(str(path), names), stacklevel=2)
 
 
 def follows(joint: ElementTree.Element) -> bool:

@@ -96,6 +96,22 @@ def friction(kind, c, at, v):
     return -np.tanh(v / c[at]) * np.exp(-((v / c[at + 1]) ** 2))
 
 
+@helper(f8(index, vector, index, f8, f8, f8))
+def force_alone(kind, c, at, angle, v, u):
+    """Force of a column that depends on its own joint only; see `joint_force`."""
+    if kind <= STRIBECK:
+        return friction(kind, c, at, v)
+    if kind == OFFSET:
+        return 1.0
+    if kind == SPRING:
+        return c[at] - angle
+    if kind == MOTOR:
+        return follow_curve(c, at, u)
+    if kind == SERVO:
+        return min(max(u - angle, -c[at]), c[at])
+    return np.nan
+
+
 @routine(f8(index, vector, index, table, index, vector, index, f8, f8, f8, vector))
 def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
     """Force of a column on the joint of body b, per unit of its parameter.
@@ -113,16 +129,6 @@ def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
         u: command; 0 if the column reads none.
         x: workspace of twelve numbers.
     """
-    if kind <= STRIBECK:
-        return friction(kind, c, at, v)
     if kind == LOAD:  # on the weight of nominal bodies
         return -np.tanh(v / c[at]) * abs(_weight_on_joint(c, at + 1, bodies, b, state, ground, x))
-    if kind == OFFSET:
-        return 1.0
-    if kind == SPRING:
-        return c[at] - angle
-    if kind == MOTOR:
-        return follow_curve(c, at, u)
-    if kind == SERVO:
-        return min(max(u - angle, -c[at]), c[at])
-    return np.nan
+    return force_alone(kind, c, at, angle, v, u)

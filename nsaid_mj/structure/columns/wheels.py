@@ -20,7 +20,7 @@ KINDS = (
     ),
     Kind(
         DRIVE, "drive", "drive gain", "k_d", "N", share=1.0, actuator=True, commanded=True,
-        drawn="arrow", reads="",
+        constants={"point": (3, 0.0)}, drawn="arrow", reads="",
     ),
     Kind(
         DRIVE_LOSS, "drive_loss", "drive loss", "k_v", "N·s/m", actuator=True, commanded=True,
@@ -44,6 +44,6 @@ def write_wheel(kind, c, at, x, u):
     elif kind == ROLLING:  # continuous where the speed changes sign
         x[F] = -np.tanh(x[0] / c[at])
     elif kind == DRIVE:
-        x[F] = u
+        x[F], x[F + 4], x[F + 5] = u, u * c[at + 2], -u * c[at + 1]
     elif kind == DRIVE_LOSS:
         x[F] = -x[0] * u

@@ -88,6 +88,21 @@ def test_a_compiled_file_is_read(tmp_path):
     assert load_robot_model(str(path)).joints == ("shoulder", "elbow", "wrist")
 
 
+@pytest.mark.parametrize("lock", [["shoulder"], ["elbow"], ["elbow", "wrist"]])
+def test_bodies_may_have_the_names_of_joints(load, lock):
+    text = arm()
+    expected = load(text, lock=lock).model
+    for body, joint in {"upper": "wrist", "fore": "elbow", "hand": "universe"}.items():
+        text = text.replace(f'body name="{body}"', f'body name="{joint}"')
+    model = load(text, lock=lock)
+    assert [frame.name for frame in model.model.frames if frame.type == pin.FrameType.BODY] == [
+        "wrist", "elbow", "universe",
+    ]  # fmt: skip
+    assert list(model.model.inertias) == list(expected.inertias)
+    assert list(model.model.jointPlacements) == list(expected.jointPlacements)
+    assert len(model.visuals.places()) == 3
+
+
 def test_locked_joints_are_merged(load):
     model = load(arm(), lock=["elbow"])
     assert model.joints == ("shoulder", "wrist")

@@ -1,3 +1,6 @@
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -6,6 +9,7 @@ import pytest
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.models.identified import Identified
 from nsaid_mj.calibration.models.mjcf_export import write_mjcf
+from nsaid_mj.calibration.models.urdf_export import write_urdf
 from nsaid_mj.errors import BadRobot
 
 from .test_mjcf import SERVO, arm
@@ -212,6 +216,35 @@ def test_names_of_the_engines_own_do_no_harm(tmp_path):
     values = identified(model)
     _, mj = exported(tmp_path, model, values)
     assert difference(mj, model, values) < 1e-10
+
+
+NAMES = ["universe", "world", "a---b", "a---><link name='evil'/>", 'a"<&>--']
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_data_in_an_mjcf(tmp_path, name):
+    path, quoted = tmp_path / "arm.xml", quoteattr(name)
+    sensor = f"<sensor><jointpos joint={quoted}/></sensor>"
+    path.write_text(arm(more=sensor).replace('"elbow"', quoted))
+    model = load_robot_model(str(path))
+    out, mj = exported(tmp_path, model, identified(model))
+    assert difference(mj, model, identified(model)) < 1e-10
+    assert mj.sensor_objid.tolist() == [1]
+    assert sorted(mj.actuator_trnid[:, 0]) == [0, 1, 2]
+    assert not list(ElementTree.parse(out).iter("link"))
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_names_are_data_in_a_urdf(tmp_path, name):
+    path, out = tmp_path / "arm.urdf", tmp_path / "calibrated.urdf"
+    path.write_text(chain().replace('"joint_2"', quoteattr(name)))
+    model = load_robot_model(str(path))
+    write_urdf(model, identified(model), out)
+    again = load_robot_model(str(out))
+    assert again.joints == model.joints == ("joint_1", name, "joint_3")
+    assert len(ElementTree.parse(out).findall("link")) == len(
+        ElementTree.parse(path).findall("link")
+    )
 
 
 def test_limits_of_a_urdf_are_kept(tmp_path):

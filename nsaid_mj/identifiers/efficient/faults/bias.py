@@ -19,7 +19,8 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
-from ..kalman import Filter, Law, noise_variance, restart_state
+from ..kalman import Filter, Law, restart_state
+from ..noise import noise_variance
 from .hypotheses import Hypothesis
 from .onset import increments
 from .signals import Signals

@@ -14,7 +14,8 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array
 from ....system import SecondOrderSystem
-from ..kalman import COMPLETED, Along, Filter, Law, follow_filter, noise_variance, restart_state
+from ..kalman import COMPLETED, Along, Filter, Law, follow_filter, restart_state
+from ..noise import noise_variance
 
 LEAD = 4
 """Samples before the first at which a fault may begin: `started` takes increments from them."""

@@ -1,0 +1,131 @@
+"""A robot that is not simulated: what is known of it before it moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bounds import Name, Positive, config
+from ..errors import InvalidInput
+from ..experiment.loop import Cost, Ending, Robot, Run
+from ..experiment.record import Record
+from ..experiment.scenario import Scenario
+from ..experiment.setup import told
+from ..identifiers import Identifier, Status
+from ..identifiers.cone.prior import drawn_inside
+from ..parameters import Array
+from ..plants import PlantConfig
+from ..plants.arm import ArmPlant, nominal_scales
+from ..systems.compiled import CompiledMultibody
+from .data import RobotModel
+from .links import file_links
+from .models import load_robot_model
+
+_FRICTION_SPEED = 0.05  # s of tanh(v/s) of Coulomb friction [rad/s or m/s]
+_FRICTION = 0.05  # friction of either kind over an actuator's largest force
+_ACCELERATION = 300.0  # of a motor's rotor alone under this force [rad/s² or m/s²]
+
+
+@config
+class LiveRobot(PlantConfig):
+    """A robot whose measurements arrive from outside. Nobody knows its true parameters.
+
+    Attributes:
+        robot: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle.
+        lock: joints that do not move.
+        joints: the joints that move, all others being locked; none for all that are not in `lock`.
+        gain: expected force per unit of command of every actuator of an arm, for commands other
+            than forces [N·m or N per unit]; None for the model file's, or 1.
+    """
+
+    robot: Name
+    lock: tuple[Name, ...] = ()
+    joints: tuple[Name, ...] = ()
+    gain: Positive | None = None
+
+    def build(self, dt: float, seed: int) -> Any:
+        """Refuses: there is nothing to simulate.
+
+        Raises:
+            InvalidInput: always.
+        """
+        remedy = "`nsaid run arm --robot` and the vehicles of `nsaid list` are simulated."
+        raise InvalidInput("plant", "a simulated plant", "a robot that is measured", remedy)
+
+    def known(self) -> Robot:
+        """Structure, prior and looks from the model file.
+
+        Raises:
+            BadRobot: the file cannot be read, or describes a robot that is not a tree of joints.
+            UnknownName: there is no such robot or joint.
+        """
+        model = load_robot_model(self.robot, self.lock, self.joints or None)
+        if model.system is not None:
+            assert model.prior is not None
+            return Robot(model.system, model.prior, model.visuals)
+        return _arm(model, self.gain)
+
+
+def _arm(model: RobotModel, gain: float | None) -> Robot:
+    """A tree of joints with rotor inertia, viscous and Coulomb friction and a motor on each."""
+    gains = np.abs(model.gain) if gain is None else np.full(len(model.joints), gain)
+    rotor, viscous, coulomb = _guessed(model)
+    nominal = nominal_scales(model.model, ArmPlant())
+    command = nominal.command / gains
+    scales = replace(
+        nominal, rotor=rotor, viscous=viscous, coulomb=coulomb, gain=gains, command=command
+    )
+    speed = np.full(len(model.joints), _FRICTION_SPEED)
+    system = CompiledMultibody(model.model, scales, speed)
+    prior = np.concatenate([file_links(model.model), rotor, viscous, coulomb, gains])
+    prior = drawn_inside(system.space, prior, 0.0, np.random.default_rng(0))
+    return Robot(system, prior, model.visuals)
+
+
+def _guessed(model: RobotModel) -> tuple[Array, Array, Array]:
+    """(k,) rotor inertias, viscous and Coulomb friction: the file's, else by order of magnitude.
+
+    A geared motor needs about a twentieth of its largest force to overcome friction of either kind,
+    and its rotor alone accelerates at some 300 rad/s². Where the file has no largest force, it is
+    taken to be that of a fast motion; see `nominal_scales`.
+    """
+    tree, nominal = model.model, nominal_scales(model.model, ArmPlant())
+    k = len(model.joints)
+    limit = tree.effortLimit[tree.nv - k :]
+    force = np.where(np.isfinite(limit) & (limit > 0), limit, nominal.command)
+    friction = _FRICTION * force
+    given = (model.rotor, model.damping, model.friction)
+    guess = (force / _ACCELERATION, friction / nominal.speed, friction)
+    rotor, viscous, coulomb = (
+        np.where(own > 0, own, other) for own, other in zip(given, guess, strict=True)
+    )
+    return rotor, viscous, coulomb
+
+
+def live_identifiers(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
+    """The scenario's own identifier, for a robot that is not simulated."""
+    config, levels = told(scenario.identifier, scenario), scenario.noise.levels
+    return {"": config.build(robot.system, robot.prior, scenario.dt, levels)}
+
+
+def reopen_live(folder: Path, record: Record) -> Run | None:
+    """Rebuilds the run of a live robot from its record; None if its robot was simulated."""
+    scenario = Scenario.from_json(record.metadata["scenario"])
+    if not isinstance(scenario.plant, LiveRobot):
+        return None
+    robot = scenario.plant.known()
+    return Run(
+        scenario=scenario,
+        folder=folder,
+        record=record,
+        system=robot.system,
+        prior=robot.prior,
+        identifiers=live_identifiers(scenario, robot),
+        statuses={"": Status.completed},
+        ending=Ending(Status.completed, float(record["t"][-1])),
+        cost=Cost(steps=len(record)),
+        looks=robot.looks,
+    )

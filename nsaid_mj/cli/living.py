@@ -1,0 +1,84 @@
+"""`nsaid live`: follows the samples of a robot, from standard input or over UDP."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .folders import folder_for
+from .grammar import Live
+
+if TYPE_CHECKING:
+    from ..experiment.loop import Observer
+    from ..streaming.estimate import Estimate
+
+_SHOWN = 1.0  # time between two printed estimates [s]
+
+
+def follow_robot(chosen: Live) -> int:
+    """Executes the command and returns the exit code: 0, or 1 if the run ended early."""
+    from ..calibration.live_robot import LiveRobot
+    from ..identifiers import Status
+    from ..reporting.progress import Progress
+    from ..reporting.terminal import print_summary
+    from ..streaming.session import Session, concluded, live_scenario
+    from ..streaming.stream import bound
+
+    name = Path(chosen.model).stem
+    robot = LiveRobot(robot=chosen.model, lock=_names(chosen.lock), joints=_names(chosen.joints),
+                      gain=chosen.gain)  # fmt: skip
+    noise = chosen.position_noise, chosen.velocity_noise
+    scenario = live_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
+    quiet = chosen.quiet or chosen.json
+    with folder_for(f"{name}-live", scenario, chosen.out, chosen.force) as folder:
+        with Progress(name, quiet=quiet) as progress:
+            progress.say("reading the model")
+            session = Session(scenario, chosen.frame)
+            progress.say("loading kernels")
+            session.warm_up()
+        lines = sys.stdin.buffer if chosen.udp is None else bound(chosen.udp)
+        space, system = session.robot.system.space, session.robot.system
+        if chosen.json:
+            widths = {"q": system.m, "v": system.n, "u": system.n_u}
+            head = {"names": space.names, "units": space.units, "widths": widths}
+            print(json.dumps(head | {"folder": str(folder)}), flush=True)
+        elif not quiet:
+            where = "standard input" if chosen.udp is None else f"UDP port {chosen.udp}"
+            print(f"{name}: waiting for samples from {where}", file=sys.stderr)
+        observers: list[Observer] = []
+        if chosen.view:
+            from ..recording import Live as Viewer
+
+            observers.append(Viewer(name, 0))
+        every = chosen.every if chosen.every is not None else _SHOWN
+        show = _send if chosen.json else (_print if not quiet else lambda _: None)
+        run = session.run(lines, folder, show, every, observers)
+        command = shlex.join(["nsaid", "live", "--model", chosen.model, "--law", chosen.law])
+        with Progress(name, quiet=quiet) as progress:
+            summary = concluded(run, progress.say, command)
+    if chosen.json:
+        print(json.dumps({"summary": summary}, ensure_ascii=False))
+    elif not chosen.quiet:
+        print_summary(f"{name} live", summary, folder)
+    return 0 if run.ending.status is Status.completed else 1
+
+
+def _send(estimate: Estimate) -> None:
+    print(estimate.line(), flush=True)
+
+
+def _print(estimate: Estimate) -> None:
+    gains = "  ".join(
+        f"{gain.name} {gain.value:.4g} ± {0.5 * (gain.high - gain.low):.2g}"
+        for gain in estimate.gains
+    )
+    doubt = f"  misfit: {estimate.misfit}" if estimate.misfit not in ("", "none") else ""
+    faults = f"  faults: {'; '.join(estimate.faults)}" if estimate.faults else ""
+    print(f"{estimate.t:8.2f} s  {gains}{doubt}{faults}", flush=True)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(",") if part.strip())

@@ -1,0 +1,121 @@
+"""Where a run's measurements come from: a simulated plant, or anything else that gives segments."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager
+from typing import NamedTuple
+
+import numpy as np
+
+from ..control import Driver, InformedDriver
+from ..identifiers import Status
+from ..log import Log, Measurement
+from ..parameters import Array
+from ..plants import Plant, Sensors
+
+LONGEST_STEP = 1.5
+"""Interval between two samples, over the period, beyond which there is a gap between them."""
+
+
+class Segment(NamedTuple):
+    """Consecutive measurements from a source.
+
+    Attributes:
+        log: begins at the last measurement of the segment before, or, if `resumed`, at the first
+            one after a gap.
+        resumed: whether measurements are missing between this segment and the one before.
+        end: how the source ended with this segment, with the signal that shows it; else None.
+    """
+
+    log: Log
+    resumed: bool = False
+    end: tuple[Status, str] | None = None
+
+
+class Source(ABC):
+    """Gives the measurements of a run, segment by segment.
+
+    Attributes:
+        stopped: status of a run that the user stops.
+    """
+
+    stopped: Status = Status.interrupted
+
+    @abstractmethod
+    def running(self) -> AbstractContextManager[None]:
+        """The context within which `begin` and `segment` may be called."""
+
+    @abstractmethod
+    def begin(self) -> Segment:
+        """The first measurement, as a log of one row."""
+
+    @abstractmethod
+    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
+        """The measurements after the last one, which has number k: at most `steps`, or none yet."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Ends a wait for measurements."""
+
+    @abstractmethod
+    def inform(self, k: int, theta_hat: Array) -> None:
+        """Hands over the own identifier's estimate (p,) at measurement k."""
+
+
+class Simulation(Source):
+    """A simulated plant, moved by a driver and measured by sensors.
+
+    Args:
+        plant: moves.
+        driver: makes the commands; one that asks for estimates is informed of them.
+        sensors: make the measurements.
+        dt: time step [s].
+    """
+
+    def __init__(self, plant: Plant, driver: Driver, sensors: Sensors, dt: float):
+        self.plant, self._driver, self._sensors = plant, driver, sensors
+        self._inform = informing_steps(driver, dt)
+
+    def running(self) -> AbstractContextManager[None]:
+        """The plant's own context."""
+        return self.plant.running()
+
+    def begin(self) -> Segment:
+        """The plant's first measurement."""
+        return self._sound(Log.unchecked_of([self.plant.begin(self._driver, self._sensors)]))
+
+    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
+        """Moves the plant, at most to where the driver is informed next."""
+        steps = int(min(steps, self._inform - k % self._inform))
+        return self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
+
+    def stop(self) -> None:
+        """Nothing: a simulation does not wait."""
+
+    def inform(self, k: int, theta_hat: Array) -> None:
+        """Informs the driver where it asks for it."""
+        if k % self._inform == 0 and isinstance(self._driver, InformedDriver):
+            self._driver.inform(theta_hat)
+
+    def _sound(self, log: Log) -> Segment:
+        return Segment(log, end=ended(self.plant, log.at(-1)))
+
+
+def informing_steps(driver: Driver, dt: float) -> float:
+    """Time steps between two estimates that a driver is informed of; infinite for none.
+
+    They do not depend on the observers, so that these do not change a run.
+    """
+    period = driver.period if isinstance(driver, InformedDriver) else np.inf
+    return max(1.0, float(np.round(period / dt)))
+
+
+def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
+    """Status and signal of a plant that diverged or a measurement that is not finite, else None."""
+    if plant.diverged:
+        return Status.plant_diverged, plant.diverged
+    for name, part in (("q", last.q), ("v", last.v)):  # before u, which follows from them
+        if not np.isfinite(part).all():
+            return Status.measurement_not_finite, name
+    return None if np.isfinite(last.u).all() else (Status.command_not_finite, "u")

@@ -1,0 +1,151 @@
+"""The folder of compiled kernels.
+
+By default numba caches compiled kernels beside the sources and checks only the file that defines a
+kernel: after an update, a caller may run with outdated code of its callees, or the index may name
+modules that no longer exist. Here the cache is a folder in the user's cache directory, named by a
+digest of everything that kernels are compiled from, so that no stale kernel is ever loaded.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import platform
+import shutil
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import llvmlite
+import numba
+import numpy as np
+
+from ..errors import NoKernelCache, NotWritten
+
+PACKAGE = Path(__file__).resolve().parent.parent
+WITHOUT_KERNELS = (
+    "experiment",
+    "evaluation",
+    "design",
+    "recording",
+    "reporting",
+    "studies",
+    "cli",
+    "_assets",
+    "_scenarios",
+)
+"""Subpackages that define no kernel and that no kernel can depend on, by the order of imports."""
+
+KEPT = 3  # folders of other digests that survive when a new one is made
+IN_USE = 86400.0  # folders used more recently than this are never deleted [s]
+_FOLDER = "nsaid-mj"
+
+
+def digest(package: Path = PACKAGE) -> str:
+    """Sixteen hexadecimal digits that identify everything kernels are compiled from.
+
+    That is the package's sources and the versions of Python, numpy, numba and llvmlite.
+
+    Args:
+        package: the package's folder.
+    """
+    found = hashlib.sha256(f"{platform.python_version()} {sys.implementation.cache_tag}".encode())
+    for part in (np, numba, llvmlite):
+        found.update(f" {part.__name__} {part.__version__}".encode())
+    for folder, inner, files in os.walk(package):
+        top = Path(folder) == package
+        inner[:] = sorted(
+            name
+            for name in inner
+            if name != "__pycache__" and not (top and name in WITHOUT_KERNELS)
+        )
+        for name in sorted(files):
+            if name.endswith(".py"):
+                path = os.path.join(folder, name)
+                with open(path, "rb") as file:
+                    content = hashlib.sha256(file.read()).hexdigest()
+                found.update(f" {os.path.relpath(path, package)} {content}".encode())
+    return found.hexdigest()[:16]
+
+
+def cache_home() -> Path:
+    """The folder that contains the folders of all digests.
+
+    It is in NUMBA_CACHE_DIR if set, else in XDG_CACHE_HOME if set, else in ~/.cache.
+
+    Raises:
+        OSError: the home directory cannot be determined.
+    """
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(chosen).absolute() / _FOLDER
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(base):  # the XDG specification says to ignore relative paths
+        return Path(base) / _FOLDER
+    try:
+        return Path.home() / ".cache" / _FOLDER
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+
+
+def open_cache() -> Path:
+    """Creates the folder of this version's kernels, or marks it as used, and deletes old folders.
+
+    If it is not writable, a temporary folder serves this process and its children, with a
+    `NoKernelCache` warning.
+    """
+    try:
+        home = cache_home()
+        folder = home / digest()
+        new = not folder.is_dir()
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()  # raises if the folder is not writable
+        os.utime(folder)
+    except OSError as error:
+        return _temporary(error)
+    if new:
+        prune(home, folder)
+    return folder
+
+
+def _temporary(error: OSError) -> Path:
+    """A cache folder that is deleted when this process ends; warns with the error's reason."""
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="nsaid-mj-"))
+    except OSError:
+        remedy = "Set NUMBA_CACHE_DIR and TMPDIR to writable folders"
+        raise NotWritten("compiled kernels", "no folder is writable", remedy) from error
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)  # so that children share it, and do not warn
+    warnings.warn(NoKernelCache(error), stacklevel=2)
+    return folder
+
+
+def prune(home: Path, current: Path, now: float | None = None) -> None:
+    """Deletes the folders of other digests, except the newest ones and those recently used.
+
+    Args:
+        home: the folder that contains them.
+        current: the folder of this version.
+        now: the current time [s since the epoch]; None reads the clock.
+    """
+    now = time.time() if now is None else now
+    ages: list[tuple[float, Path]] = []
+    for folder in home.iterdir():
+        if folder == current or len(folder.name) != len(current.name):
+            continue
+        try:
+            ages.append((now - folder.stat().st_mtime, folder))
+        except OSError:  # deleted by another process
+            continue
+    for age, folder in sorted(ages)[KEPT:]:
+        if age > IN_USE:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+FOLDER = open_cache()
+"""The folder of this process's compiled kernels."""
+
+numba.config.CACHE_DIR = str(FOLDER)

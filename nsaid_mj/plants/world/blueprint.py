@@ -1,0 +1,182 @@
+"""What a data sheet says of a vehicle of one body, and its plant for any true θ."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from scipy.linalg import eigh
+
+from ...bounds import Name, Share, config
+from ...parameters import Array, Block
+from ...systems.inertial import of_a_body
+from ...systems.vehicle import Operation, SingleBody, Term
+from .body import BODY, Inertia, Vehicle, hidden, vehicle_spec
+from .mismatch import Mismatch
+from .plant import ParametricPlantConfig, Plant
+from .sheet import Sheet
+
+_NOTHING = np.zeros((6, 6))
+
+
+class Fluid(NamedTuple):
+    """MuJoCo's own fluid forces, for the mismatch `ellipsoid`.
+
+    Attributes:
+        density: of the medium [kg/m³].
+        viscosity: of the medium [Pa·s].
+        solid: whether the geom of this name is an ellipsoid in the flow; others feel none.
+        replaced: blocks of θ whose forces they replace; with the first, M's, added mass.
+    """
+
+    density: float
+    viscosity: float
+    solid: Callable[[str], bool]
+    replaced: tuple[str, ...]
+
+    def apply(self, spec: Any, mismatch: Mismatch) -> None:
+        """Enables them in MuJoCo's specification."""
+        spec.option.density, spec.option.viscosity = self.density, self.viscosity
+        spec.option.wind = mismatch.flow
+        for geom in spec.body(BODY).geoms:
+            geom.fluid_ellipsoid = int(self.solid(geom.name))
+
+
+@dataclass(frozen=True, eq=False)
+class Blueprint:
+    """A vehicle of one body as published: its structure, and nominal values of θ.
+
+    Matrices are about the body's origin; axes are x forward, y left, z up.
+
+    Attributes:
+        body: block of θ of the inertia.
+        rigid: (6, 6) nominal mass matrix of the rigid body [kg, kg·m, kg·m²].
+        terms: the forces, with their nominal parameters.
+        operation: ranges of velocities and commands.
+        tensor: (6, 6, k) of M in `body`; None for the ten parameters of a rigid body.
+        added: (6, 6) nominal added mass, symmetric; None for a body without.
+        gravity: [m/s²], 0 where weight is a column, or borne.
+        fluid: MuJoCo's fluid forces.
+        size: (3,) of the box that is drawn if there is no model.xml [m].
+        hidden_body: draws the true `rigid`, as a function of the plant's spread and a generator;
+            None if the published inertia is the true one.
+    """
+
+    body: Block
+    rigid: Array
+    terms: Sequence[Term]
+    operation: Operation
+    tensor: Array | None = None
+    added: Array | None = None
+    gravity: float = 0.0
+    fluid: Fluid | None = None
+    size: Sequence[float] | None = None
+    hidden_body: Callable[[float, np.random.Generator], Array] | None = field(default=None)
+
+    @cached_property
+    def system(self) -> SingleBody:
+        """The structure that an identifier may know."""
+        return SingleBody(self.body, self.tensor, self.terms, self.operation, self.gravity)
+
+    @cached_property
+    def theta(self) -> Array:
+        """(p,) nominal θ."""
+        added = _NOTHING if self.added is None else self.added
+        forces = [term.nominal for term in self.terms]
+        return np.concatenate([self._parameters(self.rigid + added), *forces])
+
+    def drawn(self, spread: float, rng: np.random.Generator) -> Array:
+        """(p,) random true θ; each value is multiplied by its own factor within 1 ± spread."""
+        theta, start = self.theta.copy(), len(self.body)
+        if self.hidden_body is not None:
+            theta[:start] = self._parameters(self.hidden_body(spread, rng))
+        shares = [np.full(len(term.block), term.spread) for term in self.terms]
+        theta[start:] = hidden(theta[start:], spread * np.concatenate(shares), rng)
+        return theta
+
+    def split(self, theta: Array) -> tuple[Inertia, Array]:
+        """Divides M of θ (p,) into what a rigid body has and added mass.
+
+        Only their sum can be identified. The rigid body is the nominal one, times the largest
+        factor for which the added mass exceeds the nominal one times this factor: both are then
+        physical.
+
+        Returns:
+            the rigid body, and (p,) θ of the forces that act on it.
+        """
+        acting, size = theta.copy(), len(self.body)
+        M = self._tensor @ theta[:size]
+        if self.added is None:
+            acting[:size] = 0.0
+            rigid = M
+        else:
+            at = np.ix_(*2 * [np.flatnonzero(np.diag(M))])
+            share = eigh(M[at], (self.rigid + self.added)[at], eigvals_only=True)[0]
+            rigid = share * self.rigid
+            acting[:size] = self._parameters(M - rigid)
+        if self.system.n == 3:  # in the plane only yaw matters
+            rigid = rigid.copy()
+            np.fill_diagonal(rigid[3:, 3:], rigid[5, 5])
+        return Inertia.of_matrix(rigid), acting
+
+    @cached_property
+    def _tensor(self) -> Array:
+        return of_a_body(0, 10) if self.tensor is None else self.tensor
+
+    def _parameters(self, M: Array) -> Array:
+        """(k,) parameters of a mass matrix of this form."""
+        places = [np.argwhere(layer)[0] for layer in np.moveaxis(self._tensor, 2, 0)]
+        return np.array([M[i, j] / self._tensor[i, j, k] for k, (i, j) in enumerate(places)])
+
+
+@config
+class VehiclePlant(ParametricPlantConfig, ABC):
+    """A vehicle of one body, made from a data sheet.
+
+    Attributes:
+        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
+        spread: largest relative deviation of the true parameters from the published values.
+    """
+
+    sheet: ClassVar[type[VehicleSheet]]
+    vehicle: Name
+    spread: Share = 0.2
+
+    @abstractmethod
+    def blueprint(self) -> Blueprint:
+        """What its data sheet says."""
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden parameters and makes the plant."""
+        blueprint = self.blueprint()
+        return self.simulating(dt, blueprint.drawn(self.spread, np.random.default_rng(seed)))
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (p,), or the published ones.
+
+        See `Blueprint.split` for how M is divided into rigid-body and added mass.
+        """
+        blueprint = self.blueprint()
+        theta = blueprint.theta if theta is None else theta
+        system = blueprint.system
+        body, acting = blueprint.split(theta)
+        spec = vehicle_spec(self.vehicle, dt, *body, blueprint.size, planar=system.n == 3)
+        spec.option.gravity = [0, 0, -blueprint.gravity]
+        if self.mismatch.fluid == "ellipsoid" and blueprint.fluid is not None:
+            blueprint.fluid.apply(spec, self.mismatch)
+            for name in blueprint.fluid.replaced:
+                acting[system.space[name]] = 0.0
+        vehicle = Vehicle(system, theta, spec, acting, self.mismatch)
+        return vehicle.failing(self.faults, self)
+
+
+class VehicleSheet(Sheet, ABC):
+    """The data sheet of a vehicle of one body."""
+
+    @abstractmethod
+    def blueprint(self) -> Blueprint:
+        """What it says, in SI units, x forward, y left, z up."""

@@ -1,0 +1,1 @@
+"""Live identification: samples arrive from a robot while it moves."""

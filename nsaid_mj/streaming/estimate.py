@@ -1,0 +1,127 @@
+"""What is known of a robot while it moves, in numbers that can be printed or sent."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..evaluation.confidence import INTERVAL
+from ..evaluation.misfit import running_misfit
+from ..identifiers import Identifier, State
+from ..parameters import Array, ParameterSpace
+
+
+class Gain(NamedTuple):
+    """An actuator's parameter, with the 95 % interval of its ratio to the mean of all.
+
+    No motion tells the common scale of θ, so that the interval is at a mean that is taken as exact.
+
+    Attributes:
+        name: of the parameter.
+        unit: SI unit.
+        value: estimate.
+        low: lower end of the interval; −inf before the law states one.
+        high: upper end; inf before the law states one.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The estimate at a sample.
+
+    Attributes:
+        t: time of the sample, from the first one on [s].
+        samples: used so far.
+        names: (p,) names of the parameters.
+        units: (p,) their SI units.
+        theta_hat: (p,) θ̂.
+        gains: of the actuators.
+        misfit: whether the motion contradicts the structure: `none`, `some` or `contradicts`; ""
+            from a law that cannot tell.
+        faults: found so far, in words.
+    """
+
+    t: float
+    samples: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    theta_hat: Array
+    gains: tuple[Gain, ...]
+    misfit: str
+    faults: tuple[str, ...]
+
+    def line(self) -> str:
+        """The estimate as a line of JSON, without names and units."""
+        gains = [[g.value, *_finite(g.low, g.high)] for g in self.gains]
+        found: dict[str, Any] = {"t": self.t, "samples": self.samples}
+        found |= {"theta": self.theta_hat.tolist(), "gains": gains}
+        return json.dumps(found | {"misfit": self.misfit, "faults": self.faults})
+
+    @staticmethod
+    def of_line(found: dict[str, Any], space: Names) -> Estimate:
+        """The estimate of such a line."""
+        gains = (
+            Gain(space.names[k], space.units[k], value, *_ends(low, high))
+            for k, (value, low, high) in zip(space.actuators, found["gains"], strict=True)
+        )
+        return Estimate(
+            found["t"], found["samples"], space.names, space.units,
+            np.array(found["theta"]), tuple(gains), found["misfit"], tuple(found["faults"]),
+        )  # fmt: skip
+
+
+class Names(NamedTuple):
+    """Names (p,) and units (p,) of the parameters, and the indices of those of actuators."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    actuators: tuple[int, ...]
+
+    @staticmethod
+    def of(space: ParameterSpace) -> Names:
+        """Those of a space."""
+        return Names(tuple(space.names), tuple(space.units), tuple(map(int, space.actuators)))
+
+
+def gain_deviations(identifier: Identifier, state: State) -> Array:
+    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown."""
+    k = identifier.system.space.actuators
+    stated = identifier.confidence(state)
+    if stated is None:
+        return np.full(len(k), np.inf)
+    gains = state.theta_hat[k]
+    gains = np.where(gains == 0, identifier.system.space.scale[k], gains)
+    share = np.eye(len(k)) - 1 / len(k)
+    relative = share @ (stated.covariance[np.ix_(k, k)] / np.outer(gains, gains)) @ share
+    return np.sqrt(np.maximum(np.diag(relative), 0.0))
+
+
+def estimate_of(space: Names, state: State, samples: int, deviation: Array) -> Estimate:
+    """The estimate of a state, with (a,) relative deviations of the gains."""
+    gains = []
+    for k, spread in zip(space.actuators, deviation, strict=True):
+        value = float(state.theta_hat[k])
+        half = INTERVAL * abs(value) * float(spread)
+        gains.append(Gain(space.names[k], space.units[k], value, value - half, value + half))
+    faults = tuple(fault.in_words for fault in state.faults)
+    return Estimate(
+        state.t, samples, space.names, space.units, state.theta_hat, tuple(gains),
+        running_misfit(state), faults,
+    )  # fmt: skip
+
+
+def _finite(*numbers: float) -> list[float | None]:
+    return [x if np.isfinite(x) else None for x in numbers]
+
+
+def _ends(low: float | None, high: float | None) -> tuple[float, float]:
+    return -np.inf if low is None else low, np.inf if high is None else high

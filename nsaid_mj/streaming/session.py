@@ -1,0 +1,172 @@
+"""A live identification from its first sample to its page: what `nsaid live` does."""
+
+from __future__ import annotations
+
+import io
+import json
+import socket
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ..calibration.live_robot import LiveRobot, live_identifiers
+from ..errors import InvalidInput
+from ..experiment.loop import Observer, Robot, Run, followed
+from ..experiment.scenario import MOST_STEPS, Scenario
+from ..identifiers import Identifier, NullspaceAID, State
+from ..log import Measurement
+from ..numerics.threads import single_threaded
+from ..plants import SensorNoise
+from ..reporting.finish import finish
+from .estimate import Estimate, Names, estimate_of, gain_deviations
+from .samples import Cleaner, Counts
+from .stream import Stream
+
+_INTERVALS = 0.05  # time between two computations of the gains' intervals [s]
+_WARM, _LEAST = 2.0, 60  # length of the motion for warming up [s], and its fewest samples
+
+
+def live_scenario(
+    robot: LiveRobot, law: str, rate: float, noise: tuple[float, float], error: float
+) -> Scenario:
+    """The scenario of a live run: everything about it but the samples.
+
+    Args:
+        robot: the robot.
+        law: name of the law.
+        rate: samples per second [Hz].
+        noise: standard deviations of positions [rad or m] and velocities [rad/s or m/s].
+        error: largest relative error of the prior.
+
+    Raises:
+        InvalidInput: a value is out of range.
+    """
+    if not 0.1 <= rate <= 1e5:
+        raise InvalidInput("rate", "0.1 to 1e5 samples per second", rate, "Give it in Hz.")
+    return Scenario(
+        plant=robot,
+        identifier=NullspaceAID(law=law),  # pyright: ignore[reportArgumentType]  # checked there
+        prior="nominal",
+        initial_error=error,
+        duration=MOST_STEPS / rate,
+        held_out=1 / rate,
+        dt=1 / rate,
+        sensors="noisy",
+        noise=SensorNoise(*noise),
+    )
+
+
+class Estimates(Observer):
+    """Hands out the estimate while a stream is followed.
+
+    Args:
+        identifier: whose estimates they are.
+        counts: of the samples.
+        show: called with the estimate, at intervals of `every`.
+        every: time between two estimates [s]; 0 for one whenever samples were taken in.
+    """
+
+    def __init__(
+        self,
+        identifier: Identifier,
+        counts: Counts,
+        show: Callable[[Estimate], None],
+        every: float,
+    ):
+        self._identifier, self._counts, self._show = identifier, counts, show
+        self._every = every
+        self.period = every or np.inf
+        self._space = Names.of(identifier.system.space)
+        self._next = self._stated = -np.inf
+        self._deviation = np.full(len(self._space.actuators), np.inf)
+
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+        """Nothing: there is no estimate yet."""
+
+    def see(
+        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
+    ) -> None:
+        """Hands out the estimate if it is due."""
+        if measurement.t < self._next:
+            return
+        self._next = measurement.t + self._every * (1 - 1e-9)
+        if measurement.t >= self._stated + _INTERVALS:
+            self._deviation = gain_deviations(self._identifier, states[""])
+            self._stated = measurement.t
+        self._show(estimate_of(self._space, states[""], self._counts.used, self._deviation))
+
+    def stop(self) -> None:
+        """Nothing is open."""
+
+
+class Session:
+    """A robot whose samples are about to come.
+
+    Args:
+        scenario: of `live_scenario`.
+        frame: axes of the samples.
+
+    Attributes:
+        robot: what is known of it.
+        cleaner: checks the samples.
+
+    Raises:
+        NsaidError: the model cannot be read, or a value is wrong.
+    """
+
+    def __init__(self, scenario: Scenario, frame: str = "ENU/FLU"):
+        assert isinstance(scenario.plant, LiveRobot)
+        self.scenario, self.robot = scenario, scenario.plant.known()
+        self.identifiers = live_identifiers(scenario, self.robot)
+        self._frame, self.cleaner = frame, Cleaner(self.robot.system, 1 / scenario.dt, frame)
+
+    def warm_up(self) -> None:
+        """Loads whatever a run needs, kernels above all, by a short run on a motion of no robot."""
+        system, dt = self.robot.system, self.scenario.dt
+        rng = np.random.default_rng(0)
+        (q, v, u), lines = system.random_state(rng), []
+        for k in range(max(_LEAST, round(_WARM / dt))):
+            moved = v + self.scenario.noise.velocity * rng.standard_normal(system.n)
+            q = system.integrate(q, dt * moved)
+            parts = {"t": k * dt, "q": q.tolist(), "v": moved.tolist(), "u": u.tolist()}
+            lines.append(json.dumps(parts).encode() + b"\n")
+        with TemporaryDirectory(prefix="nsaid-mj-") as folder:
+            self.run(io.BytesIO(b"".join(lines)), Path(folder), lambda _: None)
+        self.cleaner = Cleaner(system, 1 / dt, self._frame)
+
+    @single_threaded
+    def run(
+        self,
+        lines: BinaryIO | socket.socket,
+        folder: Path,
+        show: Callable[[Estimate], None],
+        every: float = 0.0,
+        observers: Sequence[Observer] = (),
+    ) -> Run:
+        """Follows the samples until they end; the folder is locked by the caller.
+
+        Args:
+            lines: from which samples are read; see `Stream`.
+            folder: of the run's files.
+            show: called with estimates.
+            every: time between two of them [s]; 0 for one whenever samples were taken in.
+            observers: further ones, such as a viewer.
+
+        Raises:
+            InvalidInput: there are no samples, or ones of another robot or rate.
+            NotWritten: the disk is full; the record up to there is kept.
+        """
+        own, counts = self.identifiers[""], self.cleaner.counts
+        source = Stream(self.robot.system, self.cleaner, lines)
+        watchers = (Estimates(own, counts, show, every), *observers)
+        run = followed(self.scenario, self.robot, source, self.identifiers, folder, watchers)
+        run.stream = counts.keys()
+        return run
+
+
+def concluded(run: Run, say: Callable[[str], None], command: str = "") -> dict[str, Any]:
+    """Writes summary, recording and page of a live run; returns the summary."""
+    return finish(run, say, command)
