@@ -38,13 +38,10 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
     with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
         progress.say("reading the model and the log")
         given = servos_of(model, chosen.log, chosen)
-        if given is None:
-            found = None
-        else:
-            found = identify_given(given, chosen, folder / RESULT, progress)
-    if found is None:
+        if given is not None:
+            result, files = identify_given(model, given, chosen, folder / RESULT, progress)
+    if given is None:
         return _identify_by_force(model, chosen, folder)
-    result, files = found
     if chosen.json:
         print(result.text())
     elif not chosen.quiet:
