@@ -58,7 +58,8 @@ def _abreast(runs: Sequence[Run], log: Log, motion: Motion) -> list[tuple[State,
     rows = [np.ascontiguousarray(np.moveaxis(part, -1, 0)) for part in parts]
     made = []
     for lane, (_, state) in enumerate(runs):
-        estimates = Estimates(*(part[lane] for part in rows), np.full(N, state.spent))
+        v_hat, theta_hat, pivot = (part[lane] for part in rows)
+        estimates = Estimates(v_hat, theta_hat, pivot, np.full(N, state.spent))
         made.append(end_of(state, log, estimates, N))
     return made
 

@@ -49,12 +49,11 @@ from tests.support.plants import plant
 # -- the filter's sample ---------------------------------------------------------------------------
 
 P, N = 4, 2  # parameters and velocities
-NO_STRUCTURE = StructureArrays(
-    *(
-        np.zeros((0, size), dtype=np.int64) if size else np.zeros(0)
-        for size in (12, 0, 0, 2, 3, 0, 4, 6, 0, 2)
-    )
-)
+NOTHING: list[Any] = [
+    np.zeros((0, size), dtype=np.int64) if size else np.zeros(0)
+    for size in (12, 0, 0, 2, 3, 0, 4, 6, 0, 2)
+]
+NO_STRUCTURE = StructureArrays(*NOTHING)
 
 
 def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Filter, Law]:
