@@ -108,7 +108,7 @@ def test_fourth_differences_of_a_parabola_are_zero_and_of_white_noise_have_its_v
     smooth = np.stack([3 + 2 * t - 5 * t**2, 0 * t])
     for signal, expected in ((smooth, 0.0), (smooth + 0.2 * rng.standard_normal((2, len(t))), 0.2)):
         noise = Noise(np.zeros((3, 2)), np.zeros(2), np.zeros(2), np.zeros(1))
-        for increment in np.diff(signal, axis=1).T:
+        for increment in np.ascontiguousarray(np.diff(signal, axis=1).T):
             add_increment(noise, increment)
         np.testing.assert_allclose(np.sqrt(noise.variance), expected, rtol=0.1, atol=1e-9)
 
