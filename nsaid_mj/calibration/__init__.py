@@ -2,3 +2,5 @@
 
 `identify` fits plant and actuators to logs of any number of files; see `identification`.
 """
+
+from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled

@@ -5,7 +5,6 @@ result = identify_servos(given)
 write_servo_mjcf(result, Path("identified.xml"))
 """
 
-from ...numerics import kernels as kernels  # first: the folder of compiled kernels
 from .export import rollout as rollout
 from .export import write_servo_mjcf as write_servo_mjcf
 from .identify import ServoLogs as ServoLogs
