@@ -22,6 +22,7 @@ from ..errors import NoEstimate
 from ..parameters import Array
 from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from ..plants.world.coordinates import JointMap
+from ..plants.world.quiet import quiet
 from ..plants.world.tree import tree_spec
 from ..systems.multibody import MotorTree
 from ..systems.optional import pin
@@ -69,7 +70,7 @@ def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
         raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
     chunks = model.chunks(problem, samples)
     search = _Search(toolbox, model, chunks, time.perf_counter() + budget)
-    with installed(_friction()):
+    with quiet(), installed(_friction()):
         ending = search()
     evaluations = f"{search.evaluations} models, {len(chunks)} chunks"
     return model.theta(search.best), f"{ending}, {evaluations}"

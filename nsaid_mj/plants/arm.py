@@ -21,6 +21,7 @@ from .world.coordinates import joint_map
 from .world.forces import Forces, column_forces
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
+from .world.quiet import quiet
 from .world.robots import Base, Robot, load_robot
 from .world.shapes import VisualMesh
 from .world.tree import RobotVisuals, set_inertias, tree_spec
@@ -189,8 +190,9 @@ class Arm(Plant):
         self.joints = joint_map(self.model, list(robot.model.names)[1:])
         self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
         self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
-        self._compare_engines()
-        self._check_stiffness(dt)
+        with quiet():
+            self._compare_engines()
+            self._check_stiffness(dt)
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
 
     @cached_property

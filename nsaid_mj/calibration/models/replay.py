@@ -12,6 +12,7 @@ from mujoco import rollout
 from ...errors import InvalidInput
 from ...parameters import Array
 from ...plants.world.coordinates import JointMap
+from ...plants.world.quiet import quiet
 from ..data import Recordings, RobotModel, Segment
 from .identified import Identified
 from .mjcf_export import mjcf_text
@@ -97,12 +98,8 @@ def _simulate(
     control = np.zeros((len(starts), samples * substeps, mj.nu))
     within = starts[:, None] + np.arange(samples)
     control[:, :, command] = np.repeat(log.u[within], substeps, axis=1)
-    handler = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)  # a simulation that diverges has a large error
-    try:
+    with quiet():  # a simulation that diverges has a large error
         found: Any = rollout.rollout(mj, data, state, control)[0]
-    finally:
-        mujoco.set_mju_user_warning(handler)
     position = np.zeros((len(starts), samples, len(command)))
     for window, rows in zip(position, found[:, substeps - 1 :: substeps], strict=True):
         for sample, row in zip(window, rows, strict=True):

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ...errors import BadRobot
 from ...parameters import Array
 from ...plants.world.coordinates import JointMap
+from ...plants.world.quiet import quiet
 from ...resources import write_text
 from ..models.mjcf_file import compile_file
 from ..models.mjcf_tree import actuators_of, joint_names
@@ -119,10 +120,11 @@ def rollout(path: Path, joints: Sequence[str], log: ServoLog, delay: ArrayLike =
         mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
     longest, out = mj.opt.timestep, np.empty_like(log.position)
     out[0] = log.position[0]
-    for k, interval in enumerate(np.diff(log.t)):
-        steps = math.ceil(interval / longest - 1e-3)
-        mj.opt.timestep = interval / steps
-        data.ctrl[servos] = log.target[k]
-        mujoco.mj_step(mj, data, steps)
-        out[k + 1] = where.read(data)[0]
+    with quiet():
+        for k, interval in enumerate(np.diff(log.t)):
+            steps = math.ceil(interval / longest - 1e-3)
+            mj.opt.timestep = interval / steps
+            data.ctrl[servos] = log.target[k]
+            mujoco.mj_step(mj, data, steps)
+            out[k + 1] = where.read(data)[0]
     return out

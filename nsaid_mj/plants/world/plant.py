@@ -26,6 +26,7 @@ from .faults.kinds import Fault
 from .faults.schedule import Schedule
 from .faults.variant import Variant
 from .mismatch import Mismatch
+from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
 from .shapes import VisualMesh
 from .stepping import World, drive, sound, warnings_of
@@ -247,13 +248,8 @@ class Plant(ABC):
         Raises:
             RuntimeError: another plant is running in this process.
         """
-        handler = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(lambda _: None)  # `diverged` reports it once
-        try:
-            with installed(self.passive):
-                yield
-        finally:
-            mujoco.set_mju_user_warning(handler)
+        with quiet(), installed(self.passive):  # `diverged` reports it once
+            yield
 
     def begin(
         self, driver: Driver, sensors: Sensors = EXACT_SENSORS, as_at: float | None = None
