@@ -1,7 +1,8 @@
 """Motions: all parts of RK4's stages that depend on a log alone, and the stages themselves.
 
-A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type, that
-of a `Structure` or the tensors of any system, selects the code when a loop is compiled.
+A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type (of a
+`Structure`, of one whose regressor comes from outside, or the tensors of any system) selects the
+code when a loop is compiled.
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from numba.extending import overload
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic, overload
 
 from ..log import Log, Middle
-from ..numerics.linalg import solve_positive
+from ..numerics.linalg import copy_into, solve_positive
 from ..parameters import Array
 from ..structure.arrays import StructureArrays
 from ..structure.compiled import FAST
@@ -42,6 +44,31 @@ class StructureMotion(NamedTuple):
     states: Array
     middles: Array
     F: Array
+
+
+class RegressorMotion(NamedTuple):
+    """The motion of a `Structure` with the leading entries of Wᵀ Δv from outside compiled code.
+
+    Attributes:
+        t: (N,) times [s].
+        v: (N, n) velocities.
+        vm: (N−1, n) velocities half-way between samples.
+        own: the structure's motion, for â and all other entries.
+        v_hat: (n,) v̂ of a stage, for the function below.
+        a_hat: (n,) â of a stage, likewise.
+        leading: (l,) first entries of Wᵀ Δv, which the function writes.
+        address: of a C function of two int64: 0, 1 or 2 for the step's start, middle or end, and
+            the index of the sample at its end.
+    """
+
+    t: Array
+    v: Array
+    vm: Array
+    own: StructureMotion
+    v_hat: Array
+    a_hat: Array
+    leading: Array
+    address: int
 
 
 class TensorMotion(NamedTuple):
@@ -115,7 +142,12 @@ def _stage_room(motion):
         n = motion.v.shape[1]
         return np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
 
-    return structured if motion.instance_class is StructureMotion else tensor
+    def outside(motion):
+        return stage_work(motion.own.structure, motion.v.shape[1])
+
+    return {StructureMotion: structured, RegressorMotion: outside}.get(
+        motion.instance_class, tensor
+    )
 
 
 @overload(stage, jit_options=FAST)
@@ -138,7 +170,12 @@ def _stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
             gradient,
         )
 
-    return structured if motion.instance_class is StructureMotion else tensor
+    def outside(motion, at, k, v_hat, theta, work, a_hat, gradient):
+        return outside_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient)
+
+    return {StructureMotion: structured, RegressorMotion: outside}.get(
+        motion.instance_class, tensor
+    )
 
 
 @njit(**FAST)
@@ -148,6 +185,33 @@ def structured_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient):
     v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
     F, structure = motion.F[at, k - 1], motion.structure
     return structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
+
+
+def _call(_: Any, address: Any, at: Any, k: Any) -> Any:
+    """In compiled code, calls a C function of two int64 at an address."""
+
+    def made(context: Any, builder: Any, _: Any, given: Any) -> Any:
+        word = ir.IntType(64)
+        kind = ir.FunctionType(ir.VoidType(), [word, word]).as_pointer()
+        builder.call(builder.inttoptr(given[0], kind), given[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), made
+
+
+call: Any = intrinsic(_call)
+
+
+@njit(**FAST)
+def outside_gradient(motion, at, k, v_hat, theta, work, a_hat, gradient):
+    """A stage of a `RegressorMotion`; see `stage`."""
+    pivot = structured_gradient(motion.own, at, k, v_hat, theta, work, a_hat, gradient)
+    if pivot > 0.0:
+        copy_into(v_hat, motion.v_hat)
+        copy_into(a_hat, motion.a_hat)
+        call(motion.address, at, k)
+        copy_into(motion.leading, gradient[: motion.leading.shape[0]])
+    return pivot
 
 
 _ALLOCATING: Any = {"_nrt": True}  # np.dot allocates
@@ -179,5 +243,5 @@ def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
     return pivot
 
 
-STAGES = structured_gradient, tensor_gradient, stage_work
+STAGES = structured_gradient, outside_gradient, tensor_gradient, stage_work
 """What `stage_room` and `stage` call, for kernels that call them."""

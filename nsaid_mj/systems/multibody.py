@@ -8,11 +8,13 @@ Iyz, Izz.
 
 from __future__ import annotations
 
+import ctypes
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..dynamics.motions import TensorMotion
+from ..dynamics.motions import RegressorMotion
 from ..log import Log
 from ..numerics.spatial import bracket
 from ..parameters import Array, Block, ParameterSpace
@@ -23,8 +25,6 @@ from .general import (
     balance_by_sample,
     difference_step,
     forces_by_sample,
-    tensor_motion,
-    tensor_steps,
 )
 from .inertial import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .joints import (
@@ -47,6 +47,7 @@ _ACTUATORS = {
     "servo": ("servo gain", "kp", ("N·m/rad", "N/m")),
 }
 """Block of θ, letter and units of the gains of each kind of actuator."""
+_REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 _BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
 
 
@@ -126,7 +127,6 @@ class Multibody(MotorTree):
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
         super().__init__(model, scales, friction_speed)
-        self.motion_steps = tensor_steps(self)
         self._weightless = pin.Model(self.model)
         self._weightless.gravity.setZero()
         self._data, self._data_0 = self.model.createData(), self._weightless.createData()
@@ -224,9 +224,29 @@ class Multibody(MotorTree):
         """(N, n, p) F for N samples."""
         return forces_by_sample(self, t, q, v, u)
 
-    def motion(self, log: Log, hermite: bool) -> TensorMotion:
-        """The tensors of M, C and F along a log."""
-        return tensor_motion(self, log, hermite)
+    def motion(self, log: Log, hermite: bool) -> RegressorMotion:
+        """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio."""
+        own, qm = self._own_motion(log, hermite)
+        qs, vs, vm = log.q, own.v, own.vm
+        v_hat, a_hat, leading = np.empty(self.n), np.empty(self.n), np.empty(self._links)
+        heavy, light = self.model.createData(), self._weightless.createData()
+        torques = pin.computeJointTorqueRegressor
+
+        def write(at: int, k: int) -> None:
+            leading.fill(np.nan)  # in case Pinocchio raises: an exception ends here
+            row = k - 1 + at // 2
+            q, v = (qm[k - 1], vm[k - 1]) if at == 1 else (qs[row], vs[row])
+            a = a_hat + 0.5 * bracket(self.group, v, v_hat) if self.group else a_hat
+            dv = v_hat - v  # (37)
+            weighted = torques(self.model, heavy, q, 0.5 * (v + v_hat), a)
+            turning = torques(self._weightless, light, q, 0.5 * dv, self._zero)
+            np.subtract(dv @ np.atleast_2d(weighted), dv @ np.atleast_2d(turning), out=leading)
+
+        function = _REGRESSOR(write)
+        weakref.finalize(own.states, bool, function)  # it lives as long as the motion
+        address = ctypes.cast(function, ctypes.c_void_p).value
+        assert address is not None
+        return RegressorMotion(own.t, own.v, own.vm, own, v_hat, a_hat, leading, address)
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array

@@ -57,6 +57,13 @@ class StructuredKinematics(SecondOrderSystem):
         """The states half-way between a log's samples."""
         return Middle(*self._own.midpoints(hermite, plain(log.t), plain(log.q), plain(log.v)))
 
+    def _own_motion(self, log: Log, hermite: bool) -> tuple[StructureMotion, Array]:
+        """The structure's own motion along a log of N samples, and (N−1, m) positions half-way."""
+        t, q, v, u = (plain(x) for x in (log.t, log.q, log.v, log.u))
+        qm, vm = self._own.midpoints(hermite, t, q, v)
+        along = self._own.along(q, v, qm, vm, u)
+        return StructureMotion(self.structure.arrays, t, v, vm, *along), qm
+
     def integrate(self, q: Array, dq: Array) -> Array:
         """(m,) the position reached from q by the tangent step dq (n,)."""
         return self._own.integrate(plain(q), plain(dq))
@@ -138,9 +145,7 @@ class StructuredSystem(StructuredKinematics):
 
     def motion(self, log: Log, hermite: bool) -> StructureMotion:
         """The robot's motion along a log."""
-        t, q, v, u = (plain(x) for x in (log.t, log.q, log.v, log.u))
-        qm, vm = self._own.midpoints(hermite, t, q, v)
-        return StructureMotion(self.forward, t, v, vm, *self._own.along(q, v, qm, vm, u))
+        return self._own_motion(log, hermite)[0]
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array

@@ -95,5 +95,5 @@ print(nsaid_mj.__file__)
 
 def test_an_unknown_name_is_an_attribute_error():
     for module in (nsaid_mj, plants):
-        with pytest.raises(AttributeError, match="attribute '?BlueROV3Plant"):
+        with pytest.raises(AttributeError, match=r"attribute '?BlueROV3Plant"):
             _ = module.BlueROV3Plant

@@ -1,5 +1,7 @@
 """The compiled backend gives the same regressors, steps and runs as Pinocchio, for any θ."""
 
+import gc
+import weakref
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -15,11 +17,12 @@ from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID
 from nsaid_mj.identifiers.base import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
-from nsaid_mj.log import Measurement
+from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.arm import Backend, nominal_scales
 from nsaid_mj.plants.world.robots import Base, load_robot
 from nsaid_mj.resources import known_robots
+from nsaid_mj.systems import multibody
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 from tests.support.dense import Dense
@@ -244,6 +247,30 @@ def test_the_compiled_step_equals_the_step_by_pinocchio(robot, law, interpolatio
     # a memory's differences by Pinocchio are good to 1e-10, and Newton steps magnify that
     near(ours.v_hat, theirs.v_hat, 1e-5 if law == "memory" else 1e-9)
     assert ours.pivot == pytest.approx(theirs.pivot, rel=1e-5 if law == "memory" else 1e-8)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of ctypes
+@pytest.mark.parametrize("fault", [lambda regressor: 2 * regressor, lambda _: 1 / 0])
+def test_the_step_by_pinocchio_is_pinocchios(fault, monkeypatch):
+    """A wrong regressor of Pinocchio's changes θ̂, and one that is missing ends the step."""
+    robot = "kinova held"
+    samples, ends = motion(robot, 1, 1e-3), []
+    identifier = NullspaceAID().build(pair(robot)[0], true_theta(robot), 1e-3)
+    right = pin.computeJointTorqueRegressor
+    for regressor in (right, lambda *args: fault(right(*args))):
+        monkeypatch.setattr(multibody.pin, "computeJointTorqueRegressor", regressor)
+        state = identifier.init(samples[0])
+        ends.append(identifier.step(state._replace(v_hat=state.v_hat + 1e-3), *samples))
+    assert ends[0].status is Status.completed
+    assert ends[1].status is not Status.completed or (ends[1].theta_hat != ends[0].theta_hat).any()
+
+
+def test_a_motion_by_pinocchio_is_freed():
+    robot = "kinova held"
+    samples = Log.of(motion(robot, 3, 1e-3))
+    found = weakref.ref(pair(robot)[0].motion(samples, True).leading)
+    gc.collect()
+    assert found() is None
 
 
 def test_a_dense_gain_equals_the_diagonal_one():
