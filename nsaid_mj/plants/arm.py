@@ -268,11 +268,19 @@ class Arm(Plant):
         """Checks RK4's stability, |λ| dt < 2.78; friction's |λ| is at most (viscous + c/s)/M_ii.
 
         Raises:
-            BadRobot: names the joint and a time step that is small enough.
+            BadRobot: names the joint and a time step that is small enough, or M is singular.
         """
         self.reset(np.mean(self.system.limits, axis=0), np.zeros(self.system.n))
         mujoco.mj_forward(self.model, self.data)
-        inertia = 1 / np.diag(np.linalg.inv(self.joints.mass_matrix(self.model, self.data)))
+        try:
+            inertia = 1 / np.diag(np.linalg.inv(self.joints.mass_matrix(self.model, self.data)))
+        except np.linalg.LinAlgError as error:
+            raise BadRobot(
+                self.robot.name,
+                "",
+                "its mass matrix is singular: a moving link has next to no inertia",
+                "Give the link its mass, or the joints rotor inertia (--plant.armature 0.01).",
+            ) from error
         inertia = inertia[self.system.group :]
         rate = (self._hidden.viscous + self._hidden.coulomb / self.system.friction_speed) / inertia
         worst = int(np.argmax(rate))

@@ -21,11 +21,7 @@ from ..parameters import Array, Block, ParameterSpace
 from ..structure.parts import Inertia
 from ..structure.structure import Structure
 from ..system import Stage
-from .general import (
-    balance_by_sample,
-    difference_step,
-    forces_by_sample,
-)
+from .general import balance_by_sample, difference_step, forces_by_sample
 from .inertial import INERTIAL, INERTIAL_UNITS, inertial_labels
 from .joints import (
     Actuator,
@@ -225,7 +221,10 @@ class Multibody(MotorTree):
         return forces_by_sample(self, t, q, v, u)
 
     def motion(self, log: Log, hermite: bool) -> RegressorMotion:
-        """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio."""
+        """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio.
+
+        Only one thread at a time may follow it: its stages pass through the same three arrays.
+        """
         own, qm = self._own_motion(log, hermite)
         qs, vs, vm = log.q, own.v, own.vm
         v_hat, a_hat, leading = np.empty(self.n), np.empty(self.n), np.empty(self._links)

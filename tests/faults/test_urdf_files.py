@@ -162,3 +162,17 @@ def test_names_that_engines_reserve_can_be_used(name, old, tmp_path):
     path = written(tmp_path, robot(ONE).replace(f'"{old}"', f'"{name}"'))
     plant = ArmPlant(path).build(1e-3, 0)
     assert plant.system.n == 1 and load_robot_model(path).model.nv == 1
+
+
+@pytest.mark.filterwarnings("ignore:Inertia matrix is too close to singular")  # of MuJoCo
+def test_next_to_no_inertia_is_told_and_leaves_no_file(tmp_path, monkeypatch):
+    """MuJoCo writes its warnings into the current folder, unless somebody takes them."""
+    path = tmp_path / "light.urdf"
+    light, heavy = link("l1", "1e-14", "3e-14"), link("l2", "1", "1000")
+    text = robot(light, joint("j1", "base", "l1"), heavy, joint("j2", "l1", "l2"))
+    centred = text.replace('xyz="0.1 0 0"', 'xyz="0 0 0"').replace('xyz="0.2 0 0"', 'xyz="0 0 0"')
+    path.write_text(centred, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BadRobot, match="mass matrix is singular"):
+        ArmPlant(str(path), armature=0.0).build(1e-3, 0)
+    assert list(tmp_path.iterdir()) == [path]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 import pytest
 
 import nsaid_mj
-from nsaid_mj import plants
+from nsaid_mj import control, plants, systems
 from nsaid_mj.control import DriverConfig
 from nsaid_mj.plants import PlantConfig
 from nsaid_mj.system import SecondOrderSystem
@@ -57,12 +59,15 @@ def test_the_log_the_multibody_systems_and_the_vehicles_are_public():
 
 @pytest.mark.parametrize("base", [PlantConfig, SecondOrderSystem, DriverConfig])
 def test_every_implementation_of_an_interface_is_public(base):
-    for name in nsaid_mj.__all__:  # imports all modules
-        getattr(nsaid_mj, name)
+    for folder in (control, plants, systems):
+        for file in walk_packages(folder.__path__, f"{folder.__name__}."):
+            import_module(file.name)
     concrete = {cls for cls in subclasses(base) if not getattr(cls, "__abstractmethods__", None)}
     assert len(concrete) > 1
     for cls in concrete:
-        assert getattr(nsaid_mj, cls.__name__, None) is cls
+        line = f"from .{cls.__module__.removeprefix('nsaid_mj.')} import {cls.__name__}"
+        found = getattr(nsaid_mj, cls.__name__, None)
+        assert found is cls, f"add `{line} as {cls.__name__}` to nsaid_mj/__init__.pyi"
 
 
 def test_a_new_file_in_plants_makes_a_plant_known(tmp_path):

@@ -15,7 +15,7 @@ from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID
-from nsaid_mj.identifiers.base import Status
+from nsaid_mj.identifiers.base import State, Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
@@ -249,20 +249,29 @@ def test_the_compiled_step_equals_the_step_by_pinocchio(robot, law, interpolatio
     assert ours.pivot == pytest.approx(theirs.pivot, rel=1e-5 if law == "memory" else 1e-8)
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of ctypes
-@pytest.mark.parametrize("fault", [lambda regressor: 2 * regressor, lambda _: 1 / 0])
-def test_the_step_by_pinocchio_is_pinocchios(fault, monkeypatch):
-    """A wrong regressor of Pinocchio's changes θ̂, and one that is missing ends the step."""
-    robot = "kinova held"
-    samples, ends = motion(robot, 1, 1e-3), []
+def stepped_by_pinocchio(monkeypatch, change) -> State:
+    """A step with all regressors of Pinocchio's changed."""
+    robot, right = "kinova held", pin.computeJointTorqueRegressor
+    samples = motion(robot, 1, 1e-3)
     identifier = NullspaceAID().build(pair(robot)[0], true_theta(robot), 1e-3)
-    right = pin.computeJointTorqueRegressor
-    for regressor in (right, lambda *args: fault(right(*args))):
-        monkeypatch.setattr(multibody.pin, "computeJointTorqueRegressor", regressor)
-        state = identifier.init(samples[0])
-        ends.append(identifier.step(state._replace(v_hat=state.v_hat + 1e-3), *samples))
-    assert ends[0].status is Status.completed
-    assert ends[1].status is not Status.completed or (ends[1].theta_hat != ends[0].theta_hat).any()
+    monkeypatch.setattr(
+        multibody.pin, "computeJointTorqueRegressor", lambda *args: change(right(*args))
+    )
+    state = identifier.init(samples[0])
+    return identifier.step(state._replace(v_hat=state.v_hat + 1e-3), *samples)
+
+
+def test_the_step_by_pinocchio_takes_pinocchios_regressors(monkeypatch):
+    right, wrong = (stepped_by_pinocchio(monkeypatch, lambda Y, k=k: k * Y) for k in (1.0, 2.0))
+    links = slice(0, 10 * pair("kinova held")[0].bodies)
+    assert right.status is wrong.status is Status.completed
+    assert (right.theta_hat[links] != wrong.theta_hat[links]).any()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of ctypes
+def test_a_step_without_pinocchios_regressors_fails(monkeypatch):
+    state = stepped_by_pinocchio(monkeypatch, lambda _: 1 / 0)
+    assert state.status is not Status.completed and np.isfinite(state.theta_hat).all()
 
 
 def test_a_motion_by_pinocchio_is_freed():

@@ -185,10 +185,10 @@ def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 def _curve(system: SecondOrderSystem, command: int, k: tuple[int, ...], typical: float) -> Array:
     """(2, N) sizes of a command of the sign of a typical one, and its effort over that one's."""
     q, v, u = system.random_state(np.random.default_rng(0))
-    x, sizes = np.concatenate([q, v]), np.linspace(0.0, 4.0, 401)
-    rows = np.tile(u, (len(sizes), 1))
-    rows[:, command] = sizes * typical
-    efforts = [float(np.abs(system.F(0.0, x, row)[:, list(k)]).max()) for row in rows]
+    sizes = np.linspace(0.0, 4.0, 401)
+    t, (q, v, u) = np.zeros(len(sizes)), (np.tile(part, (len(sizes), 1)) for part in (q, v, u))
+    u[:, command] = sizes * typical
+    efforts = np.abs(system.forces(t, q, v, u)[:, :, list(k)]).max(axis=(1, 2))
     rising = np.maximum.accumulate(efforts)
     return np.array([sizes * abs(typical), rising / rising[100]])
 
