@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, Self
 
@@ -12,10 +12,11 @@ from pydantic import model_validator
 
 from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
-from ..parameters import Array
-from ..robot.robots import Base, Robot, load_robot
+from ..parameters import Array, Indices
+from ..robot.loading import Base, load_robot
+from ..robot.model import RobotModel
 from ..robot.shapes import VisualMesh
-from ..robot.tree import RobotVisuals, set_inertias, tree_spec
+from ..robot.tree import set_inertias, tree_spec
 from ..systems.compiled import CompiledMultibody
 from ..systems.joints import Actuator
 from ..systems.multibody import JointScales, MotorTree, Multibody
@@ -36,12 +37,13 @@ AGREEMENT = 1e-10  # largest relative difference of M and bias between the engin
 class ArmPlant(ParametricPlantConfig):
     """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
-    Friction, rotor inertia and motor gain have one nominal value for all joints, as in a data
-    sheet, or None for values that suit the robot's size. The hidden true values, drawn from the
-    seed, deviate from the nominal ones joint by joint, by up to `spread`.
+    Joints that the robot's file gives no actuator are passive. Friction, rotor inertia and motor
+    gain have one nominal value for all joints, as in a data sheet, or None for the medians of an
+    MJCF's or else values that suit the robot's size. The hidden true values, drawn from the seed,
+    deviate from the nominal ones joint by joint, by up to `spread`.
 
     Attributes:
-        robot: a name of example-robot-data, or the path of a URDF file.
+        robot: a name of example-robot-data, or the path of a URDF or MJCF file.
         damping: nominal viscous friction [N·m·s/rad or N·s/m].
         friction: nominal Coulomb friction [N·m or N].
         armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
@@ -78,10 +80,9 @@ class ArmPlant(ParametricPlantConfig):
         """
         robot, nominal = self._published()
         rng = np.random.default_rng(seed)
-        n = len(nominal.gain)
 
         def hidden(value: Array) -> Array:
-            return value * (1 + self.spread * rng.uniform(-1, 1, n))
+            return value * (1 + self.spread * rng.uniform(-1, 1, len(value)))
 
         joints = HiddenJoints(
             rotor=hidden(nominal.rotor) if nominal.rotor is not None else None,
@@ -96,20 +97,30 @@ class ArmPlant(ParametricPlantConfig):
         robot, nominal = self._published()
         joints = HiddenJoints.of(nominal)
         if theta is not None:
-            joints = set_tree(robot.model, theta, len(nominal.gain))
+            joints = set_tree(robot.model, theta, len(nominal.viscous), len(nominal.gain))
         return self._plant(dt, robot, nominal, joints)
 
-    def _published(self) -> tuple[Robot, JointScales]:
+    def _published(self) -> tuple[RobotModel, JointScales]:
         """The robot's description, and the joints' nominal values."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
             raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
-        return robot, nominal_scales(robot.model, self)
+        own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
+        medians = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
+        stated = {n: x for n, x in medians.items() if x > 0 and getattr(self, n) is None}
+        scales = nominal_scales(robot.model, replace(self, **stated))
+        if robot.passive:
+            driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
+            gain, command = scales.gain[driven], scales.command[driven]
+            scales = replace(scales, gain=gain, command=command, driven=tuple(driven))
+        return robot, scales
 
-    def _plant(self, dt: float, robot: Robot, nominal: JointScales, joints: HiddenJoints) -> Arm:
-        n = len(nominal.gain)
+    def _plant(
+        self, dt: float, robot: RobotModel, nominal: JointScales, joints: HiddenJoints
+    ) -> Arm:
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
-        system = structure(robot.model, nominal, np.full(n, self.friction_speed))
+        speed = np.full(len(nominal.viscous), self.friction_speed)
+        system = structure(robot.model, nominal, speed)
         return Arm(robot, system, joints, dt, self.mismatch).failing(self.faults, self)
 
 
@@ -126,7 +137,7 @@ class FloatingBasePlant(ArmPlant):
 
 @dataclass(frozen=True)
 class HiddenJoints:
-    """True parameters of the joints, (k,) each; units as in `JointScales`."""
+    """True parameters of the joints, (k,) each, gains (n_u,); units as in `JointScales`."""
 
     rotor: Array | None
     viscous: Array
@@ -139,12 +150,13 @@ class HiddenJoints:
         return HiddenJoints(nominal.rotor, nominal.viscous, nominal.coulomb, nominal.gain)
 
 
-def set_tree(model: pin.Model, theta: Array, joints: int) -> HiddenJoints:
+def set_tree(model: pin.Model, theta: Array, joints: int, motors: int) -> HiddenJoints:
     """Overwrites the inertias of a model by those in θ = [bodies, joints]; returns the joints."""
     links = 10 * (model.njoints - 1)
     set_inertias(model, theta[:links])
-    values = theta[links:].reshape(-1, joints) if joints else np.zeros((3, 0))
-    return HiddenJoints(values[0] if len(values) == 4 else None, *values[-3:])
+    gains = len(theta) - motors
+    values = theta[links:gains].reshape(-1, joints) if joints else np.zeros((2, 0))
+    return HiddenJoints(values[0] if len(values) == 3 else None, *values[-2:], theta[gains:])
 
 
 class Arm(Plant):
@@ -166,20 +178,21 @@ class Arm(Plant):
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotModel,
         system: MotorTree,
         hidden: HiddenJoints,
         dt: float,
         mismatch: Mismatch,
     ):
         self.robot, self.system, self._hidden = robot, system, hidden
-        spec, k = arm_spec(robot.model, hidden, dt, system.scales.actuator), system.n_u
-        acting = np.zeros(system.p)
-        acting[-2 * k : -k] = hidden.coulomb  # MuJoCo's own `frictionloss` creeps
+        spec = arm_spec(robot.model, hidden, dt, system.scales.actuator, system.driven)
+        acting, gains = np.zeros(system.p), system.p - system.n_u
+        acting[gains - len(hidden.coulomb) : gains] = hidden.coulomb
+        # MuJoCo's own `frictionloss` creeps
         if system.scales.actuator == "servo":
-            acting[-k:] = hidden.gain
+            acting[gains:] = hidden.gain
         forces = Forces(system.structure, acting, np.zeros(3))
-        self.gain_places = forces.gain_places if acting[-k:].any() else ()
+        self.gain_places = forces.gain_places if acting[gains:].any() else ()
         spec.nuserdata, self.passive = forces.size, column_forces()
         try:
             self._compile(spec, mismatch)
@@ -216,7 +229,7 @@ class Arm(Plant):
 
     def visuals(self) -> list[VisualMesh]:
         """The visual meshes of the robot's description; there may be none."""
-        return self._visuals.visuals()
+        return self.robot.visuals.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m).
@@ -224,11 +237,7 @@ class Arm(Plant):
         Returns:
             translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
         """
-        return self._visuals.poses(q)
-
-    @cached_property
-    def _visuals(self) -> RobotVisuals:
-        return RobotVisuals(self.robot)
+        return self.robot.visuals.poses(q)
 
     def _compare_engines(self, samples: int = 5) -> None:
         """Compares M and bias forces of MuJoCo and Pinocchio at random states.
@@ -293,18 +302,22 @@ class Arm(Plant):
             )
 
 
-def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float, actuator: Actuator) -> Any:
-    """MuJoCo's specification of a Pinocchio model, with an actuator on every 1-DOF joint.
+def arm_spec(
+    model: pin.Model, hidden: HiddenJoints, dt: float, actuator: Actuator, driven: Indices
+) -> Any:
+    """MuJoCo's specification of a Pinocchio model, with an actuator on every driven 1-DOF joint.
 
     A servo's has no gain: its torque is a column.
     """
-    spec = tree_spec(model, dt)
-    for k, name in enumerate(list(model.names)[-len(hidden.gain) :]):
+    spec, names = tree_spec(model, dt), list(model.names)[-len(hidden.viscous) :]
+    for k, name in enumerate(names):
         joint = spec.joint(name)
         joint.damping = [hidden.viscous[k], 0, 0]
         joint.armature = hidden.rotor[k] if hidden.rotor is not None else 0.0
+    for k, gain in zip(driven, hidden.gain, strict=True):
+        name = names[k]
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.gainprm[0] = hidden.gain[k] if actuator == "motor" else 0.0
+        motor.gainprm[0] = gain if actuator == "motor" else 0.0
     return spec
 
 

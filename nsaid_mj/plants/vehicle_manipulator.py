@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -12,9 +12,10 @@ from ..bounds import Name, Share, config
 from ..errors import UnknownName
 from ..parameters import Array
 from ..resources import numbers
-from ..robot.robots import Robot, load_robot
-from ..robot.shapes import VisualMesh
-from ..robot.tree import GeomVisuals, RobotVisuals, set_inertias, tree_spec
+from ..robot.loading import load_robot
+from ..robot.model import RobotModel
+from ..robot.shapes import Shapes, VisualMesh, shapes_of_geoms
+from ..robot.tree import set_inertias, tree_spec
 from ..systems.flying_arm import FlyingArm
 from ..systems.inertial import GRAVITY
 from ..systems.multibody import JointScales
@@ -34,22 +35,6 @@ BASE = "base"
 """Name of the free joint and of the base body in models that are assembled here."""
 
 _LINK_COLOR, _JOINT_COLOR = [0.85, 0.55, 0.15, 1.0], [0.20, 0.22, 0.25, 1.0]
-
-
-class Visuals(Protocol):
-    """Meshes of a vehicle and their poses."""
-
-    def visuals(self) -> list[VisualMesh]:
-        """All meshes."""
-        ...
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
-        ...
 
 
 class VehicleWithArm(Plant):
@@ -74,7 +59,7 @@ class VehicleWithArm(Plant):
         acting: Array,
         names: list[str],
         spec: Any,
-        visuals: Visuals | None,
+        visuals: Shapes | None,
         mismatch: Mismatch,
     ):
         self.system, self._truth, self.passive = system, truth, column_forces()
@@ -85,7 +70,9 @@ class VehicleWithArm(Plant):
         self.joints = joint_map(self.model, names)
         self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
         self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
-        self._visuals = GeomVisuals(self.model, system.model) if visuals is None else visuals
+        self._visuals = visuals or Shapes(
+            system.model, lambda: shapes_of_geoms(self.model, system.model)
+        )
         self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
 
     @property
@@ -361,10 +348,11 @@ class FlyingArmPlant(ParametricPlantConfig):
         joints = HiddenJoints.of(nominal)
         if theta is not None:
             tree, thrust, torque = np.split(theta, [-2 * len(thrust), -len(thrust)])
-            joints = set_tree(robot.model, tree, len(nominal.gain))
+            k = len(nominal.gain)
+            joints = set_tree(robot.model, tree, k, k)
         return self._plant(dt, robot, joints, thrust, torque)
 
-    def _published(self) -> tuple[Robot, JointScales, Array, Array]:
+    def _published(self) -> tuple[RobotModel, JointScales, Array, Array]:
         """The description, the joints' nominal values, and the rotors' thrusts and torques."""
         known = numbers("flying_arm")
         if self.robot not in known:
@@ -375,7 +363,7 @@ class FlyingArmPlant(ParametricPlantConfig):
         return robot, nominal_scales(robot.model, ArmPlant()), thrust, torque
 
     def _plant(
-        self, dt: float, robot: Robot, true: HiddenJoints, thrust: Array, torque: Array
+        self, dt: float, robot: RobotModel, true: HiddenJoints, thrust: Array, torque: Array
     ) -> Plant:
         published, joints, *nominal = self._published()
         d = numbers("flying_arm")[self.robot]
@@ -404,7 +392,7 @@ class FlyingArmPlant(ParametricPlantConfig):
             np.concatenate([np.zeros(len(inertias)), forces]),
             names,
             spec,
-            RobotVisuals(robot),
+            robot.visuals,
             self.mismatch,
         )
         return vehicle.failing(self.faults, self)

@@ -24,20 +24,15 @@ _NONE, _LISTED = "–", 3  # no value; directions of P_s that are listed
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
-def print_design(
-    name: str, document: dict[str, Any], files: Sequence[Path], noticed: Sequence[str] = ()
-) -> None:
+def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> None:
     """Prints what a design will tell.
 
     Args:
         name: of the robot.
         document: of `design.files.document`.
         files: that were written.
-        noticed: remarks about the model file.
     """
     console = Console(highlight=False)
-    for remark in noticed:
-        console.print(f"  {remark}")
     console.print(f"[bold]{name}[/]: {document['duration']:g} s for {document['asked']}")
     console.print(f"  {_compared(document)[1]}")
     console.print(_intervals(document))

@@ -67,15 +67,17 @@ def reduced(
     return small, shapes
 
 
-def check_tree(robot: str, model: pin.Model) -> None:
-    """Checks that a fixed-base model consists of 1-DOF joints.
+def check_tree(robot: str, model: pin.Model, floats: bool = False) -> None:
+    """Checks that a model consists of 1-DOF joints, after a free flyer if it floats.
 
     Raises:
-        BadRobot: a joint has several degrees of freedom, or no joint moves.
+        BadRobot: a joint has several degrees of freedom, no joint moves, or the base is fixed.
     """
     if model.nv == 0:
         raise BadRobot(robot, "", "no joint moves", "Keep at least one joint.")
-    for i in range(1, model.njoints):
+    if floats and model.joints[1].nv != 6:
+        raise BadRobot(robot, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+    for i in range(2 if floats else 1, model.njoints):
         joint, name = model.joints[i], model.names[i]
         if joint.nv != 1:
             reason = f"it has {joint.nv} degrees of freedom; only revolute and prismatic joints "

@@ -9,6 +9,7 @@ rates.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Literal
 
@@ -140,16 +141,18 @@ def joint_parts(
     rotors: bool,
     friction_speed: Array,
     actuator: Actuator = "motor",
+    driven: Sequence[int] | None = None,
 ) -> tuple[list[Rotor], list[Column]]:
-    """What a motor or servo on every joint adds to a structure.
+    """What friction and a motor or servo on every driven joint add to a structure.
 
     Args:
         model: with k 1-DOF joints.
         start: index in θ of the first of rotor inertias (k, if modelled), viscous friction (k),
-            Coulomb friction (k) and gains (k).
+            Coulomb friction (k) and gains (n_u).
         rotors: whether rotor inertias are modelled.
         friction_speed: (k,) speeds at which Coulomb friction saturates [rad/s or m/s].
         actuator: kind of all actuators.
+        driven: (n_u,) numbers of the joints that have one; None for all.
     """
     k = len(friction_speed)
     first = model.nv - k
@@ -162,7 +165,10 @@ def joint_parts(
         for i, speed in enumerate(friction_speed)
     ]
     start += k
-    columns += [Column(actuator, start + i, dof=first + i, input=i) for i in range(k)]
+    columns += [
+        Column(actuator, start + i, dof=first + joint, input=i)
+        for i, joint in enumerate(range(k) if driven is None else driven)
+    ]
     return rotating, columns
 
 

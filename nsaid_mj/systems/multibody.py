@@ -1,15 +1,16 @@
 """Trees of revolute and prismatic joints (5), fixed or floating, with a motor on every joint.
 
 θ = ten inertial parameters of every link, the floating base first if there is one; then, for every
-joint, rotor inertia (if modelled), viscous and Coulomb friction, motor gain. Link inertias are
-about the joint-frame origin in joint axes, in Pinocchio's order: m, m·c (3), Ixx, Ixy, Iyy, Ixz,
-Iyz, Izz.
+joint, rotor inertia (if modelled), viscous and Coulomb friction; then the gain of every motor. Link
+inertias are about the joint-frame origin in joint axes, in Pinocchio's order: m, m·c (3), Ixx, Ixy,
+Iyy, Ixz, Iyz, Izz.
 """
 
 from __future__ import annotations
 
 import ctypes
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,11 +57,12 @@ class JointScales:
         length: (b,) sizes of the bodies [m].
         viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
         coulomb: (k,) Coulomb friction [N·m or N].
-        gain: (k,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
+        gain: (n_u,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
         speed: (k,) speeds of operation [rad/s or m/s].
-        command: (k,) commands of operation [units of command].
+        command: (n_u,) commands of operation [units of command].
         rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
         actuator: whether a command is a motor's, or the position target of a servo.
+        driven: (n_u,) numbers of the joints that have an actuator; None for all.
     """
 
     mass: Array
@@ -72,10 +74,13 @@ class JointScales:
     command: Array
     rotor: Array | None = None
     actuator: Actuator = "motor"
+    driven: tuple[int, ...] | None = None
 
 
 class MotorTree(JointTree):
-    """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5), with motors on the joints only.
+    """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5), with motors on joints only.
+
+    Joints may be passive, without a motor; k then has a gain for each of the others.
 
     With position servos, whose commands are targets, the last term is diag(k) (u − q).
 
@@ -96,13 +101,14 @@ class MotorTree(JointTree):
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
         model = without_inertia(model)
         bodies, space, speed = bodies_of(model), _space(model, scales), np.asarray(friction_speed)
-        links, motors = 10 * len(bodies), len(moving_joints(model))
+        links, joints = 10 * len(bodies), len(moving_joints(model))
+        self.driven = np.arange(joints) if scales.driven is None else np.array(scales.driven, int)
         rotors, columns = joint_parts(
-            model, links, scales.rotor is not None, speed, scales.actuator
+            model, links, scales.rotor is not None, speed, scales.actuator, self.driven.tolist()
         )
         rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
         gravity = model.gravity.linear.copy()
-        structure = Structure(bodies, rigid, columns, len(space), motors, rotors, gravity)
+        structure = Structure(bodies, rigid, columns, len(space), len(self.driven), rotors, gravity)
         super().__init__(model, structure, space)
         self.scales, self.friction_speed = scales, speed.astype(np.float64)
         self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
@@ -112,7 +118,7 @@ class MotorTree(JointTree):
         q = self.position(rng.uniform(*self.limits))
         v = self._speed * rng.uniform(-1, 1, self.n)
         u = self.scales.command * rng.uniform(-1, 1, self.n_u)
-        return q, v, u if self.scales.actuator == "motor" else self.angles(q) + u
+        return q, v, u if self.scales.actuator == "motor" else self.angles(q)[self.driven] + u
 
 
 class Multibody(MotorTree):
@@ -127,10 +133,11 @@ class Multibody(MotorTree):
         self._weightless.gravity.setZero()
         self._data, self._data_0 = self.model.createData(), self._weightless.createData()
         self._unit, self._zero = np.eye(self.n), np.zeros(self.n)
-        self._joint, self._links = np.arange(self.n_u), 10 * self.bodies
+        self._joint, self._links = np.arange(len(self.joints)), 10 * self.bodies
         self._moved = self.group + self._joint  # the velocity of each joint
         self._rotor = None if scales.rotor is None else self._links
-        self._viscous, self._coulomb, self._gain = self.p - self.n_u * np.array([3, 2, 1])
+        self._gain = self.p - self.n_u
+        self._viscous, self._coulomb = self._gain - len(self.joints) * np.array([2, 1])
 
     # -- regressors ----------------------------------------------------------------------------
 
@@ -201,7 +208,8 @@ class Multibody(MotorTree):
         F[self._moved, self._viscous + self._joint] = -rate
         F[self._moved, self._coulomb + self._joint] = -np.tanh(rate / self.friction_speed)
         servos = self.scales.actuator == "servo"
-        F[self._moved, self._gain + self._joint] = u - self.angles(q) if servos else u
+        pushes = u - self.angles(q)[self.driven] if servos else u
+        F[self._moved[self.driven], self._gain + np.arange(self.n_u)] = pushes
         return F
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
@@ -280,17 +288,19 @@ def joint_block(
     model: pin.Model,
     scale: Array,
     actuator: bool = False,
+    driven: Sequence[int] | None = None,
 ) -> Block:
     """A block of one positive parameter per joint; `units` for revolute and prismatic joints."""
     sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
+    own = range(len(names)) if driven is None else driven
     return Block(
         name,
-        tuple(f"{letter}_{i + 1}" for i in range(len(sliding))),
-        tuple(units[slides] for slides in sliding),
+        tuple(f"{letter}_{i + 1}" for i in own),
+        tuple(units[sliding[i]] for i in own),
         scale,
         "positive",
         actuator,
-        labels=tuple(f"{name.removeprefix('motor ')} of {joint}" for joint in names),
+        labels=tuple(f"{name.removeprefix('motor ')} of {names[i]}" for i in own),
     )
 
 
@@ -299,12 +309,12 @@ def joint_blocks(model: pin.Model, s: JointScales) -> list[Block]:
     blocks = []
     if s.rotor is not None:
         blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), model, s.rotor))
-    for name, letter, units, scale, actuator in (
-        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, False),
-        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, False),
-        (*_ACTUATORS[s.actuator], s.gain, True),
+    for name, letter, units, scale in (
+        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous),
+        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb),
     ):
-        blocks.append(joint_block(name, letter, units, model, scale, actuator=actuator))
+        blocks.append(joint_block(name, letter, units, model, scale))
+    blocks.append(joint_block(*_ACTUATORS[s.actuator], model, s.gain, True, s.driven))
     return blocks if moving_joints(model) else []
 
 

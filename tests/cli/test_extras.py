@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.resources import packed_robots
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 
 MISSING = ("pinocchio", "coal", "example_robot_data", "rerun", "rerun_cli")
 

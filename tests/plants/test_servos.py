@@ -21,7 +21,7 @@ def test_a_servo_pulls_as_mujocos_own_position_actuator():
     """MuJoCo's `position` with the true kp on the same bodies, where nothing slides."""
     assert isinstance(ARM, ArmPlant)
     plant, rng = ARM.build(2e-3, 5), np.random.default_rng(0)
-    spec = arm_spec(plant.robot.model, plant._hidden, 2e-3, "servo")
+    spec = arm_spec(plant.robot.model, plant._hidden, 2e-3, "servo", plant.system.driven)
     for actuator, kp in zip(spec.actuators, plant._hidden.gain, strict=True):
         actuator.set_to_position(kp=kp)
     model = spec.compile()

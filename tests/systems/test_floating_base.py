@@ -11,7 +11,7 @@ from nsaid_mj.plants import FloatingBasePlant, arm
 from nsaid_mj.plants.arm import Arm
 from nsaid_mj.plants.world.coordinates import FloatingMap
 from nsaid_mj.resources import known_robots
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 from tests.support.dense import Dense
