@@ -182,7 +182,7 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
     "package,homes",
     [
         ("mujoco", {"plants", "baselines", "calibration"}),
-        ("rerun", {"recording"}),
+        ("rerun", {"recording", "calibration"}),  # which reads recordings of others
         ("tyro", {"cli", "experiment"}),
         ("pinocchio", {"plants", "systems", "recording", "baselines", "calibration"}),
         ("matplotlib", {"reporting"}),

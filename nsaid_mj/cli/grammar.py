@@ -152,7 +152,8 @@ class Identify:
     Attributes:
         packed: a packed robot with a log: tx40 or so101.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
-        log: log files; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP, ULog, DataFlash.
+        log: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
+            ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
         map: TOML file that says which columns are what; `nsaid inspect` writes a first one.
         known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
@@ -196,7 +197,8 @@ class Inspect:
     identify` would refuse the log.
 
     Attributes:
-        logs: log files; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP, ULog, DataFlash.
+        logs: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
+            ULog, DataFlash, LeRobot dataset, Rerun recording.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
         map: TOML file that says which columns are what; by default they are matched by name.
         lock: comma-separated joints that do not move.

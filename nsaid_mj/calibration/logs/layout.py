@@ -66,7 +66,7 @@ class Layout(NamedTuple):
 
     def q(self, raw: Array) -> Array:
         """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k)."""
-        offsets = np.array([s.column.offset for s in self.positions])
+        offsets = np.array([s.column.zero for s in self.positions])
         if self.vehicle is None:
             return _mixed(raw, self.coupling) + offsets
         return _pose(self.vehicle, raw + offsets)

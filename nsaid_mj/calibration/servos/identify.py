@@ -16,7 +16,7 @@ from ...parameters import Array
 from ...resources import asset
 from ..data import RobotModel
 from ..findings import Finding
-from ..logs import Map, read_map, read_tables
+from ..logs import Map, Table, read_map, read_tables
 from ..models import load_robot_model
 from ..models.mjcf_file import compile_file
 from ..models.mjcf_tree import actuators_of, joint_names
@@ -70,19 +70,33 @@ def servo_logs(
     path = packed if packed.is_file() else Path(model)
     if path.suffix.lower() != ".xml" or not path.is_file() or not logs:
         return None
-    robot = load_robot_model(str(path), lock, joints)
-    found = _servos(path, robot.joints) if robot.kind == "mjcf" else None
-    if found is None:
-        return None
-    kp, limits = found
     chosen = read_map(mapping) if isinstance(mapping, Path) else mapping
-    tables = read_tables(logs, chosen)
-    columns = servo_map(tables, chosen, robot.joints)
-    if columns is None:
+    return read_servos(load_robot_model(str(path), lock, joints), read_tables(logs, chosen), chosen)
+
+
+def read_servos(
+    robot: RobotModel, tables: Sequence[Table], mapping: Map | None = None
+) -> ServoLogs | None:
+    """The logs of an arm's servos; None if it has none, or the tables hold no targets.
+
+    Args:
+        robot: the model.
+        tables: of log files.
+        mapping: see `servo_logs`.
+
+    Raises:
+        InvalidInput: a column or joint of the map does not exist.
+        UnusableLog: no stretch lasts two seconds, or positions are in another unit.
+    """
+    found = None
+    if robot.kind == "mjcf" and robot.source is not None:
+        found = _servos(robot.source, robot.joints)
+    columns = servo_map(tables, mapping, robot.joints) if found is not None else None
+    if found is None or columns is None:
         return None
-    read, findings = read_servo_logs(robot, tables, columns, chosen, limits)
+    read, findings = read_servo_logs(robot, tables, columns, mapping, found[1])
     own = [f for f in robot.findings if f.code != "servo"]
-    return ServoLogs(robot, read, kp, (*own, *findings))
+    return ServoLogs(robot, read, found[0], (*own, *findings))
 
 
 def _servos(path: Path, joints: Sequence[str]) -> tuple[Array, Array] | None:

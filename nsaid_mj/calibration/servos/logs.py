@@ -15,13 +15,13 @@ from ..data import RobotModel
 from ..findings import Finding, UnusableLog
 from ..links import positions
 from ..logs import Map, signals
+from ..logs.checks import beyond_limits
 from ..logs.cleaning import Recording, clean
 from ..logs.joining import join
 from ..logs.layout import Layout, Source
 from ..logs.mapping import Column, Joint
 from ..logs.matching import candidates, match_targets
 from ..logs.tables import Table
-from ..logs.units import FACTORS
 from .simulation import JointLog
 
 _SHORTEST = 2.0  # shorter stretches between gaps are left out [s]
@@ -62,8 +62,8 @@ def servo_map(
     are matched by name, and a log that holds torques or currents as well counts as one of them.
     """
     if mapping is not None and mapping.joints:
-        units = {joint.command.unit for joint in mapping.joints.values()}
-        return dict(mapping.joints) if units <= set(FACTORS["position"]) else None
+        targets = all(joint.command.is_position for joint in mapping.joints.values())
+        return dict(mapping.joints) if targets else None
     channels = list(dict.fromkeys(name for table in tables for name in table.channels))
     found = candidates(channels, joints)
     targets = match_targets(channels, joints)
@@ -102,7 +102,7 @@ def read_servo_logs(
 
     Raises:
         InvalidInput: a column or joint of the map does not exist.
-        UnusableLog: no stretch lasts two seconds.
+        UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
     made = _layout(columns, robot.joints)
     names = [source.column.column for source in made.sources]
@@ -120,6 +120,11 @@ def read_servo_logs(
         text = f"no stretch of {_SHORTEST:g} s has all targets and positions"
         refusal = Finding("refusal", "short_log", "", text, "Record a longer log.")
         raise UnusableLog((*findings, refusal))
+    speeds = [np.abs(np.gradient(log.position, log.t, axis=0)) for log in logs]
+    fast = np.quantile(np.concatenate(speeds), 0.95, axis=0)
+    findings += beyond_limits(np.concatenate([log.position for log in logs]), fast, robot)
+    if any(f.level == "refusal" for f in findings):
+        raise UnusableLog(tuple(findings))
     return tuple(logs), tuple(findings)
 
 
@@ -153,17 +158,19 @@ def _stretches(
     for signal in measured:
         cuts |= set(np.searchsorted(t, signals.gaps(signal)[:, 1]).tolist())
     edges = sorted(cuts)
-    logs = []
+    logs: list[ServoLog] = []
     for first, last in itertools.pairwise(edges):
         own = t[first:last]
         if len(own) < 10 or own[-1] - own[0] < _SHORTEST:
             continue
         q = np.column_stack([np.interp(own, s.t, s.x) for s in measured])
         u = np.column_stack([signals.resample(s, own, hold=True) for s in wanted])
-        q += [source.column.offset for source in made.positions]
-        u += [source.column.offset for source in made.commands]
+        q += [source.column.zero for source in made.positions]
+        u += [source.column.zero for source in made.commands]
         u = np.clip(u, limits[:, 0], limits[:, 1])
         logs.append(ServoLog(recording.source, own, u, q, *_loads(robot, q)))
+    if len(logs) > 1:
+        logs = [log._replace(source=f"{log.source} at {log.t[0]:.0f} s") for log in logs]
     return logs, findings
 
 
