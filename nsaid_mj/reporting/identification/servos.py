@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from ...calibration import words
 from ...calibration.result import Parameter
-from ...calibration.servos import ServoIdentification
+from ...calibration.servos import Score, ServoIdentification
 from .terminal import print_findings
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3}  # factor to the unit in the head
@@ -45,6 +46,28 @@ def print_servos(result: ServoIdentification, console: Console, files: Sequence[
     console.print("  error: of the open-loop simulation; simple: of the late target or a constant.")
     for k, path in enumerate(files):
         console.print(f"{'' if k else chr(10)}  {path}", soft_wrap=True, markup=False)
+
+
+def print_scores(scores: Sequence[Score], console: Console) -> None:
+    """Prints how far models depart from logs: means over all joints.
+
+    Args:
+        scores: of `compare_models`.
+        console: to print on.
+    """
+    table = Table(box=None, pad_edge=False, padding=(0, 1), header_style="dim")
+    table.add_column("\n model")
+    for head in ("0.2 s\nmrad", "2 s\nmrad", "log\nmrad", "one step\nNRMSE", "\ns"):
+        table.add_column(head, justify="right", no_wrap=True)
+    for score in scores:
+        numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
+        cells = ["–" if np.isnan(x) else f"{x:.2f}" for x in numbers]
+        table.add_row(f" {escape(score.model)}", *cells, f"{score.seconds:.1f}")
+    console.print(table)
+    console.print(
+        "\n  Mean absolute errors of open-loop simulations that start again after this time."
+    )
+    console.print("  identified: each half of the logs is predicted from the other.")
 
 
 def _kind(parameter: Parameter) -> str:
