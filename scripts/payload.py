@@ -2,11 +2,11 @@
 
     python -m scripts.payload [--seeds 0:5]
 
-Simulated: a UR5 by motor currents whose links are up to 25 % off the file's (scripts/scale.py), with
-2 kg on its last link in a second log; and an SO-101 by position targets, all of whose masses are the
-file's times a drawn factor, with 200 g in its gripper in two of four logs, read as a real one is. In
-neither is the load's place told. Prints the scale that was found over the true one, its 95 %
-interval, and whether this holds.
+Simulated: a UR5 by motor currents whose links are up to 25 % off the file's (scripts/scale.py),
+with 2 kg on its last link in a second log; and an SO-101 by position targets, all of whose masses
+are the file's times a drawn factor, with 200 g in its gripper in two of four logs, read as a real
+one is. In neither is the load's place told. Prints the scale that was found over the true one, its
+95 % interval, and whether this holds.
 """
 
 from __future__ import annotations

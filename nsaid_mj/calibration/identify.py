@@ -52,8 +52,7 @@ def identify(
         mapping: which columns of the logs are what; the path of a map.toml, or None to match
             columns with the model's joints by name.
         known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
-        loads: weighed loads that some of the logs carry, such as "loaded.csv:0.25kg@gripper"; they
-            fix the common scale.
+        loads: weighed ones, such as "loaded.csv:0.25kg@gripper", which fix the common scale.
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
         columns: columns that all joints have besides rotor inertia, viscous and Coulomb friction,

@@ -3,20 +3,50 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import tyro
+from tyro.conf import arg
 
 from ..errors import InvalidInput
-from .grammar import CompareModels
 
 if TYPE_CHECKING:
     from ..calibration.servos import Score
 
 
-def compare_on_logs(chosen: CompareModels) -> int:
-    """Executes the command and returns the exit code."""
+_SUCH = "Such as `nsaid compare --log log.csv --models a.xml b.xml identified`."
+
+
+@dataclass(frozen=True)
+class CompareModels:
+    """Compare model files of a servo arm on its own logs of targets and positions.
+
+    Every model is simulated open loop from the targets; errors of position are means over 0.2 s,
+    2 s and the whole log, beside those of the target itself, late.
+
+    Attributes:
+        log: log files or folders of them.
+        models: MJCF files with the same joints; `identified` is fitted to the logs, and each half
+            of them is predicted from the other.
+        map: TOML file that says which columns are what.
+        json: print only the scores of every joint, as JSON, to the standard output.
+        quiet: print only errors.
+    """
+
+    log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
+    models: Annotated[tuple[str, ...], arg(metavar="FILE…")] = ()
+    map: Path | None = None
+    json: bool = False
+    quiet: bool = False
+
+
+def compare_on_logs(arguments: Sequence[str]) -> int:
+    """Executes what follows `nsaid compare` where it begins with a flag; returns the exit code."""
+    chosen = tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments))
     from ..calibration.servos import IDENTIFIED, compare_models, servo_logs
     from ..reporting.progress import Progress
 
@@ -43,9 +73,6 @@ def compare_on_logs(chosen: CompareModels) -> int:
 
         print_scores(scores, Console())
     return 0
-
-
-_SUCH = "Such as `nsaid compare --log log.csv --models a.xml b.xml identified`."
 
 
 def document(joints: tuple[str, ...], scores: tuple[Score, ...]) -> list[dict[str, Any]]:

@@ -354,29 +354,6 @@ class Compare(Comparison):
 
 
 @dataclass(frozen=True)
-class CompareModels:
-    """Compare model files of a servo arm on its own logs of targets and positions.
-
-    Every model is simulated open loop from the targets; errors of position are means over 0.2 s,
-    2 s and the whole log, beside those of the target itself, late.
-
-    Attributes:
-        log: log files or folders of them.
-        models: MJCF files with the same joints; `identified` is fitted to the logs, and each half
-            of them is predicted from the other.
-        map: TOML file that says which columns are what.
-        json: print only the scores of every joint, as JSON, to the standard output.
-        quiet: print only errors.
-    """
-
-    log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
-    models: Annotated[tuple[str, ...], arg(metavar="FILE…")] = ()
-    map: Path | None = None
-    json: bool = False
-    quiet: bool = False
-
-
-@dataclass(frozen=True)
 class Sweep(Sweeping):
     """Run a scenario many times, with varied fields and drawn seeds.
 
@@ -468,8 +445,3 @@ def parse(arguments: Sequence[str]) -> Command:
         args=list(arguments),
         config=(tyro.conf.FlagCreatePairsOff,),
     )
-
-
-def parse_models(arguments: Sequence[str]) -> CompareModels:
-    """Parses what follows `nsaid compare` where it begins with a flag."""
-    return tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments))
