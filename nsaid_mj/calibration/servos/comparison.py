@@ -12,8 +12,8 @@ import numpy as np
 
 from ...errors import BadRobot
 from ...parameters import Array
-from ..models.mjcf_file import compile_file
-from ..models.mjcf_tree import joint_names
+from ...robot.mjcf_file import compile_file
+from ...robot.mjcf_tree import joint_names
 from .estimate import DELAYS, late
 from .export import rollout, write_servo_mjcf
 from .identify import ServoLogs, identify_servos, servos_in
