@@ -110,6 +110,10 @@ def _command(arguments: Sequence[str]) -> int:
     word, name, *_ = *arguments, "", ""
     if word in of_a_scenario and name and not name.startswith("-"):
         return of_a_scenario[word](name, arguments[2:])
+    if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
+        from .comparing import compare_on_logs
+
+        return compare_on_logs(arguments[1:])
     from . import grammar
 
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])

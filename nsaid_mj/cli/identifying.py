@@ -69,6 +69,7 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 validate=chosen.validate,
                 mapping=chosen.map,
                 known=dict(_known(text) for text in chosen.known),
+                loads=chosen.load,
                 lock=_names(chosen.lock),
                 joints=_names(chosen.joints) or None,
                 columns=None if chosen.columns == "auto" else _names(chosen.columns),

@@ -73,7 +73,7 @@ class Layout(NamedTuple):
 
         Of a vehicle in space without positions they are 0, see `placed`.
         """
-        offsets = np.array([s.column.offset for s in self.positions])
+        offsets = np.array([s.column.zero for s in self.positions])
         if self.vehicle is None:
             return _mixed(raw, self.coupling) + offsets
         return _pose(self.vehicle, raw + offsets)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ def read(path: Path) -> list[Columns]:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
     values: dict[str, np.ndarray] = {}
     for name in table.column_names:
-        values |= _flat(name, table.column(name))
+        values |= flat(name, table.column(name))
     return [Columns(values)]
 
 
@@ -47,8 +48,8 @@ def _table(path: Path) -> pa.Table:
         return opened(source).read_all()
 
 
-def _flat(name: str, column: pa.ChunkedArray) -> dict[str, np.ndarray]:
-    """A column by name; lists of one length become `name_0`, `name_1` and so on."""
+def flat(name: str, column: pa.ChunkedArray, entries: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """A column by name; lists of one length become `name_0`, `name_1` …, or the given entries."""
     if pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type):
         rows = column.to_pylist()
         widths = {len(row) for row in rows if row is not None}
@@ -56,7 +57,8 @@ def _flat(name: str, column: pa.ChunkedArray) -> dict[str, np.ndarray]:
             return {}
         width = widths.pop()
         dense = np.array([[np.nan] * width if row is None else row for row in rows], np.float64)
-        return {f"{name}_{k}": dense[:, k] for k in range(width)}
+        names = entries if len(entries) == width else [f"{name}_{k}" for k in range(width)]
+        return dict(zip(names, dense.T, strict=True))
     return {name: numpy_column(column)}
 
 
