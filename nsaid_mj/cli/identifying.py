@@ -28,7 +28,13 @@ def identify_log(chosen: Identify) -> int:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     folder = _folder(Path(model).stem, chosen.out, chosen.force)
     check_writable(folder)
-    with reading(model, *chosen.log, *chosen.validate, chosen.map), locked(folder):
+    from ..calibration.logs import limited_to
+
+    with (
+        reading(model, *chosen.log, *chosen.validate, chosen.map),
+        locked(folder),
+        limited_to(chosen.limit * 1e9),
+    ):
         return _identify(model, chosen, folder)
 
 

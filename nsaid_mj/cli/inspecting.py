@@ -26,7 +26,7 @@ def inspect_log(chosen: Inspect) -> int:
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
-    from ..calibration.logs import read_map, read_tables
+    from ..calibration.logs import limited_to, read_map, read_tables
     from ..calibration.logs.inspection import inspect
 
     mapping = read_map(chosen.map) if chosen.map else None
@@ -37,7 +37,9 @@ def inspect_log(chosen: Inspect) -> int:
         lock = [name.strip() for name in chosen.lock.split(",") if name.strip()]
         kept = [name.strip() for name in chosen.joints.split(",") if name.strip()]
         robot = load_robot_model(chosen.model, lock, kept or None)
-    found = inspect(read_tables(chosen.logs, mapping), mapping, robot)
+    with limited_to(chosen.limit * 1e9):
+        tables = read_tables(chosen.logs, mapping)
+    found = inspect(tables, mapping, robot)
     with reading(*chosen.logs, chosen.map, chosen.model):
         files = _write(found, chosen)
     if chosen.json:
