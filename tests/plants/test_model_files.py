@@ -30,8 +30,8 @@ MJCF = """<mujoco model="furuta"><compiler angle="radian"/>
   <body name="drive"><joint name="drive" axis="0 0 1"/>
     <geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.4"/>
     <body name="swing" pos="0.2 0 0"><joint name="swing" axis="1 0 0"{spring}/>
-      <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.3" mass="0.2"/></body></body></worldbody>
-  <actuator><motor joint="drive" gear="2"/></actuator></mujoco>"""
+      <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.3" mass="0.2"/></body></body>
+  </worldbody><actuator><motor joint="drive" gear="2"/></actuator></mujoco>"""
 
 
 @pytest.fixture(params=["urdf", "xml"])
