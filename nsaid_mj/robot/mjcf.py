@@ -52,16 +52,15 @@ def load_mjcf(
         UnknownName: there is no such joint.
     """
     mj, findings = compile_file(path)[1:]
-    name = mj.names.partition(b"\0")[0].decode()
-    name = path.stem if name in {"", _NAMELESS} else name
+    name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem
     whole, names = rigid_tree(mj, name), joint_names(mj)
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
     kept = free[:1] if base == "free" else []
     movable = [n for n in names if n not in free]
-    fixed = locked_joints(movable, [n for n in lock if n not in free], joints)
-    locked = fixed | (set(free) - set(kept))
+    locked = locked_joints(movable, [n for n in lock if n not in free], joints)
+    locked |= set(free) - set(kept)
     model = reduced(whole, pin.GeometryModel(), locked, initial_pose(mj, whole, free))[0]
-    check_tree(str(path), model, floats=base == "free")
+    check_tree(str(path), model, base)
     check_couplings(str(path), mj, names, locked)
     found = motors(mj, names, tuple(system_joints(model)))
     findings += [*_held([n for n in free if n not in kept]), *_ignored_forces(mj, names, locked)]
@@ -85,7 +84,8 @@ def load_mjcf(
         file=path,
         passive=found.passive,
     )
-    if base is not None and (told := [str(f) for f in findings if f.level == "warning"]):
+    told = [str(f) for f in findings if f.level == "warning"]
+    if base is not None and told:
         warnings.warn(RobotChanged(str(path), told), stacklevel=2)
     return robot
 

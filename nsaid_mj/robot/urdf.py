@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,13 @@ from lxml import etree
 from lxml.etree import _Element as Element
 
 from ..errors import BadRobot
+from ..parameters import Array
 from ..systems.joints import body_names, joint_names
 from ..systems.optional import coal, pin
 from .findings import Finding
 from .inertias import check_inertias, make_physical
 from .meshes import resolve_meshes
-from .mimic import mimicking, weld
+from .mimic import Follower, mimicking, weld
 from .model import RobotModel
 from .reduction import check_tree, home, locked_joints, reduced
 from .shapes import Shape, Shapes, shapes_of_geometry
@@ -49,49 +51,26 @@ def load_urdf(
         InvalidInput: a joint is both to be locked and to be kept.
         UnknownName: there is no such joint.
     """
-    check_urdf(path, root)
-    simulated, followers = base is not None, {}
-    if simulated:
-        check_masses(path, root)
-        warn_of_mimics(path, root)
-        findings = list(encoding)
-    else:
-        findings = [*encoding, *check_inertials(path, root)]
-        followers = mimicking(path, root)
-    findings += resolve_meshes(root, path)
+    findings, followers = _checked(path, root, base is not None)
+    findings = [*encoding, *findings, *resolve_meshes(root, path)]
     xml = etree.tostring(root, encoding="unicode")
     whole = _pinocchio(path, xml, base == "free")
     names = [name for name in list(whole.names)[1:] if name not in followers]
     locked = locked_joints(names, lock, joints)
     findings += weld(followers, set(names) - locked)
-    q = home(whole)
-    for name, follower in followers.items():
-        _place(whole, name, q, follower.position(_position(whole, follower.leader, q)))
+    q = _configuration(whole, followers)
     locked |= set(followers)
-    kept = [n for n in names if n not in locked and base != "free"]
-    floating = [n for n in kept if whole.joints[whole.getJointId(n)].nv == 6]
-    for name in floating:
-        note = "this floating joint was taken as fixed"
-        findings.append(Finding("warning", "base_held", f"joint {name}", note))
+    bases = {"free": [], "held": names[:1]}.get(base or "", [n for n in names if n not in locked])
+    floating = [n for n in bases if whole.joints[whole.getJointId(n)].nv == 6]
+    note = "this floating joint was taken as fixed"
+    findings += [Finding("warning", "base_held", f"joint {name}", note) for name in floating]
     locked |= set(floating)
     model = reduced(whole, pin.GeometryModel(), locked, q)[0]
-    check_tree(str(path), model, floats=base == "free")
-    if simulated:
+    check_tree(str(path), model, base)
+    if base is not None:
         check_inertias(str(path), model)
     else:
         findings += make_physical(model, body_names(model))
-
-    def shapes() -> Iterable[Shape]:
-        """The meshes; none if a mesh file is broken."""
-        if root.find("link/visual/geometry/mesh") is None:
-            return ()
-        boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the fastest type that shows its triangles
-        visual = pin.GeometryType.VISUAL
-        try:
-            found = pin.buildGeomFromUrdfString(whole, xml, visual, mesh_loader=boxes)
-        except (ValueError, RuntimeError):
-            return ()
-        return shapes_of_geometry(reduced(whole, found, locked, q)[1])
 
     moving = tuple(joint_names(model))
     first = model.nv - len(moving)
@@ -108,25 +87,57 @@ def load_urdf(
         gain=np.ones(len(moving)),
         limits=np.where(effort > 0, effort, np.inf),
         findings=tuple(findings),
-        visuals=Shapes(model, shapes),
+        visuals=Shapes(model, partial(_shapes, root, xml, whole, locked, q)),
         file=path,
         passive=tuple(name for name in passive_joints(root) if name in moving),
     )
 
 
-def _position(model: pin.Model, joint: str, q: np.ndarray) -> float:
+def _checked(
+    path: Path, root: Element, simulated: bool
+) -> tuple[list[Finding], dict[str, Follower]]:
+    """Checks a URDF; returns what was mended in it, and the joints that follow others."""
+    check_urdf(path, root)
+    if not simulated:
+        return check_inertials(path, root), mimicking(path, root)
+    check_masses(path, root)
+    warn_of_mimics(path, root)
+    return [], {}
+
+
+def _shapes(
+    root: Element, xml: str, whole: pin.Model, locked: set[str], q: Array
+) -> Iterable[Shape]:
+    """The meshes of a URDF with joints locked at q (nq,); none if a mesh file is broken."""
+    if root.find("link/visual/geometry/mesh") is None:
+        return ()
+    boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the fastest type that shows its triangles
+    visual = pin.GeometryType.VISUAL
+    try:
+        found = pin.buildGeomFromUrdfString(whole, xml, visual, mesh_loader=boxes)
+    except (ValueError, RuntimeError):
+        return ()
+    return shapes_of_geometry(reduced(whole, found, locked, q)[1])
+
+
+def _configuration(model: pin.Model, followers: dict[str, Follower]) -> Array:
+    """(nq,) `home`, with mimic joints where their leaders put them."""
+    q = home(model)
+    for name, follower in followers.items():
+        position = follower.position(_position(model, follower.leader, q))
+        if model.existJointName(name):
+            own = model.joints[model.getJointId(name)]
+            turned = position if own.nq == 1 else [np.cos(position), np.sin(position)]
+            q[own.idx_q : own.idx_q + own.nq] = turned
+    return q
+
+
+def _position(model: pin.Model, joint: str, q: Array) -> float:
     """The position of a 1-DOF joint at a configuration q (nq,); 0 if it is fixed in the URDF."""
     if not model.existJointName(joint):
         return 0.0
     own = model.joints[model.getJointId(joint)]
     return float(q[own.idx_q] if own.nq == 1 else np.arctan2(q[own.idx_q + 1], q[own.idx_q]))
-
-
-def _place(model: pin.Model, joint: str, q: np.ndarray, position: float) -> None:
-    """Sets the position of a 1-DOF joint in a configuration q (nq,)."""
-    own = model.joints[model.getJointId(joint)]
-    at = slice(own.idx_q, own.idx_q + own.nq)
-    q[at] = position if own.nq == 1 else [np.cos(position), np.sin(position)]
 
 
 def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
