@@ -156,7 +156,8 @@ def set_tree(model: pin.Model, theta: Array, joints: int, motors: int) -> Hidden
     set_inertias(model, theta[:links])
     gains = len(theta) - motors
     values = theta[links:gains].reshape(-1, joints) if joints else np.zeros((2, 0))
-    return HiddenJoints(values[0] if len(values) == 3 else None, *values[-2:], theta[gains:])
+    rotor = values[0] if len(values) == 3 else None
+    return HiddenJoints(rotor, values[-2], values[-1], theta[gains:])
 
 
 class Arm(Plant):

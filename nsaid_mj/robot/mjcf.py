@@ -42,8 +42,7 @@ def load_mjcf(
         path: of the file.
         lock: joints to fix, at 0 or at the limit nearest to it.
         joints: joints to keep; None keeps all that are not in `lock`.
-        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand. What
-            the simulation lacks is told by a warning.
+        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
@@ -66,7 +65,7 @@ def load_mjcf(
     findings += [*_held([n for n in free if n not in kept]), *_ignored_forces(mj, names, locked)]
     findings += make_physical(model, body_names(model))
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in found.joints]
-    first = model.nv - len(dof)
+    first = model.nv - len(dof)  # 6 if the base is free
     model.effortLimit[first:] = np.abs(found.gain) * found.limits
     robot = RobotModel(
         name=name,

@@ -117,7 +117,9 @@ def _built(robot: RobotModel, values: Identified) -> Node:
         body.set("pos", numbers(model.jointPlacements[i].translation))
         body.set("quat", numbers(wxyz(model.jointPlacements[i].rotation)))
         _set_inertial(body, model.inertias[i])
-        joint = SubElement(body, "joint", name=robot.joints[i - 1], axis=numbers(own.axis))
+        joint = SubElement(
+            body, "joint", name=robot.joints[i - 1], axis=numbers(np.asarray(own.axis))
+        )
         joint.set("type", "slide" if own.joint == "slide" else "hinge")
         at = model.joints[i].idx_q
         low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]

@@ -24,6 +24,7 @@ from .shapes import Shape, Shapes, shapes_of_geometry
 from .urdf_checks import check_masses, check_urdf, passive_joints, warn_of_mimics
 from .urdf_inertials import check_inertials
 
+_HELD = "this floating joint was taken as fixed"
 _REMEDY = "Correct the URDF; `check_urdf` of ROS may tell more."
 
 
@@ -43,8 +44,7 @@ def load_urdf(
         encoding: findings about its encoding.
         lock: joints to fix, at 0 or at the limit nearest to it.
         joints: joints to keep; None keeps all that are not in `lock`.
-        base: of a robot to simulate, `held` or `free`, whose inertias must be physical, and whose
-            mimic joints move freely; None for one to identify, on a stand.
+        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
 
     Raises:
         BadRobot: the file describes a robot that is not a tree of revolute and prismatic joints.
@@ -60,11 +60,9 @@ def load_urdf(
     findings += weld(followers, set(names) - locked)
     q = _configuration(whole, followers)
     locked |= set(followers)
-    bases = {"free": [], "held": names[:1]}.get(base or "", [n for n in names if n not in locked])
-    floating = [n for n in bases if whole.joints[whole.getJointId(n)].nv == 6]
-    note = "this floating joint was taken as fixed"
-    findings += [Finding("warning", "base_held", f"joint {name}", note) for name in floating]
-    locked |= set(floating)
+    floating = _floating(whole, {"free": [], "held": names[:1]}.get(base or "", names), locked)
+    findings += [Finding("warning", "base_held", f"joint {name}", _HELD) for name in floating]
+    locked |= floating
     model = reduced(whole, pin.GeometryModel(), locked, q)[0]
     check_tree(str(path), model, base)
     if base is not None:
@@ -73,8 +71,7 @@ def load_urdf(
         findings += make_physical(model, body_names(model))
 
     moving = tuple(joint_names(model))
-    first = model.nv - len(moving)
-    effort = model.effortLimit[first:]
+    first = model.nv - len(moving)  # 6 if the base is free
     return RobotModel(
         name=model.name or path.stem,
         source=path,
@@ -85,7 +82,7 @@ def load_urdf(
         friction=model.upperDryFrictionLimit[first:].copy(),
         rotor=np.zeros(len(moving)),
         gain=np.ones(len(moving)),
-        limits=np.where(effort > 0, effort, np.inf),
+        limits=_limits(model.effortLimit[first:]),
         findings=tuple(findings),
         visuals=Shapes(model, partial(_shapes, root, xml, whole, locked, q)),
         file=path,
@@ -103,6 +100,16 @@ def _checked(
     check_masses(path, root)
     warn_of_mimics(path, root)
     return [], {}
+
+
+def _limits(effort: Array) -> Array:
+    """(n,) largest forces, inf where a file states none or 0."""
+    return np.where(effort > 0, effort, np.inf)
+
+
+def _floating(model: pin.Model, names: Sequence[str], locked: set[str]) -> set[str]:
+    """The floating joints among some that are not locked."""
+    return {n for n in names if model.joints[model.getJointId(n)].nv == 6} - locked
 
 
 def _shapes(

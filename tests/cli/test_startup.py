@@ -50,6 +50,8 @@ def test_meshes_are_loaded_on_first_access():
     assert "parts" not in vars(robot.visuals)
     for model in (robot.model, theirs.model):  # the loader limits the base, which nothing reads
         model.lowerPositionLimit[:7] = model.upperPositionLimit[:7] = 0.0
+    for pose in theirs.model.referenceConfigurations:  # nor these
+        robot.model.referenceConfigurations[pose.key()] = pose.data()
     assert robot.model == theirs.model
     found = [(p.mesh.name, p.place, len(p.mesh.triangles)) for p in robot.visuals.parts]
     wanted = theirs.visual_model.geometryObjects
