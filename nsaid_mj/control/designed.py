@@ -11,8 +11,8 @@ from pydantic import model_validator
 from ..bounds import Number, Positive, PositiveShare, config
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..structure.joints import JointTree
 from ..system import SecondOrderSystem
-from ..systems.multibody import MotorTree
 from .driver import Driver, DriverConfig
 from .multisine import MultisineCommand
 from .signals import Series
@@ -77,7 +77,7 @@ class DesignedTracking(DriverConfig):
         Raises:
             InvalidInput: the system is not an arm on a fixed base with as many joints.
         """
-        if not isinstance(system, MotorTree) or system.group or system.n != len(self.centre):
+        if not isinstance(system, JointTree) or system.group or system.n != len(self.centre):
             raise InvalidInput(
                 "excitation",
                 f"an arm on a fixed base with {len(self.centre)} joints",

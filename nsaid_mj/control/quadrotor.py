@@ -17,10 +17,10 @@ from pydantic import Field
 from ..bounds import Positive, config
 from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
 from ..parameters import Array
+from ..structure.blocks import GRAVITY
+from ..structure.single_body import SingleBody, single_body
+from ..structure.structured import plain
 from ..system import SecondOrderSystem
-from ..systems.inertial import GRAVITY
-from ..systems.structured import plain
-from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 

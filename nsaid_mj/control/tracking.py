@@ -10,9 +10,9 @@ from pydantic import Field
 from ..bounds import Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..structure.joints import JointTree
+from ..structure.structured import plain
 from ..system import SecondOrderSystem
-from ..systems.multibody import MotorTree
-from ..systems.structured import plain
 from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory, Series, fourier
@@ -51,7 +51,7 @@ class FourierTracking(DriverConfig):
         Raises:
             InvalidInput: the system is not a tree of motor-driven joints on a fixed base.
         """
-        if not isinstance(system, MotorTree) or system.group:
+        if not isinstance(system, JointTree) or system.group:
             raise InvalidInput(
                 "excitation",
                 "an arm on a fixed base",
@@ -95,7 +95,7 @@ class ComputedTorque(Driver):
         InvalidInput: the joints have servos.
     """
 
-    def __init__(self, system: MotorTree, prior: Array, series: Series, omega: float, limit: Array):
+    def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
         if system.scales.actuator != "motor":
             expected, remedy = (
                 "motors, whose commands are torques",

@@ -8,10 +8,8 @@ from ..bounds import Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..numerics.spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..parameters import Array
+from ..structure.joints import JointTree
 from ..system import SecondOrderSystem
-from ..systems.flying_arm import FlyingArm
-from ..systems.underwater_manipulator import UnderwaterManipulator
-from ..systems.vehicle_manipulator import VehicleManipulator
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory, Multisine
 
@@ -48,13 +46,8 @@ class SwimAndReach(DriverConfig):
         Raises:
             InvalidInput: the system is not an underwater vehicle with an arm.
         """
-        if not isinstance(system, UnderwaterManipulator):
-            raise InvalidInput(
-                "excitation",
-                "an underwater vehicle with an arm",
-                type(system).__name__,
-                "Use MultisineCommand or FourierTracking.",
-            )
+        remedy = "Use MultisineCommand or FourierTracking."
+        system = _carried(system, "thruster", "an underwater vehicle with an arm", remedy)
         thrusters = system.n_u - len(system.joints)
         signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
         low, high = (bound[6:] for bound in system.limits)
@@ -71,7 +64,7 @@ class _SwimAndReach(Driver):
 
     def __init__(
         self,
-        system: VehicleManipulator,
+        system: JointTree,
         prior: Array,
         signal: Multisine,
         path: FourierTrajectory,
@@ -142,10 +135,7 @@ class HoverAndReach(DriverConfig):
         Raises:
             InvalidInput: the system is not a flying arm.
         """
-        if not isinstance(system, FlyingArm):
-            raise InvalidInput(
-                "excitation", "a flying arm", type(system).__name__, "Use another driver."
-            )
+        system = _carried(system, "rotor", "a flying arm", "Use another driver.")
         low, high = (bound[6:] for bound in system.limits)
         centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
         bound = np.r_[np.full(3, self.travel), self.turn]
@@ -172,7 +162,7 @@ class _HoverAndReach(Driver):
     def __init__(
         self,
         config: HoverAndReach,
-        system: FlyingArm,
+        system: JointTree,
         prior: Array,
         path: FourierTrajectory,
         dither: Multisine,
@@ -247,20 +237,27 @@ class _HoverAndReach(Driver):
         return rotation_vector(product(inverse, desired))
 
 
-def inputs(system: FlyingArm, theta: Array) -> Array:
+def _carried(system: SecondOrderSystem, kind: str, wanted: str, remedy: str) -> JointTree:
+    """The system, if it is a tree of joints on a base with columns of a kind.
+
+    Raises:
+        InvalidInput: it is not.
+    """
+    if not isinstance(system, JointTree) or not system.columns(kind):
+        raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
+    return system
+
+
+def inputs(system: JointTree, theta: Array) -> Array:
     """(n, n_u) generalised force per unit of a motor's command and of a rotor's u², under θ."""
-    joints, space = len(system.joints), system.space
-    B = np.zeros((system.n, system.n_u))
-    if joints:
-        B[6 + np.arange(joints), np.arange(joints)] = theta[space["motor gain"]]
-    thrust, torque = system.allocation
-    B[:, joints:] = thrust * theta[space["rotor thrust gain"]]
-    B[:, joints:] += torque * theta[space["rotor torque gain"]]
-    return B
+    q, still = system.position(np.zeros(system.n)), np.zeros(system.n)
+    idle = system._F(0.0, q, still, np.zeros(system.n_u))
+    pushes = [(system._F(0.0, q, still, e) - idle) @ theta for e in np.eye(system.n_u)]
+    return np.stack(pushes, axis=1)
 
 
 def joint_torque(
-    system: VehicleManipulator,
+    system: JointTree,
     theta: Array,
     t: float,
     q: Array,

@@ -16,9 +16,9 @@ import scipy.linalg
 
 from ..control import DesignedSignals, DesignedTracking
 from ..log import Log, SensorLevels
+from ..optional import pin
 from ..parameters import Array, phrase
-from ..systems.optional import pin
-from ..systems.payload import point_mass
+from ..structure.payload import point_mass
 from .designing import Design
 from .experiment import DRAWS, Experiment
 from .information import PRIOR, bound, rms

@@ -9,9 +9,9 @@ from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
+from ..structure.blocks import inertial_block
 from ..structure.parts import columns_at
-from ..systems.inertial import inertial_block
-from ..systems.vehicle import Operation, numbered, term
+from ..structure.single_body import Operation, numbered, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia, guessed
 from .world.sheet import (
@@ -113,14 +113,6 @@ class AstrobeePlant(VehiclePlant):
     """
 
     sheet: ClassVar[type[VehicleSheet]] = FreeFlyerSheet
+    _refuses: ClassVar[tuple[str, ...]] = ("a free-flyer in a vacuum", "flow", "fluid")
     vehicle: Name = "astrobee"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return FreeFlyerSheet.of(self.vehicle).blueprint()
-
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        self.mismatch.refuse("a free-flyer in a vacuum", "flow", "fluid")
-        return self

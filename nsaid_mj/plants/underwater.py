@@ -10,9 +10,10 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..structure.blocks import AXES, mass_block
 from ..structure.columns.curve import odd
 from ..structure.parts import Column, columns_at, full
-from ..systems.vehicle import AXES, Operation, mass_block, numbered, term
+from ..structure.single_body import Operation, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import NED, guessed
 from .world.sheet import (
@@ -227,10 +228,6 @@ class BlueROV2Plant(VehiclePlant):
     sheet: ClassVar[type[VehicleSheet]] = UnderwaterSheet
     vehicle: Name = "bluerov2"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return UnderwaterSheet.of(self.vehicle).blueprint()
 
 
 def _turned(vector: list[float], angles: list[float]) -> Array:

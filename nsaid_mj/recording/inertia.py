@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
+from ..optional import pin
 from ..parameters import Array, ParameterSpace
+from ..structure.joints import JointTree
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree
-from ..systems.optional import pin
 from .scene import BODY, ROBOT, body_axes
 
 LINKS = f"{ROBOT}/links_of_theta"

@@ -6,10 +6,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from ..optional import pin
 from ..parameters import Array
+from ..structure.joints import JointTree
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree
-from ..systems.optional import pin
 from .forces import FAILED, Rows
 from .inertia import frames
 from .scene import ROBOT

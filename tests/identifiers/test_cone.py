@@ -19,7 +19,7 @@ from nsaid_mj.identifiers.metric import ACCURACY
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
-from nsaid_mj.systems.general import midpoints_by_sample, tensor_motion
+from nsaid_mj.structure.general import midpoints_by_sample, tensor_motion
 from tests.support.bench import identify
 from tests.support.remembered import driven, scenario_plant
 from tests.support.strategies import seeds

@@ -10,7 +10,7 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.identifiers.cone.prior import drawn_covariance, drawn_inside
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.plants.arm import _octave
-from nsaid_mj.systems.multibody import link_block
+from nsaid_mj.structure.multibody import link_block
 from tests.support.remembered import scenario_plant
 
 ROBOTS = ["ur5", "panda", "bluerov2", "crazyflie", "f1tenth", "remus100", "astrobee"]

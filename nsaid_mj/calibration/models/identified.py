@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...optional import pin
 from ...parameters import Array
 from ...plants.world.tree import set_inertias
-from ...systems.optional import pin
 from ..data import RobotModel
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ...optional import pin
 from ...parameters import Array
-from ...systems.joints import body_names
-from ...systems.optional import pin
+from ...structure.joints import body_names
 from ..data import RobotModel
 from ..findings import Finding
 from .inertias import make_physical

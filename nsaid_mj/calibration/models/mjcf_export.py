@@ -13,11 +13,11 @@ import mujoco
 import numpy as np
 
 from ...errors import InvalidInput
+from ...optional import pin
 from ...parameters import Array
 from ...plants.world.tree import tree_spec
 from ...resources import write_text
-from ...systems.joints import body_names
-from ...systems.optional import pin
+from ...structure.joints import body_names
 from ..data import RobotModel
 from .identified import Identified, remarks
 from .mjcf import initial_pose

@@ -8,9 +8,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ...optional import pin
 from ...parameters import Array
 from ...plants.world.shapes import DRAWN, VisualMesh, of_geom
-from ...systems.optional import pin
 from .mjcf_tree import body_name, pose
 
 _HIDDEN = 3  # groups of geoms from this one on are not drawn, as in MuJoCo's own viewer

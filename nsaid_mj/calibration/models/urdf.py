@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import BadRobot
+from ...optional import coal, pin
 from ...plants.world.tree import RobotVisuals
 from ...plants.world.urdf import check_urdf, parse
-from ...systems.joints import body_names
-from ...systems.optional import coal, pin
+from ...structure.joints import body_names
 from ..data import RobotModel
 from ..findings import Finding
 from .inertials import check_inertials

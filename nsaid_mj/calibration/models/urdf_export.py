@@ -8,8 +8,8 @@ from typing import NamedTuple
 from xml.parsers import expat
 
 from ...errors import InvalidInput
+from ...optional import pin
 from ...resources import write_text
-from ...systems.optional import pin
 from ..data import RobotModel
 from .identified import Identified, remarks
 from .packages import model_file

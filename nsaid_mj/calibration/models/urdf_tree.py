@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import BadRobot, InvalidInput
+from ...optional import pin
 from ...parameters import Array
 from ...plants.world.shapes import VisualMesh
 from ...resources import write_text
-from ...systems.optional import pin
 from ..data import RobotModel
 from .mjcf_visuals import MjcfVisuals
 

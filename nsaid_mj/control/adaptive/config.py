@@ -8,11 +8,9 @@ import numpy as np
 
 from ...bounds import NonNegative, Positive, PositiveShare, Tones, config
 from ...parameters import Array
+from ...structure.joints import JointTree
+from ...structure.single_body import SingleBody
 from ...system import SecondOrderSystem
-from ...systems.joints import JointTree
-from ...systems.multibody import MotorTree
-from ...systems.vehicle import SingleBody
-from ...systems.vehicle_manipulator import VehicleManipulator
 from ..driver import DriverConfig
 from ..signals import FourierTrajectory
 from .actuation import Actuation
@@ -128,10 +126,11 @@ def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
     one = np.ones(system.n_u)
     if isinstance(system, SingleBody) and system.columns("nozzle"):
         return 0.0 * one, one, 0.4 * one  # nozzles only push
-    if isinstance(system, VehicleManipulator):
-        return *system.command_limits, 0.0 * one
-    if isinstance(system, MotorTree):
+    if isinstance(system, JointTree):
+        low, high = system.command_limits
+        if system.mounts is not None:  # of thrusters
+            return low, high, 0.0 * one
         rated = np.asarray(system.model.effortLimit)[system.group :] / system.scales.gain
-        most = np.where((rated > 0) & np.isfinite(rated), rated, system.scales.command)
+        most = np.where((rated > 0) & np.isfinite(rated), rated, high)
         return -most, most, 0.0 * one
     return -one, one, 0.0 * one

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import BadRobot, UnknownName
+from ...optional import coal, pin
 from ...resources import (
     MORE_ROBOTS,
     example_robots,
@@ -21,8 +22,7 @@ from ...resources import (
     known_robots,
     packed_robots,
 )
-from ...systems.joints import floats
-from ...systems.optional import coal, pin
+from ...structure.joints import floats
 from .urdf import check_masses, check_urdf, parse, read_text, warn_of_motors
 
 Base = Literal["held", "free"]

@@ -12,7 +12,7 @@ from ...calibration import words
 from ...calibration.links import positions
 from ...calibration.result import Identification
 from ...parameters import Array
-from ...systems.joints import bones
+from ...structure.joints import bones
 from ..palette import BAD, COLOURS, GRID, INK
 from ..panels import template_figure
 from ..plots import style, svg

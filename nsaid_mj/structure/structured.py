@@ -6,14 +6,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ..dynamics.motions import StructureMotion
 from ..log import Log, Middle
 from ..numerics.spatial import pose_jacobian, quaternion_of
 from ..parameters import Array, ParameterSpace
-from ..structure.arrays import CIRCLE, FREE, PLANAR, StructureArrays
-from ..structure.evaluation import Evaluation
-from ..structure.structure import Structure
 from ..system import SecondOrderSystem, Stage
+from .arrays import CIRCLE, FREE, PLANAR, StructureArrays
+from .evaluation import Evaluation
+from .motion_types import StructureMotion
+from .parts import Column
+from .structure import Structure
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 UNITS = {
@@ -52,6 +53,10 @@ class StructuredKinematics(SecondOrderSystem):
     @cached_property
     def _own(self) -> Evaluation:
         return Evaluation(self.structure)
+
+    def columns(self, kind: str) -> list[Column]:
+        """The columns of a kind, in order."""
+        return [column for column in self.structure.columns if column.kind == kind]
 
     def midpoints(self, log: Log, hermite: bool) -> Middle:
         """The states half-way between a log's samples."""

@@ -1,124 +1,104 @@
-"""Trees of revolute and prismatic joints (5), fixed or floating, with a motor on every joint.
-
-θ = ten inertial parameters of every link, the floating base first if there is one; then, for every
-joint, rotor inertia (if modelled), viscous and Coulomb friction, motor gain. Link inertias are
-about the joint-frame origin in joint axes, in Pinocchio's order: m, m·c (3), Ixx, Ixy, Iyy, Ixz,
-Iyz, Izz.
-"""
+"""Trees of joints with the structure's regressors, and with Pinocchio's, the reference."""
 
 from __future__ import annotations
 
 import ctypes
 import weakref
-from dataclasses import dataclass
 
 import numpy as np
 
-from ..dynamics.motions import RegressorMotion
+from ..errors import EnginesDisagree
 from ..log import Log
 from ..numerics.spatial import bracket
-from ..parameters import Array, Block, ParameterSpace
-from ..structure.parts import Inertia
-from ..structure.structure import Structure
+from ..optional import pin
+from ..parameters import Array
 from ..system import Stage
 from .general import balance_by_sample, difference_step, forces_by_sample
-from .inertial import INERTIAL, INERTIAL_UNITS, inertial_labels
-from .joints import (
-    Actuator,
-    JointTree,
-    bodies_of,
-    body_names,
-    floats,
-    joint_names,
-    joint_parts,
-    moving_joints,
-    slides,
-    without_inertia,
-)
-from .optional import pin
-from .structured import plain
+from .joints import Carrier, JointScales, JointTree
+from .motion_types import RegressorMotion
+from .structured import StructuredSystem, plain
 
-_ACTUATORS = {
-    "motor": ("motor gain", "gain", ("N·m/unit", "N/unit")),
-    "servo": ("servo gain", "kp", ("N·m/rad", "N/m")),
-}
-"""Block of θ, letter and units of the gains of each kind of actuator."""
+AGREEMENT = 1e-10
+"""Largest accepted difference from Pinocchio, relative to the largest entry."""
+_SAMPLES = 20  # random states at which both are compared
 _REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
-_BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
 
 
-@dataclass(frozen=True)
-class JointScales:
-    """Data-sheet guesses for the b bodies and k joints of a robot.
+class CompiledMultibody(JointTree, StructuredSystem):
+    """A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
 
-    Attributes:
-        mass: (b,) masses of the bodies, a floating base first [kg].
-        length: (b,) sizes of the bodies [m].
-        viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
-        coulomb: (k,) Coulomb friction [N·m or N].
-        gain: (k,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
-        speed: (k,) speeds of operation [rad/s or m/s].
-        command: (k,) commands of operation [units of command].
-        rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
-        actuator: whether a command is a motor's, or the position target of a servo.
+    Those of a robot without thrusters are compared with Pinocchio's `computeJointTorqueRegressor`,
+    `crba` and `nonLinearEffects` when the system is made. Its arguments are those of `JointTree`.
+
+    Raises:
+        EnginesDisagree: the structure and Pinocchio differ by more than `AGREEMENT`.
     """
 
-    mass: Array
-    length: Array
-    viscous: Array
-    coulomb: Array
-    gain: Array
-    speed: Array
-    command: Array
-    rotor: Array | None = None
-    actuator: Actuator = "motor"
+    def __init__(
+        self,
+        model: pin.Model,
+        scales: JointScales,
+        friction_speed: Array,
+        carrier: Carrier | None = None,
+    ):
+        super().__init__(model, scales, friction_speed, carrier)
+        if carrier is None:
+            check_consistency(self)
 
 
-class MotorTree(JointTree):
-    """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5), with motors on the joints only.
+def check_consistency(system: CompiledMultibody) -> None:
+    """Compares the regressors of a structure with Pinocchio's at random states.
 
-    With position servos, whose commands are targets, the last term is diag(k) (u − q).
+    The comparison covers the torque regressor of the links and, under random physical inertias, the
+    mass matrix and the bias forces.
 
-    C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
-    C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
-    the Lie bracket of the base's twists, 0 where the base is fixed: rates of joints commute.
-    Friction is `viscous·v + coulomb·tanh(v/friction_speed)`.
-
-    The regressors are supplied by `Multibody` (Pinocchio's) or `CompiledMultibody` (the
-    structure's, which agree with Pinocchio's).
-
-    Args:
-        model: kinematics and gravity; its inertias are discarded.
-        scales: data-sheet guesses, which become the scale of θ.
-        friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
+    Raises:
+        EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
     """
+    rng, model = np.random.default_rng(0), pin.Model(system.model)
+    links = 10 * system.bodies
+    theta = np.zeros(system.p)
+    for i in range(1, model.njoints):
+        model.inertias[i] = pin.Inertia.Zero()
+        model.inertias[i].mass = rng.uniform(0.5, 2.0)
+        model.inertias[i].lever = rng.uniform(-0.3, 0.3, 3)
+        moments = rng.uniform(0.05, 0.1, 3)
+        model.inertias[i].inertia = np.diag(moments)
+        theta[10 * (i - 1) : 10 * i] = model.inertias[i].toDynamicParameters()
+    data = model.createData()
+    still = np.zeros(system.n)
+    for _ in range(_SAMPLES):
+        q, v, _ = system.random_state(rng)
+        a, u = rng.uniform(-1, 1, system.n), np.zeros(system.n_u)
+        regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
+        mass = pin.crba(model, data, q)
+        bias = pin.nonLinearEffects(model, data, q, v)
+        ours = system._W(0.0, q, v, v, a, u)[:, :links]
+        ours_bias = system._W(0.0, q, v, v, still, u)[:, :links]
+        for quantity, own, theirs in (
+            ("torque regressor", ours, regressor.reshape(system.n, links)),
+            ("mass matrix", system._mass_tensor(q) @ theta, np.triu(mass) + np.triu(mass, 1).T),
+            ("bias force", ours_bias @ theta[:links], bias),
+        ):
+            apart = float(np.max(np.abs(own - theirs)) / max(np.max(np.abs(theirs)), 1e-300))
+            if not apart <= AGREEMENT:
+                worst = int(np.argmax(np.max(np.abs(own - theirs).reshape(system.n, -1), axis=1)))
+                joint = max(j.id for j in list(model.joints)[1:] if j.idx_v <= worst)
+                raise EnginesDisagree(
+                    model.name,
+                    f"joint {model.names[joint]}",
+                    quantity,
+                    apart,
+                    AGREEMENT,
+                    ("The compiled structure", "Pinocchio"),
+                    "Take --backend pinocchio.",
+                )
 
-    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
-        model = without_inertia(model)
-        bodies, space, speed = bodies_of(model), _space(model, scales), np.asarray(friction_speed)
-        links, motors = 10 * len(bodies), len(moving_joints(model))
-        rotors, columns = joint_parts(
-            model, links, scales.rotor is not None, speed, scales.actuator
-        )
-        rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
-        gravity = model.gravity.linear.copy()
-        structure = Structure(bodies, rigid, columns, len(space), motors, rotors, gravity)
-        super().__init__(model, structure, space)
-        self.scales, self.friction_speed = scales, speed.astype(np.float64)
-        self._speed = np.concatenate([np.full(self.group, _BASE_SPEED), scales.speed])
 
-    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws a configuration within the limits, speeds and commands of operation."""
-        q = self.position(rng.uniform(*self.limits))
-        v = self._speed * rng.uniform(-1, 1, self.n)
-        u = self.scales.command * rng.uniform(-1, 1, self.n_u)
-        return q, v, u if self.scales.actuator == "motor" else self.angles(q) + u
+class Multibody(JointTree):
+    """A `JointTree` whose regressors are Pinocchio's: the reference, several times slower.
 
-
-class Multibody(MotorTree):
-    """A `MotorTree` whose regressors are Pinocchio's: the reference, several times slower.
-
-    Its arguments are those of `MotorTree`.
+    Its arguments are those of `JointTree`, without a vehicle.
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
@@ -252,68 +232,3 @@ class Multibody(MotorTree):
     ) -> tuple[Array, Array, Array, Array]:
         """Terms of the filtered momentum balance, sample by sample."""
         return balance_by_sample(self, leak, log, q, v)
-
-
-def link_block(number: int, name: str, mass: float, length: float) -> Block:
-    """The ten inertial parameters of a body.
-
-    Args:
-        number: of the body; 0 is a floating base.
-        name: of its link.
-        mass: guess [kg].
-        length: guess of its size [m].
-    """
-    return Block(
-        f"link {number}" if number else "base",
-        tuple(f"{name}_{number}" for name in INERTIAL),
-        INERTIAL_UNITS,
-        mass * np.repeat([1.0, length, length**2], [1, 3, 6]),
-        "pseudo_inertia",
-        labels=inertial_labels(name),
-    )
-
-
-def joint_block(
-    name: str,
-    letter: str,
-    units: tuple[str, str],
-    model: pin.Model,
-    scale: Array,
-    actuator: bool = False,
-) -> Block:
-    """A block of one positive parameter per joint; `units` for revolute and prismatic joints."""
-    sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
-    return Block(
-        name,
-        tuple(f"{letter}_{i + 1}" for i in range(len(sliding))),
-        tuple(units[slides] for slides in sliding),
-        scale,
-        "positive",
-        actuator,
-        labels=tuple(f"{name.removeprefix('motor ')} of {joint}" for joint in names),
-    )
-
-
-def joint_blocks(model: pin.Model, s: JointScales) -> list[Block]:
-    """Blocks of the joints, if any: rotor inertia if modelled, friction, motor gain."""
-    blocks = []
-    if s.rotor is not None:
-        blocks.append(joint_block("rotor inertia", "rotor", ("kg·m²", "kg"), model, s.rotor))
-    for name, letter, units, scale, actuator in (
-        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, False),
-        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, False),
-        (*_ACTUATORS[s.actuator], s.gain, True),
-    ):
-        blocks.append(joint_block(name, letter, units, model, scale, actuator=actuator))
-    return blocks if moving_joints(model) else []
-
-
-def link_blocks(model: pin.Model, s: JointScales) -> list[Block]:
-    """The inertial parameters of every body; a floating base is number 0."""
-    guesses = zip(body_names(model), s.mass, s.length, strict=True)
-    first = 0 if floats(model) else 1
-    return [link_block(first + i, name, mass, size) for i, (name, mass, size) in enumerate(guesses)]
-
-
-def _space(model: pin.Model, s: JointScales) -> ParameterSpace:
-    return ParameterSpace((*link_blocks(model, s), *joint_blocks(model, s)))

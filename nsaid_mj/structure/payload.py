@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, ParameterSpace
-from .inertial import GRAVITY
+from .blocks import GRAVITY
 
 _SUBMERGED = ("mass matrix", "net weight", "righting moment")  # blocks of a body in water
 

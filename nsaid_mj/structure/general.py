@@ -6,12 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ..dynamics.motions import TensorMotion, force_regressors
 from ..log import Log, Middle
 from ..numerics.interpolation import half_way
 from ..numerics.linalg import evaluate
 from ..parameters import Array
 from ..system import SecondOrderSystem, Stage
+from .motion_types import TensorMotion, force_regressors
 
 DIFFERENCE = 1e-5
 """Step of central differences along v [s·(1 + |v|)]."""
