@@ -51,34 +51,35 @@ class FourierTracking(DriverConfig):
         Raises:
             InvalidInput: the system is not a tree of motor-driven joints on a fixed base.
         """
-        if not isinstance(system, JointTree) or system.group:
-            raise InvalidInput(
-                "excitation",
-                "an arm on a fixed base",
-                type(system).__name__,
-                "Use MultisineCommand.",
-            )
-        low, high = system.limits
-        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
+        system = fixed_arm(system, "an arm on a fixed base", "Use MultisineCommand.")
         moving = np.isin(np.arange(1, system.n + 1), self.joints or np.arange(1, system.n + 1))
         if self.joints is not None and moving.sum() != len(set(self.joints)):
             raise InvalidInput(
                 "excitation.joints", f"numbers from 1 to {system.n}", self.joints, "Leave it out."
             )
-        trajectory = FourierTrajectory(
-            centre - half,
-            centre + half,
-            self.reach * system.scales.speed
-            if self.speed is None
-            else np.full(system.n, self.speed),
-            self.fundamental,
-            self.harmonics,
+        nominal = self.reach * system.scales.speed
+        trajectory = FourierTrajectory.within(
+            system.limits,
+            self.reach,
+            nominal if self.speed is None else np.full(system.n, self.speed),
+            (self.fundamental, self.harmonics),
             rng,
         )
         trajectory.series.coefficients[~moving] = 0.0
         limit = self.limit * system.scales.command
         omega = 2 * np.pi * self.bandwidth
         return ComputedTorque(system, prior, trajectory.series, omega, limit)
+
+
+def fixed_arm(system: SecondOrderSystem, wanted: str, remedy: str) -> JointTree:
+    """The system, if it is an arm on a fixed base.
+
+    Raises:
+        InvalidInput: it is not; the message says what is wanted.
+    """
+    if not isinstance(system, JointTree) or system.group:
+        raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
+    return system
 
 
 class ComputedTorque(Driver):

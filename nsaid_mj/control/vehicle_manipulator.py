@@ -50,11 +50,12 @@ class SwimAndReach(DriverConfig):
         system = _carried(system, "thruster", "an underwater vehicle with an arm", remedy)
         thrusters = system.n_u - len(system.joints)
         signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
-        low, high = (bound[6:] for bound in system.limits)
-        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
-        speed = np.full(len(low), self.speed)
-        path = FourierTrajectory(
-            centre - half, centre + half, speed, self.fundamental, self.harmonics, rng
+        path = FourierTrajectory.within(
+            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
+            self.reach,
+            np.full(len(system.joints), self.speed),
+            (self.fundamental, self.harmonics),
+            rng,
         )
         return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
 
@@ -136,17 +137,14 @@ class HoverAndReach(DriverConfig):
             InvalidInput: the system is not a flying arm.
         """
         system = _carried(system, "rotor", "a flying arm", "Use another driver.")
-        low, high = (bound[6:] for bound in system.limits)
-        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
         bound = np.r_[np.full(3, self.travel), self.turn]
-        fastest = 2 * np.pi * self.fundamental * self.harmonics * bound
-        path = FourierTrajectory(
-            np.r_[-bound, centre - half],
-            np.r_[bound, centre + half],
-            np.r_[fastest, np.full(len(low), self.speed)],
-            self.fundamental,
-            self.harmonics,
+        path = FourierTrajectory.within(
+            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
+            self.reach,
+            np.full(len(system.joints), self.speed),
+            (self.fundamental, self.harmonics),
             rng,
+            (bound, 2 * np.pi * self.fundamental * self.harmonics * bound),
         )
         rotors = system.n_u - len(system.joints)
         dither = Multisine(rotors, self.low, self.high, self.tones, self.dither, rng)

@@ -13,7 +13,7 @@ from ..numerics.spatial import bracket
 from ..optional import pin
 from ..parameters import Array
 from ..system import Stage
-from .general import balance_by_sample, difference_step, forces_by_sample
+from .general import SampledSystem
 from .joints import Carrier, JointScales, JointTree
 from .motion_types import RegressorMotion
 from .structured import StructuredSystem, plain
@@ -95,7 +95,7 @@ def check_consistency(system: CompiledMultibody) -> None:
                 )
 
 
-class Multibody(JointTree):
+class Multibody(JointTree, SampledSystem):
     """A `JointTree` whose regressors are Pinocchio's: the reference, several times slower.
 
     Its arguments are those of `JointTree`, without a vehicle.
@@ -103,85 +103,38 @@ class Multibody(JointTree):
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
         super().__init__(model, scales, friction_speed)
-        self._weightless = pin.Model(self.model)
-        self._weightless.gravity.setZero()
-        self._data, self._data_0 = self.model.createData(), self._weightless.createData()
-        self._unit, self._zero = np.eye(self.n), np.zeros(self.n)
-        self._joint, self._links = np.arange(self.n_u), 10 * self.bodies
-        self._moved = self.group + self._joint  # the velocity of each joint
-        self._rotor = None if scales.rotor is None else self._links
-        self._viscous, self._coulomb, self._gain = self.p - self.n_u * np.array([3, 2, 1])
+        light = pin.Model(self.model)
+        light.gravity.setZero()
+        self._heavy, self._weightless = ((own, own.createData()) for own in (self.model, light))
+        self._zero, self._links = np.zeros(self.n), 10 * self.bodies
 
-    # -- regressors ----------------------------------------------------------------------------
+    def _torques(self, q: Array, v: Array, a: Array, heavy: bool = False) -> Array:
+        """(n, 10 b) Pinocchio's regressor, with gravity if `heavy`; the next call overwrites it."""
+        model, data = self._heavy if heavy else self._weightless
+        return np.atleast_2d(pin.computeJointTorqueRegressor(model, data, q, v, a))
 
-    def _weighted(self, q: Array, v: Array, a: Array) -> Array:
-        """(n, 10 b) Pinocchio's regressor with gravity; (1, 10 b) for one joint, not squeezed."""
-        regressor = pin.computeJointTorqueRegressor(self.model, self._data, q, v, a)
-        return regressor if self.n > 1 else regressor.reshape(1, -1)
-
-    def _torque_regressor(self, q: Array, v: Array, a: Array) -> Array:
-        """(n, 10 b) Pinocchio's regressor without gravity."""
-        regressor = pin.computeJointTorqueRegressor(self._weightless, self._data_0, q, v, a)
-        return regressor if self.n > 1 else regressor.reshape(1, -1)
+    def _links_only(self, links: Array) -> Array:
+        """(n, p) of the links' columns (n, 10 b)."""
+        return np.hstack([links, np.zeros((self.n, self.p - self._links))])
 
     def _W_M(self, q: Array, a: Array) -> Array:
-        W = np.zeros((self.n, self.p))
-        W[:, : self._links] = self._torque_regressor(q, self._zero, a)
-        if self._rotor is not None:
-            W[self._moved, self._rotor + self._joint] = a[self.group :]
+        W = self._links_only(self._torques(q, self._zero, a))
+        for rotor in self.structure.rotors:
+            W[rotor.dof, rotor.parameter] = a[rotor.dof]
         return W
-
-    def _mass_tensor(self, q: Array) -> Array:
-        tensor = np.zeros((self.n, self.n, self.p))
-        for j in range(self.n):
-            tensor[j, :, : self._links] = self._torque_regressor(q, self._zero, self._unit[j])
-        if self._rotor is not None:
-            tensor[self._moved, self._moved, self._rotor + self._joint] = 1.0
-        return tensor
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        W = np.zeros((self.n, self.p))
-        np.subtract(
-            self._torque_regressor(q, 0.5 * (v + w), 0.5 * bracket(self.group, v, w)),
-            self._torque_regressor(q, 0.5 * (v - w), self._zero),
-            out=W[:, : self._links],
-        )
-        return W
-
-    def _transport(self, q: Array, v: Array) -> Array:
-        W = np.zeros((self.n, self.p))
-        step = difference_step(v)
-        ahead = self._torque_regressor(self.integrate(q, step * v), self._zero, v).copy()
-        behind = self._torque_regressor(self.integrate(q, -step * v), self._zero, v)
-        W[:, : self._links] = (ahead - behind) / (2 * step)
-        W[:, : self._links] -= self._torque_regressor(q, v, self._zero)  # of C v: rotors have none
-        return W
+        W = self._torques(q, 0.5 * (v + w), 0.5 * bracket(self.group, v, w)).copy()
+        return self._links_only(W - self._torques(q, 0.5 * (v - w), self._zero))
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        F = self._joint_forces(q, v, u)
-        weight = self._weighted(q, self._zero, self._zero)
-        np.negative(weight, out=F[:, : self._links])
-        return F
-
-    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        W = -self._joint_forces(q, v, u)
-        turned = a + 0.5 * bracket(self.group, v, w)
-        np.subtract(
-            self._weighted(q, 0.5 * (v + w), turned),
-            self._torque_regressor(q, 0.5 * (v - w), self._zero),
-            out=W[:, : self._links],
-        )
-        if self._rotor is not None:
-            W[self._moved, self._rotor + self._joint] = a[self.group :]
-        return W
-
-    def _joint_forces(self, q: Array, v: Array, u: Array) -> Array:
-        """(n, p) columns of friction and actuators; those of the links are 0."""
-        F, rate = np.zeros((self.n, self.p)), v[self.group :]
-        F[self._moved, self._viscous + self._joint] = -rate
-        F[self._moved, self._coulomb + self._joint] = -np.tanh(rate / self.friction_speed)
+        F = self._links_only(-self._torques(q, self._zero, self._zero, heavy=True))
+        rate, joint = v[self.group :], np.arange(self.n_u)
+        viscous, coulomb, gain = self.p - self.n_u * np.array([3, 2, 1])
+        F[self.group + joint, viscous + joint] = -rate
+        F[self.group + joint, coulomb + joint] = -np.tanh(rate / self.friction_speed)
         servos = self.scales.actuator == "servo"
-        F[self._moved, self._gain + self._joint] = u - self.angles(q) if servos else u
+        F[self.group + joint, gain + joint] = u - self.angles(q) if servos else u
         return F
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
@@ -194,12 +147,6 @@ class Multibody(JointTree):
         W = self._W(t, q, v, w, a_hat if pivot > 0 else self._zero, u)
         return Stage(a_hat, W, pivot)
 
-    # -- along a log ---------------------------------------------------------------------------
-
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples."""
-        return forces_by_sample(self, t, q, v, u)
-
     def motion(self, log: Log, hermite: bool) -> RegressorMotion:
         """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio.
 
@@ -208,7 +155,7 @@ class Multibody(JointTree):
         own, qm = self._own_motion(log, hermite)
         qs, vs, vm = log.q, own.v, own.vm
         v_hat, a_hat, leading = np.empty(self.n), np.empty(self.n), np.empty(self._links)
-        heavy, light = self.model.createData(), self._weightless.createData()
+        own_data = self.model.createData(), self._weightless[0].createData()
         torques = pin.computeJointTorqueRegressor
 
         def write(at: int, k: int) -> None:
@@ -217,8 +164,8 @@ class Multibody(JointTree):
             q, v = (qm[k - 1], vm[k - 1]) if at == 1 else (qs[row], vs[row])
             a = a_hat + 0.5 * bracket(self.group, v, v_hat) if self.group else a_hat
             dv = v_hat - v  # (37)
-            weighted = torques(self.model, heavy, q, 0.5 * (v + v_hat), a)
-            turning = torques(self._weightless, light, q, 0.5 * dv, self._zero)
+            weighted = torques(self.model, own_data[0], q, 0.5 * (v + v_hat), a)
+            turning = torques(self._weightless[0], own_data[1], q, 0.5 * dv, self._zero)
             np.subtract(dv @ np.atleast_2d(weighted), dv @ np.atleast_2d(turning), out=leading)
 
         function = _REGRESSOR(write)
@@ -226,9 +173,3 @@ class Multibody(JointTree):
         address = ctypes.cast(function, ctypes.c_void_p).value
         assert address is not None
         return RegressorMotion(own.t, own.v, own.vm, own, v_hat, a_hat, leading, address)
-
-    def momentum_balance(
-        self, leak: float, log: Log, q: Array, v: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Terms of the filtered momentum balance, sample by sample."""
-        return balance_by_sample(self, leak, log, q, v)
