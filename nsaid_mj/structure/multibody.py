@@ -16,7 +16,7 @@ from ..system import Stage
 from .general import SampledSystem
 from .joints import Carrier, JointScales, JointTree
 from .motion_types import RegressorMotion
-from .structured import StructuredSystem, plain
+from .structured import StructuredSystem
 
 AGREEMENT = 1e-10
 """Largest accepted difference from Pinocchio, relative to the largest entry."""
@@ -143,7 +143,7 @@ class Multibody(JointTree, SampledSystem):
         W is Pinocchio's. â is the structure's, since Pinocchio's forward dynamics store centres of
         mass h/m and so cannot handle massless links.
         """
-        a_hat, pivot = self._own.acceleration(plain(q), plain(v), plain(u), plain(w), plain(theta))
+        a_hat, _, pivot = self._stage(q, v, u, w, theta)
         W = self._W(t, q, v, w, a_hat if pivot > 0 else self._zero, u)
         return Stage(a_hat, W, pivot)
 

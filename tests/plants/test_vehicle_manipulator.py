@@ -18,11 +18,11 @@ from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
 from nsaid_mj.plants.flying_arm import flying_arm
 from nsaid_mj.plants.uvms import published_links
 from nsaid_mj.resources import numbers
-from nsaid_mj.structure.evaluation import Evaluation
 from nsaid_mj.structure.general import balance_by_sample, midpoints_by_sample
 from nsaid_mj.structure.joints import JointScales
 from nsaid_mj.structure.multibody import CompiledMultibody
 from tests.support.dense import Dense
+from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near, coupled
 from tests.support.plants import assert_engines_agree, draw_state, drive, plant, wrong_prior
 from tests.support.vehicles import acceleration

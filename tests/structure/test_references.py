@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.plants import Mismatch
-from nsaid_mj.structure.evaluation import Evaluation
+from tests.support.evaluation import Evaluation
 from tests.support.fossen import Fossen, true_numbers, vehicle
 from tests.support.servo_arm import ServoArm
 
