@@ -25,6 +25,7 @@ ORDER = (
     ("structure",),
     ("nullspace",),
     ("identifiers",),
+    ("robot",),
     ("control",),
     ("plants",),
     ("baselines",),  # below plants: mujoco.sysid wants a MuJoCo model to fit
@@ -178,10 +179,13 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
 @pytest.mark.parametrize(
     "package,homes",
     [
-        ("mujoco", {"plants", "baselines", "calibration"}),
+        ("mujoco", {"robot", "plants", "baselines", "calibration"}),
         ("rerun", {"recording"}),
         ("tyro", {"cli", "experiment"}),
-        ("pinocchio", {"plants", "optional", "structure", "recording", "baselines", "calibration"}),
+        (
+            "pinocchio",
+            {"optional", "robot", "plants", "structure", "recording", "baselines", "calibration"},
+        ),
         ("matplotlib", {"reporting"}),
         ("pyarrow", {"experiment", "recording", "studies", "calibration"}),
         ("joblib", {"studies"}),

@@ -11,14 +11,14 @@ from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
 from ..optional import pin
 from ..parameters import Array
+from ..robot.robots import Base, Robot, load_robot
+from ..robot.tree import RobotVisuals, set_inertias, tree_spec
 from ..structure.joints import Actuator, JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, Multibody
 from .world.body import hidden
 from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet
-from .world.robots import Base, Robot, load_robot
 from .world.simulated import SimulatedRobot
-from .world.tree import RobotVisuals, set_inertias, tree_spec
 
 Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""

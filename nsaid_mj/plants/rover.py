@@ -10,13 +10,14 @@ import numpy as np
 from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
+from ..robot.shapes import VisualMesh
+from ..robot.tree import set_options
 from ..structure.single_body import SingleBody
 from .ground import operation, planar_mass, single_track
 from .world.body import BODY, guessed, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig, set_options
-from .world.shapes import VisualMesh
+from .world.plant import Plant, PlantConfig
 from .world.simulated import GeomLooks
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")

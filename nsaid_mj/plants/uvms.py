@@ -11,6 +11,7 @@ from ..bounds import Share, config
 from ..optional import pin
 from ..parameters import Array, Block
 from ..resources import numbers, vehicle_files
+from ..robot.tree import set_inertias, tree_spec
 from ..structure.blocks import GRAVITY
 from ..structure.joints import Carrier, JointScales, JointTree, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
@@ -21,7 +22,6 @@ from .world.blueprint import Blueprint
 from .world.body import command_inputs, guessed, hidden, vehicle_spec
 from .world.plant import ParametricPlantConfig, Plant
 from .world.simulated import SimulatedRobot
-from .world.tree import set_inertias, tree_spec
 
 BASE = "base"
 """Name of the free joint and of the base body."""

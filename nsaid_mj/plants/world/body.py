@@ -11,8 +11,8 @@ import numpy as np
 from ...errors import InvalidInput
 from ...parameters import Array
 from ...resources import VehicleFiles
-from .plant import set_options
-from .shapes import DRAWN
+from ...robot.shapes import DRAWN
+from ...robot.tree import set_options
 
 BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""

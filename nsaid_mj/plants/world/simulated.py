@@ -9,13 +9,13 @@ import mujoco
 import numpy as np
 
 from ...parameters import Array
+from ...robot.shapes import VisualMesh, of_geom
 from ...structure.joints import JointTree
 from ...structure.structured import StructuredKinematics
 from .coordinates import JointMap
 from .forces import Forces, column_forces
 from .mismatch import Mismatch
 from .plant import Plant
-from .shapes import VisualMesh, of_geom
 
 
 class Looks(Protocol):
