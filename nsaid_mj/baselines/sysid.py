@@ -19,13 +19,13 @@ from numba import carray, cfunc, types
 from scipy import signal
 
 from ..errors import NoEstimate
-from ..optional import pin
 from ..parameters import Array
 from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
 from ..robot.tree import tree_spec
 from ..structure.joints import JointTree
+from ..structure.optional import pin
 
 if TYPE_CHECKING:
     from . import Problem

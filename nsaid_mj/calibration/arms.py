@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import scipy.optimize
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array, Block
 from ..plants.arm import extent
 from ..structure.blocks import link_block
 from ..structure.joints import body_names
+from ..structure.optional import pin
 from .problem import size_weights
 from .smoothing import Smooth
 

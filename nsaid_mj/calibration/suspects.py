@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .joints import SPEEDS, Choice, JointRows
 from .links import positions, weight_of
 from .problem import Problem

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
-from ..optional import pin
 from ..parameters import Array
 from ..robot.robots import Base, Robot, load_robot
 from ..robot.tree import RobotVisuals, set_inertias, tree_spec
 from ..structure.joints import Actuator, JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, Multibody
+from ..structure.optional import pin
 from .world.body import hidden
 from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet

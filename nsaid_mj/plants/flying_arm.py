@@ -8,13 +8,13 @@ import numpy as np
 
 from ..bounds import Name, Share, config
 from ..errors import UnknownName
-from ..optional import pin
 from ..parameters import Array, Block
 from ..resources import numbers
 from ..robot.robots import Robot, load_robot
 from ..robot.tree import RobotVisuals, tree_spec
 from ..structure.joints import Carrier, JointScales, JointTree, link_blocks
 from ..structure.multibody import CompiledMultibody
+from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, columns_at
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
 from .world.body import command_inputs, guessed, hidden

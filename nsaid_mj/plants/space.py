@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
-from ..errors import InvalidInput
 from ..structure.blocks import inertial_block
 from ..structure.parts import columns_at
 from ..structure.single_body import Operation, numbered, term
@@ -18,8 +17,8 @@ from .world.sheet import (
     Number,
     Positive,
     Table,
+    check_directions,
     check_inertia,
-    check_unit_vectors,
     one,
     several,
 )
@@ -47,14 +46,7 @@ class Nozzles(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if len(self.positions) != len(self.directions):
-            raise InvalidInput(
-                "nozzles.directions",
-                f"one for each of {len(self.positions)} positions",
-                len(self.directions),
-                "Give every nozzle its position and its direction.",
-            )
-        check_unit_vectors("nozzles.directions", np.array(self.directions))
+        check_directions("nozzles", "nozzle", self.positions, np.array(self.directions))
         return self
 
 

@@ -21,8 +21,8 @@ from .world.sheet import (
     Number,
     Positive,
     Table,
+    check_directions,
     check_inertia,
-    check_unit_vectors,
     one,
     several,
 )
@@ -70,13 +70,6 @@ class Thrusters(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if len(self.positions) != len(self.directions):
-            raise InvalidInput(
-                "thrusters.directions",
-                f"one for each of {len(self.positions)} positions",
-                len(self.directions),
-                "Give every thruster its position and its direction.",
-            )
         for ring in self.rings:
             if len(ring.angles) != len(ring.turns):
                 raise InvalidInput(
@@ -90,7 +83,7 @@ class Thrusters(Table):
             raise InvalidInput(
                 "thrusters", "at least one thruster", count, "Give `positions`, or `rings`."
             )
-        check_unit_vectors("thrusters.directions", self.placed("direction"))
+        check_directions("thrusters", "thruster", self.placed("position"), self.placed("direction"))
         if not sum(self.curve) > 1e-9:
             raise InvalidInput(
                 "thrusters.curve",

@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 
 from ..bounds import Share, config
-from ..optional import pin
 from ..parameters import Array, Block
 from ..resources import numbers, vehicle_files
 from ..robot.tree import set_inertias, tree_spec
 from ..structure.blocks import GRAVITY
 from ..structure.joints import Carrier, JointScales, JointTree, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
+from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, cylinder, full
 from .arm import extent, give_rotors
 from .underwater import UnderwaterSheet

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ..optional import pin
 from ..parameters import Array, ParameterSpace
 from ..structure.joints import JointTree
+from ..structure.optional import pin
 from ..system import SecondOrderSystem
 from .scene import BODY, ROBOT, body_axes
 

@@ -6,9 +6,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..optional import pin
 from ..parameters import Array
 from ..structure.joints import JointTree
+from ..structure.optional import pin
 from ..system import SecondOrderSystem
 from .forces import FAILED, Rows
 from .inertia import frames

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .model import RobotModel
 from .tree import set_inertias
 

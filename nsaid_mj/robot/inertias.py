@@ -11,8 +11,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .findings import Finding
 
 _INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that is left alone

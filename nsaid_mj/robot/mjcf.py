@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
 from ..structure.joints import body_names
+from ..structure.optional import pin
 from .findings import Finding
 from .inertias import make_physical
 from .mjcf_actuators import motors

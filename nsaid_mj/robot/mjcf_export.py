@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 
 from ..errors import InvalidInput
-from ..optional import pin
 from ..parameters import Array
 from ..resources import write_text
 from ..structure.joints import body_names
+from ..structure.optional import pin
 from .identified import Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_actuators import is_motor

@@ -9,8 +9,8 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .mjcf_tree import pose
 from .mjcf_xml import bodies_of, own_joints, place, wxyz
 

@@ -7,8 +7,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 
 _AXES = {
     mujoco.mjtJoint.mjJNT_HINGE: (

@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .mjcf_tree import body_name, pose
 from .shapes import DRAWN, VisualMesh, of_geom
 

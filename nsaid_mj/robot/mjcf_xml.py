@@ -10,8 +10,8 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .mjcf_tree import joint_names, pose
 
 _JOINTS = ("joint", "freejoint")

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import BadRobot, InvalidInput, UnknownName
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."
 _MARK = "\1"  # no name has it: XML forbids the character

@@ -14,7 +14,6 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..errors import BadRobot, UnknownName
-from ..optional import coal, pin
 from ..resources import (
     MORE_ROBOTS,
     example_robots,
@@ -23,6 +22,7 @@ from ..resources import (
     packed_robots,
 )
 from ..structure.joints import floats
+from ..structure.optional import coal, pin
 from .urdf_checks import check_masses, check_urdf, parse, read_text, warn_of_motors
 
 Base = Literal["held", "free"]

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array
 from ..resources import write_text
+from ..structure.optional import pin
 from .identified import Identified
 from .mjcf_export import moving_bodies
 from .mjcf_tree import pose

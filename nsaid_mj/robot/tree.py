@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from ..errors import InvalidInput
-from ..optional import pin
 from ..parameters import Array
+from ..structure.optional import pin
 from .shapes import VisualMesh
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from xml.parsers import expat
 
 from ..errors import InvalidInput
-from ..optional import pin
 from ..resources import write_text
+from ..structure.optional import pin
 from .identified import Identified, remarks
 from .model import RobotModel
 from .packages import model_file

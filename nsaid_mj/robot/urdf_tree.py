@@ -9,9 +9,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..errors import BadRobot, InvalidInput
-from ..optional import pin
 from ..parameters import Array
 from ..resources import write_text
+from ..structure.optional import pin
 from .mjcf_visuals import MjcfVisuals
 from .model import RobotModel
 from .shapes import VisualMesh

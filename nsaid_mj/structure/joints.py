@@ -20,9 +20,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..optional import pin
 from ..parameters import Array, Block, ParameterSpace
 from .blocks import link_block
+from .optional import pin
 from .parts import Body, Column, Inertia, Rotor
 from .structure import Structure
 from .structured import StructuredKinematics

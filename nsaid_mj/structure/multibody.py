@@ -10,12 +10,12 @@ import numpy as np
 from ..errors import EnginesDisagree
 from ..log import Log
 from ..numerics.spatial import bracket
-from ..optional import pin
 from ..parameters import Array
 from ..system import Stage
 from .general import SampledSystem
 from .joints import Carrier, JointScales, JointTree
 from .motion_types import RegressorMotion
+from .optional import pin
 from .structured import StructuredSystem
 
 AGREEMENT = 1e-10

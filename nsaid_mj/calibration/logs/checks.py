@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...optional import pin
 from ...parameters import Array
+from ...structure.optional import pin
 from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
 from . import signals

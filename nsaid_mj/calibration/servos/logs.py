@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InvalidInput
-from ...optional import pin
 from ...parameters import Array
+from ...structure.optional import pin
 from ..data import RobotModel
 from ..findings import Finding, UnusableLog
 from ..links import positions

@@ -17,7 +17,7 @@ from .actuation import Actuation
 from .design import mean_inertia, rehearse, stiffness
 from .estimate import Estimate
 from .laws import TrackingLaw, conventional, nullspace
-from .reference import JointReference, PoseReference, Reference
+from .reference import Reference
 from .tracker import Tracker
 
 Law = Literal["nullspace", "conventional", "computed_torque", "composite"]
@@ -108,8 +108,7 @@ class AdaptiveTracking(DriverConfig):
             rng,
             (base, 2 * np.pi * self.fundamental * self.harmonics * np.maximum(base, 1e-9)),
         )
-        kind = PoseReference if system.group else JointReference
-        return kind(system, path, self.rate)
+        return Reference(system, path, self.rate)
 
 
 def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:

@@ -167,6 +167,28 @@ def check_inertia(moments: Sequence[float]) -> None:
         )
 
 
+def check_directions(table: str, item: str, positions: Sequence[Any], directions: Array) -> None:
+    """Checks that every position of a table has its unit vector.
+
+    Args:
+        table: the key of the table.
+        item: what is placed, for the message.
+        positions: k of them.
+        directions: (k, 3).
+
+    Raises:
+        InvalidInput: there are more or fewer, or one is no unit vector.
+    """
+    if len(positions) != len(directions):
+        raise InvalidInput(
+            f"{table}.directions",
+            f"one for each of {len(positions)} positions",
+            len(directions),
+            f"Give every {item} its position and its direction.",
+        )
+    check_unit_vectors(f"{table}.directions", directions)
+
+
 def check_unit_vectors(key: str, vectors: Array) -> None:
     """Checks that the rows of `vectors` (k, 3) have length 1.
 

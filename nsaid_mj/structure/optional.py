@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from .errors import MissingPackage
+from ..errors import MissingPackage
 
 
 def installed(package: str) -> bool:
