@@ -28,7 +28,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from machine import machine
-from nsaid_mj.plants.world.tree import tree_spec
+from nsaid_mj.robot.tree import tree_spec
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID, Scenario
 from nsaid_mj.experiment.library import load

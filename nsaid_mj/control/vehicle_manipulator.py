@@ -11,6 +11,7 @@ from ..parameters import Array
 from ..structure.joints import JointTree
 from ..system import SecondOrderSystem
 from .driver import Driver, DriverConfig
+from .multisine import pushes
 from .signals import FourierTrajectory, Multisine
 
 
@@ -170,7 +171,7 @@ class _HoverAndReach(Driver):
         self._turn = 2 * np.pi * config.attitude_bandwidth
         self._rows = np.arange(2, system.n)  # height, attitude, joints: all but x and y
         self._g = float(np.linalg.norm(system.model.gravity.linear))
-        self._inputs = inputs(system, prior)
+        self._inputs = pushes(system, prior)  # of a rotor per unit of u²
         self.start()
 
     def start(self) -> tuple[Array, Array]:
@@ -244,14 +245,6 @@ def _carried(system: SecondOrderSystem, kind: str, wanted: str, remedy: str) -> 
     if not isinstance(system, JointTree) or not system.columns(kind):
         raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
     return system
-
-
-def inputs(system: JointTree, theta: Array) -> Array:
-    """(n, n_u) generalised force per unit of a motor's command and of a rotor's u², under θ."""
-    q, still = system.position(np.zeros(system.n)), np.zeros(system.n)
-    idle = system._F(0.0, q, still, np.zeros(system.n_u))
-    pushes = [(system._F(0.0, q, still, e) - idle) @ theta for e in np.eye(system.n_u)]
-    return np.stack(pushes, axis=1)
 
 
 def joint_torque(

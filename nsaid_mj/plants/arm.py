@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
@@ -15,7 +17,7 @@ from ..robot.tree import RobotVisuals, set_inertias, tree_spec
 from ..structure.joints import Actuator, JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, Multibody
 from ..structure.optional import pin
-from .world.body import hidden
+from .world.body import guessed, hidden
 from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet
 from .world.simulated import SimulatedRobot
@@ -238,9 +240,10 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
     Masses and lengths are rounded to powers of two, so that the scale of θ does not reveal the true
     inertias.
     """
-    inertias = [model.inertias[i] for i in range(1, model.njoints)]
-    mass = np.array([_octave(inertia.mass) for inertia in inertias])
-    length = np.array([_octave(extent(inertia)) for inertia in inertias])
+    inertias = list(model.inertias)[1:]
+    mass, length = (
+        _octaves([value(inertia) for inertia in inertias]) for value in (attrgetter("mass"), extent)
+    )
     size, weight = joint_sizes(model)
     k = len(size)
     damping = 0.5 * size if config.damping is None else np.full(k, config.damping)
@@ -277,12 +280,12 @@ def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
     pin.computeSubtreeMasses(model, data)
     carried = np.array([data.mass[joint.id] for joint in joints])
     weight = np.linalg.norm(model.gravity.linear) * np.sqrt(carried * size)
-    return np.array([_octave(x) for x in size]), np.array([_octave(x) for x in weight])
+    return _octaves(size), _octaves(weight)
 
 
-def _octave(value: float) -> float:
-    """The nearest power of two: a guess by order of magnitude."""
-    return float(2.0 ** np.round(np.log2(max(value, 1e-9))))
+def _octaves(values: ArrayLike) -> Array:
+    """The nearest powers of two: guesses by order of magnitude."""
+    return guessed(np.maximum(values, 1e-9))
 
 
 def extent(inertia: pin.Inertia) -> float:

@@ -126,35 +126,26 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float] | None, n: int) -> A
         raise InvalidInput(
             str(path), "a model that MuJoCo can load", error, "Correct it."
         ) from error
-    bodies = [body.name for body in spec.bodies]
-    if bodies != ["world", BODY]:
-        raise InvalidInput(
-            str(path), f"one body, called {BODY}", bodies[1:], "Put all geoms into it."
-        )
-    kind = mujoco.mjtJoint
+    kind, bodies = mujoco.mjtJoint, [body.name for body in spec.bodies]
     wanted = {"pose": kind.mjJNT_FREE, "yaw": kind.mjJNT_HINGE}
     expected = [(name, wanted.get(name, kind.mjJNT_SLIDE)) for name in JOINTS[n]]
-    if [(joint.name, joint.type) for joint in spec.joints] != expected:
-        raise InvalidInput(
-            str(path),
+    joints = [(joint.name, joint.type) for joint in spec.joints]
+    actuators = [actuator.name for actuator in spec.actuators]
+    strange = [geom.name for geom in spec.geoms if geom.type not in DRAWN]
+    drawn, made = "boxes, cylinders, capsules, ellipsoids and spheres", files.sheet.name
+    for sound, needed, got, remedy in (
+        (bodies == ["world", BODY], f"one body, called {BODY}", bodies[1:], "Put all geoms in it."),
+        (
+            joints == expected,
             f"the joints {_XML[n]}",
-            [joint.name for joint in spec.joints],
+            [j for j, _ in joints],
             "Copy them from here.",
-        )
-    if len(spec.actuators):
-        raise InvalidInput(
-            str(path),
-            "no actuators",
-            [a.name for a in spec.actuators],
-            f"They are made from {files.sheet.name}.",
-        )
-    if strange := [geom.name for geom in spec.geoms if geom.type not in DRAWN]:
-        raise InvalidInput(
-            str(path),
-            "boxes, cylinders, capsules, ellipsoids and spheres",
-            strange,
-            "Meshes are not drawn: take one of these in their place.",
-        )
+        ),
+        (not actuators, "no actuators", actuators, f"They are made from {made}."),
+        (not strange, drawn, strange, "Meshes are not drawn: take one of these in their place."),
+    ):
+        if not sound:
+            raise InvalidInput(str(path), needed, got, remedy)
     return spec
 
 

@@ -186,18 +186,8 @@ def check_directions(table: str, item: str, positions: Sequence[Any], directions
             len(directions),
             f"Give every {item} its position and its direction.",
         )
-    check_unit_vectors(f"{table}.directions", directions)
-
-
-def check_unit_vectors(key: str, vectors: Array) -> None:
-    """Checks that the rows of `vectors` (k, 3) have length 1.
-
-    Raises:
-        InvalidInput: the length of a row is not 1; the message names `key`.
-    """
-    lengths = np.linalg.norm(vectors, axis=1)
-    for row, length in zip(vectors, lengths, strict=True):
+    lengths = np.linalg.norm(directions, axis=1)
+    for row, length in zip(directions, lengths, strict=True):
         if not abs(length - 1) < 1e-6:
-            raise InvalidInput(
-                key, "unit vectors", row.tolist(), f"Divide it by its length, {length:.6g}."
-            )
+            remedy = f"Divide it by its length, {length:.6g}."
+            raise InvalidInput(f"{table}.directions", "unit vectors", row.tolist(), remedy)
