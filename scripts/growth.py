@@ -28,7 +28,6 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from machine import machine
-from nsaid_mj.robot.tree import tree_spec
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID, Scenario
 from nsaid_mj.experiment.library import load
@@ -38,6 +37,7 @@ from nsaid_mj.log import Log
 from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import nominal_scales
 from nsaid_mj.robot.robots import Base, load_robot
+from nsaid_mj.robot.tree import tree_spec
 from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from nsaid_mj.system import SecondOrderSystem
 
