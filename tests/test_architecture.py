@@ -181,7 +181,7 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
     "package,homes",
     [
         ("mujoco", {"robot", "plants", "baselines", "calibration"}),
-        ("rerun", {"recording"}),
+        ("rerun", {"recording", "calibration"}),  # which reads recordings of others
         ("tyro", {"cli", "experiment"}),
         (
             "pinocchio",
