@@ -37,7 +37,7 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     t, q, v = (part[::every] for part in log[:3])
     scene = Scene(system, found.experiment.plant(0))
     camera = None if scene.empty else scene.camera(q, v)
-    names = [str(name) for name in velocity_labels(system)]
+    names = velocity_labels(system)
     motion = [
         Curves("motion/velocity", names, v),
         Curves("motion/command", [f"u {k + 1}" for k in range(system.n_u)], log.u[::every]),

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
@@ -186,9 +186,13 @@ class VehiclePlant(ParametricPlantConfig, ABC):
         spread: largest relative deviation of the true parameters from the published values.
     """
 
-    sheet: ClassVar[type[VehicleSheet]]
     vehicle: Name
     spread: Share = 0.2
+
+    @property
+    @abstractmethod
+    def sheet(self) -> type[VehicleSheet]:
+        """The type of its data sheet, an attribute of the class."""
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
