@@ -18,6 +18,8 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import llvmlite
@@ -25,6 +27,11 @@ import numba
 import numpy as np
 
 from ..errors import NoKernelCache, NotWritten
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WHOLE = ("numerics", "structure")
@@ -172,3 +179,18 @@ FOLDER = open_cache()
 """The folder of this process's compiled kernels."""
 
 numba.config.CACHE_DIR = str(FOLDER)
+
+
+@contextmanager
+def one_process() -> Iterator[None]:
+    """Waits until no other process compiles or loads; without locks, nobody waits."""
+    file = None
+    try:
+        if fcntl is not None:
+            with suppress(OSError):
+                file = open(FOLDER / "lock", "w")  # noqa: SIM115
+                fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+    finally:
+        if file is not None:
+            file.close()  # frees the lock

@@ -10,19 +10,11 @@ import numpy as np
 from .arrays import FALL, FRAME, Array
 from .forces import ALL, write_forces
 from .kinematics import place
-from .motion import (
-    along,
-    balance,
-    between,
-    combine,
-    evaluate,
-    write_force_regressors,
-    write_mass_tensor,
-)
+from .motion import accelerate_at, along, balance, between
 from .poses import difference, integrate
-from .regressor import write_regressor
+from .regressor import write_regressors
 from .slopes import linearise
-from .stage import accelerate, stage
+from .stage import stage
 from .structure import Structure
 
 
@@ -57,65 +49,54 @@ class Evaluation:
 
     def __init__(self, structure: Structure):
         self.structure, self.arrays = structure, structure.arrays
-        self._memory, self._still = _Memory(structure), np.zeros(structure.n)
+        self._memory, self._still = _Memory(structure), np.zeros((1, structure.n))
         self._none = np.zeros(len(self.arrays.nonzeros))
 
     def __reduce__(self) -> tuple[type[Evaluation], tuple[Structure]]:
         return Evaluation, (self.structure,)  # another process has threads of its own
 
-    def _place(self, q: Array, v: Array) -> None:
-        place(self.arrays, q, v, self._memory.state)
-
-    def _forces(self, q: Array, v: Array, u: Array) -> Array:
+    def _regressors(self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float) -> Array:
+        """(N, n, p) W of N samples; see `regressor.write_regressors`."""
+        W, own = np.empty((len(q), self.structure.n, self.structure.p)), self._memory
         F = self._none.copy()
-        write_forces(self.arrays, self._memory.state, q, v, u, ALL, self._memory.work.scratch, F)
-        return F
-
-    def _regressor(self, w: Array, a: Array, weight: float, F: Array) -> Array:
-        W = np.empty((self.structure.n, self.structure.p))
-        write_regressor(self.arrays, self._memory.state, w, a, weight, F, self._memory.work, W)
+        write_regressors(self.arrays, q, v, u, w, a, weight, own.state, F, own.work, W)
         return W
+
+    def _plain(self, q: Array, v: Array, w: Array, a: Array) -> Array:
+        """(N, n, p) W without F and weight for N of v, w and a (N, n) at q (m,)."""
+        commands = np.empty((len(v), self.structure.n_u))
+        return self._regressors(np.tile(q, (len(v), 1)), v, commands, w, a, 0.0)
 
     def regressor(self, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         """(n, p) combined regressor W = W_M + W_C − F of (10)."""
-        F, own = self._none.copy(), self._memory
-        W = np.empty((self.structure.n, self.structure.p))
-        combine(self.arrays, q, v, w, a, u, own.state, F, own.work, W)
-        return W
+        return self._regressors(q[None], v[None], u[None], w[None], a[None], 1.0)[0]
 
     def W_M(self, q: Array, a: Array) -> Array:
         """(n, p) with W_M θ = M(q, θ) a (8)."""
-        self._place(q, self._still)
-        return self._regressor(self._still, a, 0.0, self._none)
+        return self._plain(q, self._still, self._still, a[None])[0]
 
     def mass_tensor(self, q: Array) -> Array:
         """(n, n, p), entry [j] is W_M(q, e_j)."""
-        n, own = self.structure.n, self._memory
-        out = np.empty((n, n, self.structure.p))
-        write_mass_tensor(self.arrays, q, self._still, own.state, own.work, out)
-        return out
+        still = np.zeros((self.structure.n, self.structure.n))
+        return self._plain(q, still, still, np.eye(self.structure.n))
 
     def W_C(self, q: Array, v: Array, w: Array) -> Array:
         """(n, p) with W_C θ = C(q, v, θ) w (9)."""
-        self._place(q, v)
-        return self._regressor(w, self._still, 0.0, self._none)
+        return self._plain(q, v[None], w[None], self._still)[0]
 
     def F(self, q: Array, v: Array, u: Array) -> Array:
         """(n, p) force regressor of (4), with the weight of rigid bodies."""
         return self.forces(q[None], v[None], u[None])[0]
 
     def forces(self, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples q (N, m), v (N, n), u (N, n_u)."""
-        F, out = self._none.copy(), np.empty((*v.shape, self.structure.p))
-        write_force_regressors(
-            self.arrays, q, v, u, self._memory.state, F, self._still, self._memory.work, out
-        )
-        return out
+        """(N, n, p) F for N samples q (N, m), v (N, n), u (N, n_u): −W without motion."""
+        still = np.zeros(v.shape)
+        return -self._regressors(q, v, u, still, still, 1.0)
 
     def transport(self, q: Array, v: Array) -> Array:
         """(n, p) regressor of Cᵀ v."""
         size = self.structure.n, self.structure.p
-        self._place(q, v)
+        place(self.arrays, q, v, self._memory.state)
         fall = (len(self.structure.bodies) + size[0]) * FRAME + FALL
         self._memory.state[fall : fall + 3] = 0.0  # without weight
         terms, none, F = np.zeros((2, *size)), np.empty((0, *size)), np.empty((3, 0, 0))
@@ -129,20 +110,19 @@ class Evaluation:
     def evaluate(
         self, q: Array, v: Array, u: Array, w: Array, theta: Array
     ) -> tuple[Array, Array, float]:
-        """â of (29), NaN if M̂ is not positive definite, W of (10), and M̂'s smallest pivot."""
-        a, W = np.empty(self.structure.n), np.empty((self.structure.n, self.structure.p))
-        F, own = self._none.copy(), self._memory
-        pivot = evaluate(self.arrays, q, v, u, w, theta, own.state, F, own.work, a, W)
-        return a, W, pivot
+        """â of (29), W of (10) and M̂'s smallest pivot.
+
+        If M̂ is not positive definite, â is NaN and W that of â = 0.
+        """
+        a, pivot = self.acceleration(q, v, u, w, theta)
+        return a, self.regressor(q, v, w, a if pivot > 0 else self._still[0], u), pivot
 
     def acceleration(
         self, q: Array, v: Array, u: Array, w: Array, theta: Array
     ) -> tuple[Array, float]:
         """â of (29) and M̂'s smallest pivot; â is NaN if M̂ is not positive definite."""
-        self._place(q, v)
-        a, own = np.empty(self.structure.n), self._memory
-        F = self._forces(q, v, u)
-        pivot = accelerate(self.arrays, own.state, F, w, theta, own.work, a)
+        a, own, F = np.empty(self.structure.n), self._memory, self._none.copy()
+        pivot = accelerate_at(self.arrays, q, v, u, w, theta, own.state, F, own.work, a)
         if not pivot > 0:
             a[:] = np.nan
         return a, pivot
@@ -179,16 +159,17 @@ class Evaluation:
 
     def coriolis_matrix(self, q: Array, v: Array, theta: Array) -> Array:
         """(n, n) C(q, v, θ)."""
-        return np.stack([self.W_C(q, v, e) @ theta for e in np.eye(self.structure.n)], axis=1)
+        unit, size = np.eye(self.structure.n), (self.structure.n, 1)
+        tensor = self._plain(q, np.tile(v, size), unit, np.zeros(unit.shape))
+        return (tensor @ theta).T
 
     def stage(self, q: Array, v: Array, w: Array, u: Array, theta: Array) -> Stage:
         """â of (29), Wᵀ Δv and M̂'s smallest pivot."""
-        self._place(q, v)
         a, gradient = np.zeros(self.structure.n), np.zeros(self.structure.p)
-        F = self._forces(q, v, u)
-        pivot = stage(
-            self.arrays, self._memory.state, v, F, w, theta, self._memory.work, a, gradient
-        )
+        F, state, work = self._none.copy(), self._memory.state, self._memory.work
+        place(self.arrays, q, v, state)
+        write_forces(self.arrays, state, q, v, u, ALL, work.scratch, F)
+        pivot = stage(self.arrays, state, v, F, w, theta, work, a, gradient)
         return Stage(a, gradient, pivot)
 
     def linearise(

@@ -366,23 +366,14 @@ def require(structure, state, F, v, a, theta, work, force):
         work: memory.
         force: (n,) written.
     """
-    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
-    motion, axes = work.motion, bodies.shape[0] * FRAME
-    accumulate(bodies, state, 0, v, motion, VELOCITY)
-    accumulate(bodies, state, RATE, v, motion, DRIFT)
-    accumulate(bodies, state, 0, a, motion, PUSH)
-    for b in range(bodies.shape[0]):
-        for i in range(b * MOTION, b * MOTION + 6):
-            motion[i + DRIFT] += motion[i + PUSH]
-    _load(structure, state, axes + v.shape[0] * FRAME, theta, work)
-    for b in range(bodies.shape[0] - 1, -1, -1):
-        own, parent, first = b * MOTION, bodies[b, PARENT], bodies[b, AT_V]
-        for j in range(first, first + bodies[b, COUNT]):
-            force[j] = dot(state, axes + j * FRAME, motion, own + WRENCH)
-        if parent >= 0:
-            for i in range(WRENCH, WRENCH + 6):
-                motion[parent * MOTION + i] += motion[own + i]
-    for r in range(rotors.shape[0]):
-        force[rotors[r, 0]] += theta[rotors[r, 1]] * a[rotors[r, 0]]
+    nonzeros, M = structure.nonzeros, work.M
+    write_equations(structure, state, v, theta, work, force)
+    for i in range(force.shape[0]):
+        total = M[i, i] * a[i] - force[i]
+        for j in range(i):
+            total += M[i, j] * a[j]
+        for j in range(i + 1, force.shape[0]):
+            total += M[j, i] * a[j]
+        force[i] = total
     for z in range(nonzeros.shape[0]):
         force[nonzeros[z, 0]] -= F[z] * theta[nonzeros[z, 1]]
