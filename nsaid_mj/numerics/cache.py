@@ -182,15 +182,26 @@ numba.config.CACHE_DIR = str(FOLDER)
 
 
 @contextmanager
-def one_process() -> Iterator[None]:
-    """Waits until no other process compiles or loads; without locks, nobody waits."""
-    file = None
+def one_process(name: str, wait: bool) -> Iterator[bool]:
+    """Context that no two processes are in at once with one name; without locks, all are.
+
+    Args:
+        name: of what they compile or load.
+        wait: whether to wait until the others have left it.
+
+    Yields:
+        Whether it is free.
+    """
+    file, free = None, True
     try:
         if fcntl is not None:
             with suppress(OSError):
-                file = open(FOLDER / "lock", "w")  # noqa: SIM115
-                fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+                file = open(FOLDER / f"{name}.lock", "w")  # noqa: SIM115
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+                except BlockingIOError:
+                    free = False
+        yield free
     finally:
         if file is not None:
             file.close()  # frees the lock

@@ -113,28 +113,46 @@ class Kernel:
         self.load(None if self.signature is not None else tuple(map(typeof, arguments)))
         return self._called(*arguments)
 
-    def load(self, given: Any = None) -> None:
-        """Compiles it after all that it calls, or loads it from the cache, for the given types."""
+    def load(self, given: Any = None, wait: bool = True) -> bool:
+        """Compiles it after all that it calls, or loads it from the cache, for the given types.
+
+        What another process is compiling is left to it until all else is done.
+
+        Args:
+            given: types of the arguments of a call; None for those of the signature.
+            wait: whether to wait for what another process is compiling.
+
+        Returns:
+            Whether it is loaded.
+        """
         if self._loaded and given is None:
-            return
+            return True
         signature = self.signature if given is None else given
         mark = FOLDER / f"{self.symbol}-{zlib.crc32(str(signature).encode()):08x}"
         with _LOCK, without_garbage_collection():
-            new = not mark.exists()
-            for callee in (*called(self._calls), *named(self.py_func)):
-                if isinstance(callee, Kernel):
-                    callee.load()
-                elif new and not callee.signatures:
-                    with compiling(callee):
-                        callee.compile(SIGNATURES[callee])
-                    callee.disable_compile()
-            with one_process(), compiling(self.function):
-                self._compile(signature)
-            with suppress(OSError):
-                mark.touch()
+            callees = [*called(self._calls), *named(self.py_func)]
+            kernels = [callee for callee in callees if isinstance(callee, Kernel)]
+            busy = [callee for callee in kernels if not callee.load(wait=False)]
+            if busy and not wait:
+                return False
+            for callee in busy:
+                callee.load()
+            with one_process(self.symbol, wait) as free:
+                if not free:
+                    return False
+                for callee in callees if not mark.exists() else ():
+                    if callee in SIGNATURES and not callee.signatures:
+                        with compiling(callee):
+                            callee.compile(SIGNATURES[callee])
+                        callee.disable_compile()
+                with compiling(self.function):
+                    self._compile(signature)
+                with suppress(OSError):
+                    mark.touch()
             if given is None:
                 llvm.add_symbol(self.symbol, self._address("llvm_func_name"))
             self._loaded = True
+        return True
 
     def callback(self) -> int:
         """Address by which C calls it, if it was made with `no_cfunc_wrapper=False`."""

@@ -16,9 +16,9 @@ from .compiled import (
     vector,
     void,
 )
-from .forces import ALL, COMMANDED, MOVING, write_forces
+from .forces import ALL, COMMANDED, MOVING, forces_inline, write_forces
 from .inertia import add_power, add_weight
-from .kinematics import place
+from .kinematics import place, place_along
 from .poses import half_way
 from .spatial import into_body, unrotate
 from .stage import accelerate
@@ -62,19 +62,21 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
         middles: (N−1, s) half-way between; written.
         F: (3, N−1, z) entries of F at start, middle and end of every step; written.
     """
-    x = work.scratch
-    place(structure, q[0], v[0], states[0])
+    place_along(structure, q, v, states)
+    place_along(structure, qm, vm, middles)
     for k in range(qm.shape[0]):
-        place(structure, qm[k], vm[k], middles[k])
-        place(structure, q[k + 1], v[k + 1], states[k + 1])
-        for z in range(F.shape[2] if k else 0):
-            F[0, k, z] = F[2, k - 1, z]
-        first = ALL if k == 0 else COMMANDED
-        write_forces(structure, states[k], q[k], v[k], u[k], first, x, F[0, k])
-        for z in range(F.shape[2]):
-            F[1, k, z] = F[2, k, z] = F[0, k, z]
-        write_forces(structure, middles[k], qm[k], vm[k], u[k], MOVING, x, F[1, k])
-        write_forces(structure, states[k + 1], q[k + 1], v[k + 1], u[k], MOVING, x, F[2, k])
+        for at in range(3):  # start, middle and end of the step
+            state, position, velocity = middles[k], qm[k], vm[k]
+            if at != 1:
+                state, position = states[k + at // 2], q[k + at // 2]
+                velocity = v[k + at // 2]
+            which, entries = MOVING if at > 0 else COMMANDED if k > 0 else ALL, F[at, k]
+            for z in range(entries.shape[0]):  # what is not written below has not changed
+                if at > 0:
+                    entries[z] = F[0, k, z]
+                elif k > 0:
+                    entries[z] = F[2, k - 1, z]
+            forces_inline(structure, state, position, velocity, u[k], which, work.scratch, entries)
 
 
 @kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, WORKSPACE, vector))
