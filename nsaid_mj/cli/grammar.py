@@ -166,6 +166,7 @@ class Identify:
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
         online: also keep the estimate along the log.
+        limit: of what a log file may become when it is unpacked [GB].
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.
         json: print only the results, as JSON, to the standard output.
@@ -185,6 +186,7 @@ class Identify:
     delay: str = "auto"
     cutoff: float | None = None
     online: bool = False
+    limit: float = 4.0
     out: Path | None = None
     force: bool = False
     json: bool = False
@@ -206,6 +208,7 @@ class Inspect:
         map: TOML file that says which columns are what; by default they are matched by name.
         lock: comma-separated joints that do not move.
         joints: comma-separated joints that move; all others are locked.
+        limit: of what a log file may become when it is unpacked [GB].
         out: folder of the map and the picture.
         json: print figures and findings as JSON.
     """
@@ -215,6 +218,7 @@ class Inspect:
     map: Path | None = None
     lock: str = ""
     joints: str = ""
+    limit: float = 4.0
     out: Path = Path()
     json: bool = False
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,7 +63,10 @@ def identify_given(
     told = _followed(others or given, result, model_file)
     result = replace(result, findings=(*result.findings, told))
     write_text(path, result.text() + "\n")
-    return result, [path, model_file]
+    from ..reporting.identification.servos import write_servos
+
+    again = shlex.join(["nsaid", "identify", "--model", model, "--log", *map(str, chosen.log)])
+    return result, [path, model_file, write_servos(result, path.parent, again)]
 
 
 def _followed(given: ServoLogs, result: ServoIdentification, path: Path) -> Finding:

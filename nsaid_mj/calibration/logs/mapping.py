@@ -211,8 +211,11 @@ class Vehicle:
     """Pose and twist of a vehicle, three or four columns for each part.
 
     Attributes:
-        position: x, y, z [m]; x, y and heading [rad] of a vehicle in the plane.
+        position: x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle
+            in the plane.
         quaternion: from body to world; not used in the plane.
+        euler: roll, pitch and yaw [deg] instead, the turns about x, y' and z'' from the world's
+            axes to the body's, yaw first.
         linear: velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate.
         angular: velocity in the body's axes [rad/s]; None to differentiate the pose.
         order: of the quaternion's columns.
@@ -221,13 +224,24 @@ class Vehicle:
         twist: whether `linear` is given along the body's or the world's axes.
     """
 
-    position: Three
+    position: Three | None = None
     quaternion: Four | None = None
+    euler: Three | None = None
     linear: Three | None = None
     angular: Three | None = None
     order: Literal["xyzw", "wxyz"] = "xyzw"
     frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
     twist: Literal["body", "world"] = "body"
+
+    @property
+    def pose(self) -> tuple[str, ...]:
+        """Columns of the pose."""
+        return (*(self.position or ()), *(self.quaternion or self.euler or ()))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the pose and the twist."""
+        return (*self.pose, *(self.linear or ()), *(self.angular or ()))
 
 
 @config

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet
 
 from ..errors import UnreadableLog
 from . import Columns
-from .arrow import flat
+from .arrow import flat, table_of
 
+LIBRARY = "Arrow"
 _PAUSE = 1.0  # between episodes [s]: the log is cut there
 _OWN = ("episode_index", "frame_index", "timestamp")
 _REMEDY = "Download the whole dataset, with its folders `meta` and `data`."
@@ -42,7 +42,7 @@ def read(path: Path) -> list[Columns]:
         names = {key: _names(key, f) for key, f in info["features"].items() if _vector(f)}
         wanted = [*_OWN, *(key for key in names if key not in _OWN)]
         files = sorted((path / "data").rglob("*.parquet"))
-        tables = [pa.parquet.read_table(file, columns=wanted) for file in files]
+        tables = [table_of(file, wanted) for file in files]
         table = pa.concat_tables(tables, promote_options="permissive")
         table = table.sort_by([("episode_index", "ascending"), ("frame_index", "ascending")])
         time = _times(*(table.column(name).to_numpy().ravel() for name in _OWN[::2]))

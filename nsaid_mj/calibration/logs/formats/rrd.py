@@ -12,6 +12,7 @@ import pyarrow as pa
 from ..errors import MissingExtra, UnreadableLog
 from . import Columns
 
+LIBRARY = "Rerun"
 _HEAD = b"RRF"
 _VALUES, _NAMES = "Scalars:scalars", "SeriesLines:names"
 _LOGGED = "log_time"  # Rerun's own timeline: used where the recording has no other of times
@@ -30,7 +31,7 @@ def read(path: Path) -> list[Columns]:
 
     Raises:
         MissingExtra: `rerun-sdk` is not installed.
-        UnreadableLog: the file is damaged, or has no scalars over time.
+        UnreadableLog: the file has no scalars over time.
     """
     try:
         from rerun.chunk import RrdReader
@@ -38,16 +39,12 @@ def read(path: Path) -> list[Columns]:
         raise MissingExtra(path, "view") from error
     parts: dict[str, list[pa.RecordBatch]] = defaultdict(list)
     names: dict[str, list[str]] = {}
-    try:
-        for chunk in RrdReader(path).stream():
-            batch, entity = chunk.to_record_batch(), chunk.entity_path.replace("\\", "").strip("/")
-            if _NAMES in batch.schema.names:
-                names[entity] = batch.column(_NAMES).to_pylist()[-1] or []
-            if _VALUES in batch.schema.names and not chunk.is_static:
-                parts[entity].append(batch)
-    except RuntimeError as error:  # what the reader raises on damaged files
-        reason = str(error).splitlines()[0]
-        raise UnreadableLog(path, f"unreadable ({reason})", "Save the recording again.") from error
+    for chunk in RrdReader(path).stream():
+        batch, entity = chunk.to_record_batch(), chunk.entity_path.replace("\\", "").strip("/")
+        if _NAMES in batch.schema.names:
+            names[entity] = batch.column(_NAMES).to_pylist()[-1] or []
+        if _VALUES in batch.schema.names and not chunk.is_static:
+            parts[entity].append(batch)
     timeline = _timeline([batch for batches in parts.values() for batch in batches])
     found = [_columns(entity, p, names.get(entity, []), timeline) for entity, p in parts.items()]
     found = [columns for columns in found if columns is not None]
