@@ -19,7 +19,7 @@ from ..identifiers.cone.prior import drawn_inside
 from ..parameters import Array
 from ..plants import PlantConfig
 from ..plants.arm import ArmPlant, nominal_scales
-from ..systems.compiled import CompiledMultibody
+from ..structure.multibody import CompiledMultibody
 from .data import RobotModel
 from .links import file_links
 from .models import load_robot_model

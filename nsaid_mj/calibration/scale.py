@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
+from ..evaluation.confidence import INTERVAL
 from ..parameters import Array
 from .findings import Finding
 from .precision import Precision, combinations
 from .problem import Problem
 from .result import Explains
-from .statements import Z, in_words
+from .statements import in_words
 
 _SURE = 0.15  # standard deviation of the scale's logarithm below which a known value fixes it: that
 # of commands in N·m
@@ -43,7 +44,7 @@ class Scale(NamedTuple):
     @property
     def factor(self) -> float:
         """Ends of the 95 % interval of the scale are this factor apart from its middle."""
-        return float(np.exp(Z * self.deviation))
+        return float(np.exp(INTERVAL * self.deviation))
 
     def judged(self, explains: Explains, sentence: str) -> tuple[Explains, str]:
         """A verdict and its sentence, which are no better than the scale."""

@@ -28,6 +28,7 @@ from ..resources import (
     reading,
     scenarios,
 )
+from .exit_codes import EXPLAINED, INTERRUPTED, NOT_EXPLAINED, UNUSABLE, code_of
 from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from ..experiment.scenario import Scenario
     from . import grammar
 
-FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 _MOST_SEEDS = 10_000  # of a comparison
 
 
@@ -116,6 +116,10 @@ def _command(arguments: Sequence[str]) -> int:
     word, name, *_ = *arguments, "", ""
     if word in of_a_scenario and name and not name.startswith("-"):
         return of_a_scenario[word](name, arguments[2:])
+    if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
+        from .comparing import compare_on_logs
+
+        return compare_on_logs(arguments[1:])
     from . import grammar
 
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
@@ -149,13 +153,13 @@ def _command(arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, result, summary, output = _carry_out(name, default, arguments, "run")
-    from ..reporting.terminal import print_summary
+    from ..reporting.report import print_summary
 
     if output.json:
         print_json(summary)
     elif not output.quiet:
         print_summary(title, summary, result.folder)
-    return _code(result)
+    return _code(result, summary)
 
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
@@ -165,7 +169,8 @@ def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 
     verdicts = verify(result, truth_of(result), summary)
     write(result, verdicts)
-    return _judged(title, result, verdicts, output.json, output.quiet) or _code(result)
+    code = _judged(title, result, verdicts, output.json, output.quiet)
+    return code or _code(result, summary)
 
 
 def _verify_folder(folder: Path, as_json: bool, quiet: bool) -> int:
@@ -182,7 +187,7 @@ def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quie
         print_json(document(result, verdicts))
     elif not quiet:
         print_verdicts(name, result, verdicts)
-    return FAILED if failed(verdicts) else 0
+    return NOT_EXPLAINED if failed(verdicts) else EXPLAINED
 
 
 def _carry_out(
@@ -230,13 +235,13 @@ def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, 
         raise NotWritten(error.path, error.reason, f"Make room on the disk; {again}") from error
 
 
-def _code(result: Run) -> int:
-    """The exit code of a finished run."""
+def _code(result: Run, summary: dict[str, Any]) -> int:
+    """The exit code of a finished run: that of its verdict, unless it was interrupted."""
     from ..identifiers import Status
+    from ..reporting.report import mark_of
 
-    if result.ending.status is Status.interrupted:
-        return INTERRUPTED
-    return 0 if result.ending.status is Status.completed else FAILED
+    interrupted = result.ending.status is Status.interrupted
+    return INTERRUPTED if interrupted else code_of(mark_of(summary))
 
 
 def _compare(script: str, arguments: Sequence[str]) -> int:
@@ -273,7 +278,9 @@ def _compare(script: str, arguments: Sequence[str]) -> int:
     cells = compare.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / compare.FILES[0]).read_text(encoding="utf-8"), end="")
-    return FAILED if all(cell.failure for cell in cells if cell.method in plan.methods) else 0
+    from ..studies.compare_report import verdict_of
+
+    return code_of(verdict_of(cells))
 
 
 def _whole(script: str) -> str:
@@ -301,7 +308,7 @@ def _sweep(script: str, arguments: Sequence[str]) -> int:
         print_json(sweep_results.document(found))
     elif not chosen.quiet:
         sweep_results.print_summary(found)
-    return FAILED if found.lost else 0
+    return code_of(sweep_results.verdict_of(found), not found.lost)
 
 
 def _montecarlo(script: str, arguments: Sequence[str]) -> int:
@@ -321,7 +328,7 @@ def _montecarlo(script: str, arguments: Sequence[str]) -> int:
         print_json(montecarlo.document(found))
     elif not chosen.quiet:
         montecarlo.print_summary(found)
-    return 0
+    return code_of(None, not montecarlo.lost(found))
 
 
 def _track(script: str, arguments: Sequence[str]) -> int:

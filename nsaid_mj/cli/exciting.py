@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
 from ..resources import print_json, reading
+from .exit_codes import code_of
 from .folders import folder_for_design
 from .grammar import Excite
 
@@ -76,7 +77,7 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
         print_json(document)
     elif not chosen.quiet:
         design_page.print_design(name, document, written, noticed)
-    return 0
+    return code_of(design_page.verdict_of(document))
 
 
 def _scenario(chosen: Excite, folder: Path) -> tuple[Scenario, list[str]]:

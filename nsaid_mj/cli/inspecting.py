@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
 from ..resources import print_json, reading
+from .exit_codes import EXPLAINED, UNUSABLE
 from .folders import check_writable
 from .grammar import Inspect
 
@@ -19,7 +20,7 @@ MAP, PICTURE = "map.toml", "inspection.png"
 
 
 def inspect_log(chosen: Inspect) -> int:
-    """Executes the command and returns the exit code: 0, or 1 if identify would refuse the log."""
+    """Executes the command and returns the exit code: unusable where `identify` would refuse."""
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
@@ -49,7 +50,8 @@ def inspect_log(chosen: Inspect) -> int:
         print_inspection(found, Console(highlight=False))
         for path in files:
             print(path)
-    return int(any(finding.level == "refusal" for finding in found.findings))
+    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
+    return UNUSABLE if refused else EXPLAINED
 
 
 def document(found: Inspection) -> dict[str, object]:

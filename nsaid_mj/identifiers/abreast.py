@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..dynamics.motions import StructureMotion
 from ..log import Log
 from ..numerics.lanes import LANES
 from ..numerics.packs import packed
 from ..structure.arrays import Workspace, workspace
+from ..structure.motion_types import StructureMotion
 from ..system import Motion
 from .base import Estimates, State, Status
 from .metric import Flat

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..dynamics.motions import STAGES, stage, stage_room
 from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
 from ..numerics.packs import packs
 from ..structure.arrays import Workspace
 from ..structure.compiled import FAST
+from ..structure.motion_types import STAGES, stage, stage_room
 from .metric import CHARTS, Flat, accurate, adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
 
     Args:
         law: the gain K and the metric.
-        motion: any of `dynamics.motions`.
+        motion: any of `structure.motion_types`.
         v_hats: (N, n) v̂, written from row `first` on; the row before is the initial value.
         theta_hats: (N, p) θ̂, written from row `first` on; the row before is the initial value.
         pivots: (N,) M̂'s smallest pivot in the step that ends at the row; written from row

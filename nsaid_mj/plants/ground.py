@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
-from pydantic import model_validator
 
 from ..bounds import Name, Share, config
-from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..structure.parts import Column, tied
-from ..systems.vehicle import Operation, Term, term
+from ..structure.single_body import Operation, Term, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import guessed, hidden
-from .world.mismatch import Mismatch
 from .world.sheet import Positive, Table, one, several
 
 CREEP = 0.1
@@ -195,17 +192,9 @@ class CarPlant(VehiclePlant):
     """
 
     sheet: ClassVar[type[VehicleSheet]] = CarSheet
+    _refuses: ClassVar[tuple[str, ...]] = ("a car in the plane", "fluid", "level")
     vehicle: Name = "f1tenth"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return CarSheet.of(self.vehicle).blueprint()
-
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        check_wind(self.mismatch, "a car in the plane")
-        return self
 
 
 @config
@@ -224,16 +213,3 @@ class BMW320iPlant(CarPlant):
     """
 
     vehicle: Name = "bmw320i"
-
-
-def check_wind(mismatch: Mismatch, plant: str) -> None:
-    """Checks that a mismatch has no fluid model and no vertical wind.
-
-    Raises:
-        InvalidInput: it has one; the message names `plant`.
-    """
-    mismatch.refuse(plant, "fluid")
-    if mismatch.flow[2]:
-        raise InvalidInput(
-            "mismatch.flow", f"a level wind, for {plant}", mismatch.flow, "Make the third one 0."
-        )

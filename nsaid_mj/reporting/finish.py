@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -58,19 +60,20 @@ def _check_record(run: Run) -> None:
 
 
 def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
-    with report.Drawer() as drawer:
-        say("evaluating the estimate")
-        truth = evaluation.truth_of(run)
-        summary = evaluation.summarize(run, truth)
-        write_json(run.folder / SUMMARY, summary)
-        write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
-        if not _drawable(run.record):
-            return summary
-        say("writing recording and report")
-        verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
-        if recording.available():
-            recording.write(run, summary, truth, verdicts)
-        report.write(run, summary, truth, drawer, verdicts, command)
+    say("evaluating the estimate")
+    Thread(target=import_module, args=[f"{__package__}.drawings"], daemon=True).start()  # half a
+    # second of matplotlib, which the page needs last
+    truth = evaluation.truth_of(run)
+    summary = evaluation.summarize(run, truth)
+    write_json(run.folder / SUMMARY, summary)
+    write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+    if not _drawable(run.record):
+        return summary
+    say("writing recording and report")
+    verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
+    if recording.available():
+        recording.write(run, summary, truth, verdicts)
+    report.write(run, summary, truth, verdicts, command)
     return summary
 
 

@@ -69,7 +69,6 @@ from .inertia import (
 from .spatial import add_cross, add_pushed, add_turned, clear, dot
 
 _A, _X, _T, _H, _D = 12, 18, 24, 30, 36  # columns of the scratch; the first twelve are for anything
-_OMEGA = 3  # the angular part of a spatial vector
 
 
 @helper(void(table, vector, index, vector, vector, index))

@@ -94,7 +94,7 @@ def test_empty_efforts_are_no_channels(tmp_path):
 
 def test_ulog(tmp_path):
     values = {name: column for name, column in CLEAN.items() if name != "t"}
-    found = read(write_ulog(tmp_path / "log.ulg", "arm_state", values, CLEAN["t"] + 5))
+    found = read(write_ulog(tmp_path / "log.ulg", {"arm_state": (values, CLEAN["t"] + 5)}))
     assert found.origin == 5_000_000_000
     renamed = {name.removeprefix("arm_state/"): c for name, c in found.channels.items()}
     assert_clean(Table(found.source, renamed, found.origin))
@@ -102,7 +102,7 @@ def test_ulog(tmp_path):
 
 def test_dataflash(tmp_path):
     values = {name: column for name, column in CLEAN.items() if name != "t"}
-    found = read(write_dataflash(tmp_path / "log.bin", "ARM", values, CLEAN["t"] + 5))
+    found = read(write_dataflash(tmp_path / "log.bin", {"ARM": (values, CLEAN["t"] + 5)}))
     renamed = {name.removeprefix("ARM/"): c for name, c in found.channels.items()}
     assert_clean(Table(found.source, renamed, found.origin), tolerance=1e-5)
 

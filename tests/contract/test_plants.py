@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
-from nsaid_mj.plants.world.robots import load_robot
 from nsaid_mj.resources import known_robots
+from nsaid_mj.robot.robots import load_robot
 from tests.support.plants import assert_engines_agree, config_of, plant
 from tests.support.strategies import seeds
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
@@ -547,8 +547,8 @@ UR5_JOINTS = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "w
 def test_a_link_that_differs_between_the_engines_is_named(monkeypatch, joint):
     honest = arm.arm_spec
 
-    def corrupt(model, hidden, dt, actuator):
-        spec = honest(model, hidden, dt, actuator)
+    def corrupt(*given):
+        spec = honest(*given)
         body = spec.body(joint)
         body.mass, body.inertia = 1.01 * body.mass, 1.01 * np.array(body.inertia)
         return spec

@@ -96,14 +96,15 @@ def read(
 def read_tables(
     paths: Sequence[str | os.PathLike[str]], mapping: Map | None = None
 ) -> tuple[Table, ...]:
-    """Reads log files; the map may state their time column, its unit or their rate.
+    """Reads log files, and those of folders; the map may state their time column, unit or rate.
 
     Raises:
         UnreadableLog: a file is missing or damaged, or its time column cannot be told.
         MissingExtra: the library for a file's format is not installed.
     """
     time = (mapping or Map()).time
-    return tuple(read(path, time.column, time.unit, time.rate) for path in paths)
+    files = [file for path in paths for file in formats.files(Path(path).expanduser())]
+    return tuple(read(file, time.column, time.unit, time.rate) for file in files)
 
 
 def _timed(

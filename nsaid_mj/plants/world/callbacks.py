@@ -33,9 +33,6 @@ WORDS = 1 << 15
 ARRAYS = types.CPointer(types.CPointer(types.float64))
 """A C structure viewed as an array of pointers to arrays of float64."""
 
-CALLBACK = types.void(types.voidptr, ARRAYS)
-"""The signature of MuJoCo's callbacks, f(mjModel*, mjData*)."""
-
 _LIBRARY = re.compile(r"libmujoco\.so\.[\d.]+|libmujoco\.[\d.]+\.dylib|mujoco\.dll")
 
 _PROBE = """<mujoco><size nuserdata="3"/><worldbody><body><joint name="j"/>

@@ -7,18 +7,20 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
 
 from ...bounds import Config, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
+from ...robot.shapes import VisualMesh
+from ...structure.sensing import displaced
 from ...system import SecondOrderSystem
-from ...systems.sensing import displaced
 from .callbacks import installed
 from .coordinates import Reading
 from .faults import Faults
@@ -28,7 +30,6 @@ from .faults.variant import Variant
 from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
-from .shapes import VisualMesh
 from .stepping import World, drive, sound, warnings_of
 
 if TYPE_CHECKING:
@@ -43,12 +44,21 @@ class PlantConfig(Config, ABC):
         mismatch: effects that the identifier's structure does not model.
         faults: of actuators, sensors or the plant during the run, such as `loss 0.4 of 2 at 5 s;
             payload 1 kg at 10 s until 15 s`.
+        _refuses: what the plant is called, and the effects of `mismatch` that it does not have; of
+            a plant in the plane, `level` for a vertical flow.
     """
 
     _path = "plant"
+    _refuses: ClassVar[tuple[str, ...]] = ()
 
     mismatch: Mismatch = field(default_factory=Mismatch, kw_only=True)
     faults: Faults = field(default=(), kw_only=True)
+
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
+        if self._refuses:
+            self.mismatch.refuse(*self._refuses)
+        return self
 
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:
@@ -330,24 +340,3 @@ _DIVERGENCES = (
     (mujoco.mjtWarning.mjWARN_BADQACC, "qacc"),
     (mujoco.mjtWarning.mjWARN_BADCTRL, "ctrl"),  # beyond 1e10, and then MuJoCo applies none
 )
-
-
-def set_options(spec: Any, dt: float) -> None:
-    """Sets the options of all plants: RK4, no automatic reset, no contacts, no joint limits.
-
-    Args:
-        spec: MuJoCo's specification.
-        dt: time step [s].
-
-    Raises:
-        InvalidInput: dt is not a positive number.
-    """
-    if not (np.isfinite(dt) and dt > 0):
-        raise InvalidInput("dt", "a step > 0 s", dt, "Try 1e-3 for an arm.")
-    spec.option.timestep = dt
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.disableflags |= int(
-        mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        | mujoco.mjtDisableBit.mjDSBL_CONTACT
-        | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    )

@@ -33,7 +33,11 @@ STRAY = "a stray quote"
 """What is wrong with a row whose quotes were ignored."""
 
 _MOST_SAID = 1 << 20  # characters of what a library prints that are looked at
-_ORDER = ("run", "arrow", "npz", "rosbag", "ulog", "dataflash", "text")
+_ORDER = ("run", "lerobot", "arrow", "npz", "rosbag", "ulog", "dataflash", "rrd", "text")
+_SUFFIXES = (
+    *(".csv", ".tsv", ".gz", ".parquet", ".arrow", ".feather", ".npz"),
+    *(".bag", ".mcap", ".ulg", ".bin", ".rrd"),
+)
 
 
 class Columns(NamedTuple):
@@ -76,6 +80,17 @@ class Format(Protocol):
         ...
 
 
+def files(path: Path) -> list[Path]:
+    """The log files of a folder in the order of their names; a log that is a folder is one."""
+    if not path.is_dir() or any(_module(name).recognises(path, b"") for name in _ORDER[:-1]):
+        return [path]
+    found = sorted(p for p in path.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
+    if not found:
+        remedy = f"Give a folder with files that end in {', '.join(_SUFFIXES)}."
+        raise UnreadableLog(path, "the folder holds no logs", remedy)
+    return found
+
+
 def read(path: Path) -> list[Columns]:
     """Reads a log file of any known format.
 
@@ -84,7 +99,7 @@ def read(path: Path) -> list[Columns]:
     Control characters in names are replaced, so that no name can steer a terminal.
 
     Args:
-        path: of a file, or of a folder (a run of ours, a ROS 2 bag).
+        path: of a file, or of a folder (a run of ours, a ROS 2 bag, a LeRobot dataset).
 
     Raises:
         UnreadableLog: there is no such file, or its content is damaged, empty or beyond the limit.
@@ -99,12 +114,16 @@ def read(path: Path) -> list[Columns]:
         if not head:
             raise UnreadableLog(path, "the file is empty", "Record the log again.")
     for name in _ORDER:
-        # imported one by one: some need an optional library, and most files need none of those
-        candidate = cast(Format, importlib.import_module(f"{__name__}.{name}"))
+        candidate = _module(name)
         if candidate.recognises(path, head):
             return _read(candidate, path)
-    remedy = "Known are CSV, Parquet, Arrow, npz, ROS bags, MCAP, ULog and DataFlash."
+    remedy = "Known are CSV, Parquet, Arrow, npz, ROS bags, MCAP, ULog, DataFlash, LeRobot, Rerun."
     raise UnreadableLog(path, "no known format", remedy)
+
+
+def _module(name: str) -> Format:
+    """A format, imported alone: some need an optional library, and most files need none of them."""
+    return cast(Format, importlib.import_module(f"{__name__}.{name}"))
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,24 +28,37 @@ def read(path: Path) -> list[Columns]:
     Raises:
         UnreadableLog: it is empty or beyond the limit.
     """
-    batches, size = [], 0
-    for batch in _batches(path):
-        size += batch.nbytes
-        check_size(path, size)
-        batches.append(batch)
-    if not sum(batch.num_rows for batch in batches):
+    table = table_of(path)
+    if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
-    table = pa.Table.from_batches(batches)
     values, dropped = {}, []
     for name, column in zip(table.column_names, table.columns, strict=True):
-        found = _flat(name, column)
+        found = flat(name, column)
         values |= found
         if not found:
             dropped.append((name, "lists of several lengths, or of no numbers"))
     return [Columns(values, dropped=tuple(dropped))]
 
 
-def _batches(path: Path) -> Iterator[pa.RecordBatch]:
+def table_of(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """The table of a file, read batch by batch.
+
+    Args:
+        path: of the file.
+        columns: that are read of a Parquet file; None for all.
+
+    Raises:
+        UnreadableLog: it is beyond the limit.
+    """
+    batches, size = [], 0
+    for batch in _batches(path, columns):
+        size += batch.nbytes
+        check_size(path, size)
+        batches.append(batch)
+    return pa.Table.from_batches(batches) if batches else pa.table({})
+
+
+def _batches(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
     """The record batches of a file, one after the other."""
     with path.open("rb") as stream:
         head = stream.read(6)
@@ -55,7 +68,7 @@ def _batches(path: Path) -> Iterator[pa.RecordBatch]:
             groups = map(about.row_group, range(about.num_row_groups))
             chunks = [g.column(k) for g in groups for k in range(about.num_columns)]
             check_size(path, sum(8 * chunk.num_values for chunk in chunks))
-            yield from file.iter_batches(use_threads=False)
+            yield from file.iter_batches(columns=columns, use_threads=False)
         return
     with pa.OSFile(str(path)) as source:
         if head.startswith(_FILE):
@@ -65,8 +78,8 @@ def _batches(path: Path) -> Iterator[pa.RecordBatch]:
             yield from pa.ipc.open_stream(source)
 
 
-def _flat(name: str, column: pa.ChunkedArray) -> dict[str, np.ndarray]:
-    """A column by name; lists of one length become `name_0`, `name_1` and so on."""
+def flat(name: str, column: pa.ChunkedArray, entries: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """A column by name; lists of one length become `name_0`, `name_1` …, or the given entries."""
     if not (pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type)):
         return {name: numpy_column(column)}
     rows = column.to_pylist()
@@ -76,7 +89,8 @@ def _flat(name: str, column: pa.ChunkedArray) -> dict[str, np.ndarray]:
         return {}
     width = widths.pop()
     dense = np.array([[np.nan] * width if row is None else row for row in rows], np.float64)
-    return {f"{name}_{k}": dense[:, k] for k in range(width)}
+    names = entries if len(entries) == width else [f"{name}_{k}" for k in range(width)]
+    return dict(zip(names, dense.T, strict=True))
 
 
 def numpy_column(column: pa.ChunkedArray, decimal: str = ".") -> np.ndarray:
