@@ -92,7 +92,7 @@ class Sheet(Table):
         path = vehicle_files(vehicle).sheet
         try:
             content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, 5000 digits
             raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
         except OSError as error:
             raise InvalidInput(
