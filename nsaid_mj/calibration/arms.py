@@ -9,7 +9,7 @@ import numpy as np
 import scipy.optimize
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding

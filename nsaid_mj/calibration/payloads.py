@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block
-from ..systems.multibody import link_block
-from ..systems.optional import pin
+from ..structure.blocks import link_block
+from ..structure.optional import pin
 
 _FORM = "FILE:MASSkg, FILE:MASSkg@LINK or FILE:MASSkg@LINK:X,Y,Z"
 _TEXT = re.compile(

@@ -302,7 +302,8 @@ def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[f
         delay: that suits rotors whose commands are their speeds, without a lag.
 
     Returns:
-        Both; a mix or lag that lowers the cost by less than `_WORTH` is left at 1 or 0.
+        Both; a mix near 1 or 0, or a lag, that lowers the cost by less than `_WORTH` is taken as 1
+        or 0.
     """
 
     def along(x: Array) -> float:
@@ -319,7 +320,7 @@ def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[f
     corners = start + np.vstack([np.zeros(3), np.diag([0.01, 0.01, 0.1 - 0.2 * (start[2] > 0.5)])])
     options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 1.0, "maxfev": 90}
     found = np.asarray(optimize.minimize(along, start, method="Nelder-Mead", options=options).x)
-    for k, plain in ((1, 0.0), (2, 1.0)):
+    for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
         simpler = np.where(np.arange(3) == k, plain, found)
         if along(simpler) < along(found) + _WORTH:
             found = simpler

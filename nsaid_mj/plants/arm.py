@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, ClassVar, Literal, Self
+from dataclasses import replace
+from operator import attrgetter
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
-from pydantic import model_validator
+from numpy.typing import ArrayLike
 
 from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
-from ..parameters import Array, Indices
+from ..parameters import Array
 from ..robot.loading import Base, load_robot
 from ..robot.model import RobotModel
-from ..robot.shapes import VisualMesh
 from ..robot.tree import set_inertias, tree_spec
-from ..systems.compiled import CompiledMultibody
-from ..systems.joints import Actuator
-from ..systems.multibody import JointScales, MotorTree, Multibody
-from ..systems.optional import pin
-from .world.coordinates import joint_map
-from .world.forces import Forces, column_forces
-from .world.mismatch import Mismatch
+from ..structure.joints import Actuator, JointScales, JointTree
+from ..structure.multibody import CompiledMultibody, Multibody
+from ..structure.optional import pin
+from .world.body import guessed, hidden
 from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet
+from .world.simulated import SimulatedRobot
 
 Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""
@@ -65,63 +62,64 @@ class ArmPlant(ParametricPlantConfig):
     backend: Backend = "compiled"
     actuator: Actuator = "motor"
     _base: ClassVar[Base] = "held"
+    _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        self.mismatch.refuse("an arm in air", "flow", "fluid")
-        return self
-
-    def build(self, dt: float, seed: int) -> Arm:
+    def build(self, dt: float, seed: int) -> Plant:
         """Loads the robot, draws the hidden parameters, compares MuJoCo with Pinocchio.
 
         Raises:
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
             EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
         """
-        robot, nominal = self._published()
-        rng = np.random.default_rng(seed)
+        robot, system = self._published()
+        theta, rng = published_theta(robot.model, system), np.random.default_rng(seed)
+        for block, place in system.space:
+            if block.geometry == "positive":  # of the joints
+                theta[place] = hidden(theta[place], self.spread, rng)
+        return self._plant(dt, robot, system, theta)
 
-        def hidden(value: Array) -> Array:
-            return value * (1 + self.spread * rng.uniform(-1, 1, len(value)))
-
-        joints = HiddenJoints(
-            rotor=hidden(nominal.rotor) if nominal.rotor is not None else None,
-            viscous=hidden(nominal.viscous),
-            coulomb=hidden(nominal.coulomb),
-            gain=hidden(nominal.gain),
-        )
-        return self._plant(dt, robot, nominal, joints)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Arm:
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
         """Makes the robot with the true parameters θ (p,), or those of URDF and data sheet."""
-        robot, nominal = self._published()
-        joints = HiddenJoints.of(nominal)
-        if theta is not None:
-            joints = set_tree(robot.model, theta, len(nominal.viscous), len(nominal.gain))
-        return self._plant(dt, robot, nominal, joints)
+        robot, system = self._published()
+        true = published_theta(robot.model, system) if theta is None else theta
+        return self._plant(dt, robot, system, true)
 
-    def _published(self) -> tuple[RobotModel, JointScales]:
-        """The robot's description, and the joints' nominal values."""
+    def _published(self) -> tuple[RobotModel, JointTree]:
+        """The robot's description, and the structure that an identifier may know."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
             raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
         own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
         medians = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
         stated = {n: x for n, x in medians.items() if x > 0 and getattr(self, n) is None}
-        scales = nominal_scales(robot.model, replace(self, **stated))
+        nominal = nominal_scales(robot.model, replace(self, **stated))
         if robot.passive:
             driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
-            gain, command = scales.gain[driven], scales.command[driven]
-            scales = replace(scales, gain=gain, command=command, driven=tuple(driven))
-        return robot, scales
-
-    def _plant(
-        self, dt: float, robot: RobotModel, nominal: JointScales, joints: HiddenJoints
-    ) -> Arm:
+            gain, command = nominal.gain[driven], nominal.command[driven]
+            nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
         speed = np.full(len(nominal.viscous), self.friction_speed)
-        system = structure(robot.model, nominal, speed)
-        return Arm(robot, system, joints, dt, self.mismatch).failing(self.faults, self)
+        return robot, structure(robot.model, nominal, speed)
+
+    def _plant(self, dt: float, robot: RobotModel, system: JointTree, theta: Array) -> Plant:
+        model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
+        acting[space["Coulomb friction"]] = theta[
+            space["Coulomb friction"]
+        ]  # `frictionloss` creeps
+        if self.actuator == "servo":
+            acting[space["servo gain"]] = theta[space["servo gain"]]
+        spec = arm_spec(model, system, theta, dt)
+        names, looks = list(model.names)[1:], robot.visuals
+        try:
+            made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
+        except ValueError as error:
+            raise BadRobot(
+                robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
+            ) from error
+        with quiet():
+            compare_engines(made, robot.name, model)
+            check_stiffness(made, robot.name)
+        return made.failing(self.faults, self)
 
 
 @config
@@ -135,191 +133,116 @@ class FloatingBasePlant(ArmPlant):
     _base: ClassVar[Base] = "free"
 
 
-@dataclass(frozen=True)
-class HiddenJoints:
-    """True parameters of the joints, (k,) each, gains (n_u,); units as in `JointScales`."""
-
-    rotor: Array | None
-    viscous: Array
-    coulomb: Array
-    gain: Array
-
-    @staticmethod
-    def of(nominal: JointScales) -> HiddenJoints:
-        """Joints with the nominal values."""
-        return HiddenJoints(nominal.rotor, nominal.viscous, nominal.coulomb, nominal.gain)
+def published_theta(model: pin.Model, system: JointTree) -> Array:
+    """(p,) θ of a description's inertias and of the nominal values of its joints."""
+    bodies = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+    joints = [block.scale for block in system.space.blocks if block.geometry == "positive"]
+    return np.concatenate([*bodies, *joints])
 
 
-def set_tree(model: pin.Model, theta: Array, joints: int, motors: int) -> HiddenJoints:
-    """Overwrites the inertias of a model by those in θ = [bodies, joints]; returns the joints."""
-    links = 10 * (model.njoints - 1)
-    set_inertias(model, theta[:links])
-    gains = len(theta) - motors
-    values = theta[links:gains].reshape(-1, joints) if joints else np.zeros((2, 0))
-    rotor = values[0] if len(values) == 3 else None
-    return HiddenJoints(rotor, values[-2], values[-1], theta[gains:])
+def true_model(model: pin.Model, theta: Array) -> pin.Model:
+    """A copy of a model with the bodies' inertias in θ (p,), which begins with them."""
+    model = pin.Model(model)
+    set_inertias(model, theta[: 10 * (model.njoints - 1)])
+    return model
 
 
-class Arm(Plant):
-    """An arm or a floating-base robot in MuJoCo.
+def arm_spec(model: pin.Model, system: JointTree, theta: Array, dt: float) -> Any:
+    """MuJoCo's specification of a Pinocchio model, with an actuator on every driven joint.
+
+    Viscous friction, rotor inertias and motor gains are those in θ (p,). A servo's actuator has no
+    gain: its torque is a column.
+    """
+    spec, space = tree_spec(model, dt), system.space
+    give_rotors(spec, system, theta)
+    for name, viscous in zip(system.joint_names, theta[space["viscous friction"]], strict=True):
+        spec.joint(name).damping = [viscous, 0, 0]
+    gains = theta[space.actuators] * (system.scales.actuator == "motor")
+    for joint, gain in zip(system.driven, gains, strict=True):
+        name = system.joint_names[joint]
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.gainprm[0] = gain
+    return spec
+
+
+def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
+    """Gives the joints of MuJoCo's specification the rotor inertias in θ (p,), if modelled."""
+    if system.scales.rotor is not None:
+        rotor = theta[system.space["rotor inertia"]]
+        for name, inertia in zip(system.joint_names, rotor, strict=True):
+            spec.joint(name).armature = inertia
+
+
+def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples: int = 5) -> None:
+    """Compares M and bias forces of MuJoCo and Pinocchio at random states.
 
     Args:
-        robot: the description; its inertias are the true ones.
-        system: the structure that an identifier may know.
-        hidden: the true parameters of its joints.
-        dt: time step [s].
-        mismatch: the effects outside the structure.
+        plant: a robot with motors on its joints only.
+        name: of the robot, for the message.
+        model: Pinocchio's, with the true inertias.
+        samples: number of states.
 
     Raises:
-        BadRobot: MuJoCo rejects a body, or a joint's friction is too stiff for dt.
-        EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
+        EnginesDisagree: names the link and the quantity that differ.
     """
-
-    system: MotorTree
-
-    def __init__(
-        self,
-        robot: RobotModel,
-        system: MotorTree,
-        hidden: HiddenJoints,
-        dt: float,
-        mismatch: Mismatch,
-    ):
-        self.robot, self.system, self._hidden = robot, system, hidden
-        spec = arm_spec(robot.model, hidden, dt, system.scales.actuator, system.driven)
-        acting, gains = np.zeros(system.p), system.p - system.n_u
-        acting[gains - len(hidden.coulomb) : gains] = hidden.coulomb
-        # MuJoCo's own `frictionloss` creeps
-        if system.scales.actuator == "servo":
-            acting[gains:] = hidden.gain
-        forces = Forces(system.structure, acting, np.zeros(3))
-        self.gain_places = forces.gain_places if acting[gains:].any() else ()
-        spec.nuserdata, self.passive = forces.size, column_forces()
-        try:
-            self._compile(spec, mismatch)
-        except ValueError as error:
-            raise BadRobot(
-                robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
-            ) from error
-        self.joints = joint_map(self.model, list(robot.model.names)[1:])
-        self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
-        self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
-        with quiet():
-            self._compare_engines()
-            self._check_stiffness(dt)
-        self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
-
-    @cached_property
-    def truth(self) -> Array:
-        """(p,) the true θ."""
-        links = [
-            self.robot.model.inertias[i].toDynamicParameters()
-            for i in range(1, self.robot.model.njoints)
-        ]
-        h = self._hidden
-        rotor = [h.rotor] if h.rotor is not None else []
-        return np.concatenate([*links, *rotor, h.viscous, h.coulomb, h.gain])
-
-    def _place(self, position: Array, velocity: Array) -> None:
-        self.joints.write(self.data, position, velocity)
-        self.data.userdata[:] = self._numbers
-
-    def coordinates(self) -> tuple[Array, Array]:
-        """(n,) position numbers, joint angles [rad] or displacements [m], and (n,) velocities."""
-        return self.joints.read(self.data)
-
-    def visuals(self) -> list[VisualMesh]:
-        """The visual meshes of the robot's description; there may be none."""
-        return self.robot.visuals.visuals()
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
-        return self.robot.visuals.poses(q)
-
-    def _compare_engines(self, samples: int = 5) -> None:
-        """Compares M and bias forces of MuJoCo and Pinocchio at random states.
-
-        Raises:
-            EnginesDisagree: names the link and the quantity that differ.
-        """
-        rng = np.random.default_rng(0)
-        model, data = self.robot.model, self.robot.model.createData()
-        rotor = np.zeros(model.nv)
-        if self._hidden.rotor is not None:
-            rotor[self.system.group :] = self._hidden.rotor
-        for _ in range(samples):
-            coordinates = rng.uniform(*self.system.limits)
-            v = rng.uniform(-1, 1, model.nv)
-            q = self.position(coordinates)
-            self.joints.write(self.data, coordinates, v)
-            mujoco.mj_forward(self.model, self.data)
-            M = pin.crba(model, data, q) + np.diag(rotor - model.armature)
-            bias = pin.nonLinearEffects(model, data, q, v)
-            force = max(np.abs(bias).max(), np.abs(M).max())  # a balanced robot has no bias
-            for quantity, difference in (
-                ("mass matrix", self.joints.mass_matrix(self.model, self.data) - M),
-                ("bias force", self.joints.bias(self.model, self.data) - bias),
-            ):
-                relative = np.abs(difference) / (np.abs(M).max() if difference.ndim == 2 else force)
-                if not relative.max() <= AGREEMENT:
-                    own = np.diag(relative) if relative.ndim == 2 else relative
-                    last = int(np.flatnonzero(~(own <= AGREEMENT))[-1:].sum())  # ancestors follow
-                    moved = max(j.id for j in list(model.joints)[1:] if j.idx_v <= last)
-                    link = f"link of joint {model.names[moved]}"
-                    raise EnginesDisagree(
-                        self.robot.name, link, quantity, float(relative.max()), AGREEMENT
-                    )
-
-    def _check_stiffness(self, dt: float) -> None:
-        """Checks RK4's stability, |λ| dt < 2.78; friction's |λ| is at most (viscous + c/s)/M_ii.
-
-        Raises:
-            BadRobot: names the joint and a time step that is small enough, or M is singular.
-        """
-        self.reset(np.mean(self.system.limits, axis=0), np.zeros(self.system.n))
-        mujoco.mj_forward(self.model, self.data)
-        try:
-            inertia = 1 / np.diag(np.linalg.inv(self.joints.mass_matrix(self.model, self.data)))
-        except np.linalg.LinAlgError as error:
-            raise BadRobot(
-                self.robot.name,
-                "",
-                "its mass matrix is singular: a moving link has next to no inertia",
-                "Give the link its mass, or the joints rotor inertia (--plant.armature 0.01).",
-            ) from error
-        inertia = inertia[self.system.group :]
-        rate = (self._hidden.viscous + self._hidden.coulomb / self.system.friction_speed) / inertia
-        worst = int(np.argmax(rate))
-        if rate[worst] * dt > 2.5:
-            raise BadRobot(
-                self.robot.name,
-                f"joint {self.robot.model.names[self.system.joints[worst].id]}",
-                f"its friction acts at {rate[worst]:.0f}/s, too fast for steps of {dt:g} s",
-                f"Take dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
-            )
+    rng, joints = np.random.default_rng(0), plant.joints
+    data, rotor = model.createData(), np.zeros(model.nv)
+    rotor[plant.system.group :] = plant.model.dof_armature[joints.motors]
+    for _ in range(samples):
+        coordinates = rng.uniform(*plant.system.limits)  # type: ignore[attr-defined]  # a tree
+        v = rng.uniform(-1, 1, model.nv)
+        q = plant.position(coordinates)
+        joints.write(plant.data, coordinates, v)
+        mujoco.mj_forward(plant.model, plant.data)
+        M = pin.crba(model, data, q) + np.diag(rotor - model.armature)
+        bias = pin.nonLinearEffects(model, data, q, v)
+        force = max(np.abs(bias).max(), np.abs(M).max())  # a balanced robot has no bias
+        for quantity, difference in (
+            ("mass matrix", joints.mass_matrix(plant.model, plant.data) - M),
+            ("bias force", joints.bias(plant.model, plant.data) - bias),
+        ):
+            relative = np.abs(difference) / (np.abs(M).max() if difference.ndim == 2 else force)
+            if not relative.max() <= AGREEMENT:
+                own = np.diag(relative) if relative.ndim == 2 else relative
+                last = int(np.flatnonzero(~(own <= AGREEMENT))[-1:].sum())  # ancestors follow
+                moved = max(j.id for j in list(model.joints)[1:] if j.idx_v <= last)
+                link = f"link of joint {model.names[moved]}"
+                raise EnginesDisagree(name, link, quantity, float(relative.max()), AGREEMENT)
 
 
-def arm_spec(
-    model: pin.Model, hidden: HiddenJoints, dt: float, actuator: Actuator, driven: Indices
-) -> Any:
-    """MuJoCo's specification of a Pinocchio model, with an actuator on every driven 1-DOF joint.
+def check_stiffness(plant: SimulatedRobot, name: str) -> None:
+    """Checks RK4's stability, |λ| dt < 2.78; friction's |λ| is at most (viscous + c/s)/M_ii.
 
-    A servo's has no gain: its torque is a column.
+    Args:
+        plant: a robot with motors on its joints only; it is reset.
+        name: of the robot, for the message.
+
+    Raises:
+        BadRobot: names the joint and a time step that is small enough, or M is singular.
     """
-    spec, names = tree_spec(model, dt), list(model.names)[-len(hidden.viscous) :]
-    for k, name in enumerate(names):
-        joint = spec.joint(name)
-        joint.damping = [hidden.viscous[k], 0, 0]
-        joint.armature = hidden.rotor[k] if hidden.rotor is not None else 0.0
-    for k, gain in zip(driven, hidden.gain, strict=True):
-        name = names[k]
-        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.gainprm[0] = gain if actuator == "motor" else 0.0
-    return spec
+    system, theta = plant.system, plant.truth
+    assert isinstance(system, JointTree)
+    plant.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
+    mujoco.mj_forward(plant.model, plant.data)
+    try:
+        inertia = 1 / np.diag(np.linalg.inv(plant.joints.mass_matrix(plant.model, plant.data)))
+    except np.linalg.LinAlgError as error:
+        raise BadRobot(
+            name,
+            "",
+            "its mass matrix is singular: a moving link has next to no inertia",
+            "Give the link its mass, or the joints rotor inertia (--plant.armature 0.01).",
+        ) from error
+    viscous, coulomb = (theta[system.space[f"{kind} friction"]] for kind in ("viscous", "Coulomb"))
+    rate = (viscous + coulomb / system.friction_speed) / inertia[system.group :]
+    worst = int(np.argmax(rate))
+    if rate[worst] * plant.dt > 2.5:
+        raise BadRobot(
+            name,
+            f"joint {system.joint_names[worst]}",
+            f"its friction acts at {rate[worst]:.0f}/s, too fast for steps of {plant.dt:g} s",
+            f"Take dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
+        )
 
 
 def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
@@ -328,9 +251,10 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
     Masses and lengths are rounded to powers of two, so that the scale of θ does not reveal the true
     inertias.
     """
-    inertias = [model.inertias[i] for i in range(1, model.njoints)]
-    mass = np.array([_octave(inertia.mass) for inertia in inertias])
-    length = np.array([_octave(extent(inertia)) for inertia in inertias])
+    inertias = list(model.inertias)[1:]
+    mass, length = (
+        _octaves([value(inertia) for inertia in inertias]) for value in (attrgetter("mass"), extent)
+    )
     size, weight = joint_sizes(model)
     k = len(size)
     damping = 0.5 * size if config.damping is None else np.full(k, config.damping)
@@ -367,12 +291,12 @@ def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
     pin.computeSubtreeMasses(model, data)
     carried = np.array([data.mass[joint.id] for joint in joints])
     weight = np.linalg.norm(model.gravity.linear) * np.sqrt(carried * size)
-    return np.array([_octave(x) for x in size]), np.array([_octave(x) for x in weight])
+    return _octaves(size), _octaves(weight)
 
 
-def _octave(value: float) -> float:
-    """The nearest power of two: a guess by order of magnitude."""
-    return float(2.0 ** np.round(np.log2(max(value, 1e-9))))
+def _octaves(values: ArrayLike) -> Array:
+    """The nearest powers of two: guesses by order of magnitude."""
+    return guessed(np.maximum(values, 1e-9))
 
 
 def extent(inertia: pin.Inertia) -> float:

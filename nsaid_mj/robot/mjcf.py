@@ -11,9 +11,9 @@ import numpy as np
 
 from ..errors import RobotChanged
 from ..parameters import Array
-from ..systems.joints import body_names
-from ..systems.joints import joint_names as system_joints
-from ..systems.optional import pin
+from ..structure.joints import body_names
+from ..structure.joints import joint_names as system_joints
+from ..structure.optional import pin
 from .findings import Finding
 from .inertias import make_physical
 from .mjcf_actuators import motors

@@ -14,7 +14,7 @@ import numpy as np
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .tree import wxyz
 from .xml import numbers
 

@@ -17,8 +17,8 @@ from lxml.etree import _Element as Node
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import write_text
-from ..systems.joints import bodies_of, body_names
-from ..systems.optional import pin
+from ..structure.joints import bodies_of, body_names
+from ..structure.optional import pin
 from .identified import Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_actuators import is_motor

@@ -10,7 +10,7 @@ import yaml
 
 from ..parameters import Array
 from ..resources import write_text
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .identified import Identified
 from .mjcf_export import moving_bodies
 from .model import RobotModel

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..systems.joints import bodies_of
-from ..systems.optional import pin
+from ..structure.joints import bodies_of
+from ..structure.optional import pin
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
@@ -74,9 +74,13 @@ def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
 
 
 def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
-    """Overwrites the inertias of the bodies from `first` on by ten parameters each (10 b,)."""
+    """Overwrites the inertias of the bodies from `first` on by ten parameters each (10 b,).
+
+    Those that are unchanged keep their bits.
+    """
     for i, own in enumerate(theta.reshape(-1, 10)):
-        model.inertias[first + i] = pin.Inertia.FromDynamicParameters(own)
+        if not np.array_equal(own, model.inertias[first + i].toDynamicParameters()):
+            model.inertias[first + i] = pin.Inertia.FromDynamicParameters(own)
 
 
 def wxyz(rotation: Array) -> Array:

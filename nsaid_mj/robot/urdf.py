@@ -12,8 +12,8 @@ from lxml.etree import _Element as Element
 
 from ..errors import BadRobot
 from ..parameters import Array
-from ..systems.joints import body_names, joint_names
-from ..systems.optional import coal, pin
+from ..structure.joints import body_names, joint_names
+from ..structure.optional import coal, pin
 from .findings import Finding
 from .inertias import check_inertias, make_physical
 from .meshes import resolve_meshes

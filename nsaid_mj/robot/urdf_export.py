@@ -8,7 +8,7 @@ from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
 from ..errors import InvalidInput
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .identified import Identified, remarks
 from .model import RobotModel
 from .urdf_checks import ENTRIES, end_of

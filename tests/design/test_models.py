@@ -14,7 +14,7 @@ from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment.library import load
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.resources import vehicle_files
-from nsaid_mj.systems.multibody import MotorTree
+from nsaid_mj.structure.joints import JointTree
 
 XML = """
 <mujoco model="two"><compiler angle="radian"/>
@@ -39,7 +39,7 @@ def test_an_mjcf_becomes_an_arm_with_the_limits_of_its_file(tmp_path):
     assert isinstance(plant, ArmPlant)
     assert plant.robot == str(path)
     system = Experiment.of(scenario).system
-    assert isinstance(system, MotorTree) and system.scales.rotor is not None
+    assert isinstance(system, JointTree) and system.scales.rotor is not None
     assert system.scales.viscous.tolist() == [0.4, 0.4]
     assert system.scales.rotor.tolist() == [0.02, 0.02]
     limits = own_limits(system, random_limits(2))

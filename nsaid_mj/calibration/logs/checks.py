@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parameters import Array
-from ...systems.optional import pin
+from ...structure.optional import pin
 from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
 from . import signals

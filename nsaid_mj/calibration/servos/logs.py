@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array
-from ...systems.optional import pin
+from ...structure.optional import pin
 from ..data import RobotModel
 from ..findings import Finding, UnusableLog
 from ..links import positions

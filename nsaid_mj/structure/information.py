@@ -7,7 +7,8 @@ recursive filtering, IEEE TAC 14, 1969):
     P̄ = F_x P F_xᵀ,    Ψ̄ = F_x Ψ + F_c B S Z,    S_k = P̄ + R,
     J ← J + Ψ̄ᵀ S_k⁻¹ Ψ̄,    Ψ ← R S_k⁻¹ Ψ̄,    P ← R S_k⁻¹ P̄,
 
-where F_x, F_c and B are those of `forward.transition` and θ_⊥ = Zᵀ θ/scale.
+where F_x, F_c and B are those of `transition.step` and θ_⊥ = Zᵀ θ/scale. Memory is that of
+`arrays.memory_of`.
 """
 
 from __future__ import annotations
@@ -16,20 +17,23 @@ import numpy as np
 
 from ..numerics.kernels import kernel
 from ..numerics.linalg import cholesky
-from ..structure.forces import ALL, write_forces
-from ..structure.kinematics import place
-from ..structure.stage import require
-from .forward import forward_work, linearise, transition, transition_work
+from .forces import ALL, write_forces
+from .kinematics import place
+from .slopes import linearise
+from .stage import require
+from .transition import step
 
 _BLOCK = 16  # samples whose rows enter J together: one product of matrices instead of many
 
 
 @kernel()
-def information_along(structure, theta, scale, basis, R0, R, t, q, v, u, J):
+def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q, v, u, J):
     """Adds the information of a motion about θ_⊥ to J.
 
     Args:
         structure: of the system.
+        work: memory.
+        slopes: memory.
         theta: (p,) at which the system is linearised.
         scale: (p,) of θ.
         basis: (p, d) Z, orthonormal.
@@ -46,15 +50,14 @@ def information_along(structure, theta, scale, basis, R0, R, t, q, v, u, J):
     """
     n, m, p, d = v.shape[1], q.shape[1], scale.shape[0], basis.shape[1]
     size = 2 * n
-    work = transition_work(structure, n, m, p)
-    q1, v1 = np.empty(m), np.empty(n)
+    theta, scale, B = theta.copy(), scale.copy(), np.empty((n, p))
+    at, q1, v1, F = np.empty(m), np.empty(m), np.empty(n), np.empty((size, 3 * n))
     P, L, inverse = np.diag(R0), np.zeros((size, size)), np.zeros((size, size))
     psi, rows = np.zeros((size, d)), np.zeros((_BLOCK * size, d))
     filled = 0
     for k in range(1, t.shape[0]):
-        pivot, F, B = transition(
-            structure, q[k - 1], v[k - 1], u[k - 1], t[k] - t[k - 1], theta, scale, work, q1, v1
-        )
+        dt, before = t[k] - t[k - 1], (q[k - 1], v[k - 1], u[k - 1])
+        pivot = step(structure, *before, dt, theta, scale, work, slopes, at, q1, v1, F, B)
         if not pivot > 0.0:
             return False
         F_x, F_c = F[:, :size].copy(), F[:, size:].copy()
@@ -91,21 +94,19 @@ def information_along(structure, theta, scale, basis, R0, R, t, q, v, u, J):
 
 
 @kernel()
-def acceleration_rows(structure, q, v, u, theta, scale, rows):
+def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
     """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
-    n = v.shape[1]
-    work, a = forward_work(structure, n), np.empty(n)
+    theta, scale, a = theta.copy(), scale.copy(), np.empty(v.shape[1])
     for k in range(rows.shape[0]):
-        if not linearise(structure, q[k], v[k], u[k], theta, scale, work, a, rows[k]) > 0.0:
+        if not linearise(structure, q[k], v[k], u[k], theta, scale, work, slopes, a, rows[k]) > 0.0:
             return False
     return True
 
 
 @kernel()
-def torques_along(structure, theta, q, v, a, torque):
+def torques_along(structure, work, slopes, theta, q, v, a, torque):
     """Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,)."""
-    n = v.shape[1]
-    (work, slopes), still, own = forward_work(structure, n), np.zeros(n), theta.copy()
+    still, own = np.zeros(v.shape[1]), theta.copy()
     for k in range(q.shape[0]):
         place(structure, q[k], v[k], slopes.state)
         write_forces(structure, slopes.state, q[k], v[k], still, ALL, work.scratch, slopes.F)

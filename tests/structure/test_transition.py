@@ -5,9 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from nsaid_mj.dynamics.forward import transition, transition_work
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup, trajectory
+from nsaid_mj.structure.arrays import memory_of
+from nsaid_mj.structure.transition import step
 
 FAMILIES = ("ur5", "bluerov2", "crazyflie", "f1tenth", "remus100", "astrobee", "scalar_rov")
 CARRIERS = ("borinot", "uvms")
@@ -25,13 +26,13 @@ class Stepper:
         self.system, self.scale = setup(name).system, setup(name).system.space.scale
         self.structure = self.system.forward
         n, m, p = self.system.n, self.system.m, self.system.p
-        self.work = transition_work(self.structure, n, m, p)
-        self.end = np.empty(m), np.empty(n)
+        self.memory, self.at = memory_of(self.structure, n), np.empty(m)
+        self.end = np.empty(m), np.empty(n), np.empty((2 * n, 3 * n)), np.empty((n, p))
 
     def __call__(self, q, v, u, dt, theta):
         """(m,), (n,) the end, and (2n, 2n+p) its derivatives; copies."""
-        size, work = 2 * len(v), self.work
-        pivot, F, B = transition(self.structure, q, v, u, dt, theta, self.scale, work, *self.end)
+        size, start = 2 * len(v), (q, v, u, dt, np.array(theta), np.array(self.scale))
+        pivot, (F, B) = step(self.structure, *start, *self.memory, self.at, *self.end), self.end[2:]
         assert pivot > 0
         F = np.hstack([F[:, :size], F[:, size:] @ B])
         return self.end[0].copy(), self.end[1].copy(), F

@@ -15,13 +15,21 @@ from numba import njit, types
 from numba.extending import intrinsic, overload
 
 from ..log import Log, Middle
+from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, solve_positive
 from ..parameters import Array
-from ..structure.arrays import StructureArrays
-from ..structure.compiled import FAST
-from ..structure.stage import stage as structure_stage
 from ..system import SecondOrderSystem
-from .forward import stage_work
+from .arrays import StructureArrays, workspace
+from .compiled import FAST
+from .stage import stage as structure_stage
+
+_workspace = njit(workspace)
+
+
+@kernel()
+def stage_work(structure, n):
+    """Allocates the workspace of a stage."""
+    return _workspace(structure.bodies.shape[0], n)
 
 
 class StructureMotion(NamedTuple):

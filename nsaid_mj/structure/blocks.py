@@ -1,24 +1,19 @@
-"""The inertial parameters of a body: their order, names, units and guesses."""
+"""Blocks of θ that many robots have: a body's inertial parameters, and a full mass matrix."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..parameters import Array, Block
 
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 GRAVITY = 9.81
 """Acceleration of gravity [m/s²], known: weight is a column of the mass."""
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 INERTIAL_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
 INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
-
-
-def symmetric(n: int, start: int, p: int) -> Array:
-    """(n, n, p) mass tensor of an `spd` block at `start`: the upper triangle, row by row."""
-    tensor = np.zeros((n, n, p))
-    for k, (i, j) in enumerate(zip(*np.triu_indices(n), strict=True)):
-        tensor[i, j, start + k] = tensor[j, i, start + k] = 1.0
-    return tensor
 
 
 def of_a_body(start: int, p: int) -> Array:
@@ -59,3 +54,52 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
 def inertial_labels(body: str) -> tuple[str, ...]:
     """Labels of a body's ten inertial parameters; m·cx is the first moment of mass along x."""
     return tuple(f"{label} of {body}" for label in INERTIAL_LABELS)
+
+
+def link_block(number: int, name: str, mass: float, length: float) -> Block:
+    """The ten inertial parameters of a body.
+
+    Args:
+        number: of the body; 0 is a floating base.
+        name: of its link.
+        mass: guess [kg].
+        length: guess of its size [m].
+    """
+    return Block(
+        f"link {number}" if number else "base",
+        tuple(f"{name}_{number}" for name in INERTIAL),
+        INERTIAL_UNITS,
+        mass * np.repeat([1.0, length, length**2], [1, 3, 6]),
+        "pseudo_inertia",
+        labels=inertial_labels(name),
+    )
+
+
+def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
+    """The entries of a symmetric M (n, n), upper triangle row by row.
+
+    Args:
+        diagonal: (n,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
+        axes: along and about which the body moves, of the six.
+    """
+    rows, columns = np.triu_indices(len(axes))
+    share = np.where(rows == columns, 1.0, 0.25)
+    scale = share * np.sqrt(diagonal[rows] * diagonal[columns])
+    rows, columns = np.asarray(axes)[rows], np.asarray(axes)[columns]
+    pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
+    units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
+    return Block(
+        "mass matrix",
+        tuple(f"M_{i + 1}{j + 1}" for i, j in pairs),
+        tuple(units.tolist()),
+        scale,
+        "spd",
+        labels=tuple(_mass_label(i, j) for i, j in pairs),
+    )
+
+
+def _mass_label(i: int, j: int) -> str:
+    """The label of entry (i, j) of M; "effective" because it includes added mass."""
+    if i == j:
+        return f"effective {AXES[i]} {'mass' if i < 3 else 'inertia'}"
+    return f"{AXES[i]}–{AXES[j]} coupling of M"

@@ -7,7 +7,7 @@ import numpy as np
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .joints import JointTree
-from .scalar import ScalarVehicle
+from .single_body import SingleBody
 
 _TWIST = {
     6: ("surge", "sway", "heave", "roll", "pitch", "yaw"),
@@ -23,7 +23,7 @@ def velocity_labels(system: SecondOrderSystem) -> list[str]:
     """A name for each velocity: surge, sway …, then the robot's own names of its joints."""
     twist = list(_TWIST.get(system.group, ()))
     rest = system.n - len(twist)
-    if isinstance(system, ScalarVehicle):
+    if isinstance(system, SingleBody) and system.n == 1:
         return ["heave"]
     names = system.joint_names if isinstance(system, JointTree) else []
     if len(names) != rest:

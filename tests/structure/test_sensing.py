@@ -7,7 +7,7 @@ import pytest
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.systems.sensing import displaced, sensor_labels, sensor_units
+from nsaid_mj.structure.sensing import displaced, sensor_labels, sensor_units
 from tests.support.poses import pose_difference
 
 ROV, ARM = (Setup.of(load(name)).system for name in ("bluerov2", "ur5"))

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, ParameterSpace
-from .inertial import GRAVITY
+from .blocks import GRAVITY
+from .parts import unit_mass
 
 _SUBMERGED = ("mass matrix", "net weight", "righting moment")  # blocks of a body in water
 
@@ -43,9 +44,8 @@ def point_mass(space: ParameterSpace, mass: float, place: Array, link: str = "")
         raise InvalidInput(
             "faults", "a vehicle whose θ can hold a payload", "payload", "Leave the payload out."
         )
-    twist = np.hstack([np.eye(3), np.cross(np.eye(3), place).T])  # the point's velocity
     M, weight, righting = (space[name] for name in _SUBMERGED)
-    change[M] = (mass * twist.T @ twist)[np.triu_indices(6)]
+    change[M] = mass * unit_mass(place)[np.triu_indices(6)]
     change[weight] = mass * GRAVITY
     change[righting] = -mass * GRAVITY * place
     return change

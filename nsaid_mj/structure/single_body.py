@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, Geometry, ParameterSpace
-from ..structure.columns import KINDS
-from ..structure.parts import Body, Column, Inertia
-from ..structure.structure import Structure
 from ..system import SecondOrderSystem
+from .columns import KINDS
+from .parts import Body, Column, Inertia
+from .structure import Structure
 from .structured import StructuredSystem
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 LEVEL = (0, 1, 5)
 """Of the six axes of a body in space, those of a body in the plane."""
 
@@ -43,7 +42,8 @@ class Operation:
     """Ranges in which a vehicle operates; random probes of its structure are drawn from them.
 
     Attributes:
-        velocity: lowest and highest velocities, two (n,) [m/s, rad/s]; n is 6, or 3 in the plane.
+        velocity: lowest and highest velocities, two (n,) [m/s, rad/s]; n is 6, 3 in the plane, or 1
+            along the vertical.
         command: lowest and highest commands, two (n_u,).
         reach: largest distance from the origin along each axis [m].
         turn: standard deviation of the rotation vector's components [rad]; yaw in the plane is
@@ -60,7 +60,7 @@ class Operation:
 
 
 class SingleBody(StructuredSystem):
-    """M ν̇ + C(ν) ν = F θ (4) of one body in space, or in the plane.
+    """M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 
     θ = [inertia, then the terms' blocks in order]. Axes are x forward, y left, z up.
 
@@ -87,9 +87,9 @@ class SingleBody(StructuredSystem):
         for term in terms:
             start = space[term.block.name].start
             columns += [column.shifted(parameter=start) for column in term.columns]
-        free = len(operation.velocity[0]) == 6
+        n = len(operation.velocity[0])
         robot = Structure(
-            [Body("free" if free else "planar")],
+            [Body("free" if n == 6 else "planar" if n == 3 else "slide")],
             [Inertia(0, 0, tensor)],
             columns,
             len(space),
@@ -97,14 +97,10 @@ class SingleBody(StructuredSystem):
             gravity=(0.0, 0.0, -gravity),
         )
         first = {column.parameter: column for column in reversed(columns)}
-        nowhere = np.full(3, np.nan)  # a torque acts at no point
+        nowhere = np.full(3, np.nan if n > 1 else 0.0)  # a torque acts at no point
         mounts = [first[k].constants.get("point", nowhere) for k in space.actuators.tolist()]
         super().__init__(robot, space, np.array(mounts, dtype=np.float64).reshape(-1, 3))
         self.operation = operation
-
-    def columns(self, kind: str) -> list[Column]:
-        """The columns of a kind, in order."""
-        return [column for column in self.structure.columns if column.kind == kind]
 
     def constants(self, kind: str, name: str) -> Array:
         """(k, ...) a constant of every column of a kind."""
@@ -116,10 +112,11 @@ class SingleBody(StructuredSystem):
         if operation.state is not None:
             coordinates, v, u = operation.state(rng)
             return self.position(coordinates), v, u
-        place = rng.uniform(-operation.reach, operation.reach, 3 if self.n == 6 else 2)
+        place = rng.uniform(-operation.reach, operation.reach, {6: 3, 3: 2, 1: 1}[self.n])
+        turn = np.zeros(0)
         if self.n == 6:
             turn = operation.turn * rng.standard_normal(3)
-        else:
+        elif self.n == 3:
             turn = rng.uniform(-np.pi, np.pi, 1)
         q = self.position(np.concatenate([place, turn]))
         return q, rng.uniform(*operation.velocity), rng.uniform(*operation.command)
@@ -192,33 +189,3 @@ def _unit(column: Column) -> str:
 def numbered(letter: str, label: str, count: int) -> dict[str, str]:
     """Labels of like parameters: {"thrust_1": "thrust of rotor 1", …} from "thrust of rotor"."""
     return {f"{letter}_{i}": f"{label} {i}" for i in range(1, count + 1)}
-
-
-def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
-    """The entries of a symmetric M (n, n), upper triangle row by row.
-
-    Args:
-        diagonal: (n,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
-        axes: along and about which the body moves, of the six.
-    """
-    rows, columns = np.triu_indices(len(axes))
-    share = np.where(rows == columns, 1.0, 0.25)
-    scale = share * np.sqrt(diagonal[rows] * diagonal[columns])
-    rows, columns = np.asarray(axes)[rows], np.asarray(axes)[columns]
-    pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
-    units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
-    return Block(
-        "mass matrix",
-        tuple(f"M_{i + 1}{j + 1}" for i, j in pairs),
-        tuple(units.tolist()),
-        scale,
-        "spd",
-        labels=tuple(_mass_label(i, j) for i, j in pairs),
-    )
-
-
-def _mass_label(i: int, j: int) -> str:
-    """The label of entry (i, j) of M; "effective" because it includes added mass."""
-    if i == j:
-        return f"effective {AXES[i]} {'mass' if i < 3 else 'inertia'}"
-    return f"{AXES[i]}–{AXES[j]} coupling of M"

@@ -6,12 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ..dynamics.motions import TensorMotion, force_regressors
 from ..log import Log, Middle
 from ..numerics.interpolation import half_way
 from ..numerics.linalg import evaluate
 from ..parameters import Array
 from ..system import SecondOrderSystem, Stage
+from .motion_types import TensorMotion, force_regressors
 
 DIFFERENCE = 1e-5
 """Step of central differences along v [s·(1 + |v|)]."""
@@ -20,17 +20,8 @@ TENSOR_NUMBERS = 1_000_000
 """Numbers in the tensors of M and C that are in memory at once: they fit the processor's cache."""
 
 
-class GeneralSystem(SecondOrderSystem):
-    """A system that derives everything else from `_W_M`, `_W_C`, `_F` and its kinematics.
-
-    A subclass supplies these three regressors, `integrate`, `difference`, `J`, `random_state`, and
-    the attributes of `SecondOrderSystem`. Position coordinates are the position itself.
-    """
-
-    @cached_property
-    def motion_steps(self) -> int:
-        """Time steps whose motion is in memory at once."""
-        return tensor_steps(self)
+class SampledSystem(SecondOrderSystem):
+    """A system whose regressors all follow from `_W_M`, `_W_C` and `_F` for one sample."""
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
@@ -39,26 +30,13 @@ class GeneralSystem(SecondOrderSystem):
         return np.stack([self._W_M(q, e) for e in np.eye(self.n)])
 
     def _transport(self, q: Array, v: Array) -> Array:
-        step = difference_step(v)
+        step = DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))  # Ṁ v to about 1e-10
         ahead, behind = self.integrate(q, step * v), self.integrate(q, -step * v)
         return (self._W_M(ahead, v) - self._W_M(behind, v)) / (2 * step) - self._W_C(q, v, v)
 
-    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
-        W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
-        return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
-
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
         """(N, n, p) F for N samples."""
-        return forces_by_sample(self, t, q, v, u)
-
-    def midpoints(self, log: Log, hermite: bool) -> Middle:
-        """The states half-way between a log's samples."""
-        return midpoints_by_sample(self, log, hermite)
-
-    def motion(self, log: Log, hermite: bool) -> TensorMotion:
-        """The tensors of M, C and F along a log."""
-        return tensor_motion(self, log, hermite)
+        return np.stack([self._F(*row) for row in zip(t.tolist(), q, v, u, strict=True)])
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
@@ -66,28 +44,45 @@ class GeneralSystem(SecondOrderSystem):
         """Terms of the filtered momentum balance, sample by sample."""
         return balance_by_sample(self, leak, log, q, v)
 
+
+class GeneralSystem(SampledSystem):
+    """A system that derives everything else from `_W_M`, `_W_C`, `_F` and its kinematics.
+
+    A subclass supplies these three regressors, `integrate`, `difference`, `J`, `random_state`, and
+    the attributes of `SecondOrderSystem`. Position coordinates are the position itself.
+    """
+
+    @cached_property
+    def motion_steps(self) -> int:
+        """Time steps whose motion is in memory at once: a step has 4 tensors (n, n, p)."""
+        return max(1, TENSOR_NUMBERS // (4 * self.n**2 * self.p))
+
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
+        W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
+        return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples."""
+        return midpoints_by_sample(self, log, hermite)
+
+    def motion(self, log: Log, hermite: bool) -> TensorMotion:
+        """The tensors of M, C and F along a log."""
+        middle = self.midpoints(log, hermite)
+        n, p, steps = self.n, self.p, len(log.t) - 1
+        M, C = np.empty((2 * steps + 1, n, n, p)), np.empty((2 * steps + 1, n, n, p))
+        for first, q, v in ((0, log.q, log.v), (1, *middle)):
+            for k in range(len(q)):
+                M[first + 2 * k] = self._mass_tensor(q[k])
+                C[first + 2 * k] = [self._W_C(q[k], v[k], e) for e in np.eye(n)]
+        return TensorMotion(log.t, log.v, middle.v, M, C, force_regressors(self, log, middle))
+
     def position(self, coordinates: Array) -> Array:
         """(..., m) a copy of the position coordinates (..., n), which are the position."""
         return np.array(coordinates, dtype=np.float64)
 
 
 # -- any system, from its regressors for one sample ------------------------------------------------
-
-
-def tensor_steps(system: SecondOrderSystem) -> int:
-    """Time steps whose `TensorMotion` is in memory at once: a step has 4 tensors (n, n, p)."""
-    return max(1, TENSOR_NUMBERS // (4 * system.n**2 * system.p))
-
-
-def difference_step(v: Array) -> float:
-    """Step of central differences along v (n,) [s], for a relative error of Ṁ v of about 1e-10."""
-    return DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))
-
-
-def forces_by_sample(system: SecondOrderSystem, t: Array, q: Array, v: Array, u: Array) -> Array:
-    """(N, n, p) F for N samples t (N,), q (N, m), v (N, n), u (N, n_u)."""
-    rows = zip(t.tolist(), q, v, u, strict=True)
-    return np.stack([system._F(*row) for row in rows])
 
 
 def midpoints_by_sample(system: SecondOrderSystem, log: Log, hermite: bool) -> Middle:
@@ -98,20 +93,6 @@ def midpoints_by_sample(system: SecondOrderSystem, log: Log, hermite: bool) -> M
         half, vm[k] = half_way(dq, log.v[k], log.v[k + 1], dt, hermite, system.group)
         qm[k] = system.integrate(log.q[k], half)
     return Middle(qm, vm)
-
-
-def tensor_motion(system: SecondOrderSystem, log: Log, hermite: bool) -> TensorMotion:
-    """The tensors of M, C and F of any system along a log."""
-    middle = system.midpoints(log, hermite)
-    n, p, steps = system.n, system.p, len(log.t) - 1
-    M, C = np.empty((2 * steps + 1, n, n, p)), np.empty((2 * steps + 1, n, n, p))
-    unit = np.eye(n)
-    for first, q, v in ((0, log.q, log.v), (1, *middle)):
-        for k in range(len(q)):
-            M[first + 2 * k] = system._mass_tensor(q[k])
-            for j in range(n):
-                C[first + 2 * k, j] = system._W_C(q[k], v[k], unit[j])
-    return TensorMotion(log.t, log.v, middle.v, M, C, force_regressors(system, log, middle))
 
 
 def balance_by_sample(

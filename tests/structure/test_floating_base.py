@@ -7,13 +7,11 @@ import pytest
 
 from nsaid_mj.control import FourierTracking
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput
-from nsaid_mj.plants import FloatingBasePlant, arm
-from nsaid_mj.plants.arm import Arm
-from nsaid_mj.plants.world.coordinates import FloatingMap
+from nsaid_mj.plants import FloatingBasePlant, Plant, arm
+from nsaid_mj.plants.arm import true_model
 from nsaid_mj.resources import known_robots
 from nsaid_mj.robot.loading import load_robot
-from nsaid_mj.systems.compiled import CompiledMultibody
-from nsaid_mj.systems.multibody import Multibody
+from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from tests.support.dense import Dense
 from tests.support.matrices import assert_near
 from tests.support.plants import draw_state, plant
@@ -43,21 +41,20 @@ robots = pytest.mark.parametrize("robot", ROBOTS)
 FEW = pytest.mark.parametrize("robot", ["borinot", "pr2", "solo12"])
 
 
-def afloat(robot: str) -> Arm:
+def afloat(robot: str) -> Plant:
     """A floating robot; a small step, which the fastest joints need."""
     return plant(f"{robot} free", dt=1e-5)
 
 
-def mass_and_coriolis(plant: Arm, q, v):
+def mass_and_coriolis(plant: Plant, q, v):
     """Pinocchio's own M with the rotors, and its C."""
-    model = pin.Model(plant.robot.model)
-    model.armature[:] = 0
+    model = true_model(plant.system.model, plant.truth)  # pyright: ignore
     data = model.createData()
     M = pin.crba(model, data, q) + np.diag(np.r_[np.zeros(6), rotors(plant)])
     return M, pin.computeCoriolisMatrix(model, data, q, v)
 
 
-def rotors(plant: Arm):
+def rotors(plant: Plant):
     return plant.truth[plant.system.space["rotor inertia"]]
 
 
@@ -255,14 +252,14 @@ def test_a_urdf_file_may_have_a_floating_base(tmp_path):
     assert load_robot(str(path)).model.nv == 1
     p = FloatingBasePlant(robot=str(path)).build(1e-4, 0)
     assert (p.system.n, p.system.m, p.system.n_u) == (7, 9, 1)
-    assert isinstance(p.joints, FloatingMap)
+    assert p.reading.group == 6
 
 
 def test_a_body_that_differs_between_the_engines_is_named(monkeypatch):
     honest = arm.arm_spec
 
-    def corrupt(model, hidden, dt, actuator):
-        spec = honest(model, hidden, dt, actuator)
+    def corrupt(*given):
+        spec = honest(*given)
         spec.body("root_joint").mass *= 1.01
         return spec
 
