@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..numerics.kernels import cube, f8, kernel, matrix, vector, void
 from ..parameters import Array
@@ -25,7 +26,7 @@ class Sums(NamedTuple):
     counts: Array
 
     @staticmethod
-    def of(rows: Array, usable: Array) -> Sums:
+    def of(rows: Array, usable: NDArray[np.bool_]) -> Sums:
         """Those of rows (N, n, p), of which a mask (N, n) tells the usable ones."""
         by_velocity = np.ascontiguousarray((rows * usable[:, :, None]).transpose(1, 0, 2))
         return Sums(by_velocity.transpose(0, 2, 1) @ by_velocity, usable.sum(axis=0).astype(float))

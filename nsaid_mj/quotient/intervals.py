@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from ..parameters import Array
+from ..parameters import Array, Indices
 from .matrices import cholesky, square_root
 
 _RIDGE = 1e-12  # share of the mean diagonal that is added against rounding errors
@@ -20,7 +20,7 @@ def sandwich_root(hessian: Array, scatter: Array) -> Array:
     return np.array(unit[:, None] * root, dtype=np.float64)
 
 
-def inverse_on(hessian: Array, free: Array, scale: Array) -> Array:
+def inverse_on(hessian: Array, free: Indices, scale: Array) -> Array:
     """(p, p) inverse of H (p, p) among some parameters, and 0 for all others.
 
     Args:

@@ -73,8 +73,9 @@ class Filter(NamedTuple):
 
     def copied(self) -> Filter:
         """A filter of its own."""
-        noise = Noise(*(part.copy() for part in self.noise))
-        return Filter(*(noise if part is self.noise else part.copy() for part in self))
+        parts = self._asdict()
+        noise = Noise(*(part.copy() for part in parts.pop("noise")))
+        return Filter(noise=noise, **{name: part.copy() for name, part in parts.items()})
 
 
 def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:

@@ -178,7 +178,8 @@ class ImplicitMemory:
         root = sandwich_root(data + pull, scatter + pull @ self._covariance_prior @ pull)
         efforts = remembered.effort * theta
         scale = np.mean(efforts / (efforts @ theta)[:, None], axis=0)
-        return root - np.outer(theta, scale @ root)  # at a fixed scale: θ = 0 would explain all
+        root -= np.outer(theta, scale @ root)  # at a fixed scale: θ = 0 would explain all data
+        return root
 
     def _cost(self, before: Array, after: Array) -> float:
         """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
