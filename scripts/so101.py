@@ -25,7 +25,7 @@ from nsaid_mj.calibration.servos import (
     write_servo_mjcf,
 )
 
-HALVES = 10
+HALVES = 7
 
 
 def main() -> None:
