@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import tyro
 from tyro.conf import arg
 
 from ..errors import InvalidInput
+from ..resources import print_json
 
 if TYPE_CHECKING:
     from ..calibration.servos import Score
@@ -65,7 +65,7 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:
         scores = compare_models(given, chosen.models, progress.say)
     if chosen.json:
-        print(json.dumps(document(given.robot.joints, scores), indent=2, allow_nan=False))
+        print_json(document(given.robot.joints, scores))
     elif not chosen.quiet:
         from rich.console import Console
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import asdict
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
-from ..resources import reading
+from ..resources import print_json, reading
 from .exit_codes import EXPLAINED, UNUSABLE
 from .folders import check_writable
 from .grammar import Inspect
@@ -43,7 +41,7 @@ def inspect_log(chosen: Inspect) -> int:
     with reading(*chosen.logs, chosen.map, chosen.model):
         files = _write(found, chosen)
     if chosen.json:
-        print(json.dumps(document(found), indent=2, ensure_ascii=False))
+        print_json(document(found))
     else:
         from rich.console import Console
 
@@ -57,15 +55,8 @@ def inspect_log(chosen: Inspect) -> int:
 
 
 def document(found: Inspection) -> dict[str, object]:
-    """Figures and findings as plain data for JSON; NaN becomes null."""
-    channels = [
-        {
-            name: None if isinstance(figure, float) and math.isnan(figure) else figure
-            for name, figure in asdict(channel).items()
-        }
-        for channel in found.channels
-    ]
-    return {"channels": channels, "findings": [asdict(finding) for finding in found.findings]}
+    """Figures and findings as plain data."""
+    return {name: [asdict(x) for x in getattr(found, name)] for name in ("channels", "findings")}
 
 
 def _write(found: Inspection, chosen: Inspect) -> list[Path]:

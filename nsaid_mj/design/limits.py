@@ -201,7 +201,7 @@ def read_limits(path: Path, default: Limits) -> Limits:
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InvalidInput("--limits", "a readable TOML file", f"{path}: {error}", _FORM) from error
     limits, sources = dict(default.limits), dict(default.sources)
     for name, value in table.items():

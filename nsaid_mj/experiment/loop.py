@@ -311,17 +311,23 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
 
 
 def reopen(folder: Path, record: Record) -> SimulatedRun:
-    """Rebuilds a run from its record; a truncated record counts as an interrupted run."""
-    scenario = Scenario.from_json(record.metadata["scenario"])
+    """Rebuilds a run from its record; a truncated record counts as an interrupted run.
+
+    Raises:
+        BadRun: the record has no scenario, or not that scenario's columns.
+    """
+    scenario = Scenario.from_json(record.scenario(folder))
     setup = Setup.of(scenario)
-    identifiers = setup.identifiers()
+    identifiers, system = setup.identifiers(), setup.system
+    widths = columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals))
+    record.check(folder, widths)
     end = float(record["t"][-1])
     whole = record.complete and end >= (scenario.steps - scenario.record_every) * scenario.dt
     return SimulatedRun(
         scenario=scenario,
         folder=folder,
         record=record,
-        system=setup.system,
+        system=system,
         prior=setup.prior,
         identifiers=identifiers,
         statuses=dict.fromkeys(identifiers, Status.completed),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from dataclasses import field
@@ -11,7 +12,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ...bounds import Flag, Name, NonNegative, Number, Positive, config, shown
+from ...bounds import LARGEST, Flag, Name, NonNegative, Number, Positive, config, shown
 from ...errors import InvalidInput
 from .units import FACTORS, Quantity, canonical, of_name
 
@@ -49,7 +50,9 @@ TimeUnit = Annotated[
 
 def _number(value: Any) -> Any:
     """A whole number of a TOML file as a float, so that `ratio = 100` needs no point."""
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    if not isinstance(value, int) or isinstance(value, bool):
+        return value
+    return float(value) if abs(value) < LARGEST else math.inf
 
 
 def _not_zero(value: float) -> float:
@@ -285,7 +288,7 @@ def read_map(path: str | os.PathLike[str]) -> Map:
         content = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: no TOML, no UTF-8, 5000 digits
         raise InvalidInput(str(file), "TOML", f"{error}", remedy) from error
     return map_of(content, str(file))
 

@@ -92,7 +92,7 @@ class Sheet(Table):
         path = vehicle_files(vehicle).sheet
         try:
             content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, 5000 digits
             raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
         except OSError as error:
             raise InvalidInput(
@@ -167,13 +167,13 @@ def check_inertia(moments: Sequence[float]) -> None:
         )
 
 
-def check_directions(table: str, item: str, positions: Sequence[Any], directions: Array) -> None:
+def check_directions(table: str, item: str, positions: Array, directions: Array) -> None:
     """Checks that every position of a table has its unit vector.
 
     Args:
         table: the key of the table.
         item: what is placed, for the message.
-        positions: k of them.
+        positions: (k, 3).
         directions: (k, 3).
 
     Raises:
