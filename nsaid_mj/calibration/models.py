@@ -46,15 +46,15 @@ def load_robot_model(
         return load_vehicle(model, lock, joints)
     if path.is_file():
         return _load_file(path, lock, joints)
+    from ..robot.packages import example_robot, example_robots
+
+    known = example_robots()
+    if model in known:  # even if there is a folder of this name
+        return example_robot(model, lock, joints)
     if path.is_dir():
         raise BadRobot(model or ".", "", "it is a folder without a vehicle.toml", _REMEDY)
     if path.suffix or path.name != model:
         raise BadRobot(model, "", "no such file", _REMEDY)
-    from ..robot.packages import example_robot, example_robots
-
-    known = example_robots()
-    if model in known:
-        return example_robot(model, lock, joints)
     from ..resources import MORE_ROBOTS, has_example_robots
 
     remedy = _REMEDY if has_example_robots() else f"{_REMEDY} {MORE_ROBOTS}"
