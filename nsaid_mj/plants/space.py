@@ -46,7 +46,8 @@ class Nozzles(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        check_directions("nozzles", "nozzle", self.positions, np.array(self.directions))
+        places, jets = np.array(self.positions), np.array(self.directions)
+        check_directions("nozzles", "nozzle", places, jets)
         return self
 
 

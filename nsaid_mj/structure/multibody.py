@@ -11,7 +11,6 @@ from ..errors import EnginesDisagree
 from ..log import Log
 from ..numerics.spatial import bracket
 from ..parameters import Array
-from ..system import Stage
 from .general import SampledSystem
 from .joints import Carrier, JointScales, JointTree
 from .motion_types import RegressorMotion
@@ -136,16 +135,6 @@ class Multibody(JointTree, SampledSystem):
         servos = self.scales.actuator == "servo"
         F[self.group + joint, gain + joint] = u - self.angles(q) if servos else u
         return F
-
-    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """â of (29), W of (10, 31) and M̂'s smallest pivot at one sample.
-
-        W is Pinocchio's. â is the structure's, since Pinocchio's forward dynamics store centres of
-        mass h/m and so cannot handle massless links.
-        """
-        a_hat, _, pivot = self._stage(q, v, u, w, theta)
-        W = self._W(t, q, v, w, a_hat if pivot > 0 else self._zero, u)
-        return Stage(a_hat, W, pivot)
 
     def motion(self, log: Log, hermite: bool) -> RegressorMotion:
         """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio.

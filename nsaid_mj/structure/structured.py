@@ -13,19 +13,11 @@ from ..parameters import Array, ParameterSpace
 from ..system import SecondOrderSystem, Stage
 from .arrays import CIRCLE, FALL, FRAME, FREE, PLANAR, StructureArrays
 from .kinematics import place
-from .motion import (
-    along,
-    balance,
-    between,
-    combine,
-    evaluate,
-    write_force_regressors,
-    write_mass_tensor,
-)
+from .motion import accelerate_at, along, balance, between
 from .motion_types import StructureMotion
 from .parts import Column
 from .poses import difference, integrate
-from .regressor import write_regressor
+from .regressor import write_regressors
 from .structure import Structure
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
@@ -103,11 +95,12 @@ class StructuredKinematics(SecondOrderSystem):
         own = self._along(q, v, qm, vm, u)
         return StructureMotion(self.structure.arrays, t, v, vm, *own), qm
 
-    def _stage(self, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """The structure's own (29), (10, 31) and M̂'s pivot at one sample."""
-        a, W, own = np.empty(self.n), np.empty((self.n, self.p)), self._memory
-        given, arrays = map(plain, (q, v, u, w, theta)), self.structure.arrays
-        return Stage(a, W, evaluate(arrays, *given, own.state, own.F, own.work, a, W))
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """(29), (10, 31) and M̂'s pivot at one sample; â is the structure's."""
+        a, own, given = np.empty(self.n), self._memory, map(plain, (q, v, u, w, theta))
+        pivot = accelerate_at(self.structure.arrays, *given, own.state, own.F, own.work, a)
+        W = self._W(t, q, v, w, a if pivot > 0 else self._still, u)
+        return Stage(a if pivot > 0 else np.full(self.n, np.nan), W, pivot)
 
     def integrate(self, q: Array, dq: Array) -> Array:
         """(m,) the position reached from q by the tangent step dq (n,)."""
@@ -166,33 +159,38 @@ class StructuredSystem(StructuredKinematics):
         """The structure, for compiled simulation."""
         return self.structure.arrays
 
-    def _regressor(self, w: Array, a: Array, weight: float = 0.0) -> Array:
-        """W without forces at the state that is in memory."""
-        W, own = np.empty((self.n, self.p)), self._memory
-        own.F[:] = 0.0
-        write_regressor(self.forward, own.state, w, a, weight, own.F, own.work, W)
+    def _regressors(
+        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float = 1.0
+    ) -> Array:
+        """(N, n, p) W of N samples; see `regressor.write_regressors`."""
+        W, own, given = np.empty((len(q), self.n, self.p)), self._memory, (q, v, u, w, a)
+        if weight == 0.0:
+            own.F[:] = 0.0
+        write_regressors(
+            self.forward, *map(plain, given), weight, own.state, own.F, own.work, W
+        )  # fmt: skip
         return W
 
+    def _unforced(self, q: Array, v: Array, w: Array, a: Array) -> Array:
+        """(N, n, p) W without F and weight, for N of w and a (N, n) at q (m,) and v (n,)."""
+        count = len(w), 1
+        commands = np.zeros((len(w), self.n_u))
+        return self._regressors(np.tile(q, count), np.tile(v, count), commands, w, a, 0.0)
+
     def _W_M(self, q: Array, a: Array) -> Array:
-        place(self.forward, plain(q), self._still, self._memory.state)
-        return self._regressor(self._still, plain(a))
+        return self._unforced(q, self._still, self._still[None], a[None])[0]
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        place(self.forward, plain(q), plain(v), self._memory.state)
-        return self._regressor(plain(w), self._still)
+        return self._unforced(q, v, w[None], self._still[None])[0]
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
         return self.forces(np.array([t]), q[None], v[None], u[None])[0]
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        W, own, given = np.empty((self.n, self.p)), self._memory, map(plain, (q, v, w, a, u))
-        combine(self.forward, *given, own.state, own.F, own.work, W)
-        return W
+        return self._regressors(q[None], v[None], u[None], w[None], a[None])[0]
 
     def _mass_tensor(self, q: Array) -> Array:
-        out, own = np.empty((self.n, self.n, self.p)), self._memory
-        write_mass_tensor(self.forward, plain(q), self._still, own.state, own.work, out)
-        return out
+        return self._unforced(q, self._still, np.zeros((self.n, self.n)), np.eye(self.n))
 
     def _transport(self, q: Array, v: Array) -> Array:
         v, size, own = plain(v), (self.n, self.p), self._memory
@@ -207,15 +205,10 @@ class StructuredSystem(StructuredKinematics):
         )  # fmt: skip
         return out
 
-    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """(29), (10, 31) and M̂'s pivot at one sample."""
-        return self._stage(q, v, u, w, theta)
-
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples."""
-        out, own, given = np.empty((*v.shape, self.p)), self._memory, map(plain, (q, v, u))
-        write_force_regressors(self.forward, *given, own.state, own.F, self._still, own.work, out)
-        return out
+        """(N, n, p) F for N samples: −W without motion."""
+        still = np.zeros(v.shape)
+        return -self._regressors(q, v, u, still, still)
 
     def motion(self, log: Log, hermite: bool) -> StructureMotion:
         """The robot's motion along a log."""

@@ -31,6 +31,19 @@ def test_options_of_the_other_law_are_refused(tmp_path):
         command(["identify", "so101", *options])
 
 
+@pytest.mark.parametrize(
+    "load,said",
+    [
+        ("0.2kg", "FILE:MASSkg"),
+        ("other.csv:0.2kg", "name of a log"),
+        ("log.csv.gz:200g", "no load"),
+    ],
+)
+def test_a_load_that_cannot_tell_anything_is_refused(tmp_path, load, said):
+    with pytest.raises(InvalidInput, match=said):
+        command(["identify", "so101", "--load", load, "--out", str(tmp_path / "found")])
+
+
 def test_the_table_has_a_line_for_every_servo(tmp_path, capsys):
     assert command(["identify", "so101", "--out", str(tmp_path / "found")]) == 0
     said = capsys.readouterr().out

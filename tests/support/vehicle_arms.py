@@ -41,7 +41,7 @@ def acceleration(name: str, system: Any, q: Array, v: Array, u: Array, theta: Ar
         turning = np.r_[np.cross(V[3:], momentum[:3]), np.cross(V[3:], momentum[3:])]
         turning[3:] += np.cross(V[:3], momentum[:3])
         force += J.T @ (wrench - inertia @ (rate @ v) - turning)
-    return np.linalg.solve(M, force)
+    return np.asarray(np.linalg.solve(M, force), dtype=np.float64)
 
 
 def joint_forces(system: Any, v: Array, u: Array, theta: Array) -> Array:

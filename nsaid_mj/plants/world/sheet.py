@@ -167,13 +167,13 @@ def check_inertia(moments: Sequence[float]) -> None:
         )
 
 
-def check_directions(table: str, item: str, positions: Sequence[Any], directions: Array) -> None:
+def check_directions(table: str, item: str, positions: Array, directions: Array) -> None:
     """Checks that every position of a table has its unit vector.
 
     Args:
         table: the key of the table.
         item: what is placed, for the message.
-        positions: k of them.
+        positions: (k, 3).
         directions: (k, 3).
 
     Raises:

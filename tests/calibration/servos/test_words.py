@@ -5,7 +5,7 @@ import pytest
 
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
-from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale
+from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
 from nsaid_mj.calibration.servos.words import (
     gravity_notes,
     masses,
@@ -113,6 +113,19 @@ def test_a_scale_multiplies_forces_and_leaves_times_alone():
     kp = parameters("a", 1, joint()._replace(scaled=0.1), scale)[2]
     assert kp.value == pytest.approx(1.3 * 12.5)
     assert np.log(kp.high / kp.value) == pytest.approx(0.2)
+
+
+def test_a_variance_that_is_small_by_accident_is_widened_and_none_is_narrowed():
+    small, usual, untold = joint((0.02,) * 5), joint((0.2,) * 5), joint((5.0,) * 5)
+    few, many = np.arange(5), np.arange(40)
+    for cluster, least, most in ((few, 0.08, 0.2), (many, 0.02, 0.08)):
+        found = _moderated([small, usual, usual, untold], cluster)
+        deviations = [np.sqrt(np.diag(one.covariance)) for one in found]
+        assert least < deviations[0][0] < most
+        np.testing.assert_allclose(deviations[1], 0.2, rtol=1e-9)  # above the mean
+        np.testing.assert_allclose(deviations[3], 5.0, rtol=1e-9)
+        assert deviations[0][2] == pytest.approx(0.02)  # of kp: its own
+        assert np.linalg.eigvalsh(found[0].covariance)[0] > 0
 
 
 def test_a_slow_motion_tells_the_lag_and_no_armature(tmp_path):
