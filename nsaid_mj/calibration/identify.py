@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,10 @@ from ..parameters import Array
 from ..resources import asset
 from .calibrate import calibrate
 from .data import Recordings, RobotModel
+from .findings import UnusableLog
 from .joints import BASIC, COLUMNS
 from .logs import Map, checked, prepare, read_map, read_tables
+from .logs.errors import UnreadableLog
 from .models import load_robot_model
 from .payloads import Load, load_of
 from .result import Identification
@@ -31,6 +34,7 @@ def identify(
     *,
     validate: PathLike | Sequence[PathLike] = (),
     mapping: PathLike | Map | None = None,
+    validate_mapping: PathLike | Map | None = None,
     known: Mapping[str, float] | None = None,
     loads: Sequence[str | Load] = (),
     lock: Sequence[str] = (),
@@ -51,6 +55,7 @@ def identify(
         validate: files that take no part in the fit; the estimate is judged on them.
         mapping: which columns of the logs are what; the path of a map.toml, or None to match
             columns with the model's joints by name.
+        validate_mapping: the same of `validate`; None for `mapping`.
         known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
         loads: weighed ones, such as "loaded.csv:0.25kg@gripper", which fix the common scale.
         lock: joints that do not move.
@@ -73,11 +78,12 @@ def identify(
     told("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
     logs, mapping = _files(model, _listed(logs), mapping)
-    chosen = read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
+    chosen = _read_map(mapping)
     told("reading the log")
     recordings = _recordings(logs, chosen, robot)
     others = _listed(validate)
-    validation = _recordings(others, chosen, robot) if others else None
+    own = chosen if validate_mapping is None else _read_map(validate_mapping)
+    validation = _validation(others, own, robot) if others else None
     options = Options(
         _columns(columns, robot),
         _coupled(chosen),
@@ -107,6 +113,24 @@ def _files(
         if packed.is_file():
             return [packed], asset(model, "map.toml") if mapping is None else mapping
     raise InvalidInput("log", "one or more files", "none", "Give `--log FILE`.")
+
+
+def _read_map(mapping: PathLike | Map | None) -> Map | None:
+    return read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
+
+
+def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
+    """The recordings of validation logs; what is wrong with them is said to be of those files."""
+    try:
+        return _recordings(files, mapping, robot)
+    except UnreadableLog:  # names its file
+        raise
+    except UnusableLog as error:
+        names = f"validation log {', '.join(file.name for file in files)}"
+        found = (
+            replace(f, where=", ".join(filter(None, (names, f.where)))) for f in error.findings
+        )
+        raise UnusableLog(tuple(found)) from error
 
 
 def _recordings(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:

@@ -156,6 +156,7 @@ class Identify:
             ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
         map: TOML file that says which columns are what; `nsaid inspect` writes a first one.
+        validate_map: the same of the logs of --validate; by default --map.
         known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
         load: a weighed load that one of several logs carries, such as loaded.csv:0.25kg@gripper; it
             fixes the scale of masses, gains and friction. Repeat it for more logs.
@@ -178,6 +179,7 @@ class Identify:
     log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
     validate: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
     map: Path | None = None
+    validate_map: Path | None = None
     known: UseAppendAction[tuple[Annotated[str, arg(metavar="NAME=VALUE")], ...]] = ()
     load: UseAppendAction[tuple[Annotated[str, arg(metavar="FILE:MASSkg@LINK")], ...]] = ()
     lock: str = ""

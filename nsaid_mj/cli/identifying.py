@@ -31,7 +31,7 @@ def identify_log(chosen: Identify) -> int:
     from ..calibration.logs import limited_to
 
     with (
-        reading(model, *chosen.log, *chosen.validate, chosen.map),
+        reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
         locked(folder),
         limited_to(chosen.limit * 1e9),
     ):
@@ -74,6 +74,7 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 chosen.log,
                 validate=chosen.validate,
                 mapping=chosen.map,
+                validate_mapping=chosen.validate_map,
                 known=dict(_known(text) for text in chosen.known),
                 loads=chosen.load,
                 lock=_names(chosen.lock),

@@ -45,7 +45,7 @@ def follow_robot(chosen: Live) -> int:
         if chosen.json:
             widths = {"q": system.m, "v": system.n, "u": system.n_u}
             head = {"names": space.names, "units": space.units, "widths": widths}
-            print(json.dumps(head | {"folder": str(folder)}), flush=True)
+            print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
         elif not quiet:
             where = "standard input" if chosen.udp is None else f"UDP port {chosen.udp}"
             print(f"{name}: waiting for samples from {where}", file=sys.stderr)
@@ -61,7 +61,8 @@ def follow_robot(chosen: Live) -> int:
         with Progress(name, quiet=quiet) as progress:
             summary = concluded(run, progress.say, command)
     if chosen.json:
-        print(json.dumps(without_nonfinite({"summary": summary}), ensure_ascii=False))
+        plain = without_nonfinite({"summary": summary})
+        print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
         print_summary(f"{name} live", summary, folder)
     return code_of(mark_of(summary))

@@ -55,7 +55,8 @@ def identify_given(
         if getattr(chosen, name) != getattr(plain, name):
             expected = "no such option with logs of targets and positions"
             raise InvalidInput(f"--{name}", expected, getattr(chosen, name), "Leave it out.")
-    others = servos_of(model, chosen.validate, chosen) if chosen.validate else None
+    own = replace(chosen, map=chosen.validate_map or chosen.map)
+    others = servos_of(model, chosen.validate, own) if chosen.validate else None
     result = identify_servos(given, progress.say)
     progress.say("writing and trying the calibrated model")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bounds import without_nonfinite
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.misfit import running_misfit
 from ..identifiers import Identifier, State
@@ -64,7 +65,8 @@ class Estimate:
         gains = [[g.value, *_finite(g.low, g.high)] for g in self.gains]
         found: dict[str, Any] = {"t": self.t, "samples": self.samples}
         found |= {"theta": self.theta_hat.tolist(), "gains": gains}
-        return json.dumps(found | {"misfit": self.misfit, "faults": self.faults})
+        found |= {"misfit": self.misfit, "faults": self.faults}
+        return json.dumps(without_nonfinite(found), allow_nan=False)
 
     @staticmethod
     def of_line(found: dict[str, Any], space: Names) -> Estimate:
