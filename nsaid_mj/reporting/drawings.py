@@ -70,9 +70,14 @@ def forest(panel: Forest) -> str:
         ):
             if not chosen.any():
                 continue
-            for row in rows[chosen]:
-                ends = [low[row], high[row]]
-                axis.plot(ends, [row, row], dash, color=colour, linewidth=1.8, gid=f"{CURVE}{name}")
+            drawn = chosen & np.isfinite(low) & np.isfinite(high)
+            if drawn.any():
+                axis.hlines(
+                    rows[drawn], low[drawn], high[drawn], colour, "solid" if dash == "-" else dash,
+                    linewidth=1.8, gid=CURVE + name,
+                )  # fmt: skip
+                for end, values_ in (("low", low), ("high", high)):  # not drawn: for the values
+                    axis.plot(values_[drawn], rows[drawn], "", gid=f"{CURVE}{name}, {end}")
             line(
                 axis, values[chosen], rows[chosen], name, "o", color=colour, markerfacecolor=filled
             )
