@@ -23,7 +23,7 @@ from .panels import (
     Forest,
     HeatMap,
 )
-from .plots import CURVE, NAMES, band, line, logarithmic, over_time, style, svg
+from .plots import CURVE, NAMES, band, line, logarithmic, over_time, style, svg, tell
 
 WIDTH = 4.3  # of a panel of ordinary width [inch]
 _FAINT = 0.05  # correlations below are not drawn
@@ -76,8 +76,8 @@ def forest(panel: Forest) -> str:
                     rows[drawn], low[drawn], high[drawn], colour, "solid" if dash == "-" else dash,
                     linewidth=1.8, gid=CURVE + name,
                 )  # fmt: skip
-                for end, values_ in (("low", low), ("high", high)):  # not drawn: for the values
-                    axis.plot(values_[drawn], rows[drawn], "", gid=f"{CURVE}{name}, {end}")
+                for end, values_ in (("low", low), ("high", high)):
+                    tell(axis, values_[drawn], rows[drawn], f"{name}, {end}")
             line(
                 axis, values[chosen], rows[chosen], name, "o", color=colour, markerfacecolor=filled
             )
@@ -128,7 +128,7 @@ def heat_map(panel: HeatMap) -> str:
                     Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, alpha=alpha, lw=0)
                 )
                 words = f"{r[i, j]:.2f}".replace("-", "−")
-                axis.plot(j, i, "", gid=f"{CURVE}{names[i]}, {names[j]}: {words}")  # not drawn
+                tell(axis, j, i, f"{names[i]}, {names[j]}: {words}")
                 if abs(r[i, j]) >= _WRITTEN:
                     words = f"{r[i, j]:.1f}".replace("-", "−").replace("0.", ".")
                     axis.text(j, i, words, ha="center", va="center", fontsize=6)
