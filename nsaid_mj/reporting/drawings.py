@@ -64,16 +64,17 @@ def forest(panel: Forest) -> str:
     with style():
         figure, axis = _named_lines(panel.names)
         rows = np.arange(len(values))
-        for chosen, name, colour, filled, dash in (
-            (panel.firm, panel.certain, COLOURS[0], COLOURS[0], "-"),
-            (~panel.firm, UNSURE, COLOURS[8], "none", "--"),
+        for chosen, name, colour, filled in (
+            (panel.firm, panel.certain, COLOURS[0], COLOURS[0]),
+            (~panel.firm, UNSURE, COLOURS[8], "none"),
         ):
             if not chosen.any():
                 continue
             drawn = chosen & np.isfinite(low) & np.isfinite(high)
             if drawn.any():
                 axis.hlines(
-                    rows[drawn], low[drawn], high[drawn], colour, "solid" if dash == "-" else dash,
+                    rows[drawn], low[drawn], high[drawn], colour,
+                    "solid" if filled == colour else "dashed",
                     linewidth=1.8, gid=CURVE + name,
                 )  # fmt: skip
                 for end, values_ in (("low", low), ("high", high)):
