@@ -10,7 +10,7 @@ import numpy as np
 
 from ..bounds import Name, Positive, config
 from ..errors import InvalidInput
-from ..experiment.loop import Cost, Ending, Robot, Run
+from ..experiment.loop import Cost, Ending, Robot, Run, columns
 from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..experiment.setup import told
@@ -19,7 +19,7 @@ from ..identifiers.cone.prior import drawn_inside
 from ..parameters import Array
 from ..plants import PlantConfig
 from ..plants.arm import ArmPlant, nominal_scales
-from ..systems.compiled import CompiledMultibody
+from ..structure.multibody import CompiledMultibody
 from .data import RobotModel
 from .links import file_links
 from .models import load_robot_model
@@ -113,15 +113,17 @@ def live_identifiers(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
 
 def reopen_live(folder: Path, record: Record) -> Run | None:
     """Rebuilds the run of a live robot from its record; None if its robot was simulated."""
-    scenario = Scenario.from_json(record.metadata["scenario"])
+    scenario = Scenario.from_json(record.scenario(folder))
     if not isinstance(scenario.plant, LiveRobot):
         return None
     robot = scenario.plant.known()
+    system = robot.system
+    record.check(folder, columns(system.n, system.m, system.n_u, system.p, []))
     return Run(
         scenario=scenario,
         folder=folder,
         record=record,
-        system=robot.system,
+        system=system,
         prior=robot.prior,
         identifiers=live_identifiers(scenario, robot),
         statuses={"": Status.completed},

@@ -166,7 +166,7 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
                 "warning", "known_in_combination", problem.space.labels[index],
                 f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
                 f"absolute values hold to a factor of {scale.factor:.2g}",
-                "Give one motor's gain, or the mass of a payload that one log has and another not.",
+                "Give one motor's gain, or weigh a load that one of two logs carries: --load.",
                 {"share": share},
             )
         )  # fmt: skip

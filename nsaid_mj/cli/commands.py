@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import atexit
 import gc
-import json
 import os
 import shlex
 import subprocess
@@ -19,9 +18,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import __version__
-from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName
+from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName, printable
 from ..experiment.library import load
-from ..resources import MORE_ROBOTS, has_example_robots, known_robots, reading, scenarios
+from ..resources import (
+    MORE_ROBOTS,
+    has_example_robots,
+    known_robots,
+    print_json,
+    reading,
+    scenarios,
+)
 from .exit_codes import EXPLAINED, INTERRUPTED, NOT_EXPLAINED, UNUSABLE, code_of
 from .process import ending_like_ctrl_c, open_streams, silence
 
@@ -72,7 +78,7 @@ def _exit(action: Callable[[], int]) -> NoReturn:
 def _say(words: object, code: int) -> int:
     """Prints one line to the standard error, if it takes it, and returns the exit code."""
     with suppress(OSError):
-        print(f"nsaid: {words}", file=sys.stderr, flush=True)
+        print(printable(f"nsaid: {words}"), file=sys.stderr, flush=True)
     return code
 
 
@@ -110,6 +116,10 @@ def _command(arguments: Sequence[str]) -> int:
     word, name, *_ = *arguments, "", ""
     if word in of_a_scenario and name and not name.startswith("-"):
         return of_a_scenario[word](name, arguments[2:])
+    if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
+        from .comparing import compare_on_logs
+
+        return compare_on_logs(arguments[1:])
     from . import grammar
 
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
@@ -146,7 +156,7 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     from ..reporting.report import print_summary
 
     if output.json:
-        print(json.dumps(summary, indent=2, ensure_ascii=False))
+        print_json(summary)
     elif not output.quiet:
         print_summary(title, summary, result.folder)
     return _code(result, summary)
@@ -174,7 +184,7 @@ def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quie
     from ..evaluation.verify import document, failed, print_verdicts
 
     if as_json:
-        print(json.dumps(document(result, verdicts), indent=2, ensure_ascii=False))
+        print_json(document(result, verdicts))
     elif not quiet:
         print_verdicts(name, result, verdicts)
     return NOT_EXPLAINED if failed(verdicts) else EXPLAINED
@@ -295,7 +305,7 @@ def _sweep(script: str, arguments: Sequence[str]) -> int:
     folder = chosen.out or Path("runs") / f"{name}-sweep"
     found = sweep.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
-        print(json.dumps(sweep_results.document(found), indent=2, ensure_ascii=False))
+        print_json(sweep_results.document(found))
     elif not chosen.quiet:
         sweep_results.print_summary(found)
     return code_of(sweep_results.verdict_of(found), not found.lost)
@@ -315,7 +325,7 @@ def _montecarlo(script: str, arguments: Sequence[str]) -> int:
     folder = chosen.out or Path("runs") / f"{name}-montecarlo"
     found = montecarlo.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
     if chosen.json:
-        print(json.dumps(montecarlo.document(found), indent=2, ensure_ascii=False))
+        print_json(montecarlo.document(found))
     elif not chosen.quiet:
         montecarlo.print_summary(found)
     return code_of(None, not montecarlo.lost(found))

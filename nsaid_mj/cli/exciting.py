@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
-from ..resources import reading
+from ..resources import print_json, reading
 from .exit_codes import code_of
 from .folders import folder_for_design
 from .grammar import Excite
@@ -75,7 +74,7 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
             record(found, trial, name, folder / FILE),
         ]
     if chosen.json:
-        print(json.dumps(document, indent=2, ensure_ascii=False))
+        print_json(document)
     elif not chosen.quiet:
         design_page.print_design(name, document, written, noticed)
     return code_of(design_page.verdict_of(document))

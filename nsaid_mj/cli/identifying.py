@@ -28,7 +28,13 @@ def identify_log(chosen: Identify) -> int:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     folder = _folder(Path(model).stem, chosen.out, chosen.force)
     check_writable(folder)
-    with reading(model, *chosen.log, *chosen.validate, chosen.map), locked(folder):
+    from ..calibration.logs import limited_to
+
+    with (
+        reading(model, *chosen.log, *chosen.validate, chosen.map),
+        locked(folder),
+        limited_to(chosen.limit * 1e9),
+    ):
         return _identify(model, chosen, folder)
 
 
@@ -69,6 +75,7 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 validate=chosen.validate,
                 mapping=chosen.map,
                 known=dict(_known(text) for text in chosen.known),
+                loads=chosen.load,
                 lock=_names(chosen.lock),
                 joints=_names(chosen.joints) or None,
                 columns=None if chosen.columns == "auto" else _names(chosen.columns),

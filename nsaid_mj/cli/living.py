@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..bounds import without_nonfinite
 from .exit_codes import code_of
 from .folders import folder_for
 from .grammar import Live
@@ -60,7 +61,7 @@ def follow_robot(chosen: Live) -> int:
         with Progress(name, quiet=quiet) as progress:
             summary = concluded(run, progress.say, command)
     if chosen.json:
-        print(json.dumps({"summary": summary}, ensure_ascii=False))
+        print(json.dumps(without_nonfinite({"summary": summary}), ensure_ascii=False))
     elif not chosen.quiet:
         print_summary(f"{name} live", summary, folder)
     return code_of(mark_of(summary))

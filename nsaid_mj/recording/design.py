@@ -9,9 +9,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..design.designing import Design
-from ..design.files import velocity_names
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
+from ..structure.sensing import velocity_labels
 from .layout import beside, robot, whole
 from .plots import plot
 from .scene import Scene
@@ -37,7 +37,7 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     t, q, v = (part[::every] for part in log[:3])
     scene = Scene(system, found.experiment.plant(0))
     camera = None if scene.empty else scene.camera(q, v)
-    names = velocity_names(system)
+    names = velocity_labels(system)
     motion = [
         Curves("motion/velocity", names, v),
         Curves("motion/command", [f"u {k + 1}" for k in range(system.n_u)], log.u[::every]),

@@ -13,8 +13,9 @@ from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification
 from ..calibration.timeline import history_times, own_shifts, training_shifts
 from ..parameters import Array
+from ..structure.joints import JointScales
+from ..structure.multibody import Multibody
 from ..system import SecondOrderSystem
-from ..systems.multibody import JointScales, Multibody
 from .identification_layout import blueprint
 from .identification_text import parameters_text, verdict_text
 from .plots import Plots

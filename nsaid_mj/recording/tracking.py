@@ -11,8 +11,8 @@ import rerun.blueprint as rrb
 
 from ..experiment.loop import Looks
 from ..parameters import Array
+from ..structure.joints import JointTree, bones
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree, bones
 from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import ROBOT, Camera, Scene

@@ -2,8 +2,7 @@
 
 Plants are simulated first, then identifiers follow their logs. Both happen in compiled code that
 releases the GIL, so that threads run in parallel. If all runs share one plant, the motion's stages
-are computed once for a group of identifiers, which run several at a time, see
-`identifiers.abreast`.
+are computed once for a group of identifiers.
 
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
@@ -34,7 +33,6 @@ from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
 from ..experiment.source import ended
 from ..identifiers import Identifier, State, Status
-from ..identifiers.abreast import along
 from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
@@ -253,9 +251,9 @@ def _followed(
     if motion is None:
         yield from (law.follow(state, log) for law, state in each)
     else:
-        sharing = [(law, at) for law, at in each if isinstance(law, NullspaceIdentifier)]
-        assert len(sharing) == len(runs)
-        yield from along(sharing, log, motion)
+        for law, state in each:
+            assert isinstance(law, NullspaceIdentifier)
+            yield law.along(state, log, motion)
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:

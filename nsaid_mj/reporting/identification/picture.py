@@ -10,7 +10,7 @@ from ...calibration import words
 from ...calibration.links import positions
 from ...calibration.result import Identification
 from ...parameters import Array
-from ...systems.joints import bones
+from ...structure.joints import bones
 from ..pages import Figure as PageFigure
 from ..palette import BAD, COLOURS, GRID, INK
 from ..plots import style, svg

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from ... import __version__
 from ...calibration import words
 from ...calibration.result import Parameter
-from ...calibration.servos import ServoIdentification
+from ...calibration.servos import Score, ServoIdentification
 from .. import pages
 from ..pages import Cell, Page, Panel, Section, Table, Text
-from ..terminal import print_page
+from ..terminal import print_page, print_panels
 from .report import brief_alarms
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3}  # factor to the unit in the head
@@ -67,6 +68,26 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
         commands=commands,
         versions={"nsaid-mj": __version__},
     )
+
+
+def print_scores(scores: Sequence[Score], console: Console) -> None:
+    """Prints how far models depart from logs: means over all joints.
+
+    Args:
+        scores: of `compare_models`.
+        console: to print on.
+    """
+    heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "time\n[s]")
+    lines: list[list[Cell]] = []
+    for score in scores:
+        numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
+        cells = ["–" if np.isnan(x) else f"{x:.2f}" for x in numbers]
+        lines.append([score.model, *cells, f"{score.seconds:.1f}"])
+    print_panels([Table(heads, lines)], console)
+    console.print()
+    note = "Mean absolute errors of open-loop simulations that start again after this time; "
+    note += "identified: each half of the logs is predicted from the other."
+    print_panels([Text(note)], console)
 
 
 def _cell(parameter: Parameter) -> str:
