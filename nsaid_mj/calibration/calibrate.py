@@ -121,8 +121,7 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    noun = "joints" if robot.system is None else "velocities"
-    explains, sentence = scale.judged(*with_doubts(*verdict(joints, noun), found))
+    explains, sentence = scale.judged(*with_doubts(*verdict(joints, robot.system is None), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
     return Identification(

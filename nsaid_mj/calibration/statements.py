@@ -158,13 +158,14 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
     return tuple(found)
 
 
-def verdict(joints: tuple[JointFit, ...], of: str = "joints") -> tuple[Explains, str]:
+def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, str]:
     """Whether the structure explains the log, and the sentence that says so.
 
     Args:
         joints: how well each is predicted.
-        of: what a vehicle has instead of joints.
+        arm: whether they are joints; a vehicle has velocities.
     """
+    of = "joints" if arm else "velocities"
     joints = tuple(j for j in joints if np.isfinite(j.held_out))
     if not joints:
         return "no", "No part of the log could be predicted from the others: it is too short."
