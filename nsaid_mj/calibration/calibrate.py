@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -14,18 +17,20 @@ from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
+from .law import follow_log, law_findings
+from .law_result import AlongLog
 from .least_squares import least_squares
-from .precision import inflation, precision, tempered
+from .log_robot import log_robot
+from .precision import Precision, inflation, precision, tempered
 from .problem import Problem, folds
 from .residuals import doubts, followed, widened, with_doubts
 from .result import Curves, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
-from .structure import Options
+from .structure import Options, Structured
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
-_ONLINE = 0.5  # seconds between the steps of an estimate along the log
 _DEFAULT = Options()
 _LEVELS = ("refusal", "warning", "note")
 
@@ -37,7 +42,8 @@ def calibrate(
     options: Options = _DEFAULT,
     *,
     known: Mapping[str, float] | None = None,
-    online: bool = False,
+    law: str = "batch",
+    folder: Path | None = None,
     findings: tuple[Finding, ...] = (),
     told: Callable[[str], None] = lambda _: None,
 ) -> Identification:
@@ -49,7 +55,8 @@ def calibrate(
         validation: a log that takes no part in the fit; None to hold out parts of the training.
         options: of the structure.
         known: values of parameters by name or label [SI].
-        online: whether to record the estimate along the log.
+        law: one of `law.LAWS`; others than `batch` follow the log besides.
+        folder: of such a law's record; None keeps no files.
         findings: what was noticed before.
         told: called with the name of every stage, for progress.
 
@@ -116,6 +123,10 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
+    along, said = _followed_by(
+        law, folder, robot, recordings, made, problem, options, exact, share, told
+    )
+    found += said
     explains, sentence = scale.judged(*with_doubts(*verdict(joints), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
@@ -136,10 +147,24 @@ def calibrate(
         nearest_friction(problem, fit.theta),
         _curves(problem, fit.theta),
         None if checked is None else _curves(checked, fit.theta),
-        _along(problem, share) if online else None,
+        along,
         made.cutoff,
         time.perf_counter() - begin,
     )
+
+
+def _followed_by(
+    law: str, folder: Path | None, robot: RobotModel, recordings: Recordings, made: Structured,
+    problem: Problem, options: Options, exact: Precision, share: Array, told: Callable[[str], None],
+) -> tuple[AlongLog | None, list[Finding]]:  # fmt: skip
+    """A law along the log with what must be said of it; None for the batch fit alone."""
+    if law == "batch":
+        return None, []
+    told(f"following the log by law {law}")
+    known = log_robot(robot, recordings, made, problem, options.coupled)
+    with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
+        along = follow_log(law, robot, recordings, known, made, problem, exact, share, Path(place))
+    return along, law_findings(along)
 
 
 def _worse(held_out: Array, validation: Array | None) -> Array:
@@ -221,26 +246,6 @@ def _start(problem: Problem, fit: Fit, other: Problem) -> Array:
         if name in index:
             start[i] = fit.theta[index[name]]
     return start
-
-
-def _along(problem: Problem, share: Array) -> tuple[Array, Array]:
-    """Times (K,) and estimates (K, p) along the log: steps on all rows so far, from the last θ̂.
-
-    Rows arrive in the order of time; the last estimate minimises the same J as the batch does.
-    """
-    ends = np.flatnonzero(np.diff(np.floor(problem.t / _ONLINE), append=np.inf)) + 1
-    theta, start, total = problem.prior, 0, None
-    moving = problem.usable.any(axis=0)
-    times, estimates = [], []
-    for end in ends:
-        part = tempered(problem.select(np.arange(start, end)), share)
-        total = part if total is None else total + part
-        start = end
-        if (total.counts > 0)[moving].all():
-            theta = minimise(problem, total, theta).theta
-        times.append(problem.t[end - 1])
-        estimates.append(theta)
-    return np.array(times), np.array(estimates)
 
 
 def _curves(problem: Problem, theta: Array) -> Curves:

@@ -12,6 +12,7 @@ import numpy as np
 from ..parameters import Array, Indices
 from .data import Recordings, RobotModel
 from .findings import Finding
+from .law_result import AlongLog
 from .problem import Mask
 
 Status = Literal["identified", "only in combination", "not excited", "below the noise", "known"]
@@ -143,7 +144,7 @@ class Identification:
             joint, for model files that hold no other; empty for a vehicle.
         curves: of the training logs.
         validation: of the validation log; None without one.
-        history: rows (t, θ̂) of the estimate along the log, for `--online`; None otherwise.
+        law: that followed the log besides; None if the batch fit is alone.
         cutoff: of the rows' filter [Hz].
         seconds: what the identification took [s].
     """
@@ -164,7 +165,7 @@ class Identification:
     friction: tuple[Array, Array]
     curves: Curves
     validation: Curves | None
-    history: tuple[Array, Array] | None
+    law: AlongLog | None
     cutoff: float
     seconds: float
 
@@ -187,6 +188,7 @@ class Identification:
             "cutoff": self.cutoff,
             "rate": self.recordings.rate,
             "seconds": self.seconds,
+            **({"law": self.law.summary()} if self.law else {}),
         }
 
     def text(self) -> str:

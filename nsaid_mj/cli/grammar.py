@@ -162,7 +162,8 @@ class Identify:
             viscous and Coulomb friction: load, quadratic, cubic, offset; "" for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
-        online: also keep the estimate along the log.
+        law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which follow the
+            log besides, sample by sample, and are compared with it.
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.
         json: print only the results, as JSON, to the standard output.
@@ -180,7 +181,7 @@ class Identify:
     columns: str = "auto"
     delay: str = "auto"
     cutoff: float | None = None
-    online: bool = False
+    law: str = "batch"
     out: Path | None = None
     force: bool = False
     json: bool = False

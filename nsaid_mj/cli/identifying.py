@@ -71,7 +71,8 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 columns=None if chosen.columns == "auto" else _names(chosen.columns),
                 delay=None if chosen.delay == "auto" else _numbers("--delay", chosen.delay),
                 cutoff=chosen.cutoff,
-                online=chosen.online,
+                law=chosen.law,
+                folder=folder / chosen.law,
                 told=progress.say,
             )
         except UnusableLog as error:
@@ -87,7 +88,8 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
         from ..reporting.identification import print_identification
 
         print_identification(result, Console(), files)
-    return 0 if result.explains != "no" else 1
+    ended = result.law is not None and not result.law.completed
+    return 1 if ended or result.explains == "no" else 0
 
 
 def write(
@@ -115,6 +117,11 @@ def write(
         told("writing the recording")
         files.append(folder / "identification.rrd")
         recording.record(result, files[-1])
+    if result.law is not None:
+        from ..reporting.finish import finish
+
+        finish(result.law.run, told)
+        files.append(result.law.run.folder / "report.html")
     return result, [folder / RESULT, *files]
 
 

@@ -56,7 +56,8 @@ def linearise(structure, q, v, u, theta, scale, work, a, B):
         M's smallest pivot, > 0 if it succeeded.
     """
     stage, slopes = work
-    return write_derivatives(structure, q, v, u, theta.copy(), scale.copy(), stage, slopes, a, B)
+    own, size = theta.copy(), scale.copy()
+    return write_derivatives(structure, q, v, u, own, size, stage, slopes, a, B, v[:0])
 
 
 @kernel()
@@ -82,5 +83,5 @@ def transition(structure, q, v, u, dt, theta, scale, work, q1, v1):
     """
     (stage, slopes), at, B, _, F = work
     own, size = theta.copy(), scale.copy()
-    pivot = step(structure, q, v, u, dt, own, size, stage, slopes, at, q1, v1, F, B)
+    pivot = step(structure, q, v, u, dt, own, size, stage, slopes, at, q1, v1, F, B, B[:0])
     return pivot, F, B

@@ -196,7 +196,8 @@ class Evaluation:
     ) -> tuple[Array, Array, Array]:
         """v̇ (n,), its derivatives by q and v (n, 2n), and those by θ/scale (n, p)."""
         a, B = np.zeros(self.structure.n), np.zeros((self.structure.n, self.structure.p))
-        linearise(self.arrays, q, v, u, theta, scale, self._memory.work, self._memory.slopes, a, B)
+        work, slopes = self._memory.work, self._memory.slopes
+        linearise(self.arrays, q, v, u, theta, scale, work, slopes, a, B, v[:0])
         return a, self._memory.slopes.by_state.copy(), B
 
     def integrate(self, q: Array, step: Array) -> Array:

@@ -150,8 +150,10 @@ def write_mass_tensor(structure, q, still, state, work, out):
                     second = bodies[second, PARENT]
             first = bodies[first, PARENT]
     for r in range(rotors.shape[0]):
-        i, k = rotors[r, 0], rotors[r, 1]
-        out[i, i, k] += 1.0
+        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
+        out[i, j, k] += 1.0
+        if i != j:
+            out[j, i, k] += 1.0
 
 
 @kernel(
@@ -216,8 +218,10 @@ def _write_balance(structure, state, v, leak, x, momentum, drive):
                     add_weight(x, _S, _G, drive, j, bodies[b, TEN])
             ancestor = bodies[ancestor, PARENT]
     for r in range(rotors.shape[0]):
-        i, k = rotors[r, 0], rotors[r, 1]
-        momentum[i, k] += v[i]
+        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
+        momentum[i, k] += v[j]
+        if i != j:
+            momentum[j, k] += v[i]
     for i in range(v.shape[0]):
         for k in range(momentum.shape[1]):
             drive[i, k] += leak * momentum[i, k]

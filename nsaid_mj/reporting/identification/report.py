@@ -65,6 +65,7 @@ def page(result: Identification, command: str = "") -> str:
         suggestion=_code(result.suggestion),
         anchor=_code(result.anchor),
         correlations=figures.correlations(result),
+        law=_law(result),
         histories=figures.histories(result),
         again=pages.again(
             [command or _command(result)],
@@ -152,6 +153,23 @@ def _combinations(result: Identification) -> list[dict[str, Any]]:
              "unit": combination.unit}
         )  # fmt: skip
     return found
+
+
+def _law(result: Identification) -> dict[str, Any] | None:
+    """Gains and predictions of a law beside the batch fit's, for tables."""
+    along = result.law
+    if along is None:
+        return None
+    names = [j.name for j in result.joints]
+    return {
+        "name": along.name,
+        "gains": words.law_gains(along),
+        "last": [
+            [name, words.nrmse(own), words.nrmse(batch)]
+            for name, own, batch in zip(names, along.last, along.batch_last, strict=True)
+        ],
+        "page": f"{along.name}/report.html",
+    }
 
 
 def _blocks(result: Identification) -> list[dict[str, Any]]:

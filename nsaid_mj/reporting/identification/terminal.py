@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -40,6 +41,7 @@ def print_identification(
     _print_gains(console, result)
     _print_frictions(console, result)
     _print_counts(console, result)
+    _print_law(console, result)
     if result.suggestion:
         console.print(f"\n  {escape(result.suggestion.replace('`', ''))}", soft_wrap=True)
     console.print(f"\n  The scale rests on {escape(result.anchor)}.", soft_wrap=True)
@@ -153,6 +155,29 @@ def _print_frictions(console: Console, result: Identification) -> None:
     rest = len(kinds) > len(kept) or len(names) > _GAINS
     console.print(
         "    (in brackets: not identified by itself)" + ("; more in the report" if rest else "")
+    )
+
+
+def _print_law(console: Console, result: Identification) -> None:
+    """Prints the gains of a law that followed the log, beside the batch fit's."""
+    if result.law is None:
+        return
+    name = result.law.name
+    table = _table("gains over their mean", f"law {name}", "95 % interval", "batch", "95 % interval",
+                   "agree")  # fmt: skip
+    for line in words.law_gains(result.law)[:_GAINS]:
+        table.add_row(f"  {escape(line[0])}", *line[1:])
+    if result.law.gains:
+        console.print(table)
+    ranges = []
+    for values in (result.law.last, result.law.batch_last):
+        known = values[np.isfinite(values)]
+        ends = (known.min(), known.max()) if len(known) else (np.nan,)
+        ranges.append(" to ".join(words.nrmse(float(x)) for x in ends))
+    console.print(
+        f"  the last fifth of the log, by the estimate before it: NRMSE {ranges[0]}, batch "
+        f"{ranges[1]}",
+        soft_wrap=True,
     )
 
 
