@@ -27,6 +27,7 @@ ORDER = (
     ("systems",),
     ("nullspace",),
     ("identifiers",),
+    ("robot",),
     ("control",),
     ("plants",),
     ("baselines",),  # below plants: mujoco.sysid wants a MuJoCo model to fit
@@ -105,7 +106,7 @@ def test_every_package_folder_is_in_the_order_of_imports():
 
 def test_there_are_at_most_25_rooms():
     outside = 3  # the package's own file, scenarios, scripts
-    leaving = {"dynamics", "systems"}  # `structure` takes their place
+    leaving = {"dynamics", "systems", "calibration"}  # structure, robot, logs take their place
     assert len(set(LINE) - leaving) + outside <= 25
 
 
@@ -181,10 +182,10 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
 @pytest.mark.parametrize(
     "package,homes",
     [
-        ("mujoco", {"plants", "baselines", "calibration"}),
+        ("mujoco", {"robot", "plants", "baselines", "calibration"}),
         ("rerun", {"recording"}),
         ("tyro", {"cli", "experiment"}),
-        ("pinocchio", {"plants", "systems", "recording", "baselines", "calibration"}),
+        ("pinocchio", {"robot", "plants", "systems", "recording", "baselines", "calibration"}),
         ("matplotlib", {"reporting"}),
         ("pyarrow", {"experiment", "recording", "studies", "calibration"}),
         ("joblib", {"studies"}),

@@ -23,7 +23,7 @@ from ..parameters import Array
 from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
-from ..plants.world.tree import tree_spec
+from ..robot.tree import tree_spec
 from ..systems.multibody import MotorTree
 from ..systems.optional import pin
 

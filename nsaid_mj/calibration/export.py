@@ -10,17 +10,12 @@ import numpy as np
 
 from ..errors import NsaidError
 from ..parameters import Array
+from ..robot.identified import Identified, Parameter, with_inertias
+from ..robot.mjcf_export import write_mjcf
+from ..robot.tables import write_sysid, write_yaml
+from ..robot.urdf_export import write_urdf
 from .findings import Finding
-from .models.export import (
-    Identified,
-    Parameter,
-    replay,
-    with_inertias,
-    write_mjcf,
-    write_sysid,
-    write_urdf,
-    write_yaml,
-)
+from .replay import replay
 from .result import Identification
 
 

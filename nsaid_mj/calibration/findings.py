@@ -1,44 +1,11 @@
-"""Findings: what was noticed about a model, a log or a fit, in words and as data."""
+"""Findings about logs and fits, and the error that carries them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
-
 from ..errors import NsaidError
+from ..robot.findings import Finding, Level
 
-Level = Literal["note", "warning", "refusal"]
-"""`note`: something was done to the data. `warning`: the result may suffer. `refusal`: no result
-of this input can be trusted."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that a user should know about his input.
-
-    Attributes:
-        level: how serious it is.
-        code: a short constant name for scripts, such as "reversed_sign" or "dead_channel".
-        where: the file, channel or joint concerned; "" if none.
-        text: what was found, with figures, units and row numbers.
-        remedy: what to do about it; "" if nothing needs to be done.
-        data: the figures of the text, for scripts; values are plain numbers, strings and lists.
-    """
-
-    level: Level
-    code: str
-    where: str
-    text: str
-    remedy: str = ""
-    data: dict[str, object] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        return " ".join(
-            filter(
-                None,
-                (f"{self.where}: {self.text}." if self.where else f"{self.text}.", self.remedy),
-            )
-        )
+__all__ = ["Finding", "Level", "UnusableLog"]
 
 
 class UnusableLog(NsaidError):

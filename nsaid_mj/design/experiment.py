@@ -25,8 +25,8 @@ from ..nullspace import Nullspace, structural
 from ..parameters import Array
 from ..plants import ArmPlant, ParametricPlantConfig, Plant, Sensors
 from ..plants.world.contacts import Contacts
-from ..plants.world.robots import load_robot
 from ..plants.world.sensors import EXACT_SENSORS
+from ..robot.robots import load_robot
 from ..system import SecondOrderSystem
 
 DRAWS = 4

@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from ..calibration.models import load_robot_model
-from ..calibration.models.text import root_tag
-from ..calibration.models.urdf_tree import write_tree_urdf
-from ..calibration.models.vehicles import plant_of
+from ..calibration.sheets import plant_of
 from ..control import FourierTracking
 from ..errors import UnknownName
 from ..experiment.library import load
 from ..experiment.scenario import Scenario
 from ..plants import ArmPlant
 from ..resources import scenarios, vehicle_files
+from ..robot.text import root_tag
+from ..robot.urdf_tree import write_tree_urdf
 from ..system import SecondOrderSystem
 from .limits import Limit, Limits, source_of
 

@@ -12,6 +12,7 @@ import atexit
 import hashlib
 import os
 import platform
+import re
 import shutil
 import sys
 import tempfile
@@ -26,18 +27,11 @@ import numpy as np
 from ..errors import NoKernelCache, NotWritten
 
 PACKAGE = Path(__file__).resolve().parent.parent
-WITHOUT_KERNELS = (
-    "experiment",
-    "evaluation",
-    "design",
-    "recording",
-    "reporting",
-    "studies",
-    "cli",
-    "_assets",
-    "_scenarios",
-)
-"""Subpackages that define no kernel and that no kernel can depend on, by the order of imports."""
+WHOLE = ("numerics", "structure")
+"""Rooms of which every file counts: nearly all of them define kernels, or parts of kernels."""
+
+_KERNELS = re.compile(rb"\n *(?:from|import) (?:numba\b|\.[.\w]*\bkernels\b)")
+_IMPORTS = re.compile(rb"\n *from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
 
 KEPT = 3  # folders of other digests that survive when a new one is made
 IN_USE = 86400.0  # folders used more recently than this are never deleted [s]
@@ -47,7 +41,7 @@ _FOLDER = "nsaid-mj"
 def digest(package: Path = PACKAGE) -> str:
     """Sixteen hexadecimal digits that identify everything kernels are compiled from.
 
-    That is the package's sources and the versions of Python, numpy, numba and llvmlite.
+    That is the sources of `kernel_sources`, and the versions of Python, numpy, numba and llvmlite.
 
     Args:
         package: the package's folder.
@@ -55,20 +49,49 @@ def digest(package: Path = PACKAGE) -> str:
     found = hashlib.sha256(f"{platform.python_version()} {sys.implementation.cache_tag}".encode())
     for part in (np, numba, llvmlite):
         found.update(f" {part.__name__} {part.__version__}".encode())
-    for folder, inner, files in os.walk(package):
-        top = Path(folder) == package
-        inner[:] = sorted(
-            name
-            for name in inner
-            if name != "__pycache__" and not (top and name in WITHOUT_KERNELS)
-        )
-        for name in sorted(files):
-            if name.endswith(".py"):
-                path = os.path.join(folder, name)
-                with open(path, "rb") as file:
-                    content = hashlib.sha256(file.read()).hexdigest()
-                found.update(f" {os.path.relpath(path, package)} {content}".encode())
+    for name, text in sorted(kernel_sources(package).items()):
+        found.update(f" {name} {hashlib.sha256(text).hexdigest()}".encode())
     return found.hexdigest()[:16]
+
+
+def kernel_sources(package: Path = PACKAGE) -> dict[str, bytes]:
+    """Files that kernels can depend on: those of `WHOLE`, those that define one, and their imports.
+
+    Args:
+        package: the package's folder.
+
+    Returns:
+        Their contents, by path relative to the package, without the suffix.
+    """
+    texts: dict[str, bytes] = {}
+    for folder, inner, files in os.walk(package):
+        inner[:] = [name for name in inner if name not in ("__pycache__", "_assets", "_scenarios")]
+        for name in (name for name in files if name.endswith(".py")):
+            path = os.path.join(folder, name)
+            with open(path, "rb") as file:
+                texts[path[len(str(package)) + 1 : -3].replace(os.sep, "/")] = file.read()
+    left = [n for n, text in texts.items() if n.split("/")[0] in WHOLE or _KERNELS.search(text)]
+    found: dict[str, bytes] = {}
+    while left:
+        name = left.pop()
+        if name not in found:
+            found[name] = texts[name]
+            left += _imported(name, texts)
+    return found
+
+
+def _imported(name: str, texts: dict[str, bytes]) -> list[str]:
+    """The modules of `texts` that a module imports relative to itself."""
+    found: list[str] = []
+    for dots, module, names in _IMPORTS.findall(texts[name]):
+        base = "/".join([*name.split("/")[: -len(dots)], *module.decode().split(".")]).rstrip("/")
+        package = f"{base}/__init__".lstrip("/")
+        if package in texts:
+            each = [part.split(" as ")[0].strip() for part in names.decode().strip("()").split(",")]
+            found += [package, *(f"{base}/{part}".lstrip("/") for part in each)]
+        else:
+            found.append(base)
+    return [each for each in found if each in texts]
 
 
 def cache_home() -> Path:

@@ -8,6 +8,7 @@ from pkgutil import iter_modules
 from typing import Any
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
+from ..robot.shapes import VisualMesh as VisualMesh
 from .world.faults.kinds import Bias as Bias
 from .world.faults.kinds import Broken as Broken
 from .world.faults.kinds import Fault as Fault
@@ -24,7 +25,6 @@ from .world.plant import Plant as Plant
 from .world.plant import PlantConfig as PlantConfig
 from .world.sensors import SensorNoise as SensorNoise
 from .world.sensors import Sensors as Sensors
-from .world.shapes import VisualMesh as VisualMesh
 
 
 def _plants() -> dict[str, type[PlantConfig]]:

@@ -13,6 +13,9 @@ from pydantic import model_validator
 from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
+from ..robot.robots import Base, Robot, load_robot
+from ..robot.shapes import VisualMesh
+from ..robot.tree import RobotVisuals, set_inertias, tree_spec
 from ..systems.compiled import CompiledMultibody
 from ..systems.joints import Actuator
 from ..systems.multibody import JointScales, MotorTree, Multibody
@@ -22,9 +25,6 @@ from .world.forces import Forces, column_forces
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet
-from .world.robots import Base, Robot, load_robot
-from .world.shapes import VisualMesh
-from .world.tree import RobotVisuals, set_inertias, tree_spec
 
 Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""

@@ -11,13 +11,14 @@ from pydantic import model_validator
 from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
+from ..robot.shapes import VisualMesh, of_geom
+from ..robot.tree import set_options
 from ..systems.vehicle import SingleBody
 from .ground import check_wind, operation, planar_mass, single_track
 from .world.body import BODY, body_poses, composed, guessed, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig, set_options
-from .world.shapes import VisualMesh, of_geom
+from .world.plant import Plant, PlantConfig
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STEERED = ("steer_left", "steer_right")

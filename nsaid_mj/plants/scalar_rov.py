@@ -12,11 +12,12 @@ from ..bounds import Number, Positive, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import asset
+from ..robot.shapes import VisualMesh, of_geom
+from ..robot.tree import set_options
 from ..systems.scalar import ScalarVehicle
 from .world.coordinates import reading_of
 from .world.mismatch import Mismatch
-from .world.plant import ParametricPlantConfig, Plant, set_options
-from .world.shapes import VisualMesh, of_geom
+from .world.plant import ParametricPlantConfig, Plant
 
 
 @config

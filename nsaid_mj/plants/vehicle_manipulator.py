@@ -12,6 +12,9 @@ from ..bounds import Name, Share, config
 from ..errors import UnknownName
 from ..parameters import Array
 from ..resources import numbers
+from ..robot.robots import Robot, load_robot
+from ..robot.shapes import VisualMesh
+from ..robot.tree import GeomVisuals, RobotVisuals, set_inertias, tree_spec
 from ..systems.flying_arm import FlyingArm
 from ..systems.inertial import GRAVITY
 from ..systems.multibody import JointScales
@@ -26,9 +29,6 @@ from .world.coordinates import joint_map
 from .world.forces import Forces, column_forces
 from .world.mismatch import Mismatch
 from .world.plant import ParametricPlantConfig, Plant
-from .world.robots import Robot, load_robot
-from .world.shapes import VisualMesh
-from .world.tree import GeomVisuals, RobotVisuals, set_inertias, tree_spec
 
 BASE = "base"
 """Name of the free joint and of the base body in models that are assembled here."""

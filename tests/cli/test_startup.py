@@ -8,7 +8,7 @@ import pytest
 from pinocchio import robot_wrapper
 
 from nsaid_mj.errors import BadRobot
-from nsaid_mj.plants.world.robots import load_robot
+from nsaid_mj.robot.robots import load_robot
 
 HEAVY = {
     "mujoco",

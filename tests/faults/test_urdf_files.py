@@ -7,8 +7,8 @@ import pytest
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import BadRobot, MimicIgnored, PassiveIgnored
 from nsaid_mj.plants import ArmPlant
-from nsaid_mj.plants.world.robots import load_robot
 from nsaid_mj.resources import packed_robots
+from nsaid_mj.robot.robots import load_robot
 
 _LIMIT = 'lower="-1" upper="1" effort="1" velocity="1"'
 

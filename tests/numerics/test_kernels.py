@@ -32,26 +32,46 @@ def process(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     """A small package laid out as ours is."""
-    for name in ("dynamics/tree.py", "cli/commands.py", "system.py"):
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("LENGTH = 1\n")
+    texts = {
+        "__init__": "",
+        "units": "",
+        "structure/tree": "",
+        "plants/__init__": "",
+        "plants/forces": "from ..numerics.kernels import kernel\nfrom .world import sheet\n",
+        "plants/world/__init__": "",
+        "plants/world/sheet": "from ...units import (\n    METRE,\n    SECOND,\n)\n",
+        "plants/arm": "from .forces import thrust\n",
+        "laws/filter": "import numba\n\n\ndef late():\n    from ..lately import LENGTH\n",
+        "lately": "",
+        "cli/commands": "",
+    }
+    for name, text in texts.items():
+        path = tmp_path / f"{name}.py"
+        path.parent.mkdir(exist_ok=True, parents=True)
+        path.write_text(f'"""Doc."""\n{text}')
     return tmp_path
 
 
-@pytest.mark.parametrize("changed", ["dynamics/tree.py", "system.py", "dynamics/new.py"])
+@pytest.mark.parametrize(
+    "changed",
+    ["structure/tree", "structure/new", "plants/forces", "plants/world/sheet",
+     "plants/world/__init__", "units", "laws/filter", "lately"],
+)  # fmt: skip
 def test_digest_changes_with_any_source_that_a_kernel_may_depend_on(package: Path, changed: str):
     before = cache.digest(package)
-    (package / changed).write_text("LENGTH = 2\n")
+    with (package / f"{changed}.py").open("a") as file:
+        file.write("LENGTH = 2\n")
     assert cache.digest(package) != before
 
 
 def test_digest_stays_where_no_kernel_can_depend_on_the_change(package: Path):
     before = cache.digest(package)
-    (package / "cli" / "commands.py").write_text("LENGTH = 2\n")
-    (package / "dynamics" / "__pycache__").mkdir()
-    (package / "dynamics" / "__pycache__" / "tree.py").write_text("LENGTH = 2\n")
-    os.utime(package / "system.py", (0, 0))
+    for name in ("cli/commands.py", "plants/arm.py"):  # importing a kernel does not change it
+        with (package / name).open("a") as file:
+            file.write("LENGTH = 2\n")
+    (package / "structure" / "__pycache__").mkdir()
+    (package / "structure" / "__pycache__" / "tree.py").write_text("LENGTH = 2\n")
+    os.utime(package / "units.py", (0, 0))
     assert cache.digest(package) == before
 
 
@@ -80,8 +100,29 @@ def rooms_with_kernels() -> dict[str, list[Path]]:
     return found
 
 
-def test_folders_left_out_of_the_digest_define_no_kernels():
-    assert not set(rooms_with_kernels()) & set(cache.WITHOUT_KERNELS)
+def test_sources_of_kernels_contain_every_file_that_imports_numba_and_all_that_it_imports():
+    """By syntax trees, imports inside functions included, where the digest searches the text."""
+    counted = set(cache.kernel_sources())
+    left = {str(p.relative_to(PACKAGE)) for paths in rooms_with_kernels().values() for p in paths}
+    seen: set[str] = set()
+    while left:
+        path = left.pop()
+        seen.add(path)
+        left |= imports(path) - seen
+    assert {path.removesuffix(".py") for path in seen} <= counted
+
+
+def imports(path: str) -> set[str]:
+    """Files of the package that a file of it imports."""
+    found = set()
+    for node in ast.walk(ast.parse((PACKAGE / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = (
+                (PACKAGE / path).parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            )
+            found |= {base.with_suffix(".py"), base / "__init__.py"}
+            found |= {base / f"{alias.name}.py" for alias in node.names}
+    return {str(each.relative_to(PACKAGE)) for each in found if each.is_file()}
 
 
 @pytest.mark.parametrize("room", sorted(set(rooms_with_kernels()) - {"numerics"}))

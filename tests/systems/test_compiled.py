@@ -20,8 +20,8 @@ from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.arm import Backend, nominal_scales
-from nsaid_mj.plants.world.robots import Base, load_robot
 from nsaid_mj.resources import known_robots
+from nsaid_mj.robot.robots import Base, load_robot
 from nsaid_mj.systems import multibody
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody

@@ -10,8 +10,8 @@ from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput
 from nsaid_mj.plants import FloatingBasePlant, arm
 from nsaid_mj.plants.arm import Arm
 from nsaid_mj.plants.world.coordinates import FloatingMap
-from nsaid_mj.plants.world.robots import load_robot
 from nsaid_mj.resources import known_robots
+from nsaid_mj.robot.robots import load_robot
 from nsaid_mj.systems.compiled import CompiledMultibody
 from nsaid_mj.systems.multibody import Multibody
 from tests.support.dense import Dense

@@ -18,9 +18,9 @@ from ...parameters import Array
 from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
 from ...resources import write_text
-from ..models.mjcf_file import compile_file
-from ..models.mjcf_tree import actuators_of, joint_names
-from ..models.mjcf_xml import numbers
+from ...robot.mjcf_file import compile_file
+from ...robot.mjcf_tree import actuators_of, joint_names
+from ...robot.mjcf_xml import numbers
 from .logs import ServoLog
 from .result import Servo, ServoIdentification
 

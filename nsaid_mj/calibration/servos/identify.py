@@ -14,12 +14,12 @@ from ...errors import InvalidInput
 from ...numerics.threads import single_threaded
 from ...parameters import Array
 from ...resources import asset
+from ...robot.mjcf_file import compile_file
+from ...robot.mjcf_tree import actuators_of, joint_names
 from ..data import RobotModel
 from ..findings import Finding
 from ..logs import Map, read_map, read_tables
 from ..models import load_robot_model
-from ..models.mjcf_file import compile_file
-from ..models.mjcf_tree import actuators_of, joint_names
 from .estimate import estimate
 from .logs import ServoLog, read_servo_logs, servo_map
 from .result import ServoIdentification

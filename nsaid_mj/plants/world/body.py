@@ -12,12 +12,13 @@ from ...errors import InvalidInput
 from ...numerics.spatial import rotation
 from ...parameters import Array
 from ...resources import vehicle_files
+from ...robot.shapes import DRAWN, VisualMesh, of_geom
+from ...robot.tree import set_options
 from ...systems.structured import StructuredSystem
 from .coordinates import PlanarMap, PoseMap
 from .forces import Forces, column_forces
 from .mismatch import Mismatch
-from .plant import Plant, set_options
-from .shapes import DRAWN, VisualMesh, of_geom
+from .plant import Plant
 
 BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from ...parameters import Array
-from .robots import Robot
-from .tree import mesh_of, tree_spec, wxyz
+from ...robot.robots import Robot
+from ...robot.tree import mesh_of, tree_spec, wxyz
 
 _POSES, _MOST = 50, 0.8  # random poses, and share of them in which a pair may touch and count
 

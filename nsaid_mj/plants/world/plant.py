@@ -17,6 +17,7 @@ from ...bounds import Config, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
+from ...robot.shapes import VisualMesh
 from ...system import SecondOrderSystem
 from ...systems.sensing import displaced
 from .callbacks import installed
@@ -28,7 +29,6 @@ from .faults.variant import Variant
 from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
-from .shapes import VisualMesh
 from .stepping import World, drive, sound, warnings_of
 
 if TYPE_CHECKING:
@@ -330,24 +330,3 @@ _DIVERGENCES = (
     (mujoco.mjtWarning.mjWARN_BADQACC, "qacc"),
     (mujoco.mjtWarning.mjWARN_BADCTRL, "ctrl"),  # beyond 1e10, and then MuJoCo applies none
 )
-
-
-def set_options(spec: Any, dt: float) -> None:
-    """Sets the options of all plants: RK4, no automatic reset, no contacts, no joint limits.
-
-    Args:
-        spec: MuJoCo's specification.
-        dt: time step [s].
-
-    Raises:
-        InvalidInput: dt is not a positive number.
-    """
-    if not (np.isfinite(dt) and dt > 0):
-        raise InvalidInput("dt", "a step > 0 s", dt, "Try 1e-3 for an arm.")
-    spec.option.timestep = dt
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.disableflags |= int(
-        mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        | mujoco.mjtDisableBit.mjDSBL_CONTACT
-        | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    )

@@ -1,0 +1,125 @@
+"""Does a calibrated model follow the log? Short simulations from measured states."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from ..errors import InvalidInput
+from ..parameters import Array
+from ..plants.world.coordinates import JointMap
+from ..plants.world.quiet import quiet
+from ..robot.identified import Identified
+from ..robot.mjcf_export import mjcf_text
+from ..robot.packages import model_file
+from .data import Recordings, RobotModel, Segment
+
+_WINDOW = 0.2  # length of a simulation [s]
+_LONGEST_STEP = 2e-3  # of the simulation [s]
+
+
+class Replay(NamedTuple):
+    """Errors of simulations that are driven by a log's commands.
+
+    Attributes:
+        exported: (n,) rms error of each joint's position, of the model with identified values
+            [rad or m].
+        nominal: (n,) the same of the model with the values of the robot's own file.
+    """
+
+    exported: Array
+    nominal: Array
+
+
+def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Replay:
+    """Simulates the models that `write_mjcf` writes, driven by a log's commands.
+
+    The simulations last 0.2 s each, and start at the measured positions and velocities.
+
+    Args:
+        robot: a tree of joints.
+        values: what was identified.
+        recordings: a log of its motion.
+
+    Raises:
+        InvalidInput: the robot is a vehicle, or no segment lasts 0.2 s.
+    """
+    nominal = Identified.nominal(robot)
+    return Replay(_error(robot, values, recordings), _error(robot, nominal, recordings))
+
+
+def _error(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
+    """(n,) rms error of each joint's position [rad or m]; inf where the simulation diverges."""
+    folder = model_file(robot).resolve().parent
+    mj = _compiled(mjcf_text(robot, values, folder), folder)
+    joints = JointMap(mj, robot.joints)
+    command = [_actuator(mj, joint) for joint in robot.joints]
+    substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
+    mj.opt.timestep = 1 / (recordings.rate * substeps)
+    samples = max(1, round(_WINDOW * recordings.rate))
+    squares, count = np.zeros(len(robot.joints)), 0
+    for segment in recordings.segments:
+        found = _simulate(mj, joints, command, segment, samples, substeps)
+        squares += (found**2).sum(axis=(0, 1))
+        count += found.shape[0] * found.shape[1]
+    if not count:
+        remedy = "Use a log without so many gaps."
+        raise InvalidInput("recordings", f"a segment of {_WINDOW:g} s", "shorter ones", remedy)
+    error = np.sqrt(squares / count)
+    return np.where(np.isfinite(error), error, np.inf)
+
+
+def _simulate(
+    mj: Any, joints: JointMap, command: list[int], segment: Segment, samples: int, substeps: int
+) -> Array:
+    """(windows, samples, n) errors of position in the windows of a segment.
+
+    Args:
+        mj: MuJoCo's model.
+        joints: indices of the joints.
+        command: (n,) index of each joint's motor.
+        segment: of a log.
+        samples: time steps in a window.
+        substeps: steps of the simulation in each of them.
+    """
+    log = segment.log
+    starts = np.arange(0, len(log.t) - samples, samples)
+    if not len(starts):
+        return np.zeros((0, samples, len(command)))
+    data, kind = mujoco.MjData(mj), mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
+    for row, k in zip(state, starts, strict=True):
+        joints.write(data, log.q[k], log.v[k])
+        mujoco.mj_getState(mj, data, row, kind)
+    control = np.zeros((len(starts), samples * substeps, mj.nu))
+    within = starts[:, None] + np.arange(samples)
+    control[:, :, command] = np.repeat(log.u[within], substeps, axis=1)
+    with quiet():  # a simulation that diverges has a large error
+        found: Any = rollout.rollout(mj, data, state, control)[0]
+    position = np.zeros((len(starts), samples, len(command)))
+    for window, rows in zip(position, found[:, substeps - 1 :: substeps], strict=True):
+        for sample, row in zip(window, rows, strict=True):
+            mujoco.mj_setState(mj, data, row, kind)
+            sample[:] = joints.read(data)[0]
+    with np.errstate(invalid="ignore", over="ignore"):
+        return position - log.q[within + 1]
+
+
+def _compiled(text: str, folder: Path) -> Any:
+    """MuJoCo's model of an MJCF text whose paths are relative to a folder, without contacts."""
+    spec = mujoco.MjSpec.from_string(text)
+    for directory in ("meshdir", "texturedir"):
+        setattr(spec, directory, str(folder / getattr(spec, directory)))
+    spec.option.disableflags |= int(
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    )
+    return spec.compile()
+
+
+def _actuator(mj: Any, joint: str) -> int:
+    """The index of a joint's motor."""
+    return int(np.flatnonzero(mj.actuator_trnid[:, 0] == mj.joint(joint).id)[0])

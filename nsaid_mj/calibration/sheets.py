@@ -1,0 +1,132 @@
+"""Vehicles: the packed ones, and those of a user's own TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import plants
+from ..errors import BadRobot, InvalidInput, NsaidError, UnknownName
+from ..experiment.library import load
+from ..experiment.setup import published
+from ..identifiers.cone.prior import drawn_inside
+from ..plants import ParametricPlantConfig, PlantConfig
+from ..resources import scenarios, vehicle_files
+from ..system import SecondOrderSystem
+from .data import RobotModel
+
+_STEP = 1e-3  # any time step: a structure has none [s]
+
+
+def load_vehicle(
+    name: str, lock: Sequence[str] = (), joints: Sequence[str] | None = None
+) -> RobotModel:
+    """Reads a vehicle of a known family, with its published values as the prior.
+
+    Values on the boundary of the cone of physical parameters are moved inside.
+
+    Args:
+        name: of a packed vehicle, or the path of a TOML file or of its folder.
+        lock: must be empty.
+        joints: must be None.
+
+    Raises:
+        BadRobot: its structure is not known exactly.
+        InvalidInput: a value in its file is missing or wrong, or joints are to be locked.
+        UnknownName: there is no such vehicle, or no such key in its file.
+    """
+    if lock or joints is not None:
+        expected = "no joints, for a vehicle"
+        raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
+    config = load(name).plant if name in scenarios() else plant_of(vehicle_files(name).sheet)
+    if not isinstance(config, ParametricPlantConfig):
+        reason = "its equations of motion are not linear in known parameters"
+        raise BadRobot(name, "", reason, "It can only be simulated: `nsaid run`.")
+    plant, nominal = published(config, _STEP)
+    system, packed = plant.system, name in scenarios()
+    count = system.n_u
+    return RobotModel(
+        name=name if packed else Path(name).stem,
+        source=None if packed else vehicle_files(name).sheet,
+        kind="vehicle",
+        model=None,
+        joints=command_names(system),
+        damping=np.zeros(count),
+        friction=np.zeros(count),
+        rotor=np.zeros(count),
+        gain=np.ones(count),
+        limits=np.full(count, np.inf),
+        system=system,
+        prior=drawn_inside(system.space, nominal, 0.0, np.random.default_rng(0)),
+        visuals=plant,
+    )
+
+
+def command_names(system: SecondOrderSystem) -> tuple[str, ...]:
+    """(n_u,) names of a vehicle's actuators, in the order of its commands.
+
+    They are taken from the labels of its actuator parameters, such as "thrust of rotor 1", or are
+    u_1, u_2, … if these do not match the commands one to one.
+    """
+    labels = [label for b in system.space.blocks if b.actuator for label in b.labels]
+    parts = dict.fromkeys(label.partition(" of ")[2] for label in labels)
+    if len(parts) == system.n_u and "" not in parts:
+        return tuple(parts)
+    return tuple(f"u_{i + 1}" for i in range(system.n_u))
+
+
+def plant_of(sheet: Path) -> PlantConfig:
+    """The plant of the family whose data sheet a TOML file is.
+
+    Raises:
+        InvalidInput: a value is missing or wrong.
+        UnknownName: a key is unknown.
+    """
+    try:
+        content = tomllib.loads(sheet.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        content = {}  # every family says so alike
+    families = {family.sheet.family: family for family in _families()}
+    if (kind := content.get("kind")) is not None:
+        if kind not in families:
+            raise UnknownName(f"kind of vehicle in {sheet}", str(kind), families)
+        families = {kind: families[kind]}
+    errors: list[NsaidError] = []
+    for family in families.values():
+        try:
+            config = family(vehicle=str(sheet))
+            config.simulating(_STEP)
+        except (InvalidInput, UnknownName) as error:
+            errors.append(error)
+        else:
+            return config
+    keys = set(_keys(content))
+    raise max(errors, key=lambda error: _likeness(error, keys))
+
+
+def _families() -> list[type[Any]]:
+    """The plants that are made from a vehicle's TOML file, without special cases of others."""
+    found = [
+        value
+        for value in vars(plants).values()
+        if isinstance(value, type)
+        and issubclass(value, ParametricPlantConfig)
+        and "vehicle" in getattr(value, "__dataclass_fields__", {})
+    ]
+    return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]
+
+
+def _likeness(error: NsaidError, keys: set[str]) -> float:
+    """How likely an error is that of the right family: few families know all keys of a file."""
+    return len(keys & set(error.choices)) if isinstance(error, UnknownName) else np.inf
+
+
+def _keys(table: dict[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        yield key
+        if isinstance(value, dict):
+            yield from _keys(value)

@@ -1,0 +1,119 @@
+"""What was identified about a tree of joints, as the exporters want it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..parameters import Array
+from ..systems.optional import pin
+from .model import RobotModel
+from .tree import set_inertias
+
+
+class Parameter(NamedTuple):
+    """One identified number, for tables.
+
+    Attributes:
+        name: in words, such as "mass of link_3".
+        value: in SI units.
+        unit: of the value.
+        low: lower end of its 95 % interval; −inf if there is none.
+        high: upper end; inf if there is none.
+        status: "identified", "not excited" and so on.
+    """
+
+    name: str
+    value: float
+    unit: str
+    low: float
+    high: float
+    status: str
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Identified values of a tree of n joints, in SI units.
+
+    Joint i moves by M v̇ + C v + g = gain·u − damping·v − friction·tanh(v/friction_speed), where M
+    includes the rotor inertias.
+
+    Attributes:
+        model: Pinocchio's model with the identified inertias and, in `armature`, rotor inertias.
+        damping: (n,) viscous friction [N·m·s/rad or N·s/m].
+        friction: (n,) Coulomb friction [N·m or N].
+        friction_speed: (n,) speed at which Coulomb friction saturates [rad/s or m/s].
+        gain: (n,) force per unit of command [N·m or N].
+        anchor: what fixed the common scale of masses, frictions and gains, in words.
+        parameters: all parameters with their intervals, for tables.
+        notes: anything else that a reader of the exported files should know.
+    """
+
+    model: Any
+    damping: Array
+    friction: Array
+    friction_speed: Array
+    gain: Array
+    anchor: str
+    parameters: tuple[Parameter, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rotor(self) -> Array:
+        """(n,) reflected rotor inertia [kg·m² or kg]."""
+        return np.array(self.model.armature)
+
+    @staticmethod
+    def nominal(robot: RobotModel, friction_speed: float = 0.05) -> Identified:
+        """The values of a robot's own model file.
+
+        Args:
+            robot: a tree of joints.
+            friction_speed: speed at which Coulomb friction saturates [rad/s or m/s].
+        """
+        model = with_inertias(robot.model, inertial_parameters(robot.model), robot.rotor)
+        speeds = np.full(len(robot.joints), friction_speed)
+        anchor = "values of the model file; nothing was identified"
+        return Identified(model, robot.damping, robot.friction, speeds, robot.gain, anchor)
+
+
+def inertial_parameters(model: pin.Model) -> Array:
+    """(b, 10) inertial parameters of a model's links, about the joints' frames.
+
+    Their order is Pinocchio's: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    """
+    return np.array([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
+
+
+def with_inertias(model: pin.Model, inertial: Array, rotor: Array) -> pin.Model:
+    """A copy of a model with other inertias.
+
+    Args:
+        model: Pinocchio's model of b links.
+        inertial: (b, 10) inertial parameters in the order of `inertial_parameters`.
+        rotor: (n,) reflected rotor inertias [kg·m² or kg].
+    """
+    changed = pin.Model(model)
+    set_inertias(changed, np.asarray(inertial))
+    changed.armature = np.asarray(rotor, dtype=np.float64)
+    return changed
+
+
+def remarks(robot: RobotModel, values: Identified, also: tuple[str, ...] = ()) -> str:
+    """The text of an exported file's comment: gains, the scale's anchor, and remarks.
+
+    Args:
+        robot: the robot as it was read.
+        values: what was identified.
+        also: remarks on the file.
+    """
+    lines = ["Calibrated by nsaid-mj.", f"Scale: {values.anchor}."]
+    lines.append("Force per unit of command [N·m or N], and speed s of Coulomb friction tanh(v/s):")
+    for k, joint in enumerate(robot.joints):
+        speed, gain = values.friction_speed[k], values.gain[k]
+        lines.append(f"  {joint}: gain {gain:.6g}, s {speed:.3g}, rotor {values.rotor[k]:.6g}")
+    text = "\n".join([*lines, *values.notes, *also])
+    return re.sub("-(?=-)", "- ", text).rstrip("-")  # XML comments may not contain two hyphens

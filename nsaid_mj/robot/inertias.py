@@ -1,0 +1,132 @@
+"""Physically consistent inertias: those that a body with a positive mass density can have.
+
+With Σ = ½ tr(I) 1 − I, the second moments of mass about the centre of mass, a body of mass m > 0
+and inertia I exists if and only if Σ ⪰ 0; the principal moments then satisfy the triangle
+inequality.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..parameters import Array
+from ..systems.optional import pin
+from .findings import Finding
+
+_INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that is left alone
+_FLATNESS = 0.02  # least ratio that an inertia is moved to
+_THINNESS = 0.05  # least standard deviation of mass that it is moved to, over the link's size
+_LIGHTNESS = 1e-3  # mass of a massless link, over that of the robot
+_UNKNOWN_MASS, _UNKNOWN_SIZE = 0.1, 0.1  # where nothing in the file gives an idea [kg, m]
+_SMALLEST = 1e-3  # size of a link below which lengths tell nothing of it [m]
+
+
+def is_physical(mass: float, inertia: Array) -> bool:
+    """Whether a body can have this mass [kg] and this inertia (3, 3) about its centre of mass."""
+    moments = np.linalg.eigvalsh(_second_moments(inertia))
+    return bool(mass > 0 and moments[-1] > 0 and moments[0] > _INSIDE * moments[-1])
+
+
+def moved_inside(mass: float, inertia: Array, size: float) -> Array:
+    """The nearest inertia that a body can have, with some margin.
+
+    Second moments of mass about the centre of mass are raised to at least 2 % of the largest one,
+    and to those of mass spread over 5 % of the link's size.
+
+    Args:
+        mass: of the body, > 0 [kg].
+        inertia: (3, 3) about the centre of mass [kg·m²].
+        size: of the body [m].
+
+    Returns:
+        (3, 3) inertia about the centre of mass [kg·m²].
+    """
+    moments, axes = np.linalg.eigh(_second_moments(inertia))
+    floor = max(_FLATNESS * moments[-1], mass * (_THINNESS * size) ** 2)
+    sigma = axes @ np.diag(np.maximum(moments, floor)) @ axes.T
+    return np.trace(sigma) * np.eye(3) - sigma
+
+
+def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
+    """Moves a model's unphysical inertias inside the cone, in place.
+
+    A massless link gets a thousandth of the robot's mass, at its joint; if no link has a mass, each
+    gets one that is spread over the length of the longest.
+
+    Args:
+        model: any tree of joints.
+        names: of the links, one for each joint.
+
+    Returns:
+        A warning for each inertia that was changed, and one, `no_masses`, if no link has a mass.
+    """
+    findings, total = [], sum(max(inertia.mass, 0.0) for inertia in list(model.inertias)[1:])
+    reach = max((_size(model, i) for i in range(1, model.njoints)), default=0.0)
+    for i in range(1, model.njoints):
+        before = pin.Inertia(model.inertias[i])  # a copy, not a view
+        if is_physical(before.mass, before.inertia):
+            continue
+        if before.mass > 0:
+            mass, lever = before.mass, before.lever
+            about = moved_inside(mass, before.inertia, _size(model, i))
+        else:
+            mass, lever = _LIGHTNESS * total, np.zeros(3)
+            about = moved_inside(mass, np.zeros((3, 3)), _size(model, i))
+            if not total > 0:
+                mass, about = _UNKNOWN_MASS, 2 * _UNKNOWN_MASS * (0.5 * reach) ** 2 * np.eye(3)
+        after = model.inertias[i] = pin.Inertia(mass, lever, about)
+        findings.append(moved(names[i - 1], (before.mass, before.inertia), (mass, after.inertia)))
+    if not total > 0:
+        text = "no moving link has a mass: all inertias are guesses, and their scale is arbitrary"
+        remedy = "Add <inertial> to the model file, or give a gain with --known."
+        findings.append(Finding("warning", "no_masses", "", text, remedy))
+    return findings
+
+
+def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) -> Finding:
+    """The finding about a link whose mass [kg] and inertia (3, 3) [kg·m²] were changed."""
+    (old, about), (new, changed) = before, after
+    was, now = np.linalg.eigvalsh(about), np.linalg.eigvalsh(changed)
+    wrong = f"no body of mass {old:g} kg has principal moments of inertia {_listed(was)} kg·m²"
+    given = f"they were changed to {_listed(now)} kg·m²"
+    if old != new:
+        wrong = "it moves, but has no mass"
+        given = f"it was given {new:.3g} kg and moments of inertia {_listed(now)} kg·m²"
+    return Finding(
+        "warning",
+        "inertia_moved",
+        f"link {link}",
+        f"{wrong}; {given}",
+        "Correct <inertial> in the model file if you know better.",
+        {
+            "mass_before": float(old),
+            "mass_after": float(new),
+            "moments_before": was.tolist(),
+            "moments_after": now.tolist(),
+        },
+    )
+
+
+def _second_moments(inertia: Array) -> Array:
+    """(3, 3) Σ of an inertia (3, 3)."""
+    return 0.5 * np.trace(inertia) * np.eye(3) - inertia
+
+
+def _size(model: pin.Model, joint: int) -> float:
+    """A link's size [m], from its centre of mass and the joints on it."""
+    children = [i for i in range(1, model.njoints) if model.parents[i] == joint]
+    levers = [model.inertias[joint].lever] if model.inertias[joint].mass > 0 else []
+    levers += [model.jointPlacements[i].translation for i in children]
+    return plausible_size(float(np.linalg.norm(lever)) for lever in levers)
+
+
+def plausible_size(lengths: Iterable[float]) -> float:
+    """The largest of some lengths on a link as its size; 0.1 m if that tells nothing."""
+    size = max(filter(np.isfinite, lengths), default=0.0)
+    return size if size > _SMALLEST else _UNKNOWN_SIZE
+
+
+def _listed(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)

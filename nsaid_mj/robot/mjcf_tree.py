@@ -1,0 +1,147 @@
+"""A compiled MuJoCo model as Pinocchio's, with the same mass matrix and bias forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ..parameters import Array
+from ..systems.optional import pin
+
+_AXES = {
+    mujoco.mjtJoint.mjJNT_HINGE: (
+        (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
+        pin.JointModelRevoluteUnaligned,
+    ),
+    mujoco.mjtJoint.mjJNT_SLIDE: (
+        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
+        pin.JointModelPrismaticUnaligned,
+    ),
+}
+
+
+def rigid_tree(mj: Any, name: str) -> pin.Model:
+    """Pinocchio's model of a MuJoCo model's bodies and joints.
+
+    Every joint has the axes of its MuJoCo body, and lies at the joint's anchor; positions of hinges
+    and slides are those of MuJoCo. A body of several joints becomes a chain of links, all but the
+    last without mass. Bodies without a joint are merged into their parents. Rotor inertias, of
+    joints and of actuators, are in `armature`.
+
+    Args:
+        mj: MuJoCo's compiled model.
+        name: of the robot.
+    """
+    model = pin.Model()
+    model.name = name
+    model.gravity.linear = np.array(mj.opt.gravity)
+    taken = set(model.names)
+    places: dict[int, tuple[int, pin.SE3]] = {0: (0, pin.SE3.Identity())}  # of each body's frame
+    for b in range(1, mj.nbody):
+        joint, place = places[mj.body_parentid[b]]
+        place = place * pose(mj.body_pos[b], mj.body_quat[b])
+        first, count = mj.body_jntadr[b], mj.body_jntnum[b]
+        for j in range(first, first + count):
+            joint, place = _add_joint(model, mj, j, joint, place, _unique(mj, j, taken))
+            model.addJointFrame(joint)
+        places[b] = joint, place
+        inertia = pin.Inertia(mj.body_mass[b], np.zeros(3), np.diag(mj.body_inertia[b]))
+        principal = place * pose(mj.body_ipos[b], mj.body_iquat[b])
+        if joint:
+            model.appendBodyToJoint(joint, inertia, principal)
+        moving = model.getFrameId(model.names[joint], pin.FrameType.JOINT) if joint else 0
+        frame = pin.Frame(body_name(mj, b), joint, moving, place, pin.FrameType.BODY)
+        model.addFrame(frame, False)
+    model.armature = rotors(mj)
+    return model
+
+
+def pose(position: Array, wxyz: Array) -> pin.SE3:
+    """The pose with MuJoCo's position (3,) and quaternion (4,)."""
+    return pin.SE3(pin.Quaternion(*wxyz).normalized().toRotationMatrix(), np.array(position))
+
+
+def body_name(mj: Any, b: int) -> str:
+    """The name of a body, or its number."""
+    return mj.body(b).name or f"body {b}"
+
+
+def joint_names(mj: Any) -> list[str]:
+    """The names of all joints in Pinocchio's model; one without a name is called by its body."""
+    taken = {"universe"}
+    return [_unique(mj, j, taken) for j in range(mj.njnt)]
+
+
+def rotors(mj: Any) -> Array:
+    """(nv,) reflected rotor inertia of every velocity, of joints and actuators [kg·m² or kg]."""
+    found = mj.dof_armature.copy()
+    for j in range(mj.njnt):
+        if mujoco.mjtJoint(mj.jnt_type[j]) in _AXES:
+            for i in actuators_of(mj, j):
+                found[mj.jnt_dofadr[j]] += mj.actuator_armature[i] * mj.actuator_gear[i, 0] ** 2
+    return found
+
+
+def actuators_of(mj: Any, joint: int) -> list[int]:
+    """The actuators that act on a joint alone."""
+    kinds = {mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT}
+    return [
+        int(i)
+        for i in np.flatnonzero(mj.actuator_trnid[:, 0] == joint)
+        if mujoco.mjtTrn(mj.actuator_trntype[i]) in kinds
+    ]
+
+
+def _add_joint(
+    model: pin.Model, mj: Any, j: int, parent: int, place: pin.SE3, name: str
+) -> tuple[int, pin.SE3]:
+    """Adds a joint to a model.
+
+    Args:
+        model: Pinocchio's model.
+        mj: MuJoCo's model.
+        j: index of the joint in MuJoCo.
+        parent: index in Pinocchio of the joint before it.
+        place: of the body's frame in the frame of that joint, without this joint's motion.
+        name: of the new joint.
+
+    Returns:
+        Index of the new joint, and the place of the body's frame in its frame.
+    """
+    kind, axis, anchor = (
+        mujoco.mjtJoint(mj.jnt_type[j]),
+        mj.jnt_axis[j].copy(),
+        mj.jnt_pos[j].copy(),
+    )
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        free = model.addJoint(parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
+        return free, pin.SE3.Identity()
+    at, back = pin.SE3(np.eye(3), anchor), pin.SE3(np.eye(3), -anchor)
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        return model.addJoint(parent, pin.JointModelSpherical(), place * at, name), back
+    aligned, general = _AXES[kind]
+    exact = [k for k in range(3) if np.array_equal(axis, np.eye(3)[k])]
+    joint = aligned[exact[0]]() if exact else general(axis)
+    offset = -mj.qpos0[mj.jnt_qposadr[j]]  # MuJoCo's body is as drawn where the joint is at qpos0
+    if kind == mujoco.mjtJoint.mjJNT_HINGE:
+        start = pin.SE3(pin.exp3(offset * axis), np.zeros(3))
+    else:
+        start = pin.SE3(np.eye(3), offset * axis)
+    low, high = mj.jnt_range[j] if mj.jnt_limited[j] else (-np.inf, np.inf)
+    unlimited = np.array([np.inf])
+    index = model.addJoint(
+        parent, joint, place * at * start, name, unlimited, unlimited, np.r_[low], np.r_[high]
+    )
+    return index, back
+
+
+def _unique(mj: Any, j: int, taken: set[str]) -> str:
+    """A name for a joint that no other one has; it is added to `taken`."""
+    base = mj.joint(j).name or f"{body_name(mj, mj.jnt_bodyid[j])}_joint"
+    name, number = base, 2
+    while name in taken:
+        name, number = f"{base}_{number}", number + 1
+    taken.add(name)
+    return name

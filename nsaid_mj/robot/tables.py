@@ -1,0 +1,151 @@
+"""Identified parameters as YAML, for people and scripts, and for `mujoco.sysid`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..parameters import Array
+from ..resources import write_text
+from ..systems.optional import pin
+from .identified import Identified
+from .mjcf_export import moving_bodies
+from .mjcf_tree import pose
+from .model import RobotModel
+
+_RANGE = (0.1, 10.0)  # search range of masses and of the joints' parameters, over their values
+_STRETCH = (0.5, 2.0)  # of the second moments of mass, over their values
+_SHEAR = 0.5  # ± of the other entries of the pseudo-inertia's factor
+
+
+def write_yaml(robot: RobotModel, values: Identified, path: Path) -> None:
+    """Writes parameters with units, 95 % intervals and status, and the scale's anchor, as YAML.
+
+    Args:
+        robot: the robot.
+        values: what was identified.
+        path: of the file to write.
+    """
+    table: dict[str, Any] = {
+        "robot": robot.name,
+        "anchor": values.anchor,
+        "notes": list(values.notes),
+        "parameters": [
+            {
+                "name": p.name,
+                "value": float(p.value),
+                "unit": p.unit,
+                "interval": [float(p.low), float(p.high)],
+                "status": p.status,
+            }
+            for p in values.parameters
+        ],
+    }
+    write_text(path, _yaml(table) + "\n")
+
+
+def write_sysid(robot: RobotModel, values: Identified, path: Path) -> None:
+    """Writes a parameter dictionary of `mujoco.sysid`, for the model that `write_mjcf` writes.
+
+    `mujoco.sysid.ParameterDict.load_from_disk` reads it. There are ten numbers `<body>_inertia` for
+    every moving body, in the toolbox's log-Cholesky form, and one array each for `rotor`,
+    `viscous`, `coulomb` and `gain`, in the order of the robot's joints. As such a file cannot hold
+    functions, the modifiers that apply a parameter to a model must be set after reading it.
+
+    Args:
+        robot: a tree of joints.
+        values: what was identified.
+        path: of the file to write.
+
+    Raises:
+        InvalidInput: the robot is a vehicle.
+    """
+    parameters: dict[str, Any] = {}
+    for name, theta in _links(robot, values).items():
+        parameters |= _entry(f"{name}_inertia", theta, *_theta_range(theta))
+    for name, numbers in (
+        ("rotor", values.rotor),
+        ("viscous", values.damping),
+        ("coulomb", values.friction),
+        ("gain", values.gain),
+    ):
+        ends = np.sort(np.outer(_RANGE, numbers), axis=0)
+        parameters |= _entry(name, np.asarray(numbers), ends[0], ends[1])
+    write_text(path, _yaml(parameters) + "\n")
+
+
+def _links(robot: RobotModel, values: Identified) -> dict[str, Array]:
+    """(10,) log-Cholesky parameters of each body that `write_mjcf` gives a joint, by its name."""
+    model, found = values.model, {}
+    for body, joint, anchor in moving_bodies(robot, values):
+        inertia = model.inertias[model.getJointId(joint)]
+        place = pose(anchor, np.array([1.0, 0, 0, 0]))
+        found[body] = log_cholesky(place.act(inertia).toDynamicParameters())
+    return found
+
+
+def log_cholesky(inertial: Array) -> Array:
+    """(10,) `mujoco.sysid`'s parameters of a link: α, d (3), s₁₂, s₂₃, s₁₃, t (3).
+
+    With U = e^α [[e^d₁, s₁₂, s₁₃, t₁], [0, e^d₂, s₂₃, t₂], [0, 0, e^d₃, t₃], [0, 0, 0, 1]], the
+    pseudo-inertia is U Uᵀ (Rucker and Wensing, IEEE RA-L 7(2), 2022).
+
+    Args:
+        inertial: (10,) inertial parameters about the body's frame, in Pinocchio's order.
+    """
+    P = pin.PseudoInertia.FromDynamicParameters(inertial).toMatrix()
+    U = np.linalg.cholesky(P[::-1, ::-1])[::-1, ::-1]
+    V = U / U[3, 3]
+    d = np.log(V.diagonal()[:3])
+    return np.r_[np.log(U[3, 3]), d, V[0, 1], V[1, 2], V[0, 2], V[:3, 3]]
+
+
+def _theta_range(theta: Array) -> tuple[Array, Array]:
+    """Search range of log-Cholesky parameters (10,), that of the toolbox itself."""
+    low = np.r_[0.5 * np.log(_RANGE[0]), np.full(3, 0.5 * np.log(_STRETCH[0])), np.full(6, -_SHEAR)]
+    high = np.r_[0.5 * np.log(_RANGE[1]), np.full(3, 0.5 * np.log(_STRETCH[1])), np.full(6, _SHEAR)]
+    return theta + low, theta + high
+
+
+def _entry(name: str, value: Array, low: Array, high: Array) -> dict[str, Any]:
+    """One parameter as `mujoco.sysid` saves it."""
+    numbers = {"nominal": value, "min_value": low, "max_value": high, "value": value}
+    content = {key: array.tolist() for key, array in numbers.items()}
+    return {name: {"name": name, **content, "frozen": False}}
+
+
+def _yaml(value: Any, indent: str = "") -> str:
+    """A value as YAML; strings are quoted, as in JSON."""
+    if isinstance(value, Mapping) and value:
+        return "\n".join(f"{indent}{_scalar(k)}:{_nested(v, indent)}" for k, v in value.items())
+    if isinstance(value, Sequence) and not isinstance(value, str) and _deep(value):
+        return "\n".join(f"{indent}-{_nested(v, indent)}" for v in value)
+    return f"{indent}{_scalar(value)}"
+
+
+def _nested(value: Any, indent: str) -> str:
+    """A value after a key or a dash: on the same line if it is flat."""
+    if (isinstance(value, Mapping) and value) or _deep(value):
+        return "\n" + _yaml(value, indent + "  ")
+    return " " + _scalar(value)
+
+
+def _deep(value: Any) -> bool:
+    """Whether a value is a list with mappings in it."""
+    return isinstance(value, list) and any(isinstance(part, Mapping) for part in value)
+
+
+def _scalar(value: Any) -> str:
+    """A string, number, boolean or flat list on one line."""
+    if isinstance(value, list):
+        return "[" + ", ".join(_scalar(part) for part in value) + "]"
+    if isinstance(value, float) and not np.isfinite(value):
+        return ".nan" if np.isnan(value) else (".inf" if value > 0 else "-.inf")
+    if isinstance(value, float):
+        text = repr(value)  # YAML 1.1 wants a dot in 1e-05
+        return text if "e" not in text or "." in text else text.replace("e", ".0e")
+    return json.dumps(value, ensure_ascii=False)

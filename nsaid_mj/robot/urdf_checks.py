@@ -1,0 +1,270 @@
+"""URDF files as text and as XML, checked before Pinocchio merges links and drops the unreadable.
+
+Pinocchio treats a link whose `<inertial>` it cannot read as massless, and merges links that are
+welded together, so that nothing tells of the loss afterwards.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..bounds import LARGEST
+from ..errors import BadRobot, MimicIgnored, PassiveIgnored
+from ..parameters import Array
+
+ENTRIES = {
+    "ixx": (0, 0),
+    "ixy": (0, 1),
+    "ixz": (0, 2),
+    "iyy": (1, 1),
+    "iyz": (1, 2),
+    "izz": (2, 2),
+}
+"""Attributes of `<inertia>`, with their places in the matrix."""
+_DECLARED = re.compile(rb"""^\s*<\?xml[^>]*encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+_WIDE = (b"\xff\xfe", b"\xfe\xff")
+_RANGED = ("revolute", "prismatic")
+_KINDS = (*_RANGED, "continuous", "fixed", "floating", "planar")
+_CORRECT = "Correct the URDF."
+
+
+def read_text(path: Path) -> tuple[str, str]:
+    """The text of an XML file, and the encoding it should have had if it was read as Latin-1.
+
+    The encoding is the declared one, UTF-8 if there is none, and Latin-1 if that fails.
+
+    Raises:
+        BadRobot: the file cannot be read.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise BadRobot(str(path), "", reason, "Give the path of a readable file.") from error
+    declared = _DECLARED.match(content)
+    encoding = declared.group(1).decode() if declared else "utf-8"
+    if content.startswith(_WIDE):
+        encoding = "utf-16"
+    try:
+        return content.decode("utf-8-sig" if encoding.lower() == "utf-8" else encoding), ""
+    except (UnicodeError, LookupError):
+        return content.decode("latin-1"), encoding
+
+
+def parse(path: Path, text: str) -> ElementTree.Element:
+    """The root element of an XML text.
+
+    Raises:
+        BadRobot: names the line that is not XML.
+    """
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise BadRobot(str(path), "", f"it is not XML: {error}", "Correct the file.") from error
+
+
+def check_urdf(path: Path, root: ElementTree.Element) -> None:
+    """Checks what Pinocchio reports without its cause: names, the tree of links, limits, numbers.
+
+    Raises:
+        BadRobot: names the link or joint at fault.
+    """
+    if root.tag != "robot":
+        reason = f"its root element is <{root.tag}>, not <robot>"
+        raise BadRobot(str(path), "", reason, "Give a URDF file.")
+    if any("xacro}" in element.tag for element in root.iter()):
+        remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
+        raise BadRobot(str(path), "", "it has xacro macros", remedy)
+    for kind in ("link", "joint"):
+        names = [element.get("name", "") for element in root.findall(kind)]
+        if twice := sorted({name for name in names if names.count(name) > 1 or not name}):
+            reason = f"two {kind}s have this name" if twice[0] else f"a {kind} has no name"
+            raise BadRobot(str(path), f"{kind} {twice[0]!r}", reason, "Give each its own name.")
+    _check_tree(path, root)
+    for joint in root.findall("joint"):
+        _check_joint(path, joint)
+
+
+def _check_tree(path: Path, root: ElementTree.Element) -> None:
+    """Checks that the joints connect the links to one tree."""
+    links, above = [link.get("name", "") for link in root.findall("link")], {}
+    if not links:
+        raise BadRobot(str(path), "", "it has no link", _CORRECT)
+    for joint in root.findall("joint"):
+        name, (parent, child) = joint.get("name"), (end_of(joint, e) for e in ("parent", "child"))
+        for end, link in (("parent", parent), ("child", child)):
+            if link not in links:
+                reason = f"its {end} link {link!r} does not exist"
+                raise BadRobot(str(path), f"joint {name}", reason, _CORRECT)
+        if child in above:
+            reason = f"its child link {child} already has the parent {above[child]}"
+            remedy = "A robot is a tree: leave out one of the two joints."
+            raise BadRobot(str(path), f"joint {name}", reason, remedy)
+        above[child] = parent
+    for link in links:
+        passed = [link]
+        while passed[-1] in above:
+            passed.append(above[passed[-1]])
+            if passed[-1] == link:
+                loop = " → ".join(reversed(passed))
+                remedy = "A robot is a tree: leave out the joint that closes the loop."
+                raise BadRobot(str(path), f"link {link}", f"links form a loop, {loop}", remedy)
+            if len(passed) > len(links):
+                break  # a loop above: told at one of its own links
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        reason = f"the links {' and '.join(roots[:2])} both have no parent"
+        raise BadRobot(str(path), "", reason, "Connect them by a joint, or leave one out.")
+
+
+def _check_joint(path: Path, joint: ElementTree.Element) -> None:
+    """Checks the numbers of a joint, and that its range is not empty."""
+    part, kind, limit = f"joint {joint.get('name')}", joint.get("type"), joint.find("limit")
+    if kind not in _KINDS:
+        raise BadRobot(
+            str(path), part, f"its type is {kind!r}", f"It is one of {', '.join(_KINDS)}."
+        )
+    _check_vector(path, part, joint.find("axis"), "xyz")
+    for key in ("xyz", "rpy"):
+        _check_vector(path, part, joint.find("origin"), key)
+    if kind == "fixed":
+        return
+    axis, mimic = joint.find("axis"), joint.find("mimic")
+    direction = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+    if kind != "floating" and not np.any([float(x) for x in direction.split()]):
+        raise BadRobot(str(path), part, "its axis is 0 0 0", "Give the axis a direction.")
+    for key in ("multiplier", "offset"):
+        if mimic is not None and not np.isfinite(number(mimic.get(key, "0"))):
+            reason = f'its <mimic {key}="{mimic.get(key)}"> is not a number'
+            raise BadRobot(str(path), part, reason, _CORRECT)
+    if limit is None:
+        if kind in _RANGED:
+            remedy = "Add <limit lower= upper= effort= velocity=/>, or make it continuous."
+            raise BadRobot(str(path), part, "it has no <limit>", remedy)
+        return
+    for key, text in limit.attrib.items():
+        if key in ("lower", "upper", "effort", "velocity") and not np.isfinite(number(text)):
+            remedy = "Write a number; a joint without end stops is of the type continuous."
+            raise BadRobot(str(path), part, f"its limit {key} is {text!r}", remedy)
+    low, high = (number(limit.get(key, "0")) for key in ("lower", "upper"))
+    if kind in _RANGED and low > high:
+        reason = f"its lower limit {low:g} is above its upper limit {high:g}"
+        raise BadRobot(str(path), part, reason, "Exchange the two.")
+
+
+def check_masses(path: Path, root: ElementTree.Element) -> None:
+    """Checks that every `<inertial>` can be read, also those of links that do not move.
+
+    Raises:
+        BadRobot: names the first link whose mass or inertia is not a number, or negative.
+    """
+    for link, inertial in inertials(root):
+        part = f"link {link.get('name')}"
+        mass = mass_of(path, link, inertial)
+        if mass < 0:
+            remedy = "Give it a mass ≥ 0."
+            raise BadRobot(str(path), part, f"its mass is {mass:g} kg", remedy)
+        element = inertial.find("inertia")
+        about = inertia_of(inertial)
+        if not (np.abs(about) <= LARGEST).all():
+            reason = "it has no <inertia>"
+            if element is not None:
+                wrong = [
+                    f"{key}={element.get(key, '')!r}"
+                    for key, place in ENTRIES.items()
+                    if not abs(about[place]) <= LARGEST
+                ]
+                reason = f"its inertia has {', '.join(wrong)}"
+            remedy = "Write numbers of kg·m², with a decimal point."
+            raise BadRobot(str(path), part, reason, remedy)
+        if (np.diag(about) < 0).any():
+            reason = f"its moments of inertia are {', '.join(f'{x:g}' for x in np.diag(about))}"
+            raise BadRobot(str(path), part, f"{reason} kg·m²", "None may be negative.")
+
+
+def inertials(
+    root: ElementTree.Element,
+) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
+    """The links that have an `<inertial>`, and that element."""
+    for link in root.iter("link"):
+        inertial = link.find("inertial")
+        if inertial is not None:
+            yield link, inertial
+
+
+def mass_of(path: Path, link: ElementTree.Element, inertial: ElementTree.Element) -> float:
+    """The mass of an `<inertial>` [kg]; its `<origin>` is checked as well.
+
+    Raises:
+        BadRobot: the mass is missing, not a number, or beyond all bounds.
+    """
+    part, mass = f"link {link.get('name', '')}", inertial.find("mass")
+    value = "" if mass is None else mass.get("value", "")
+    kilograms = number(value)
+    if not abs(kilograms) <= LARGEST:
+        remedy = 'Write a number of kilograms, <mass value="1.5"/>.'
+        raise BadRobot(str(path), part, f"its mass is {value!r}", remedy)
+    for key in ("xyz", "rpy"):
+        _check_vector(path, part, inertial.find("origin"), key)
+    return kilograms
+
+
+def inertia_of(inertial: ElementTree.Element) -> Array:
+    """(3, 3) the inertia of an `<inertial>`, in its own axes [kg·m²]; NaN where unreadable."""
+    element, about = inertial.find("inertia"), np.zeros((3, 3))
+    for key, (i, j) in ENTRIES.items():
+        about[i, j] = about[j, i] = number(
+            (element.get(key, "nan" if i == j else "0")) if element is not None else "nan"
+        )
+    return about
+
+
+def _check_vector(path: Path, part: str, element: ElementTree.Element | None, key: str) -> None:
+    """Checks that an attribute is three numbers, if it is there."""
+    text = None if element is None else element.get(key)
+    if element is None or text is None:
+        return
+    numbers = [number(word) for word in text.split()]
+    if len(numbers) != 3 or not np.all(np.abs(numbers) <= LARGEST):
+        reason = f'its <{element.tag} {key}="{text}"> is not three numbers'
+        raise BadRobot(str(path), part, reason, _CORRECT)
+
+
+def end_of(joint: ElementTree.Element, end: str) -> str:
+    """The name of a joint's `parent` or `child` link."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def number(text: str) -> float:
+    """The number that a text stands for; NaN if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
+
+
+def warn_of_motors(path: Path, root: ElementTree.Element) -> None:
+    """Warns of joints that follow others or are passive: each is simulated with a motor.
+
+    A joint is passive if its effort is 0 and another's is not: many files state none at all.
+    """
+    moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    if names := [joint.get("name", "") for joint in moving if follows(joint)]:
+        warnings.warn(MimicIgnored(str(path), names), stacklevel=2)
+    limits = {joint.get("name", ""): joint.find("limit") for joint in moving}
+    efforts = {name: number(x.get("effort", "")) for name, x in limits.items() if x is not None}
+    names = [name for name, effort in efforts.items() if effort == 0.0]
+    if 0 < len(names) < len(efforts):
+        warnings.warn(PassiveIgnored(str(path), names), stacklevel=2)
+
+
+def follows(joint: ElementTree.Element) -> bool:
+    """Whether a joint is said to follow another one."""
+    return joint.find("mimic") is not None and joint.get("type") != "fixed"

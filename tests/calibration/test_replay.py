@@ -1,0 +1,55 @@
+import mujoco
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.data import Recordings, Segment
+from nsaid_mj.calibration.models import load_robot_model
+from nsaid_mj.calibration.replay import replay
+from nsaid_mj.errors import InvalidInput
+from nsaid_mj.log import Log
+from nsaid_mj.robot.mjcf_export import write_mjcf
+from tests.robot.test_mjcf import arm
+from tests.robot.urdfs import chain
+from tests.robot.values import identified
+
+
+def recorded(robot, values, path, rate=100, seconds=2.0):
+    """A log of the calibrated model itself, driven by sines."""
+    write_mjcf(robot, values, path)
+    mj = mujoco.MjModel.from_xml_path(str(path))
+    substeps = 5
+    mj.opt.timestep = 1 / (rate * substeps)
+    mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    data, n = mujoco.MjData(mj), len(robot.joints)
+    order = [list(mj.actuator_trnid[:, 0]).index(mj.joint(j).id) for j in robot.joints]
+    t = np.arange(round(rate * seconds)) / rate
+    u = 0.3 * np.sin(2 * np.pi * t[:, None] * (0.5 + np.arange(n)))
+    q, v = np.zeros((len(t), n)), np.zeros((len(t), n))
+    for k in range(len(t)):
+        q[k], v[k] = data.qpos, data.qvel
+        data.ctrl[order] = u[k]
+        mujoco.mj_step(mj, data, substeps)
+    segment = Segment(Log(t, q, v, u), np.ones((len(t), n), dtype=bool), "log", (1, len(t)))
+    return Recordings((segment,), rate, ("",) * n, np.zeros(n))
+
+
+@pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
+def test_the_model_that_made_a_log_follows_it(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(chain() if name.endswith("urdf") else arm())
+    robot = load_robot_model(str(path))
+    values = identified(robot)
+    found = replay(robot, values, recorded(robot, values, tmp_path / "calibrated.xml"))
+    assert found.exported.shape == (3,)
+    assert (found.exported < 1e-3).all()  # MuJoCo keeps the solver's last state, a log does not
+    assert (found.nominal > 5 * found.exported).all()
+
+
+def test_a_log_without_a_long_enough_segment_is_refused(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(chain())
+    robot = load_robot_model(str(path))
+    values = identified(robot)
+    short = recorded(robot, values, tmp_path / "calibrated.xml", seconds=0.1)
+    with pytest.raises(InvalidInput, match=r"0\.2 s"):
+        replay(robot, values, short)
