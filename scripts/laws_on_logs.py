@@ -14,13 +14,15 @@ from __future__ import annotations
 
 import argparse
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from nsaid_mj.calibration.data import RobotModel
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.law import LAWS
+from nsaid_mj.calibration.law import LAWS, follow_log
+from nsaid_mj.calibration.law_result import AlongLog
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.resources import asset
@@ -30,24 +32,34 @@ HEADS = ("log", "law", "largest deviation of a gain's ratio", "gains whose inter
          "batch fit's", "told apart", "misfit", "NRMSE of the last fifth", "time [s]")  # fmt: skip
 
 
-def line(name: str, law: str, model: str | RobotModel, logs: list[Path], mapping: Path | None):
-    """A row of the table; the reason where the law cannot follow the log."""
-    try:
-        found = identify(model, logs, mapping=mapping, law=law)
-    except NsaidError as error:
-        return [name, law, str(error)]
-    along = found.law
-    if along is None:
-        worst = max(joint.held_out for joint in found.joints)
-        return [name, law, "", "", "", found.explains, f"{worst:.3f}", f"{found.seconds:.0f}"]
+def lines(
+    name: str, laws: list[str], model: str | RobotModel, logs: list[Path], mapping: Path | None
+) -> Iterator[list[str]]:
+    """Rows of the table; the reason where a law cannot follow the log."""
+    found = identify(model, logs, mapping=mapping)
+    for law in laws:
+        if law == "batch":
+            worst = max(joint.held_out for joint in found.joints)
+            yield [name, law, "", "", "", found.explains, f"{worst:.3f}", f"{found.seconds:.0f}"]
+            continue
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                yield [name, law, *figures(follow_log(law, found, Path(folder)))]
+        except NsaidError as error:
+            yield [name, law, str(error)]
+
+
+def figures(along: AlongLog) -> list[str]:
+    """The columns of a law that has followed a log."""
     apart = max((abs(g.law / g.batch - 1) for g in along.gains), default=np.nan)
     stated = [g for g in along.gains if np.isfinite(g.half)]
     covered = f"{sum(g.covers for g in stated)} of {len(stated)}" if stated else "no intervals"
-    differ = sum(g.apart for g in along.gains)
+    halves = f", ± {np.median([g.half for g in stated]):.0%}" if stated else ""
     last = f"{np.nanmax(along.last):.3f} (batch {np.nanmax(along.batch_last):.3f})"
     status = "" if along.completed else f", ended at {along.run.ending.time:.1f} s"
     return [
-        name, law, f"{apart:.0%}{status}", covered, str(differ) if stated else "–",
+        f"{apart:.0%}{status}", covered + halves,
+        str(sum(g.apart for g in along.gains)) if stated else "–",
         along.misfit or "–", last, f"{along.seconds:.1f}",
     ]  # fmt: skip
 
@@ -100,14 +112,14 @@ def main() -> None:
         for row in servos:
             show(row)
         if not servos:
-            for law in laws:
-                show(line(name, law, str(model), logs, mapping))
+            for row in lines(name, laws, str(model), logs, mapping):
+                show(row)
     for name in filter(None, arguments.simulated.split(",")):
         simulated = Simulated(name, 0, 20.0)
         with tempfile.TemporaryDirectory() as place:
             log = simulated.write(Path(place) / "log.csv")
-            for law in laws:
-                show(line(f"{name}, simulated", law, nominal_model(simulated, 0), [log], None))
+            for row in lines(f"{name}, simulated", laws, nominal_model(simulated, 0), [log], None):
+                show(row)
 
 
 if __name__ == "__main__":

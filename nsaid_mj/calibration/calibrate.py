@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -17,17 +14,15 @@ from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
-from .law import follow_log, law_findings
-from .law_result import AlongLog
+from .law_result import Fitted
 from .least_squares import least_squares
-from .log_robot import log_robot
-from .precision import Precision, inflation, precision, tempered
+from .precision import inflation, precision, tempered
 from .problem import Problem, folds
 from .residuals import doubts, followed, widened, with_doubts
 from .result import Curves, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
-from .structure import Options, Structured
+from .structure import Options
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
@@ -42,8 +37,6 @@ def calibrate(
     options: Options = _DEFAULT,
     *,
     known: Mapping[str, float] | None = None,
-    law: str = "batch",
-    folder: Path | None = None,
     findings: tuple[Finding, ...] = (),
     told: Callable[[str], None] = lambda _: None,
 ) -> Identification:
@@ -55,8 +48,6 @@ def calibrate(
         validation: a log that takes no part in the fit; None to hold out parts of the training.
         options: of the structure.
         known: values of parameters by name or label [SI].
-        law: one of `law.LAWS`; others than `batch` follow the log besides.
-        folder: of such a law's record; None keeps no files.
         findings: what was noticed before.
         told: called with the name of every stage, for progress.
 
@@ -123,10 +114,6 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    along, said = _followed_by(
-        law, folder, robot, recordings, made, problem, options, exact, share, told
-    )
-    found += said
     explains, sentence = scale.judged(*with_doubts(*verdict(joints), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
@@ -147,24 +134,11 @@ def calibrate(
         nearest_friction(problem, fit.theta),
         _curves(problem, fit.theta),
         None if checked is None else _curves(checked, fit.theta),
-        along,
+        None,
         made.cutoff,
         time.perf_counter() - begin,
+        Fitted(made, problem, exact, share, options.coupled),
     )
-
-
-def _followed_by(
-    law: str, folder: Path | None, robot: RobotModel, recordings: Recordings, made: Structured,
-    problem: Problem, options: Options, exact: Precision, share: Array, told: Callable[[str], None],
-) -> tuple[AlongLog | None, list[Finding]]:  # fmt: skip
-    """A law along the log with what must be said of it; None for the batch fit alone."""
-    if law == "batch":
-        return None, []
-    told(f"following the log by law {law}")
-    known = log_robot(robot, recordings, made, problem, options.coupled)
-    with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
-        along = follow_log(law, robot, recordings, known, made, problem, exact, share, Path(place))
-    return along, law_findings(along)
 
 
 def _worse(held_out: Array, validation: Array | None) -> Array:

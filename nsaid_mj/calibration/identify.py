@@ -14,7 +14,7 @@ from ..resources import asset
 from .calibrate import calibrate
 from .data import Recordings, RobotModel
 from .joints import BASIC, COLUMNS
-from .law import LAWS
+from .law import LAWS, with_law
 from .logs import Map, checked, prepare, read_map, read_tables
 from .models import load_robot_model
 from .result import Identification
@@ -87,10 +87,10 @@ def identify(
         _delays(delay, len(robot.joints)),
         _cutoff(cutoff),
     )
-    return calibrate(
-        robot, recordings, validation, options, known=known, law=law,
-        folder=None if folder is None else Path(folder), told=told,
-    )  # fmt: skip
+    found = calibrate(robot, recordings, validation, options, known=known, told=told)
+    if law == "batch":
+        return found
+    return with_law(found, law, None if folder is None else Path(folder), told)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ..errors import UnknownName
 from ..evaluation.confidence import INTERVAL, gain_deviations
 from ..evaluation.misfit import misfit_of
 from ..experiment.loop import Observer, Robot, Run, followed
@@ -24,13 +25,13 @@ from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
 from .joints import differentiates
-from .law_result import AlongLog, Gain
+from .law_result import AlongLog, Fitted, Gain
 from .links import positions
-from .log_robot import LogRobot
+from .log_robot import log_robot
 from .logs.signals import noise
 from .measured import identifiers_of, measured_scenario
-from .precision import Precision, tempered
-from .problem import Problem
+from .precision import tempered
+from .result import Identification
 from .smoothing import delayed, filter_for, refined, smooth, smooth_commands
 from .structure import Structured
 from .timeline import recording_shifts
@@ -67,42 +68,42 @@ class _Watch(Observer):
         """Nothing is open."""
 
 
-def follow_log(
-    law: str,
-    robot: RobotModel,
-    recordings: Recordings,
-    known: LogRobot,
-    made: Structured,
-    problem: Problem,
-    exact: Precision,
-    share: Array,
-    folder: Path,
-) -> AlongLog:
-    """Runs a law along the prepared logs.
+def with_law(
+    found: Identification, law: str, folder: Path | None, told: Callable[[str], None]
+) -> Identification:
+    """An identification with a law that has followed the log besides, and what must be said of it.
+
+    Args:
+        found: by the batch fit.
+        law: one of `LAWS` but `batch`.
+        folder: of the law's record; None keeps no files.
+        told: called with the name of the stage.
+
+    Raises:
+        InvalidInput: the law does not suit the robot or its log.
+    """
+    told(f"following the log by law {law}")
+    with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
+        along = follow_log(law, found, Path(place))
+    warnings = [f for f in found.findings if f.level != "note"]
+    notes = found.findings[len(warnings) :]
+    return replace(found, law=along, findings=(*warnings, *law_findings(along), *notes))
+
+
+def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
+    """Runs a law along the prepared logs of an identification; see `with_law`.
 
     Args:
         law: one of `LAWS` but `batch`.
-        robot: the model.
-        recordings: the logs.
-        known: the robot as the batch fit has it.
-        made: what was chosen: delays above all.
-        problem: that was fitted.
-        exact: the batch fit's estimate and precision.
-        share: (n,) rows per effectively independent row.
+        found: by the batch fit.
         folder: of the record.
-
-    Raises:
-        UnknownName: there is no such law.
-        InvalidInput: the law does not suit the robot or its log.
     """
-    if law not in LAWS[1:]:
-        raise UnknownName("law", law, LAWS)
-    begin = time.perf_counter()
-    logs, start, rate = law_logs(robot, recordings, made)
-    steps = sum(len(log.t) for log in logs) - 1
+    begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
+    logs, start, rate = law_logs(robot, found.recordings, fitted.made)
+    steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
+    known = log_robot(robot, found.recordings, fitted.made, fitted.problem, fitted.coupled)
     scenario = measured_scenario(known, law, rate, noise_levels(logs), _ERROR, steps)
-    arm = robot.system is None
-    unexplained = unexplained_commands(problem, exact, share).tolist() if arm else []
+    unexplained = unexplained_commands(fitted).tolist() if arm else []
     scenario = replace(scenario, identifier=_configured(law, tuple(unexplained)))
     whole = known.robot_of(robot)
     identifiers = identifiers_of(scenario, whole)
@@ -112,10 +113,10 @@ def follow_log(
     misfit = misfit_of(run)
     if misfit:
         deviation = deviation * misfit.widening
-    last, batch_last = _last_fifth(problem, share, run, recordings, start)
+    last, batch_last = _last_fifth(found, run, start)
     return AlongLog(
-        law, run, problem.space.actuators, t + start, theta, deviation,
-        _gains(problem, exact, theta[-1], deviation[-1]),
+        law, run, fitted.problem.space.actuators, t + start, theta, deviation,
+        _gains(fitted, theta[-1], deviation[-1]),
         last, batch_last, misfit.level if misfit else "", time.perf_counter() - begin,
     )  # fmt: skip
 
@@ -139,11 +140,11 @@ def law_logs(
     start = float(recordings.segments[0].log.t[0] + shift[0])
     for own, segment in zip(shift, recordings.segments, strict=True):
         u = smooth_commands(segment, chosen)
-        held = delayed(segment, chosen, u, made.delays - 0.5 / rate) * np.sign(robot.gain)
+        held = delayed(segment, chosen, u, made.delays - 0.5 / rate)
         if robot.model is None:
             t, q, v = motion_of(robot.system, segment, chosen)[:3]
         else:
-            motion = smooth(segment, chosen, differentiate)
+            motion, held = smooth(segment, chosen, differentiate), held * np.sign(robot.gain)
             t, q, v = motion.t, positions(robot.model, motion.q), motion.v
         if len(t) > 1:
             found.append(Log(t + (own - start), q, v, held))
@@ -164,21 +165,17 @@ def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
     )
 
 
-def unexplained_commands(problem: Problem, exact: Precision, share: Array) -> Array:
+def unexplained_commands(fitted: Fitted) -> Array:
     """(n,) density of what an arm's batch fit leaves of the commands [units², times s].
 
     Residuals of variance σ² at intervals h, of which one in `share` counts as independent, are
     those of a white command of density σ² h share, as far as the motion is concerned.
     """
-    used, theta = problem.usable, estimate_of(problem, exact)
+    problem, theta = fitted.problem, fitted.theta
+    used = problem.usable
     residual = np.where(used, problem.residual(theta), 0.0) / theta[problem.space.actuators]
     power = np.sum(residual**2, axis=0) / np.maximum(used.sum(axis=0), 1)
-    return power * share * float(np.median(np.diff(problem.t)))
-
-
-def estimate_of(problem: Problem, exact: Precision) -> Array:
-    """(p,) the batch fit's θ̂; a precision's leaves known values out."""
-    return exact.theta + problem.prior * problem.known
+    return power * fitted.share * float(np.median(np.diff(problem.t)))
 
 
 def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
@@ -187,12 +184,13 @@ def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
     return tuple(float(np.median([noise(x) for x in part.T])) for part in (log.q, log.v))
 
 
-def _gains(problem: Problem, exact: Precision, theta: Array, deviation: Array) -> tuple[Gain, ...]:
+def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
     """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's.
 
     Empty where a gain is not positive.
     """
-    at, own = problem.space.actuators, estimate_of(problem, exact)
+    space, own = fitted.problem.space, fitted.theta
+    at = space.actuators
     if len(at) < 2 or not ((theta[at] > 0) & (own[at] > 0)).all():
         return ()
     ours, theirs = (np.exp(np.log(x[at]) - np.log(x[at]).mean()) for x in (theta, own))
@@ -200,23 +198,22 @@ def _gains(problem: Problem, exact: Precision, theta: Array, deviation: Array) -
     for i, index in enumerate(at):
         weights = np.zeros(len(own))
         weights[at] = ((np.arange(len(at)) == i) - 1 / len(at)) / own[at]
-        half = INTERVAL * float(deviation[i]), INTERVAL * exact.of(weights)
-        label = problem.space.labels[index]
+        half = INTERVAL * float(deviation[i]), INTERVAL * fitted.exact.of(weights)
+        label = space.labels[index]
         found.append(Gain(label, float(ours[i]), half[0], float(theirs[i]), half[1]))
     return tuple(found)
 
 
-def _last_fifth(
-    problem: Problem, share: Array, run: Run, recordings: Recordings, start: float
-) -> tuple[Array, Array]:
+def _last_fifth(found: Identification, run: Run, start: float) -> tuple[Array, Array]:
     """(n,) NRMSE of the last rows under the law's θ̂ before them, and (n,) under a batch fit's."""
+    problem = found.fitted.problem
     first = round((1 - _LAST) * len(problem.t))
     before = problem.select(np.arange(first))
     last = problem.select(np.arange(first, len(problem.t)))
-    shift = recording_shifts(recordings)[problem.segment[first]]
+    shift = recording_shifts(found.recordings)[problem.segment[first]]
     row = int(np.searchsorted(run.record["t"], problem.t[first] + shift - start))
     theta = np.array(run.record["theta_hat"][min(max(row - 1, 0), len(run.record) - 1)])
-    fitted = minimise(before, tempered(before, share)).theta
+    fitted = minimise(before, tempered(before, found.fitted.share)).theta
     return last.nrmse(theta, problem), last.nrmse(fitted, problem)
 
 

@@ -10,6 +10,32 @@ import numpy as np
 from ..experiment.loop import Run
 from ..identifiers import Status
 from ..parameters import Array, Indices
+from .precision import Precision
+from .problem import Problem
+from .structure import Structured
+
+
+class Fitted(NamedTuple):
+    """What a batch fit was made of.
+
+    Attributes:
+        made: what was chosen.
+        problem: rows and prior.
+        exact: the estimate and its precision.
+        share: (n,) rows per effectively independent row.
+        coupled: pairs (i, j, ±1) of joints with a common motor.
+    """
+
+    made: Structured
+    problem: Problem
+    exact: Precision
+    share: Array
+    coupled: tuple[tuple[int, int, int], ...]
+
+    @property
+    def theta(self) -> Array:
+        """(p,) θ̂; a precision's leaves known values out."""
+        return self.exact.theta + self.problem.prior * self.problem.known
 
 
 class Gain(NamedTuple):

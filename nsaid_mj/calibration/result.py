@@ -12,11 +12,10 @@ import numpy as np
 from ..parameters import Array, Indices
 from .data import Recordings, RobotModel
 from .findings import Finding
-from .law_result import AlongLog
-from .problem import Mask
+from .law_result import AlongLog, Fitted
+from .problem import Explains, Mask
 
 Status = Literal["identified", "only in combination", "not excited", "below the noise", "known"]
-Explains = Literal["yes", "partly", "no"]
 
 
 @dataclass(frozen=True)
@@ -147,6 +146,7 @@ class Identification:
         law: that followed the log besides; None if the batch fit is alone.
         cutoff: of the rows' filter [Hz].
         seconds: what the identification took [s].
+        fitted: what was fitted, for laws that follow the log.
     """
 
     robot: RobotModel
@@ -168,6 +168,7 @@ class Identification:
     law: AlongLog | None
     cutoff: float
     seconds: float
+    fitted: Fitted
 
     def of(self, block: str) -> list[Parameter]:
         """The parameters of a kind, such as "motor gain"."""

@@ -7,8 +7,8 @@ import numpy as np
 from ..parameters import Array, ParameterSpace
 from .fit import Fit
 from .precision import Combinations, Precision, combinations
-from .problem import Problem
-from .result import Combination, Explains, JointFit, Parameter, Status
+from .problem import Explains, Problem
+from .result import Combination, JointFit, Parameter, Status
 
 Z = 1.96  # of a 95 % interval
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation

@@ -110,6 +110,7 @@ def identification(
         theta, 0.1 * np.abs(theta), np.diag(0.01 * theta**2) + 1e-4 * np.outer(theta, theta),
         (np.ones(n), np.ones(n)),
         curves, curves if validated else None, along if law else None, 8.0, 1.5,
+        None,  # type: ignore[arg-type]  # nothing was fitted
     )  # fmt: skip
 
 

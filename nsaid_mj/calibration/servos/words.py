@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..findings import Finding
-from ..result import Explains, Parameter, Status
+from ..problem import Explains
+from ..result import Parameter, Status
 from .estimate import JointEstimate
 from .fit import NAMES
 from .result import Servo

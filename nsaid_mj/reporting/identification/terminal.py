@@ -163,8 +163,8 @@ def _print_law(console: Console, result: Identification) -> None:
     if result.law is None:
         return
     name = result.law.name
-    table = _table("gains over their mean", f"law {name}", "95 % interval", "batch", "95 % interval",
-                   "agree")  # fmt: skip
+    heads = [f"law {name}", "95 % interval", "batch", "95 % interval", "agree"]
+    table = _table("gains over their mean", *heads)
     for line in words.law_gains(result.law)[:_GAINS]:
         table.add_row(f"  {escape(line[0])}", *line[1:])
     if result.law.gains:
