@@ -1,6 +1,6 @@
 """How far the laws that see a log once stay from the batch fit, on real and on simulated logs.
 
-    python scripts/laws_on_logs.py FOLDER [--simulated ur5,panda] [--laws efficient,memory]
+    python -m scripts.laws_on_logs FOLDER [--simulated ur5,panda] [--laws efficient,memory]
 
 Every folder below FOLDER with a model (.urdf or .xml) and logs (.csv or .csv.gz) is identified by
 every law; its map is its own map.toml, or that of the packed robot of its name. Simulated logs are
