@@ -62,6 +62,7 @@ from .plants import parse_faults as parse_faults
 from .plants.aerial import QuadrotorPlant as QuadrotorPlant
 from .plants.arm import ArmPlant as ArmPlant
 from .plants.arm import FloatingBasePlant as FloatingBasePlant
+from .plants.flying_arm import FlyingArmPlant as FlyingArmPlant
 from .plants.ground import BMW320iPlant as BMW320iPlant
 from .plants.ground import CarPlant as CarPlant
 from .plants.ground import F1TenthPlant as F1TenthPlant
@@ -71,26 +72,18 @@ from .plants.scalar_rov import ScalarRovPlant as ScalarRovPlant
 from .plants.space import AstrobeePlant as AstrobeePlant
 from .plants.torpedo import REMUS100Plant as REMUS100Plant
 from .plants.underwater import BlueROV2Plant as BlueROV2Plant
-from .plants.vehicle_manipulator import FlyingArmPlant as FlyingArmPlant
-from .plants.vehicle_manipulator import UvmsPlant as UvmsPlant
+from .plants.uvms import UvmsPlant as UvmsPlant
 from .reporting.finish import finish as finish
 from .streaming.client import live as live
+from .structure.general import GeneralSystem as GeneralSystem
+from .structure.joints import JointScales as JointScales
+from .structure.joints import JointTree as JointTree
+from .structure.multibody import CompiledMultibody as CompiledMultibody
+from .structure.multibody import Multibody as Multibody
+from .structure.single_body import Operation as Operation
+from .structure.single_body import SingleBody as SingleBody
+from .structure.structured import StructuredKinematics as StructuredKinematics
+from .structure.structured import StructuredSystem as StructuredSystem
 from .system import SecondOrderSystem as SecondOrderSystem
-from .systems.compiled import CompiledMultibody as CompiledMultibody
-from .systems.flying_arm import FlyingArm as FlyingArm
-from .systems.general import GeneralSystem as GeneralSystem
-from .systems.joints import JointTree as JointTree
-from .systems.multibody import JointScales as JointScales
-from .systems.multibody import MotorTree as MotorTree
-from .systems.multibody import Multibody as Multibody
-from .systems.scalar import ScalarVehicle as ScalarVehicle
-from .systems.structured import StructuredKinematics as StructuredKinematics
-from .systems.structured import StructuredSystem as StructuredSystem
-from .systems.underwater_manipulator import Cylinders as Cylinders
-from .systems.underwater_manipulator import LinkFluidScales as LinkFluidScales
-from .systems.underwater_manipulator import UnderwaterManipulator as UnderwaterManipulator
-from .systems.vehicle import Operation as Operation
-from .systems.vehicle import SingleBody as SingleBody
-from .systems.vehicle_manipulator import VehicleManipulator as VehicleManipulator
 
 __version__: str

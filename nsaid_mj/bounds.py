@@ -206,6 +206,8 @@ def shown(value: object) -> object:
         text = str(value)
     except ValueError:  # Python writes no integer of more than 4300 digits
         return "a whole number of thousands of digits"
+    except RecursionError:
+        return "thousands of values inside each other"
     return value if len(text) <= 80 else f"{text[:77]}…"
 
 

@@ -7,7 +7,23 @@ attributes, so that a script can act on it without parsing the message.
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
+
+
+def printable(text: str) -> str:
+    """A text with U+FFFD for each control character, such as the escape that steers a terminal.
+
+    Lines and tabs stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join("\ufffd" if _controls(c) else c for c in text)
+
+
+def _controls(character: str) -> bool:
+    """Whether a character is a control, a direction of writing, or half a surrogate pair."""
+    return character not in "\n\t" and unicodedata.category(character) in ("Cc", "Cf", "Cs")
 
 
 class NsaidError(Exception):

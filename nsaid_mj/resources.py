@@ -88,6 +88,14 @@ def numbers(vehicle: str) -> dict[str, Any]:
         return tomllib.load(stream)
 
 
+def print_json(value: Any) -> None:
+    """Prints a value as strict JSON; numbers that are not finite become null."""
+    from .bounds import without_nonfinite  # pydantic takes a fifth of a second
+
+    plain = without_nonfinite(value)
+    print(json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False), flush=True)
+
+
 def write_json(path: Path, value: Any) -> None:
     """Writes a value as JSON, atomically.
 

@@ -3,7 +3,7 @@
 A `SecondOrderSystem` is structure only: it defines the regressors' columns and holds no parameter
 values. What differs between systems is abstract here; what follows from it (the paper's W_M, W_C, F
 for batches, the mass matrix (8), the acceleration (29)) is final. A system that defines only W_M,
-W_C, F and its kinematics for one sample derives from `systems.general.GeneralSystem`.
+W_C, F and its kinematics for one sample derives from `structure.general.GeneralSystem`.
 
 Symbols: q (m,) position, v (n,) measured velocity, x = (q, v) (m+n,) the combined state (3),
 w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), a (n,)
@@ -27,7 +27,7 @@ class Motion(Protocol):
     """All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
 
     Any number of identifiers can share it. The type of the motion selects the code that compiled
-    loops run at every stage; see `dynamics.motions`.
+    loops run at every stage; see `structure.motion_types`.
 
     Attributes:
         t: (N,) times [s].

@@ -38,9 +38,8 @@ from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import nominal_scales
 from nsaid_mj.robot.robots import Base, load_robot
 from nsaid_mj.robot.tree import tree_spec
+from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from nsaid_mj.system import SecondOrderSystem
-from nsaid_mj.systems.compiled import CompiledMultibody
-from nsaid_mj.systems.multibody import Multibody
 
 matplotlib.use("Agg")
 

@@ -8,7 +8,7 @@ survive, why that does not matter. Every named test must pass before anything is
 killed and survived, and ends with 1 if fewer than nine in ten are killed.
 
 Kernels are compiled in a cache of the copy's own. A mutant of a file that no kernel can come from
-uses those of the unchanged tree.
+uses those of the unchanged tree, and those of a room that is `interpreted` run as plain Python.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ class Mutant(NamedTuple):
         tests: that should fail, from the root.
         why: what would be wrong.
         excuse: why its survival does not matter; "" if it must be killed.
+        interpreted: whether its tests run kernels as plain Python, without compiling.
     """
 
     file: str
@@ -51,6 +52,7 @@ class Mutant(NamedTuple):
     tests: tuple[str, ...]
     why: str
     excuse: str = ""
+    interpreted: bool = False
 
 
 def mutants_of(room: str) -> list[Mutant]:
@@ -67,7 +69,8 @@ def mutants_of(room: str) -> list[Mutant]:
         if count != 1:
             raise SystemExit(f"{name}: {old!r} occurs {count} times")
         paths = tuple(f"{data['tests']}/{test}" for test in tests.split())
-        found.append(Mutant(f"{data['code']}/{name}", old, new, paths, *words))
+        mutant = Mutant(f"{data['code']}/{name}", old, new, paths, *words)
+        found.append(mutant._replace(interpreted=data.get("interpreted", False)))
     return found
 
 
@@ -80,14 +83,15 @@ def copied(folder: Path) -> None:
         shutil.copy2(file, folder / file.name)
 
 
-def passes(folder: Path, tests: tuple[str, ...]) -> bool:
-    """Whether tests pass in a copy of the tree.
+def passes(folder: Path, tests: tuple[str, ...], interpreted: bool = False) -> bool:
+    """Whether tests pass in a copy of the tree, with kernels compiled or as plain Python.
 
     Raises:
         SystemExit: they cannot be run at all.
     """
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
     own = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "kernels")}
+    own |= {"NUMBA_DISABLE_JIT": "1"} if interpreted else {}
     environment = os.environ | {"OMP_NUM_THREADS": "1"} | own
     done = subprocess.run(
         command, check=False, cwd=folder, env=environment, capture_output=True, text=True
@@ -117,7 +121,7 @@ def survives(folder: Path, mutant: Mutant) -> bool:
         same = caches / digest(folder / "nsaid_mj")
         if not compiled(folder, mutant.file) and not same.exists():
             same.symlink_to(kernels)
-        return passes(folder, mutant.tests)
+        return passes(folder, mutant.tests, mutant.interpreted)
     finally:
         path.write_text(text, encoding="utf-8")
         os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
@@ -136,9 +140,11 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copied(folder)
-        tests = tuple(sorted({test for mutant in mutants for test in mutant.tests}))
-        if not passes(folder, tests):
-            raise SystemExit("The tests fail without any mutant.")
+        for interpreted in sorted({mutant.interpreted for mutant in mutants}):
+            ours = (m.tests for m in mutants if m.interpreted is interpreted)
+            tests = tuple(sorted({test for each in ours for test in each}))
+            if not passes(folder, tests, interpreted):
+                raise SystemExit("The tests fail without any mutant.")
         for mutant in mutants:
             left = survives(folder, mutant)
             alive += [mutant] if left else []

@@ -14,6 +14,7 @@ it, the largest error of their ratios, and how many intervals of ratios hold.
 from __future__ import annotations
 
 import argparse
+import copy
 import tempfile
 from pathlib import Path
 
@@ -96,12 +97,37 @@ class HeavyWrist:
         data, poses = true.createData(), positions(true, q[::250])
         inertia = np.mean([np.diag(pin.crba(true, data, pose)) for pose in poses], axis=0)
         rotor = inertia * np.where(wrist, 3.0, 0.3) * rng.uniform(0.5, 1.5, n)
-        force = links + rotor * a + viscous * v + coulomb * np.tanh(v / 0.02)
+        self._joint = rotor, viscous, coulomb
+        force = links + self._on_joints(v, a)
         self.gain = rng.uniform(0.5, 2.0, n) * np.sqrt(np.mean(force**2, axis=0)) / 3.0
+        self._record(motion, force, rng)
+
+    def _on_joints(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        rotor, viscous, coulomb = self._joint
+        return rotor * a + viscous * v + coulomb * np.tanh(v / 0.02)
+
+    def _record(self, motion: Motion, force: np.ndarray, rng: np.random.Generator) -> None:
         u = force / self.gain
         self.u = np.round(u * STEPS / np.abs(u).max(axis=0)) * np.abs(u).max(axis=0) / STEPS
         q = motion.at(self.t)[0]
         self.q = q + NOISE * rng.standard_normal(q.shape)
+
+    def loaded(self, seed: int, mass: float, centre: np.ndarray) -> HeavyWrist:
+        """Another log of the same arm, with a small ball fixed to its last link.
+
+        Args:
+            seed: of motion and noise.
+            mass: of the ball [kg].
+            centre: (3,) of the ball in the frame of the last joint [m].
+        """
+        other, rng = copy.copy(self), np.random.default_rng([seed, 22])
+        motion = Motion(self.robot.model, rng)
+        true = pin.Model(self.true)
+        ball = pin.Inertia.FromSphere(mass, 0.03)
+        true.inertias[true.njoints - 1] += pin.Inertia(mass, centre, ball.inertia)
+        q, v, a = motion.at(self.t + DELAY)
+        other._record(motion, _torques(true, q, v, a) + self._on_joints(v, a), rng)
+        return other
 
     def write(self, path: Path) -> Path:
         """Writes the log as CSV."""

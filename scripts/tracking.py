@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from nsaid_mj.experiment.library import load
-from nsaid_mj.studies.tracking import Course, Plan, table_rows
+from nsaid_mj.studies.tracking import Course, Plan, table_of
 from nsaid_mj.studies.tracking_page import PICTURE
 from nsaid_mj.studies.tracking_run import run
 
@@ -46,12 +46,12 @@ def main() -> None:
                 if chosen.picture:
                     shutil.copy(Path(folder) / PICTURE, chosen.picture)
                     chosen.picture = None
-            heads, rows = table_rows(plan, done)
+            table = table_of(plan, done)
             print(f"`{name}`, {sensors} sensors, {len(seeds)} seeds\n")
-            print("| " + " | ".join(heads) + " |")
-            print("|---" * len(heads) + "|")
-            for row in rows:
-                print("| " + " | ".join(row) + " |")
+            print("| " + " | ".join(table.heads) + " |")
+            print("|---" * len(table.heads) + "|")
+            for row in table.lines:
+                print("| " + " | ".join(map(str, row)) + " |")
             for course in done if chosen.every else ():
                 if course.seed == seeds[0]:
                     errors = over_time(course, chosen.every)

@@ -21,10 +21,8 @@ HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"
 ORDER = (
     ("errors", "bounds", "parameters", "log", "resources"),
     ("numerics",),
-    ("structure",),
     ("system",),
-    ("dynamics",),
-    ("systems",),
+    ("structure",),
     ("nullspace",),
     ("identifiers",),
     ("robot",),
@@ -106,7 +104,7 @@ def test_every_package_folder_is_in_the_order_of_imports():
 
 def test_there_are_at_most_25_rooms():
     outside = 3  # the package's own file, scenarios, scripts
-    leaving = {"dynamics", "systems", "calibration"}  # structure, robot, logs take their place
+    leaving = {"calibration"}  # robot and logs take its place
     assert len(set(LINE) - leaving) + outside <= 25
 
 
@@ -160,15 +158,15 @@ def test_importing_the_package_loads_nothing_heavy():
 
 
 def test_the_lower_rooms_load_nothing_heavy():
-    rooms = ("numerics", "system", "dynamics", "nullspace", "identifiers")
+    rooms = ("numerics", "system", "structure", "nullspace", "identifiers")
     assert not imported("import " + ", ".join(f"nsaid_mj.{room}" for room in rooms)) & HEAVY
     assert not imported("import nsaid_mj.control") & (HEAVY - {"pinocchio"})
 
 
-def test_systems_import_neither_mujoco_nor_plants():
-    systems = [f"nsaid_mj.{module}" for module in FILES if part(module) == "systems"]
-    modules = imported(f"import {', '.join(systems)}")
-    assert modules.issuperset(systems)
+def test_structures_import_neither_mujoco_nor_plants():
+    structures = [f"nsaid_mj.{module}" for module in FILES if part(module) == "structure"]
+    modules = imported(f"import {', '.join(structures)}")
+    assert modules.issuperset(structures)
     assert not modules & (HEAVY - {"pinocchio"})
 
 
@@ -183,9 +181,12 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
     "package,homes",
     [
         ("mujoco", {"robot", "plants", "baselines", "calibration"}),
-        ("rerun", {"recording"}),
+        ("rerun", {"recording", "calibration"}),  # which reads recordings of others
         ("tyro", {"cli", "experiment"}),
-        ("pinocchio", {"robot", "plants", "systems", "recording", "baselines", "calibration"}),
+        (
+            "pinocchio",
+            {"optional", "robot", "plants", "structure", "recording", "baselines", "calibration"},
+        ),
         ("matplotlib", {"reporting"}),
         ("pyarrow", {"experiment", "recording", "studies", "calibration"}),
         ("joblib", {"studies"}),
@@ -203,7 +204,7 @@ def named(node: ast.Import | ast.ImportFrom) -> list[str]:
 
 
 def test_pinocchio_is_imported_lazily_wherever_it_is_used():
-    """Vehicles run without it: only `systems.optional` names it in an import of a module."""
+    """Vehicles run without it: only `structure.optional` names it in an import of a module."""
     users = {
         m
         for m, path in FILES.items()

@@ -24,8 +24,8 @@ from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
 from ..robot.tree import tree_spec
-from ..systems.multibody import MotorTree
-from ..systems.optional import pin
+from ..structure.joints import JointTree
+from ..structure.optional import pin
 
 if TYPE_CHECKING:
     from . import Problem
@@ -61,7 +61,7 @@ def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
             prior, or the log is shorter than a chunk.
     """
     system, log, prior, _ = problem
-    if not isinstance(system, MotorTree) or system.group:
+    if not isinstance(system, JointTree) or system.group:
         raise NoEstimate("mujoco.sysid is set up for fixed-base arms only", "Leave it out.")
     toolbox = _toolbox()
     model, step = _Model(toolbox, system, prior, log.step), log.step
@@ -137,7 +137,7 @@ class _Search:
 class _Model:
     """MuJoCo's model of an arm as a function of the parameters, built from structure and prior."""
 
-    def __init__(self, toolbox: Any, system: MotorTree, prior: Array, step: float):
+    def __init__(self, toolbox: Any, system: JointTree, prior: Array, step: float):
         self._toolbox, self._system = toolbox, system
         tree = pin.Model(system.model)
         for i in range(system.bodies):

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.optimize
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding
@@ -52,7 +52,7 @@ def structured_arm(
     slow, recordings = rate_checks(recordings.rate), finer(recordings)
     validation = None if validation is None else finer(validation)
     chosen = filter_for(recordings, options.cutoff)
-    rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)))
+    rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)), options.loads)
     if robot.weightless:
         rows.robot = robot = _weighed(robot, rows, recordings.command_units)
     gain, spread, doubts = expected_gains(robot, rows, recordings.command_units)
@@ -66,7 +66,7 @@ def structured_arm(
 
     def alike(logs: Recordings, filters: Filter) -> Problem:
         """The chosen structure, and the weight for load friction, for the rows of another log."""
-        other = JointRows(robot, logs, filters, gain)
+        other = JointRows(robot, logs, filters, gain, options.loads)
         other.reweigh(links)
         return other.problem(choice, gain, spread)
 

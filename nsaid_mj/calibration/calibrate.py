@@ -16,6 +16,7 @@ from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
 from .law_result import Fitted
 from .least_squares import least_squares
+from .payloads import check_loads, payloads
 from .precision import inflation, precision, tempered
 from .problem import Problem, folds
 from .residuals import doubts, followed, widened, with_doubts
@@ -56,7 +57,11 @@ def calibrate(
         UnknownName: a known parameter does not exist.
         InvalidInput: a known value is not physical.
     """
-    begin, known = time.perf_counter(), known or {}
+    begin, known = time.perf_counter(), dict(known or {})
+    if options.loads:
+        check_loads(options.loads, [segment.source for segment in recordings.segments])
+        for payload in payloads(robot.model, options.loads):
+            known |= payload.known
     found = [*robot.findings, *recordings.findings, *findings]
     if validation is not None:
         found += [f for f in validation.findings if f not in found]

@@ -17,6 +17,7 @@ from .joints import BASIC, COLUMNS
 from .law import LAWS, with_law
 from .logs import Map, checked, prepare, read_map, read_tables
 from .models import load_robot_model
+from .payloads import Load, load_of
 from .result import Identification
 from .structure import Options
 from .vehicles import EXTRA
@@ -32,6 +33,7 @@ def identify(
     validate: PathLike | Sequence[PathLike] = (),
     mapping: PathLike | Map | None = None,
     known: Mapping[str, float] | None = None,
+    loads: Sequence[str | Load] = (),
     lock: Sequence[str] = (),
     joints: Sequence[str] | None = None,
     columns: Sequence[str] | None = None,
@@ -52,6 +54,7 @@ def identify(
         mapping: which columns of the logs are what; the path of a map.toml, or None to match
             columns with the model's joints by name.
         known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
+        loads: weighed ones, such as "loaded.csv:0.25kg@gripper", which fix the common scale.
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
         columns: columns that all joints have besides rotor inertia, viscous and Coulomb friction,
@@ -86,6 +89,7 @@ def identify(
         _coupled(chosen),
         _delays(delay, len(robot.joints)),
         _cutoff(cutoff),
+        _loads(loads, robot),
     )
     found = calibrate(robot, recordings, validation, options, known=known, told=told)
     if law == "batch":
@@ -161,6 +165,17 @@ def _delays(delay: float | Sequence[float] | None, k: int) -> Array | None:
             "delay", f"1 or {k} numbers within ±1 s", given.tolist(), "0.01 is 10 ms."
         )
     return np.broadcast_to(given, (k,)).copy()
+
+
+def _loads(loads: Sequence[str | Load], robot: RobotModel) -> tuple[Load, ...]:
+    """The loads that a user stated.
+
+    Raises:
+        InvalidInput: a text has another form, or the robot is no tree of joints.
+    """
+    if loads and robot.system is not None:
+        raise InvalidInput("--load", "a robot of joints", "a vehicle", "Give --known.")
+    return tuple(load_of(load) if isinstance(load, str) else load for load in loads)
 
 
 def _cutoff(cutoff: float | None) -> float | None:

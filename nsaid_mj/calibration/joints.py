@@ -20,6 +20,7 @@ from ..parameters import Array, Block, Indices, ParameterSpace
 from .data import Recordings, RobotModel
 from .links import file_links, link_blocks, link_columns, size_of_links, weight_columns, weight_of
 from .logs.signals import noise
+from .payloads import Load, payloads
 from .problem import Mask, Problem, Size
 from .smoothing import Filter, delayed, smooth, smooth_commands
 
@@ -103,6 +104,7 @@ class JointRows:
         recordings: the segments.
         chosen: filters.
         gain: (k,) expected gains [N·m or N per unit of command].
+        loads: that some of the segments carry.
 
     Attributes:
         links: (N, n, 10 b) columns of the links.
@@ -118,6 +120,7 @@ class JointRows:
     recordings: Recordings
     chosen: Filter
     gain: Array
+    loads: tuple[Load, ...] = ()
     links: Array = field(init=False)
     diagonal: dict[str, Array] = field(init=False)
     weight: Array = field(init=False)
@@ -226,6 +229,12 @@ class JointRows:
             Y.append(entries)
             prior.append(np.zeros(3))
             spread.append(10 * guess)
+        for payload in payloads(model, self.loads):
+            carried = [s.source in payload.sources for s in self.recordings.segments]
+            blocks.append(payload.block)
+            Y.append(self.links[:, :, payload.place] * np.array(carried)[self.segment, None, None])
+            prior.append(payload.prior)
+            spread.append(np.full(10, np.inf))
         entries = np.zeros((len(self.t), n, n))
         entries[:, np.arange(n), np.arange(n)] = -u
         blocks.append(_gain_block(robot.joints, slides, gain, self.recordings.command_units))

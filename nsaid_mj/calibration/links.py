@@ -8,9 +8,9 @@ import numpy as np
 
 from ..parameters import Array, Block
 from ..plants.arm import extent
-from ..systems.joints import body_names
-from ..systems.multibody import link_block
-from ..systems.optional import pin
+from ..structure.blocks import link_block
+from ..structure.joints import body_names
+from ..structure.optional import pin
 from .problem import size_weights
 from .smoothing import Smooth
 

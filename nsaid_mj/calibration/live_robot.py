@@ -11,7 +11,7 @@ from ..experiment.loop import Robot
 from ..identifiers.cone.prior import drawn_inside
 from ..parameters import Array
 from ..plants.arm import ArmPlant, nominal_scales
-from ..systems.compiled import CompiledMultibody
+from ..structure.multibody import CompiledMultibody
 from .data import RobotModel
 from .links import file_links
 from .measured import MeasuredRobot

@@ -12,13 +12,21 @@ from ..errors import InvalidInput
 from ..experiment.loop import Robot
 from ..identifiers.cone.prior import drawn_inside
 from ..parameters import Array, Block, Geometry, ParameterSpace
+from ..structure.joints import (
+    JointScales,
+    JointTree,
+    bodies_of,
+    body_names,
+    joint_names,
+    moving_joints,
+    without_inertia,
+)
+from ..structure.multibody import check_consistency
+from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, Rotor
+from ..structure.single_body import LEVEL
 from ..structure.structure import Structure
-from ..systems.compiled import check_consistency
-from ..systems.joints import JointTree, bodies_of, without_inertia
-from ..systems.optional import pin
-from ..systems.structured import StructuredSystem
-from ..systems.vehicle import LEVEL
+from ..structure.structured import StructuredKinematics, StructuredSystem
 from .data import Recordings, RobotModel
 from .joints import COLUMNS
 from .measured import MeasuredRobot
@@ -57,7 +65,7 @@ class LoggedArm(JointTree, StructuredSystem):
     """A tree of joints with any columns.
 
     Args:
-        model: kinematics.
+        model: kinematics, without inertia.
         structure: of the robot.
         space: names, units and scale of θ.
         speed: (n,) largest velocities in operation.
@@ -72,14 +80,14 @@ class LoggedArm(JointTree, StructuredSystem):
         speed: Array,
         command: Array,
     ):
-        super().__init__(model, structure, space)
-        self._speed, self._command = speed, command
-
-    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws a configuration within the limits, and velocities and commands of operation."""
-        q = self.position(rng.uniform(*self.limits))
-        v, u = (x * rng.uniform(-1, 1, len(x)) for x in (self._speed, self._command))
-        return q, v, u
+        StructuredKinematics.__init__(self, structure, space)  # a tree would make its own columns
+        self.model, self.joints = model, moving_joints(model)
+        self.joint_names, self.body_names = joint_names(model), body_names(model)
+        self.bodies, self.command_limits = len(structure.bodies), (-command, command)
+        self._speed = speed
+        unit = np.ones(len(speed))
+        self.scales = JointScales(unit, unit, unit, unit, unit, speed, command)
+        self.friction_speed = unit
 
 
 class LoggedVehicle(StructuredSystem):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..experiment.loop import Cost, Ending, Run
+from ..experiment.loop import Cost, Ending, Run, columns
 from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..identifiers import Status
@@ -15,15 +15,17 @@ from .measured import identifiers_of
 
 def reopen_measured(folder: Path, record: Record) -> Run | None:
     """Rebuilds the run of a measured robot from its record; None if its robot was simulated."""
-    scenario = Scenario.from_json(record.metadata["scenario"])
+    scenario = Scenario.from_json(record.scenario(folder))
     if not isinstance(scenario.plant, LiveRobot | LogRobot):
         return None
     robot = scenario.plant.known()
+    system = robot.system
+    record.check(folder, columns(system.n, system.m, system.n_u, system.p, []))
     return Run(
         scenario=scenario,
         folder=folder,
         record=record,
-        system=robot.system,
+        system=system,
         prior=robot.prior,
         identifiers=identifiers_of(scenario, robot),
         statuses={"": Status.completed},

@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
+from ..evaluation.confidence import INTERVAL
 from ..parameters import Array
 from .findings import Finding
 from .precision import Precision, combinations
 from .problem import Explains, Problem
-from .statements import Z, in_words
+from .statements import in_words
 
 _SURE = 0.15  # standard deviation of the scale's logarithm below which a known value fixes it: that
 # of commands in N·m
@@ -42,7 +43,7 @@ class Scale(NamedTuple):
     @property
     def factor(self) -> float:
         """Ends of the 95 % interval of the scale are this factor apart from its middle."""
-        return float(np.exp(Z * self.deviation))
+        return float(np.exp(INTERVAL * self.deviation))
 
     def judged(self, explains: Explains, sentence: str) -> tuple[Explains, str]:
         """A verdict and its sentence, which are no better than the scale."""
@@ -164,7 +165,7 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
                 "warning", "known_in_combination", problem.space.labels[index],
                 f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
                 f"absolute values hold to a factor of {scale.factor:.2g}",
-                "Give one motor's gain, or the mass of a payload that one log has and another not.",
+                "Give one motor's gain, or weigh a load that one of two logs carries: --load.",
                 {"share": share},
             )
         )  # fmt: skip

@@ -88,7 +88,7 @@ def plant_of(sheet: Path) -> PlantConfig:
     """
     try:
         content = tomllib.loads(sheet.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+    except (ValueError, RecursionError):
         content = {}  # every family says so alike
     families = {family.sheet.family: family for family in _families()}
     if (kind := content.get("kind")) is not None:

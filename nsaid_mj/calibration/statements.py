@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..evaluation.confidence import INTERVAL
 from ..parameters import Array, ParameterSpace
 from .fit import Fit
 from .precision import Combinations, Precision, combinations
 from .problem import Explains, Problem
 from .result import Combination, JointFit, Parameter, Status
 
-Z = 1.96  # of a 95 % interval
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
 _SHARP, _BLUNT = 0.05, 0.1  # relative deviations below and above which the prior does not matter
@@ -38,9 +38,9 @@ def parameters_in_words(
     for block in space.blocks:
         for name, label, unit in zip(block.names, block.labels, block.units, strict=True):
             value, sd = float(fit.theta[index]), float(deviation[index])
-            low, high = value - Z * sd, value + Z * sd
+            low, high = value - INTERVAL * sd, value + INTERVAL * sd
             if value > 0 and (block.geometry == "positive" or unit == "kg"):
-                factor = float(np.exp(min(Z * sd / value, 50.0)))
+                factor = float(np.exp(min(INTERVAL * sd / value, 50.0)))
                 low, high = value / factor, value * factor
             relative = None
             if index in gains:
@@ -81,7 +81,7 @@ def _status(
         return "not excited", ""
     if len(members) != 1 or len(combined.expression(members[0])) > 1:
         return "only in combination", in_words(combined.expression(members[0]), problem.space)
-    if abs(value) < Z * sd:
+    if abs(value) < INTERVAL * sd:
         return "below the noise", ""
     return "identified", ""
 
@@ -110,12 +110,12 @@ def _relative_gains(
             weights[at] = -others / others.sum() / fit.theta[at]
         weights[index] = 1 / fit.theta[index]
         apart = exact.of(weights)
-        relative = Z * apart if others.any() else None
+        relative = INTERVAL * apart if others.any() else None
         if others.any() and apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
-            told = Z * deviation[number] < _ABSOLUTE  # else its ratio to other gains alone
+            told = INTERVAL * deviation[number] < _ABSOLUTE  # else its ratio to other gains alone
             words = "" if told else f"{problem.space.labels[index]} over the other gains"
             found[index] = ("identified" if told else "only in combination", words, relative)
-        elif not others.any() and Z * deviation[number] < _ABSOLUTE:
+        elif not others.any() and INTERVAL * deviation[number] < _ABSOLUTE:
             found[index] = ("identified", "", relative)
         else:
             words = f"friction and rotor inertia of {joint}{_TRADED}"
@@ -151,8 +151,8 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
                 in_words(expression, problem.space),
                 problem.space.units[index],
                 value,
-                value - Z * sd,
-                value + Z * sd,
+                value - INTERVAL * sd,
+                value + INTERVAL * sd,
             )
         )
     return tuple(found)
@@ -219,7 +219,7 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
     weak = [p.label for p in parameters if p.block == "motor gain" and _TRADED in p.combination]
     words = ""
     if best is not None and gained > 0.1:
-        before = Z * float(np.sqrt(np.mean(variance)))
+        before = INTERVAL * float(np.sqrt(np.mean(variance)))
         after = before * float(np.sqrt(1 - gained))
         words = (
             f"One known number would help most: {parameters[best].label} "

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from ..parameters import Array
 from .findings import Finding
+from .payloads import Load
 from .problem import Problem
 from .residuals import Suspect
 
@@ -22,12 +23,14 @@ class Options:
         coupled: pairs (i, j, ±1) of joints, by number, whose motor turns by v_i ± v_j.
         delay: (k,) delays of the commands [s]; None to search for them.
         cutoff: of the rows' filter [Hz]; None for the bandwidth of the motion.
+        loads: of known mass that some of the logs carry.
     """
 
     columns: frozenset[str] | None = None
     coupled: tuple[tuple[int, int, int], ...] = ()
     delay: Array | None = None
     cutoff: float | None = None
+    loads: tuple[Load, ...] = ()
 
 
 class Velocity(NamedTuple):

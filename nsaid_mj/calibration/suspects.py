@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .joints import SPEEDS, Choice, JointRows
 from .links import positions, weight_of
 from .problem import Problem

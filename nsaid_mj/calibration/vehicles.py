@@ -7,8 +7,10 @@ delay is therefore judged by the fit itself: first one that all actuators share,
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
+from scipy import optimize, signal
 
 from ..baselines.filters import smoothed
 from ..parameters import Array, Block, ParameterSpace
@@ -27,9 +29,43 @@ EXTRA = {"damping": "free", "offset": "free"}
 """Further columns of a vehicle, one per velocity: damping −d v, and a constant force."""
 
 _COARSE, _FINE = 0.02, 0.002  # spacing of the delays that are tried [s]
+_MIXES = (1.0, 0.0, 0.3, 0.6, 0.8, 0.9)  # shares of the square that are tried
+_LAGS = (0.0, 0.01, 0.02, 0.05, 0.1)  # of rotors that are tried [s]
 _WORTH = 6.0  # fall of the cost that a delay or a set of columns must bring: a likelihood ratio
 _TWIST = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
 _SPREAD = 0.3  # of positive parameters beforehand
+
+
+class Drive(NamedTuple):
+    """How the rotors of a vehicle follow their commands.
+
+    Attributes:
+        mix: share m of the square in the force m u² + (1 − m) u of a command u held for long: 1
+            where the command is the rotor's speed, 0 where it is its thrust.
+        lag: time constant of the rotor's speed [s].
+    """
+
+    mix: float = 1.0
+    lag: float = 0.0
+
+    def speeds(self, u: Array, rate: float) -> Array:
+        """(N, k) relative speeds of rotors, whose force grows with their square.
+
+        Args:
+            u: (N, k) commands.
+            rate: samples per second [Hz].
+        """
+        size = np.abs(u)
+        speed = np.sign(u) * np.sqrt(self.mix * size**2 + (1 - self.mix) * size)
+        if self.lag == 0:
+            return speed
+        r = 1 / (rate * self.lag)  # exact for a course that is linear between samples
+        kept, mean = np.exp(-r), -np.expm1(-r) / r
+        taps, start = [1 - mean, mean - kept], mean * speed[:1]
+        return np.asarray(signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
+
+
+_SPEED = Drive()
 
 
 class VehicleRows:
@@ -49,18 +85,30 @@ class VehicleRows:
             centres = chosen.centres(len(motion[0]))
             if len(centres):
                 self._parts.append((number, segment, motion, centres))
+        columns = getattr(robot.system, "structure", None)
+        self.rotors = sorted(
+            {c.input for c in columns.columns if c.kind == "rotor"} if columns is not None else ()
+        )
         self.t = np.concatenate([m[0][c] for _, _, m, c in self._parts])
         self.segment = np.concatenate([np.full(len(c), number) for number, _, _, c in self._parts])
         self.usable = np.concatenate([s.usable[:: chosen.every][c] for _, s, _, c in self._parts])
         assert robot.prior is not None  # every vehicle has one
         self._prior: Array = robot.prior
 
-    def problem(self, delay: Array, columns: frozenset[str]) -> Problem:
-        """The fit with commands delayed by (k,) seconds and further columns."""
+    def _commands(self, segment: Segment, drive: Drive) -> Array:
+        """(N, k) smoothed commands of a segment, those of rotors as relative speeds."""
+        u = segment.log.u
+        if self.rotors:
+            u = u.copy()
+            u[:, self.rotors] = drive.speeds(u[:, self.rotors], self._filter.rate)
+        return self._filter.low_pass(u)
+
+    def problem(self, delay: Array, columns: frozenset[str], drive: Drive = _SPEED) -> Problem:
+        """The fit with commands delayed by (k,) seconds, further columns, and rotors' drives."""
         system, space = self.system, self.system.space
         Y = []
-        for _, segment, (t, q, v, a, u), _ in self._parts:
-            times = segment.log.t
+        for _, segment, (t, q, v, a), _ in self._parts:
+            times, u = segment.log.t, self._commands(segment, drive)
             held = np.column_stack(
                 [np.interp(t - delay[k], times, u[:, k]) for k in range(u.shape[1])]
             )
@@ -144,13 +192,12 @@ def velocity_names(robot: RobotModel) -> tuple[str, ...]:
     return twist + rest
 
 
-def motion_of(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, Array, Array, Array]:
-    """Times, q, v, v̇ of the smoothed motion at the regressors' rate, and all smoothed commands."""
+def motion_of(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, Array, Array]:
+    """Times, q, v, v̇ of the smoothed motion at the regressors' rate."""
     log = smoothed(system, segment.log, chosen.smoothing)
     a = np.gradient(log.v, 1 / chosen.rate, axis=0)
     pick = slice(None, None, chosen.every)
-    u = chosen.low_pass(segment.log.u)
-    return log.t[pick], log.q[pick], log.v[pick], a[pick], u
+    return log.t[pick], log.q[pick], log.v[pick], a[pick]
 
 
 def structured_vehicle(
@@ -174,22 +221,28 @@ def structured_vehicle(
     rows = VehicleRows(robot, recordings, chosen)
     k, findings = len(robot.joints), []
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
-    delay = np.zeros(k) if options.delay is None else options.delay
+    delay, drive = np.zeros(k) if options.delay is None else options.delay, _SPEED
     share = inflation(rows.problem(delay, columns), minimise(rows.problem(delay, columns)).theta)
 
-    def cost(delay: Array, columns: frozenset[str]) -> float:
-        problem = rows.problem(delay, columns)
+    def cost(delay: Array, columns: frozenset[str], drive: Drive) -> float:
+        problem = rows.problem(delay, columns, drive)
         return minimise(problem, tempered(problem, share)).cost
 
     if options.delay is None:
         told("searching for delays")
-        delay, notes = _search(cost, columns, k, robot.joints)
+        shared, notes = _search(lambda d: cost(np.full(k, d), columns, drive), robot.joints)
+        if rows.rotors:
+            told("choosing the rotors' curve and lag")
+            shared, drive = _rotor_drive(lambda d, x: cost(np.full(k, d), columns, x), shared)
+            notes = [_delay_note(shared, robot.joints)] if notes else []
+            notes += _drive_notes(drive)
+        delay = np.full(k, shared)
         findings += notes
     if options.columns is None:
         told("choosing columns")
-        best = cost(delay, columns)
+        best = cost(delay, columns, drive)
         for name in EXTRA:
-            trial = cost(delay, columns | {name})
+            trial = cost(delay, columns | {name}, drive)
             worth = best - trial
             if worth > _WORTH * 2:
                 columns, best = columns | {name}, trial
@@ -197,12 +250,12 @@ def structured_vehicle(
                     Finding("note", "columns", "", f"a column of {name} per velocity lowers the "
                             f"cost by {worth:.0f}", data={"columns": sorted(columns)})
                 )  # fmt: skip
-    problem = rows.problem(delay, columns)
-    others = (rows.problem(delay, frozenset()),) if columns else ()
+    problem = rows.problem(delay, columns, drive)
+    others = (rows.problem(delay, frozenset(), drive),) if columns else ()
     checked = None
     if validation is not None:
         at = filter_for(validation, chosen.cutoff)
-        checked = VehicleRows(robot, validation, at).problem(delay, columns)
+        checked = VehicleRows(robot, validation, at).problem(delay, columns, drive)
     at = problem.space.actuators
     labels = [problem.space.labels[i] for i in at]
     common = float(np.median(delay))
@@ -221,42 +274,74 @@ def structured_vehicle(
     )
 
 
-def _search(
-    cost: Callable[[Array, frozenset[str]], float],
-    columns: frozenset[str],
-    k: int,
-    names: tuple[str, ...],
-) -> tuple[Array, list[Finding]]:
-    """(k,) delays: one shared by all actuators, then one actuator at a time."""
+def _search(cost: Callable[[float], float], names: tuple[str, ...]) -> tuple[float, list[Finding]]:
+    """The delay that all actuators share [s]; `cost` is a function of it."""
     grid = np.arange(-REACH, REACH + 1e-9, _COARSE)
-    costs = np.array([cost(np.full(k, d), columns) for d in grid])
+    costs = np.array([cost(d) for d in grid])
     at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
     if costs[at] > costs[zero] - _WORTH:
-        return np.zeros(k), []
+        return 0.0, []
     if at in (0, len(grid) - 1):
-        return np.zeros(k), [
+        return 0.0, [
             Finding("warning", "delay_at_edge", "", "the best delay of the commands, "
                     f"{grid[at] * 1e3:+.0f} ms, lies at the edge of the search",
                     "Align the clocks of commands and positions in the map.")
         ]  # fmt: skip
-    shared = _narrowed(lambda d: cost(np.full(k, d), columns), grid[at - 1], grid[at + 1])
-    delay = np.full(k, shared)
+    shared = _least(cost, grid[at - 1], grid[at + 1], _FINE)
+    return shared, [_delay_note(shared, names)]
+
+
+def _delay_note(shared: float, names: tuple[str, ...]) -> Finding:
     words = f"commands act {shared * 1e3:.1f} ms after they were recorded"
-    return delay, [Finding("note", "delay", "", words, data={name: shared for name in names})]
+    return Finding("note", "delay", "", words, data={name: shared for name in names})
 
 
-def _narrowed(cost: Callable[[float], float], low: float, high: float) -> float:
-    """The minimum of a cost between two delays, by golden sections and a parabola."""
-    ratio = (np.sqrt(5) - 1) / 2
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    at_a, at_b = cost(a), cost(b)
-    while high - low > _FINE:
-        if at_a < at_b:
-            high, b, at_b = b, a, at_a
-            a = high - ratio * (high - low)
-            at_a = cost(a)
-        else:
-            low, a, at_a = a, b, at_b
-            b = low + ratio * (high - low)
-            at_b = cost(b)
-    return float(a if at_a < at_b else b)
+def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[float, Drive]:
+    """The delay [s] and the drive of rotors: the best of a grid, and from there a simplex.
+
+    Args:
+        cost: function of both.
+        delay: that suits rotors whose commands are their speeds, without a lag.
+
+    Returns:
+        Both; a mix near 1 or 0, or a lag, that lowers the cost by less than `_WORTH` is taken as 1
+        or 0.
+    """
+
+    def along(x: Array) -> float:
+        """The cost at a sum of delay and lag, which slow motion feels, a lag and a mix."""
+        total, lag, mix = x
+        inside = lag >= 0 and 0 <= mix <= 1
+        return cost(total - lag, Drive(float(mix), float(lag))) if inside else np.inf
+
+    mixes = [np.array([delay, 0.0, mix]) for mix in _MIXES]
+    lags = [np.array([delay, lag, min(mixes, key=along)[2]]) for lag in _LAGS]
+    start = min(lags, key=along)
+    if along(mixes[0]) < along(start) + _WORTH:
+        return delay, _SPEED
+    corners = start + np.vstack([np.zeros(3), np.diag([0.01, 0.01, 0.1 - 0.2 * (start[2] > 0.5)])])
+    options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 1.0, "maxfev": 90}
+    found = np.asarray(optimize.minimize(along, start, method="Nelder-Mead", options=options).x)
+    for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
+        simpler = np.where(np.arange(3) == k, plain, found)
+        if along(simpler) < along(found) + _WORTH:
+            found = simpler
+    return float(found[0] - found[1]), Drive(float(found[2]), float(found[1]))
+
+
+def _drive_notes(drive: Drive) -> list[Finding]:
+    """What was found about the rotors' drives, unless their commands are their speeds at once."""
+    found = []
+    if drive.mix != 1.0:
+        text = f"the rotors' thrust is {drive.mix:.2f} u² + {1 - drive.mix:.2f} u of the command u"
+        found.append(Finding("note", "curve", "", text, data={"mix": drive.mix}))
+    if drive.lag:
+        text = f"the rotors' speeds lag behind their commands by {drive.lag * 1e3:.0f} ms"
+        found.append(Finding("note", "lag", "", text, data={"seconds": drive.lag}))
+    return found
+
+
+def _least(cost: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
+    """The minimum of a cost between two bounds, to a tolerance."""
+    options = {"xatol": tolerance}
+    return float(optimize.minimize_scalar(cost, bounds=(low, high), options=options).x)

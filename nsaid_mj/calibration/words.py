@@ -5,84 +5,21 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
-from typing import NamedTuple
 
+from ..evaluation.words import ABSENT, STATUSES, Mark, estimate, number
 from .law_result import AlongLog
 from .result import Identification, JointFit, Parameter
 
-ABSENT = "–"
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
-_FINEST = 1e-4  # unless they are rounded to this or more
-
-
-class Mark(NamedTuple):
-    """How a status or a verdict is shown.
-
-    Attributes:
-        glyph: in front of the words, so that colour is not needed.
-        kind: class of the page's style sheet.
-        colour: on the terminal.
-    """
-
-    glyph: str
-    kind: str
-    colour: str
-
-
-STATUSES = {
-    "identified": Mark("●", "good", "green"),
-    "known": Mark("■", "good", "green"),
-    "only in combination": Mark("◐", "fair", "yellow"),
-    "below the noise": Mark("≈", "weak", "bright_black"),
-    "not excited": Mark("○", "weak", "bright_black"),
-}
 EXPLAINS = {
-    "yes": Mark("✔", "good", "green"),
-    "partly": Mark("◐", "fair", "yellow"),
-    "no": Mark("✘", "poor", "red"),
+    "yes": Mark("✔", "good"),
+    "partly": Mark("◐", "fair"),
+    "no": Mark("✘", "poor"),
 }
 LEVELS = {
-    "refusal": Mark("✘", "poor", "red"),
-    "warning": Mark("▲", "fair", "yellow"),
-    "note": Mark("·", "weak", "bright_black"),
+    "refusal": Mark("✘", "poor"),
+    "warning": Mark("▲", "fair"),
+    "note": Mark("·", "weak"),
 }
-
-
-def number(value: float, quantum: float | None = None) -> str:
-    """A number with four digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵."""
-    if not math.isfinite(value):
-        return ABSENT if math.isnan(value) else ("∞" if value > 0 else "−∞")
-    size = abs(value)
-    if quantum is None or not 0 < quantum < math.inf:
-        quantum = 10.0 ** (math.floor(math.log10(size)) - 3) if size > 0 else 1.0
-        trim = True
-    else:
-        quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False
-    if size < quantum / 2:
-        text = "0"
-    elif (_LEAST <= size < _MOST or quantum >= _FINEST) and quantum < 1e3:
-        digits = max(0, -round(math.log10(quantum)))
-        text = f"{round(size / quantum) * quantum:.{digits}f}"
-        text = text.rstrip("0").rstrip(".") if trim and "." in text else text
-    else:
-        digits = max(0, math.floor(math.log10(size)) - round(math.log10(quantum)))
-        factor, _, power = f"{size:.{min(digits, 3)}e}".partition("e")
-        factor = factor.rstrip("0").rstrip(".") if trim and "." in factor else factor
-        text = f"{factor}·10{str(int(power)).translate(_SUPERSCRIPTS)}"
-    return f"−{text}" if value < 0 and text != "0" else text
-
-
-def estimate(value: float, low: float, high: float) -> tuple[str, str]:
-    """An estimate and its 95 % interval, rounded to two digits of the interval's half-width."""
-    half = (high - low) / 2
-    if not math.isfinite(half) or half <= 0:
-        return number(value), ABSENT if half == 0 else f"{number(low)} … {number(high)}"
-    quantum = 10.0 ** (math.floor(math.log10(half)) - 1)
-    least = 10.0 ** (math.floor(math.log10(abs(value))) - 1) if value else quantum
-    if low > 0:  # an interval of a factor: two digits of the estimate too
-        quantum = min(quantum, least)
-    return number(value, quantum), f"{number(low, quantum)} … {number(high, quantum)}"
 
 
 def nrmse(value: float | None) -> str:

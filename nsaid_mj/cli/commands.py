@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import atexit
 import gc
-import json
 import os
 import shlex
 import subprocess
@@ -19,9 +18,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import __version__
-from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName
+from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName, printable
 from ..experiment.library import load
-from ..resources import MORE_ROBOTS, has_example_robots, known_robots, reading, scenarios
+from ..resources import (
+    MORE_ROBOTS,
+    has_example_robots,
+    known_robots,
+    print_json,
+    reading,
+    scenarios,
+)
+from .exit_codes import EXPLAINED, INTERRUPTED, NOT_EXPLAINED, UNUSABLE, code_of
 from .process import ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
@@ -30,7 +37,6 @@ if TYPE_CHECKING:
     from ..experiment.scenario import Scenario
     from . import grammar
 
-FAILED, UNUSABLE, INTERRUPTED = 1, 2, 130
 _MOST_SEEDS = 10_000  # of a comparison
 
 
@@ -72,7 +78,7 @@ def _exit(action: Callable[[], int]) -> NoReturn:
 def _say(words: object, code: int) -> int:
     """Prints one line to the standard error, if it takes it, and returns the exit code."""
     with suppress(OSError):
-        print(f"nsaid: {words}", file=sys.stderr, flush=True)
+        print(printable(f"nsaid: {words}"), file=sys.stderr, flush=True)
     return code
 
 
@@ -110,6 +116,10 @@ def _command(arguments: Sequence[str]) -> int:
     word, name, *_ = *arguments, "", ""
     if word in of_a_scenario and name and not name.startswith("-"):
         return of_a_scenario[word](name, arguments[2:])
+    if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
+        from .comparing import compare_on_logs
+
+        return compare_on_logs(arguments[1:])
     from . import grammar
 
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
@@ -143,13 +153,13 @@ def _command(arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, result, summary, output = _carry_out(name, default, arguments, "run")
-    from ..reporting.terminal import print_summary
+    from ..reporting.report import print_summary
 
     if output.json:
-        print(json.dumps(summary, indent=2, ensure_ascii=False))
+        print_json(summary)
     elif not output.quiet:
         print_summary(title, summary, result.folder)
-    return _code(result)
+    return _code(result, summary)
 
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
@@ -159,7 +169,8 @@ def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 
     verdicts = verify(result, truth_of(result), summary)
     write(result, verdicts)
-    return _judged(title, result, verdicts, output.json, output.quiet) or _code(result)
+    code = _judged(title, result, verdicts, output.json, output.quiet)
+    return code or _code(result, summary)
 
 
 def _verify_folder(folder: Path, as_json: bool, quiet: bool) -> int:
@@ -173,10 +184,10 @@ def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quie
     from ..evaluation.verify import document, failed, print_verdicts
 
     if as_json:
-        print(json.dumps(document(result, verdicts), indent=2, ensure_ascii=False))
+        print_json(document(result, verdicts))
     elif not quiet:
         print_verdicts(name, result, verdicts)
-    return FAILED if failed(verdicts) else 0
+    return NOT_EXPLAINED if failed(verdicts) else EXPLAINED
 
 
 def _carry_out(
@@ -224,13 +235,13 @@ def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, 
         raise NotWritten(error.path, error.reason, f"Make room on the disk; {again}") from error
 
 
-def _code(result: Run) -> int:
-    """The exit code of a finished run."""
+def _code(result: Run, summary: dict[str, Any]) -> int:
+    """The exit code of a finished run: that of its verdict, unless it was interrupted."""
     from ..identifiers import Status
+    from ..reporting.report import mark_of
 
-    if result.ending.status is Status.interrupted:
-        return INTERRUPTED
-    return 0 if result.ending.status is Status.completed else FAILED
+    interrupted = result.ending.status is Status.interrupted
+    return INTERRUPTED if interrupted else code_of(mark_of(summary))
 
 
 def _compare(script: str, arguments: Sequence[str]) -> int:
@@ -267,7 +278,9 @@ def _compare(script: str, arguments: Sequence[str]) -> int:
     cells = compare.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / compare.FILES[0]).read_text(encoding="utf-8"), end="")
-    return FAILED if all(cell.failure for cell in cells if cell.method in plan.methods) else 0
+    from ..studies.compare_report import verdict_of
+
+    return code_of(verdict_of(cells))
 
 
 def _whole(script: str) -> str:
@@ -292,10 +305,10 @@ def _sweep(script: str, arguments: Sequence[str]) -> int:
     folder = chosen.out or Path("runs") / f"{name}-sweep"
     found = sweep.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
-        print(json.dumps(sweep_results.document(found), indent=2, ensure_ascii=False))
+        print_json(sweep_results.document(found))
     elif not chosen.quiet:
         sweep_results.print_summary(found)
-    return FAILED if found.lost else 0
+    return code_of(sweep_results.verdict_of(found), not found.lost)
 
 
 def _montecarlo(script: str, arguments: Sequence[str]) -> int:
@@ -312,10 +325,10 @@ def _montecarlo(script: str, arguments: Sequence[str]) -> int:
     folder = chosen.out or Path("runs") / f"{name}-montecarlo"
     found = montecarlo.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
     if chosen.json:
-        print(json.dumps(montecarlo.document(found), indent=2, ensure_ascii=False))
+        print_json(montecarlo.document(found))
     elif not chosen.quiet:
         montecarlo.print_summary(found)
-    return 0
+    return code_of(None, not montecarlo.lost(found))
 
 
 def _track(script: str, arguments: Sequence[str]) -> int:

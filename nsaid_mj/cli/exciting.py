@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
-from ..resources import reading
+from ..resources import print_json, reading
+from .exit_codes import code_of
 from .folders import folder_for_design
 from .grammar import Excite
 
@@ -74,10 +74,10 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
             record(found, trial, name, folder / FILE),
         ]
     if chosen.json:
-        print(json.dumps(document, indent=2, ensure_ascii=False))
+        print_json(document)
     elif not chosen.quiet:
         design_page.print_design(name, document, written, noticed)
-    return 0
+    return code_of(design_page.verdict_of(document))
 
 
 def _scenario(chosen: Excite, folder: Path) -> tuple[Scenario, list[str]]:

@@ -152,10 +152,13 @@ class Identify:
     Attributes:
         packed: a packed robot with a log: tx40 or so101.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
-        log: log files; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP, ULog, DataFlash.
+        log: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
+            ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
         map: TOML file that says which columns are what; `nsaid inspect` writes a first one.
         known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
+        load: a weighed load that one of several logs carries, such as loaded.csv:0.25kg@gripper; it
+            fixes the scale of masses, gains and friction. Repeat it for more logs.
         lock: comma-separated joints that do not move.
         joints: comma-separated joints that move; all others are locked.
         columns: auto, or comma-separated columns that all joints have besides rotor inertia,
@@ -164,6 +167,7 @@ class Identify:
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
         law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which follow the
             log besides, sample by sample, and are compared with it.
+        limit: of what a log file may become when it is unpacked [GB].
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.
         json: print only the results, as JSON, to the standard output.
@@ -176,12 +180,14 @@ class Identify:
     validate: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
     map: Path | None = None
     known: UseAppendAction[tuple[Annotated[str, arg(metavar="NAME=VALUE")], ...]] = ()
+    load: UseAppendAction[tuple[Annotated[str, arg(metavar="FILE:MASSkg@LINK")], ...]] = ()
     lock: str = ""
     joints: str = ""
     columns: str = "auto"
     delay: str = "auto"
     cutoff: float | None = None
     law: str = "batch"
+    limit: float = 4.0
     out: Path | None = None
     force: bool = False
     json: bool = False
@@ -197,11 +203,13 @@ class Inspect:
     identify` would refuse the log.
 
     Attributes:
-        logs: log files; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP, ULog, DataFlash.
+        logs: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
+            ULog, DataFlash, LeRobot dataset, Rerun recording.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
         map: TOML file that says which columns are what; by default they are matched by name.
         lock: comma-separated joints that do not move.
         joints: comma-separated joints that move; all others are locked.
+        limit: of what a log file may become when it is unpacked [GB].
         out: folder of the map and the picture.
         json: print figures and findings as JSON.
     """
@@ -211,6 +219,7 @@ class Inspect:
     map: Path | None = None
     lock: str = ""
     joints: str = ""
+    limit: float = 4.0
     out: Path = Path()
     json: bool = False
 
@@ -342,7 +351,8 @@ class Compare(Comparison):
     """Compare identification methods on the logs of a scenario.
 
     All methods get the same logs and are judged by the same figures; writes a table, compare.json,
-    compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`.
+    compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`. `nsaid
+    compare --log FILE… --models FILE…` compares model files on a robot's own logs.
     """
 
     scenario: ScenarioName = field(kw_only=True)

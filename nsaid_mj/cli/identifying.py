@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
 from ..resources import check_own, locked, reading, write_text
+from .exit_codes import code_of
 from .folders import FORCE, RUNS, check_writable
 from .grammar import Identify
 
@@ -21,17 +22,24 @@ RESULT = "identification.json"
 
 
 def identify_log(chosen: Identify) -> int:
-    """Executes the command and returns the exit code: 0, or 1 if the log is not explained."""
+    """Executes the command and returns the exit code."""
     model = chosen.model or chosen.packed
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     folder = _folder(Path(model).stem, chosen.out, chosen.force)
     check_writable(folder)
-    with reading(model, *chosen.log, *chosen.validate, chosen.map), locked(folder):
+    from ..calibration.logs import limited_to
+
+    with (
+        reading(model, *chosen.log, *chosen.validate, chosen.map),
+        locked(folder),
+        limited_to(chosen.limit * 1e9),
+    ):
         return _identify(model, chosen, folder)
 
 
 def _identify(model: str, chosen: Identify, folder: Path) -> int:
+    from ..calibration.words import EXPLAINS
     from ..reporting.progress import Progress
     from .servos import identify_given, servos_of
 
@@ -50,12 +58,13 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
         from ..reporting.identification.servos import print_servos
 
         print_servos(result, Console(), files)
-    return 0 if result.explains != "no" else 1
+    return code_of(EXPLAINS[result.explains])
 
 
 def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
     from ..calibration.findings import UnusableLog
     from ..calibration.identify import identify
+    from ..calibration.words import EXPLAINS
     from ..reporting.progress import Progress
 
     with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
@@ -66,6 +75,7 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 validate=chosen.validate,
                 mapping=chosen.map,
                 known=dict(_known(text) for text in chosen.known),
+                loads=chosen.load,
                 lock=_names(chosen.lock),
                 joints=_names(chosen.joints) or None,
                 columns=None if chosen.columns == "auto" else _names(chosen.columns),
@@ -89,7 +99,7 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
 
         print_identification(result, Console(), files)
     ended = result.law is not None and not result.law.completed
-    return 1 if ended or result.explains == "no" else 0
+    return max(code_of(EXPLAINS[result.explains]), int(ended))
 
 
 def write(
@@ -129,10 +139,11 @@ def _print_notes(error: UnusableLog) -> None:
     """Prints warnings and notes; the error itself tells the refusals."""
     from rich.console import Console
 
-    from ..reporting.identification import print_findings
+    from ..reporting.identification import brief_alarms
+    from ..reporting.terminal import print_alarms
 
-    notes = tuple(finding for finding in error.findings if finding.level != "refusal")
-    print_findings(notes, Console(stderr=True))
+    notes = [finding for finding in error.findings if finding.level != "refusal"]
+    print_alarms(brief_alarms(notes), Console(stderr=True))
 
 
 def _folder(name: str, out: Path | None, force: bool) -> Path:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import asdict
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
-from ..resources import reading
+from ..resources import print_json, reading
+from .exit_codes import EXPLAINED, UNUSABLE
 from .folders import check_writable
 from .grammar import Inspect
 
@@ -21,11 +20,11 @@ MAP, PICTURE = "map.toml", "inspection.png"
 
 
 def inspect_log(chosen: Inspect) -> int:
-    """Executes the command and returns the exit code: 0, or 1 if identify would refuse the log."""
+    """Executes the command and returns the exit code: unusable where `identify` would refuse."""
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
-    from ..calibration.logs import read_map, read_tables
+    from ..calibration.logs import limited_to, read_map, read_tables
     from ..calibration.logs.inspection import inspect
 
     mapping = read_map(chosen.map) if chosen.map else None
@@ -36,11 +35,13 @@ def inspect_log(chosen: Inspect) -> int:
         lock = [name.strip() for name in chosen.lock.split(",") if name.strip()]
         kept = [name.strip() for name in chosen.joints.split(",") if name.strip()]
         robot = load_robot_model(chosen.model, lock, kept or None)
-    found = inspect(read_tables(chosen.logs, mapping), mapping, robot)
+    with limited_to(chosen.limit * 1e9):
+        tables = read_tables(chosen.logs, mapping)
+    found = inspect(tables, mapping, robot)
     with reading(*chosen.logs, chosen.map, chosen.model):
         files = _write(found, chosen)
     if chosen.json:
-        print(json.dumps(document(found), indent=2, ensure_ascii=False))
+        print_json(document(found))
     else:
         from rich.console import Console
 
@@ -49,19 +50,13 @@ def inspect_log(chosen: Inspect) -> int:
         print_inspection(found, Console(highlight=False))
         for path in files:
             print(path)
-    return int(any(finding.level == "refusal" for finding in found.findings))
+    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
+    return UNUSABLE if refused else EXPLAINED
 
 
 def document(found: Inspection) -> dict[str, object]:
-    """Figures and findings as plain data for JSON; NaN becomes null."""
-    channels = [
-        {
-            name: None if isinstance(figure, float) and math.isnan(figure) else figure
-            for name, figure in asdict(channel).items()
-        }
-        for channel in found.channels
-    ]
-    return {"channels": channels, "findings": [asdict(finding) for finding in found.findings]}
+    """Figures and findings as plain data."""
+    return {name: [asdict(x) for x in getattr(found, name)] for name in ("channels", "findings")}
 
 
 def _write(found: Inspection, chosen: Inspect) -> list[Path]:

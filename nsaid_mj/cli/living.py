@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..bounds import without_nonfinite
+from .exit_codes import code_of
 from .folders import folder_for
 from .grammar import Live
 
@@ -19,12 +21,11 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 
 
 def follow_robot(chosen: Live) -> int:
-    """Executes the command and returns the exit code: 0, or 1 if the run ended early."""
+    """Executes the command and returns the exit code."""
     from ..calibration.live_robot import LiveRobot
     from ..calibration.measured import measured_scenario
-    from ..identifiers import Status
     from ..reporting.progress import Progress
-    from ..reporting.terminal import print_summary
+    from ..reporting.report import mark_of, print_summary
     from ..streaming.session import Session, concluded
     from ..streaming.stream import bound
 
@@ -61,10 +62,10 @@ def follow_robot(chosen: Live) -> int:
         with Progress(name, quiet=quiet) as progress:
             summary = concluded(run, progress.say, command)
     if chosen.json:
-        print(json.dumps({"summary": summary}, ensure_ascii=False))
+        print(json.dumps(without_nonfinite({"summary": summary}), ensure_ascii=False))
     elif not chosen.quiet:
         print_summary(f"{name} live", summary, folder)
-    return 0 if run.ending.status is Status.completed else 1
+    return code_of(mark_of(summary))
 
 
 def _send(estimate: Estimate) -> None:

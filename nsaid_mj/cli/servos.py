@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,13 +26,15 @@ _NO_TORQUE = (
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they are of targets and positions, else None."""
+    from ..calibration.payloads import load_of
     from ..calibration.servos import servo_logs
 
     lock, joints = (
         [name.strip() for name in text.split(",") if name.strip()]
         for text in (chosen.lock, chosen.joints)
     )
-    return servo_logs(model, logs, chosen.map, lock, joints or None)
+    loads = [load_of(text) for text in chosen.load] if logs == chosen.log else []
+    return servo_logs(model, logs, chosen.map, lock, joints or None, loads)
 
 
 def identify_given(
@@ -66,7 +69,10 @@ def identify_given(
     told = _followed(others or given, result, model_file)
     result = replace(result, findings=(*result.findings, told))
     write_text(path, result.text() + "\n")
-    return result, [path, model_file]
+    from ..reporting.identification.servos import write_servos
+
+    again = shlex.join(["nsaid", "identify", "--model", model, "--log", *map(str, chosen.log)])
+    return result, [path, model_file, write_servos(result, path.parent, again)]
 
 
 def _followed(given: ServoLogs, result: ServoIdentification, path: Path) -> Finding:
@@ -75,20 +81,18 @@ def _followed(given: ServoLogs, result: ServoIdentification, path: Path) -> Find
     from ..calibration.servos import rollout
 
     source, joints = result.robot.source, result.robot.joints
+    logs = [log for log in given.logs if not log.loaded]  # of the model file's own links
     assert source is not None  # a model with servos comes from a file
     delays = [servo.delay for servo in result.servos]
     own, before = (
         1e3
         * np.mean(
-            [
-                np.abs(rollout(file, joints, log, delay) - log.position).mean(axis=0)
-                for log in given.logs
-            ],
+            [np.abs(rollout(file, joints, log, delay) - log.position).mean(axis=0) for log in logs],
             axis=0,
         )
         for file, delay in ((path, delays), (source, 0.0))
     )
-    what = ", ".join(dict.fromkeys(log.source for log in given.logs))
+    what = ", ".join(dict.fromkeys(log.source for log in logs))
     text = (
         f"MuJoCo, driven by the targets alone, departs from {what} by {own.mean():.1f} mrad in the "
         f"mean with the exported file and the delays, and by {before.mean():.1f} mrad with yours"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import InvalidInput
 from ..experiment.library import load
+from .exit_codes import code_of
 from .grammar import Tracking
 from .options import parse, repeated
 
@@ -36,7 +37,7 @@ def track(
         seeds=seeds(chosen.seeds),
     )
     folder = chosen.out or Path("runs") / f"{Path(name).stem}-track"
-    tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
+    done = tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / tracking.FILES[0]).read_text(encoding="utf-8"), end="")
-    return 0
+    return code_of(None, all(course.figures["status"] == "completed" for course in done))

@@ -10,8 +10,8 @@ from pydantic import Field
 from ..bounds import Number, Positive, Tones, config
 from ..numerics.spatial import rotation
 from ..parameters import Array
+from ..structure.single_body import SingleBody, single_body
 from ..system import SecondOrderSystem
-from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 

@@ -12,11 +12,10 @@ from ..bounds import Number, Positive, PositiveShare, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from ..systems.multibody import MotorTree
 from .driver import Driver, DriverConfig
 from .multisine import MultisineCommand
 from .signals import Series
-from .tracking import LIMIT, ComputedTorque
+from .tracking import LIMIT, ComputedTorque, fixed_arm
 
 _REMEDY = "Take the excitation as `nsaid excite` wrote it, for the same robot."
 
@@ -77,13 +76,10 @@ class DesignedTracking(DriverConfig):
         Raises:
             InvalidInput: the system is not an arm on a fixed base with as many joints.
         """
-        if not isinstance(system, MotorTree) or system.group or system.n != len(self.centre):
-            raise InvalidInput(
-                "excitation",
-                f"an arm on a fixed base with {len(self.centre)} joints",
-                f"{type(system).__name__} with n = {system.n}",
-                _REMEDY,
-            )
+        wanted = f"an arm on a fixed base with {len(self.centre)} joints"
+        system = fixed_arm(system, wanted, _REMEDY)
+        if system.n != len(self.centre):
+            raise InvalidInput("excitation", wanted, f"{system.n} joints", _REMEDY)
         limit = LIMIT * system.scales.command
         return ComputedTorque(system, prior, self.series, 2 * np.pi * self.bandwidth, limit)
 

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from ..bounds import Positive, Tones, config
 from ..parameters import Array
+from ..structure.single_body import SingleBody, single_body
 from ..system import SecondOrderSystem
-from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 

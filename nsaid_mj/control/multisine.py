@@ -98,9 +98,16 @@ def unit_wrenches(system: SecondOrderSystem, prior: Array) -> Array:
             type(system).__name__,
             "Use MultisineCommand.",
         )
-    rest, k = (np.r_[np.zeros(6), 1.0], np.zeros(6)), system.space.actuators
-    pushes = [system._F(0.0, *rest, e)[:, k] @ prior[k] for e in np.eye(system.n_u)]
-    return np.array(pushes).T
+    return pushes(system, prior)
+
+
+def pushes(system: SecondOrderSystem, theta: Array) -> Array:
+    """(n, n_u) generalised force of a full command of every actuator, at rest and under θ (p,)."""
+    q, still = system.position(np.zeros(system.n)), np.zeros(system.n)
+    idle = system._F(0.0, q, still, np.zeros(system.n_u))
+    return np.stack(
+        [(system._F(0.0, q, still, e) - idle) @ theta for e in np.eye(system.n_u)], axis=1
+    )
 
 
 class _MultisineDriver(Driver):

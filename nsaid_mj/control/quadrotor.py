@@ -17,10 +17,12 @@ from pydantic import Field
 from ..bounds import Positive, config
 from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
 from ..parameters import Array
+from ..structure.blocks import GRAVITY
+from ..structure.kinematics import write_rotation
+from ..structure.single_body import SingleBody, single_body
+from ..structure.spatial import dot3
+from ..structure.structured import plain
 from ..system import SecondOrderSystem
-from ..systems.inertial import GRAVITY
-from ..systems.structured import plain
-from ..systems.vehicle import SingleBody, single_body
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 
@@ -219,24 +221,6 @@ def _cross(a, i, b, j, c, k):
     c[k + 2] = a[i] * b[j + 1] - a[i + 1] * b[j]
 
 
-@routine(void(vector, vector, vector))
-def _write_rotation(q, R, x):
-    """Writes the rotation, body to world, of a pose q (7,) into R (9,), column by column."""
-    for c in range(3):
-        for r in range(3):
-            x[r] = 1.0 if r == c else 0.0
-        _cross(q, 3, x, 0, x, 3)
-        _cross(q, 3, x, 3, x, 6)
-        for r in range(3):
-            R[3 * c + r] = x[r] + 2.0 * (q[6] * x[3 + r] + x[6 + r])
-
-
-@routine(f8(vector, index, vector, index))
-def _dot(a, i, b, j):
-    """Scalar product of 3-vectors that begin at a[i] and b[j]."""
-    return a[i] * b[j] + a[i + 1] * b[j + 1] + a[i + 2] * b[j + 2]
-
-
 @kernel(f8(vector, vector, matrix, f8, vector, LOOPS, vector, vector), inner=True)
 def _aim(q, v, path, dt, sums, loops, R, x):
     """Writes the desired specific force a (3,) into x[9:12], its axes y and z into x[12:18].
@@ -252,12 +236,12 @@ def _aim(q, v, path, dt, sums, loops, R, x):
     x[11] = min(max(x[11] + GRAVITY, _FALL), _RISE)
     flat = min(1.0, loops.slope * x[11] / max(np.sqrt(x[9] ** 2 + x[10] ** 2), 1e-9))
     x[9], x[10] = flat * x[9], flat * x[10]
-    size = np.sqrt(_dot(x, 9, x, 9))
+    size = np.sqrt(dot3(x, 9, x, 9))
     x[0], x[1], x[2] = np.cos(path[0, 3]), np.sin(path[0, 3]), 0.0
     for i in range(3):
         x[15 + i], x[3 + i] = x[9 + i] / size, path[3, i] / size
     _cross(x, 15, x, 0, x, 12)
-    length = np.sqrt(_dot(x, 12, x, 12))
+    length = np.sqrt(dot3(x, 12, x, 12))
     for i in range(3):
         x[12 + i] /= length
     _cross(x, 15, x, 3, x, 18)
@@ -280,22 +264,25 @@ def _mix(q, v, path, dt, sums, loops, model, R, x, squares):
         x: (30,) workspace.
         squares: (4,) written.
     """
-    _write_rotation(q, R, x)
+    for i in range(3):
+        x[i] = -q[3 + i]
+    x[3] = q[6]
+    write_rotation(x, 0, R, 0)  # of the inverse: R holds the body's axes, one after another
     _aim(q, v, path, dt, sums, loops, R, x)
     _cross(x, 12, x, 15, x, 0)  # the desired x-axis
     x[20] += path[1, 3]  # the desired angular velocity, in the world
 
     # attitude error in body axes: shortest rotation of the tilt, and the heading's
-    heading = np.arctan2(_dot(R, 3, x, 0) - _dot(R, 0, x, 12), _dot(R, 0, x, 0) + _dot(R, 3, x, 12))
-    x[3], x[4], x[5] = -_dot(R, 3, x, 15), _dot(R, 0, x, 15), heading
-    if _dot(R, 6, x, 15) < 0.0:  # tilt error above 90°
+    heading = np.arctan2(dot3(R, 3, x, 0) - dot3(R, 0, x, 12), dot3(R, 0, x, 0) + dot3(R, 3, x, 12))
+    x[3], x[4], x[5] = -dot3(R, 3, x, 15), dot3(R, 0, x, 15), heading
+    if dot3(R, 6, x, 15) < 0.0:  # tilt error above 90°
         length = max(np.sqrt(x[3] ** 2 + x[4] ** 2), 1e-9)
         x[3], x[4] = x[3] / length, x[4] / length
     for i in range(3):
         w, holding = loops.attitude[i], _TRIM * loops.attitude[i] ** 3
         most = model.trim[i] / holding
         sums[3 + i] = min(max(sums[3 + i] + dt * x[3 + i], -most), most)
-        rate = _dot(R, 3 * i, x, 18) - v[3 + i]
+        rate = dot3(R, 3 * i, x, 18) - v[3 + i]
         x[21 + i] = w**2 * x[3 + i] + 2.0 * w * rate + holding * sums[3 + i]
     for i in range(3):
         x[24 + i], x[27 + i] = 0.0, 0.0
@@ -304,7 +291,7 @@ def _mix(q, v, path, dt, sums, loops, model, R, x, squares):
             x[27 + i] += model.inertia[i, j] * x[21 + j]
     _cross(v, 3, x, 24, x, 0)
     weight = model.mass * GRAVITY
-    x[3] = min(max(model.mass * _dot(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
+    x[3] = min(max(model.mass * dot3(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
     x[4], x[5] = x[27] + x[0], x[28] + x[1]
     x[6] = min(max(x[29] + x[2], -model.yaw), model.yaw)
     largest, least = -np.inf, np.inf

@@ -12,6 +12,8 @@ from ..errors import InvalidInput
 from ..numerics.kernels import f8, kernel, matrix, vector, void
 from ..parameters import Array
 
+_NONE = np.zeros(0)
+
 
 class Series(NamedTuple):
     """A finite Fourier series for every joint.
@@ -96,6 +98,31 @@ class FourierTrajectory:
         )
         reach /= np.cos(np.pi / 40)  # a peak between samples is higher by at most this factor
         self.series = Series(omega, coefficients / reach[:, None], 0.5 * (low + high))
+
+    @staticmethod
+    def within(
+        limits: tuple[Array, Array],
+        reach: float,
+        speed: Array,
+        harmonics: tuple[float, int],
+        rng: np.random.Generator,
+        base: tuple[Array, Array] = (_NONE, _NONE),
+    ) -> FourierTrajectory:
+        """A trajectory about the middle of joints' ranges, after a base's about 0.
+
+        Args:
+            limits: (k,), (k,) of the joints' ranges [rad or m].
+            reach: share of these ranges that it uses.
+            speed: (k,) largest speeds of the joints [rad/s or m/s].
+            harmonics: frequency of the first harmonic [Hz], and their number.
+            rng: source of the coefficients.
+            base: (b,) largest displacements of the base, and (b,) its largest speeds.
+        """
+        low, high = limits
+        centre, half = 0.5 * (low + high), 0.5 * reach * (high - low)
+        most, fastest = base
+        ends = np.r_[-most, centre - half], np.r_[most, centre + half]
+        return FourierTrajectory(*ends, np.r_[fastest, speed], *harmonics, rng)
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """(n,) position, velocity and acceleration at time t [s]."""

@@ -10,9 +10,9 @@ from pydantic import Field
 from ..bounds import Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..structure.joints import JointTree
+from ..structure.structured import plain
 from ..system import SecondOrderSystem
-from ..systems.multibody import MotorTree
-from ..systems.structured import plain
 from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import Driver, DriverConfig
 from .signals import FourierTrajectory, Series, fourier
@@ -51,34 +51,35 @@ class FourierTracking(DriverConfig):
         Raises:
             InvalidInput: the system is not a tree of motor-driven joints on a fixed base.
         """
-        if not isinstance(system, MotorTree) or system.group:
-            raise InvalidInput(
-                "excitation",
-                "an arm on a fixed base",
-                type(system).__name__,
-                "Use MultisineCommand.",
-            )
-        low, high = system.limits
-        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
+        system = fixed_arm(system, "an arm on a fixed base", "Use MultisineCommand.")
         moving = np.isin(np.arange(1, system.n + 1), self.joints or np.arange(1, system.n + 1))
         if self.joints is not None and moving.sum() != len(set(self.joints)):
             raise InvalidInput(
                 "excitation.joints", f"numbers from 1 to {system.n}", self.joints, "Leave it out."
             )
-        trajectory = FourierTrajectory(
-            centre - half,
-            centre + half,
-            self.reach * system.scales.speed
-            if self.speed is None
-            else np.full(system.n, self.speed),
-            self.fundamental,
-            self.harmonics,
+        nominal = self.reach * system.scales.speed
+        trajectory = FourierTrajectory.within(
+            system.limits,
+            self.reach,
+            nominal if self.speed is None else np.full(system.n, self.speed),
+            (self.fundamental, self.harmonics),
             rng,
         )
         trajectory.series.coefficients[~moving] = 0.0
         limit = self.limit * system.scales.command
         omega = 2 * np.pi * self.bandwidth
         return ComputedTorque(system, prior, trajectory.series, omega, limit)
+
+
+def fixed_arm(system: SecondOrderSystem, wanted: str, remedy: str) -> JointTree:
+    """The system, if it is an arm on a fixed base.
+
+    Raises:
+        InvalidInput: it is not; the message says what is wanted.
+    """
+    if not isinstance(system, JointTree) or system.group:
+        raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
+    return system
 
 
 class ComputedTorque(Driver):
@@ -95,7 +96,7 @@ class ComputedTorque(Driver):
         InvalidInput: the joints have servos.
     """
 
-    def __init__(self, system: MotorTree, prior: Array, series: Series, omega: float, limit: Array):
+    def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
         if system.scales.actuator != "motor":
             expected, remedy = (
                 "motors, whose commands are torques",

@@ -8,11 +8,10 @@ from ..bounds import Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..numerics.spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..parameters import Array
+from ..structure.joints import JointTree
 from ..system import SecondOrderSystem
-from ..systems.flying_arm import FlyingArm
-from ..systems.underwater_manipulator import UnderwaterManipulator
-from ..systems.vehicle_manipulator import VehicleManipulator
 from .driver import Driver, DriverConfig
+from .multisine import pushes
 from .signals import FourierTrajectory, Multisine
 
 
@@ -48,20 +47,16 @@ class SwimAndReach(DriverConfig):
         Raises:
             InvalidInput: the system is not an underwater vehicle with an arm.
         """
-        if not isinstance(system, UnderwaterManipulator):
-            raise InvalidInput(
-                "excitation",
-                "an underwater vehicle with an arm",
-                type(system).__name__,
-                "Use MultisineCommand or FourierTracking.",
-            )
+        remedy = "Use MultisineCommand or FourierTracking."
+        system = _carried(system, "thruster", "an underwater vehicle with an arm", remedy)
         thrusters = system.n_u - len(system.joints)
         signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
-        low, high = (bound[6:] for bound in system.limits)
-        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
-        speed = np.full(len(low), self.speed)
-        path = FourierTrajectory(
-            centre - half, centre + half, speed, self.fundamental, self.harmonics, rng
+        path = FourierTrajectory.within(
+            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
+            self.reach,
+            np.full(len(system.joints), self.speed),
+            (self.fundamental, self.harmonics),
+            rng,
         )
         return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
 
@@ -71,7 +66,7 @@ class _SwimAndReach(Driver):
 
     def __init__(
         self,
-        system: VehicleManipulator,
+        system: JointTree,
         prior: Array,
         signal: Multisine,
         path: FourierTrajectory,
@@ -142,21 +137,15 @@ class HoverAndReach(DriverConfig):
         Raises:
             InvalidInput: the system is not a flying arm.
         """
-        if not isinstance(system, FlyingArm):
-            raise InvalidInput(
-                "excitation", "a flying arm", type(system).__name__, "Use another driver."
-            )
-        low, high = (bound[6:] for bound in system.limits)
-        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
+        system = _carried(system, "rotor", "a flying arm", "Use another driver.")
         bound = np.r_[np.full(3, self.travel), self.turn]
-        fastest = 2 * np.pi * self.fundamental * self.harmonics * bound
-        path = FourierTrajectory(
-            np.r_[-bound, centre - half],
-            np.r_[bound, centre + half],
-            np.r_[fastest, np.full(len(low), self.speed)],
-            self.fundamental,
-            self.harmonics,
+        path = FourierTrajectory.within(
+            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
+            self.reach,
+            np.full(len(system.joints), self.speed),
+            (self.fundamental, self.harmonics),
             rng,
+            (bound, 2 * np.pi * self.fundamental * self.harmonics * bound),
         )
         rotors = system.n_u - len(system.joints)
         dither = Multisine(rotors, self.low, self.high, self.tones, self.dither, rng)
@@ -172,7 +161,7 @@ class _HoverAndReach(Driver):
     def __init__(
         self,
         config: HoverAndReach,
-        system: FlyingArm,
+        system: JointTree,
         prior: Array,
         path: FourierTrajectory,
         dither: Multisine,
@@ -182,7 +171,7 @@ class _HoverAndReach(Driver):
         self._turn = 2 * np.pi * config.attitude_bandwidth
         self._rows = np.arange(2, system.n)  # height, attitude, joints: all but x and y
         self._g = float(np.linalg.norm(system.model.gravity.linear))
-        self._inputs = inputs(system, prior)
+        self._inputs = pushes(system, prior)  # of a rotor per unit of u²
         self.start()
 
     def start(self) -> tuple[Array, Array]:
@@ -247,20 +236,19 @@ class _HoverAndReach(Driver):
         return rotation_vector(product(inverse, desired))
 
 
-def inputs(system: FlyingArm, theta: Array) -> Array:
-    """(n, n_u) generalised force per unit of a motor's command and of a rotor's u², under θ."""
-    joints, space = len(system.joints), system.space
-    B = np.zeros((system.n, system.n_u))
-    if joints:
-        B[6 + np.arange(joints), np.arange(joints)] = theta[space["motor gain"]]
-    thrust, torque = system.allocation
-    B[:, joints:] = thrust * theta[space["rotor thrust gain"]]
-    B[:, joints:] += torque * theta[space["rotor torque gain"]]
-    return B
+def _carried(system: SecondOrderSystem, kind: str, wanted: str, remedy: str) -> JointTree:
+    """The system, if it is a tree of joints on a base with columns of a kind.
+
+    Raises:
+        InvalidInput: it is not.
+    """
+    if not isinstance(system, JointTree) or not system.columns(kind):
+        raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
+    return system
 
 
 def joint_torque(
-    system: VehicleManipulator,
+    system: JointTree,
     theta: Array,
     t: float,
     q: Array,

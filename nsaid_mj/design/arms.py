@@ -13,11 +13,12 @@ import numpy as np
 
 from ..control import DesignedTracking, FourierTracking
 from ..control.signals import Series
-from ..dynamics.information import torques_along
 from ..errors import InvalidInput
 from ..log import Log
 from ..parameters import Array
-from ..systems.multibody import MotorTree
+from ..structure.arrays import memory_of
+from ..structure.information import torques_along
+from ..structure.joints import JointTree
 from .experiment import Experiment
 from .limits import Limits, coordinates_of
 
@@ -51,7 +52,7 @@ class JointMotions:
 
     def __init__(self, experiment: Experiment, limits: Limits, base: FourierTracking):
         system = experiment.system
-        if not isinstance(system, MotorTree) or system.group:
+        if not isinstance(system, JointTree) or system.group:
             raise InvalidInput(
                 "design", "an arm on a fixed base", type(system).__name__, "Design a vehicle's."
             )
@@ -122,7 +123,8 @@ class JointMotions:
         system, theta = self.experiment.system, self.experiment.draws[draw]
         q = np.ascontiguousarray(system.position(place + series.centre))
         v, a, torque = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration), place
-        torques_along(self._structure, theta, q, v, a, torque)
+        memory = memory_of(self._structure, self._n)
+        torques_along(self._structure, *memory, theta, q, v, a, torque)
         return Log.unchecked(self._t, q, v, torque / theta[system.space.actuators]), torque
 
     def candidate(self, candidate: Array, draw: int) -> tuple[Log, float]:

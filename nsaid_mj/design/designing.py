@@ -230,7 +230,7 @@ def _default_limits(
         more = _MORE * (high - low) if system.group and name != COMMAND else 0.0
         limits[name] = Limit(*_apart(low - more, high + more), units[name])
     if isinstance(base, FourierTracking):
-        low, high = system.limits  # type: ignore[attr-defined]  # a MotorTree
+        low, high = system.limits  # type: ignore[attr-defined]  # a JointTree
         half, middle = 0.5 * base.reach * (high - low), 0.5 * (high + low)
         own = limits["position"]
         limits["position"] = Limit(

@@ -13,14 +13,12 @@ import numpy as np
 
 from ..experiment.scenario import Scenario
 from ..identifiers import NullspaceAID
-from ..log import Log
 from ..parameters import Array
 from ..resources import write_json, write_text
-from ..system import SecondOrderSystem
+from ..structure.sensing import velocity_labels
 from .designing import Design
 from .harmonics import Ranks
 from .information import rms
-from .limits import coordinates_of
 from .prediction import Prediction
 
 DESIGN, MOTION, SCENARIO, SCRIPT = "design.json", "motion.csv", "scenario.json", "scenario.py"
@@ -138,8 +136,11 @@ def motion_csv(found: Design) -> str:
     """
     experiment = found.experiment
     system, log = experiment.system, found.logs[0]
-    names = velocity_names(system)
-    q, v, a = planned(found, log.t) if not system.group else _measured(system, log)
+    names = velocity_labels(system)
+    if system.group:
+        q, v, a = log.q, log.v, np.gradient(log.v, log.t, axis=0)
+    else:
+        q, v, a = planned(found, log.t)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     labels = names if q.shape[1] == len(names) else [f"{i + 1}" for i in range(q.shape[1])]
@@ -158,18 +159,3 @@ def planned(found: Design, t: Array) -> tuple[Array, Array, Array]:
     driver: Any = found.driver.build(experiment.system, experiment.prior, rng)
     q, v, a = np.array([driver.desired(now) for now in t.tolist()]).transpose(1, 0, 2)
     return q, v, a
-
-
-def _measured(system: SecondOrderSystem, log: Log) -> tuple[Array, Array, Array]:
-    return coordinates_of(system, log.q), log.v, np.gradient(log.v, log.t, axis=0)
-
-
-def velocity_names(system: SecondOrderSystem) -> list[str]:
-    """A name for every velocity."""
-    names = getattr(system, "joint_names", None)
-    if names is not None and len(names) == system.n:
-        return list(names)
-    twist = ["surge", "sway", "heave", "roll", "pitch", "yaw"]
-    plane = ["surge", "sway", "yaw"]
-    lead = {6: twist, 3: plane}.get(system.group, [])
-    return [*lead, *(f"{i + 1}" for i in range(system.n - len(lead)))]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from ..dynamics.information import acceleration_rows, information_along
 from ..errors import InvalidInput, NoEstimate, UnknownName
 from ..log import Log
 from ..parameters import Array
+from ..structure.arrays import memory_of
+from ..structure.information import acceleration_rows, information_along
 from .asked import Asked
 from .experiment import Experiment
 
@@ -62,7 +63,8 @@ def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Ar
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     J = np.zeros((basis.shape[1],) * 2)
     coarser = experiment.scenario.dt / h * R
-    if not information_along(system.forward, theta, scale, basis, R, coarser, *log, J):
+    own = system.forward, *memory_of(system.forward, system.n)
+    if not information_along(*own, theta, scale, basis, R, coarser, *log, J):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     return J
 
@@ -79,7 +81,8 @@ def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
     system = experiment.system
     rows = np.empty((len(log.t), system.n, system.p))
     scale = np.array(system.space.scale)
-    if not acceleration_rows(system.forward, log.q, log.v, log.u, theta, scale, rows):
+    own = system.forward, *memory_of(system.forward, system.n)
+    if not acceleration_rows(*own, log.q, log.v, log.u, theta, scale, rows):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     M = system.mass_matrix(np.hstack([log.q, log.v]), theta)
     weighted = (np.linalg.cholesky(M).transpose(0, 2, 1) @ rows).reshape(-1, system.p)

@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import InvalidInput, UnknownName
 from ..log import Log
 from ..parameters import Array
+from ..structure.joints import JointTree
 from ..system import SecondOrderSystem
 
 Extents = Mapping[str, tuple[Array, Array]]
@@ -148,14 +149,7 @@ def _range(rows: Array) -> tuple[Array, Array]:
 
 def coordinates_of(system: SecondOrderSystem, q: Array) -> Array:
     """(N, n) coordinates of an arm's positions q (N, m): (cos, sin) become angles; else q."""
-    if system.m == system.n or system.group:
-        return q
-    columns, at = [], 0
-    for joint in system.joints:  # type: ignore[attr-defined]  # only trees have m ≠ n here
-        pair = q[:, at : at + joint.nq]
-        columns.append(pair[:, 0] if joint.nq == 1 else np.arctan2(pair[:, 1], pair[:, 0]))
-        at += joint.nq
-    return np.column_stack(columns)
+    return system.angles(q) if isinstance(system, JointTree) and not system.group else q
 
 
 def _vehicle(system: SecondOrderSystem, log: Log) -> dict[str, tuple[Array, Array]]:
@@ -207,7 +201,7 @@ def read_limits(path: Path, default: Limits) -> Limits:
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InvalidInput("--limits", "a readable TOML file", f"{path}: {error}", _FORM) from error
     limits, sources = dict(default.limits), dict(default.sources)
     for name, value in table.items():

@@ -17,8 +17,8 @@ import scipy.linalg
 from ..control import DesignedSignals, DesignedTracking
 from ..log import Log, SensorLevels
 from ..parameters import Array, phrase
-from ..systems.optional import pin
-from ..systems.payload import point_mass
+from ..structure.joints import JointTree
+from ..structure.payload import point_mass
 from .designing import Design
 from .experiment import DRAWS, Experiment
 from .information import PRIOR, bound, rms
@@ -164,12 +164,9 @@ def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
 
 def _held(experiment: Experiment) -> Array:
     """(3,) where a payload is held, in the last link's axes, at right angles to its joint's [m]."""
-    model = experiment.system.model  # type: ignore[attr-defined]  # an arm's tree
-    data, last = model.createData(), model.njoints - 1
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    jacobian = pin.getJointJacobian(model, data, last, pin.ReferenceFrame.LOCAL).reshape(6, -1)
-    column = jacobian[:, model.joints[last].idx_v]
-    axis = column[3:] if column[3:].any() else column[:3]
+    arm = experiment.system
+    assert isinstance(arm, JointTree)
+    axis = np.asarray(arm.structure.bodies[-1].axis)
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     return _HELD * side / np.linalg.norm(side)
 

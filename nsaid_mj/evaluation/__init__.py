@@ -6,7 +6,7 @@ method, `lyapunov` the paper's V, `excitation` the motion. `summary` assembles s
 phrases it, and `verify` checks the paper's statements against a run.
 """
 
-from ..systems.sensing import velocity_labels as velocity_labels
+from ..structure.sensing import velocity_labels as velocity_labels
 from .figures import CONVERGED as CONVERGED
 from .figures import Judge as Judge
 from .figures import converged_at as converged_at

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from rich.console import Console
 
 from ..errors import BadRun
@@ -235,7 +236,10 @@ def verify_folder(folder: Path) -> tuple[Run, list[Verdict]]:
     record = Record.read(folder)
     _check_length(folder, record)
     run = reopen(folder, record)
-    verdicts = verify(run, truth_of(run))
+    try:
+        verdicts = verify(run, truth_of(run))
+    except np.linalg.LinAlgError as error:
+        raise BadRun(folder, "its record is damaged", "Run the scenario again") from error
     write(run, verdicts)
     return run, verdicts
 

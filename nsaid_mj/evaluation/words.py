@@ -3,13 +3,45 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..parameters import phrase
 from ..system import SecondOrderSystem
 from .confidence import INTERVAL
 
 _FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of a generalised force, by unit of its velocity
+
+ABSENT = "–"
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
+_FINEST = 1e-4  # unless they are rounded to this or more
+
+
+class Mark(NamedTuple):
+    """How a status or a verdict is shown.
+
+    Attributes:
+        glyph: in front of the words, so that colour is not needed.
+        kind: good, fair, poor or weak: a class of the page's style sheet, a colour elsewhere.
+        text: the words.
+    """
+
+    glyph: str
+    kind: str
+    text: str = ""
+
+
+STATUSES = {
+    status: Mark(glyph, kind, status)
+    for status, glyph, kind in (
+        ("identified", "●", "good"),
+        ("known", "■", "good"),
+        ("only in combination", "◐", "fair"),
+        ("below the noise", "≈", "weak"),
+        ("not excited", "○", "weak"),
+    )
+}
+"""Marks of what a motion says of a parameter, best first."""
 
 OWN = "NS-AID"
 """Label of the scenario's own identifier in tables and plots that also show its rivals."""
@@ -18,9 +50,9 @@ FIGURES = (
     ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the start", "theta_perp_ratio_initial", "%"),
     ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the end", "theta_perp_ratio", "%"),
     ("direction error of the plant's own parameters", "plant_direction_error", "%"),
-    ("largest error of an actuator's gain relative to the others", "actuator_ratio_error", "%"),
+    ("largest error of the gain ratios", "actuator_ratio_error", "%"),
     ("force residual on a held-out trajectory", "force_residual_ratio", "%"),
-    ("rms Δv over the last tenth of the run [SI]", "velocity_error_rms", ""),
+    ("rms Δv over the last tenth of the run [rad/s, m/s]", "velocity_error_rms", ""),
 )
 """The figures shown for every identifier: label, key of the summary, unit."""
 
@@ -28,6 +60,42 @@ FIGURES = (
 def force_units(system: SecondOrderSystem) -> list[str]:
     """The unit of the generalised force of each velocity."""
     return [_FORCE_UNITS.get(unit, "SI") for unit in system.velocity_units]
+
+
+def number(value: float, quantum: float | None = None) -> str:
+    """A number with four digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵."""
+    if not math.isfinite(value):
+        return ABSENT if math.isnan(value) else ("∞" if value > 0 else "−∞")
+    size = abs(value)
+    if quantum is None or not 0 < quantum < math.inf:
+        quantum = 10.0 ** (math.floor(math.log10(size)) - 3) if size > 0 else 1.0
+        trim = True
+    else:
+        quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False
+    if size < quantum / 2:
+        text = "0"
+    elif (_LEAST <= size < _MOST or quantum >= _FINEST) and quantum < 1e3:
+        digits = max(0, -round(math.log10(quantum)))
+        text = f"{round(size / quantum) * quantum:.{digits}f}"
+        text = text.rstrip("0").rstrip(".") if trim and "." in text else text
+    else:
+        digits = max(0, math.floor(math.log10(size)) - round(math.log10(quantum)))
+        factor, _, power = f"{size:.{min(digits, 3)}e}".partition("e")
+        factor = factor.rstrip("0").rstrip(".") if trim and "." in factor else factor
+        text = f"{factor}·10{str(int(power)).translate(_SUPERSCRIPTS)}"
+    return f"−{text}" if value < 0 and text != "0" else text
+
+
+def estimate(value: float, low: float, high: float) -> tuple[str, str]:
+    """An estimate and its 95 % interval, rounded to two digits of the interval's half-width."""
+    half = (high - low) / 2
+    if not math.isfinite(half) or half <= 0:
+        return number(value), ABSENT if half == 0 else f"{number(low)} … {number(high)}"
+    quantum = 10.0 ** (math.floor(math.log10(half)) - 1)
+    least = 10.0 ** (math.floor(math.log10(abs(value))) - 1) if value else quantum
+    if low > 0:  # an interval of a factor: two digits of the estimate too
+        quantum = min(quantum, least)
+    return number(value, quantum), f"{number(low, quantum)} … {number(high, quantum)}"
 
 
 def figure(value: float | None, unit: str) -> str:

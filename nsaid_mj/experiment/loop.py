@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ..nullspace import PersistenceMonitor, structural
 from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
-from ..plants import Plant, VisualMesh
+from ..plants import Looks, Plant
 from ..resources import locked, told, write_json
 from ..system import SecondOrderSystem
 from .following import Following, due_rows
@@ -75,22 +75,6 @@ class Cost:
     identifier: float = 0.0
     steps: int = 0
     compile: float = 0.0
-
-
-class Looks(Protocol):
-    """The robot's visual meshes and their poses."""
-
-    def visuals(self) -> list[VisualMesh]:
-        """The visual meshes, each in its own frame."""
-        ...
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            Translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w order.
-        """
-        ...
 
 
 class Robot(NamedTuple):
@@ -327,17 +311,23 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
 
 
 def reopen(folder: Path, record: Record) -> SimulatedRun:
-    """Rebuilds a run from its record; a truncated record counts as an interrupted run."""
-    scenario = Scenario.from_json(record.metadata["scenario"])
+    """Rebuilds a run from its record; a truncated record counts as an interrupted run.
+
+    Raises:
+        BadRun: the record has no scenario, or not that scenario's columns.
+    """
+    scenario = Scenario.from_json(record.scenario(folder))
     setup = Setup.of(scenario)
-    identifiers = setup.identifiers()
+    identifiers, system = setup.identifiers(), setup.system
+    widths = columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals))
+    record.check(folder, widths)
     end = float(record["t"][-1])
     whole = record.complete and end >= (scenario.steps - scenario.record_every) * scenario.dt
     return SimulatedRun(
         scenario=scenario,
         folder=folder,
         record=record,
-        system=setup.system,
+        system=system,
         prior=setup.prior,
         identifiers=identifiers,
         statuses=dict.fromkeys(identifiers, Status.completed),

@@ -8,7 +8,7 @@ equal bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -157,6 +157,36 @@ class Record:
         prefix = "theta_hat_"
         return [name.removeprefix(prefix) for name in self.columns if name.startswith(prefix)]
 
+    def scenario(self, folder: Path) -> str:
+        """The JSON text of the run's scenario.
+
+        Args:
+            folder: of the run, for the message.
+
+        Raises:
+            BadRun: the record has none.
+        """
+        text = self.metadata.get("scenario")
+        if not isinstance(text, str):
+            raise BadRun(folder, "its record has no scenario", "Run the scenario again")
+        return text
+
+    def check(self, folder: Path, widths: Mapping[str, int]) -> None:
+        """Checks that the record has the columns of its scenario.
+
+        Args:
+            folder: of the run, for the message.
+            widths: entries per row of each column; 0 for a scalar column.
+
+        Raises:
+            BadRun: one is missing, or has another number of entries.
+        """
+        for name, width in widths.items():
+            shape = self.columns[name].shape[1:] if name in self.columns else None
+            if shape != ((width,) if width else ()):
+                reason = f"the column {name} of its record is not that of its scenario"
+                raise BadRun(folder, reason, "Run the scenario again")
+
     @staticmethod
     def read(path: Path) -> Record:
         """Reads the record of a run's folder, or a record file, complete or truncated.
@@ -170,6 +200,8 @@ class Record:
         with _typed(file):
             schema, batches, rows, complete = _survey(file)
             metadata = _metadata(schema)
+            if missing := {"t", "q", "v", "u"} - {*schema.names}:
+                raise KeyError(*sorted(missing))
             columns = {
                 field.name: np.empty((rows, width) if (width := _width(field.type)) else rows)
                 for field in schema
@@ -246,7 +278,7 @@ def _sound(columns: dict[str, Array], rows: slice) -> bool:
 
 
 def _metadata(schema: pa.Schema) -> dict[str, Any]:
-    return json.loads((schema.metadata or {})[b"nsaid"])
+    return dict(json.loads((schema.metadata or {})[b"nsaid"]))
 
 
 def _ended(file: Path) -> bool:

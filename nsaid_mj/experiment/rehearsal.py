@@ -6,10 +6,9 @@ Gramian's eigenvalues by about as much.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
+from ..control import Driver
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
@@ -17,20 +16,8 @@ from ..system import SecondOrderSystem
 _SAMPLES = 3000  # at most, averaged in the Gramian
 
 
-class Drives(Protocol):
-    """The part of a driver's interface that a rehearsal uses."""
-
-    def start(self) -> tuple[Array, Array]:
-        """(n,) initial coordinates and (n,) initial velocities."""
-        ...
-
-    def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n_u,) the command that is held from time t [s] on."""
-        ...
-
-
 def expected_gramian(
-    system: SecondOrderSystem, driver: Drives, theta: Array, dt: float, duration: float
+    system: SecondOrderSystem, driver: Driver, theta: Array, dt: float, duration: float
 ) -> Array:
     """(p, p) mean of S Wᵀ M⁻¹ W S, S = diag(scale), over a motion simulated under θ.
 
@@ -84,12 +71,12 @@ def _step(
     dt: float,
 ) -> tuple[Array, Array]:
     """One RK4 step with the command held; the stages' tangent steps are summed in one tangent."""
-    a1, v1 = a, v
-    v2 = v + dt / 2 * a1
-    a2 = system.evaluate_at(t, system.integrate(q, dt / 2 * v1), v2, u, v2, theta).a
-    v3 = v + dt / 2 * a2
-    a3 = system.evaluate_at(t, system.integrate(q, dt / 2 * v2), v3, u, v3, theta).a
-    v4 = v + dt * a3
-    a4 = system.evaluate_at(t, system.integrate(q, dt * v3), v4, u, v4, theta).a
-    step = dt / 6 * (v1 + 2 * v2 + 2 * v3 + v4)
-    return system.integrate(q, step), v + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+    speeds, rates = [v], [a]
+    for reach in (dt / 2, dt / 2, dt):
+        speeds.append(v + reach * rates[-1])
+        at = system.integrate(q, reach * speeds[-2])
+        rates.append(system.evaluate_at(t, at, speeds[-1], u, speeds[-1], theta).a)
+    way, change = (
+        dt / 6 * (one + 2 * two + 2 * three + four) for one, two, three, four in (speeds, rates)
+    )
+    return system.integrate(q, way), v + change

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..dynamics.motions import STAGES, stage, stage_room
 from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
-from ..numerics.packs import packs
-from ..structure.arrays import Workspace
 from ..structure.compiled import FAST
-from .metric import CHARTS, Flat, accurate, adapt, chart, enter, hold, leave, sound
+from ..structure.motion_types import STAGES, stage, stage_room
+from .metric import CHARTS, accurate, adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
 
@@ -77,7 +75,7 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
 
     Args:
         law: the gain K and the metric.
-        motion: any of `dynamics.motions`.
+        motion: any of `structure.motion_types`.
         v_hats: (N, n) v̂, written from row `first` on; the row before is the initial value.
         theta_hats: (N, p) θ̂, written from row `first` on; the row before is the initial value.
         pivots: (N,) M̂'s smallest pivot in the step that ends at the row; written from row
@@ -124,34 +122,3 @@ def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat,
         copy_into(v_hat, v_hats[k])
         copy_into(theta, theta_hats[k])
     return t.shape[0]
-
-
-# -- several runs at once --------------------------------------------------------------------------
-
-
-@kernel(None, *STAGES, *CHARTS, packs=True)
-def follow_abreast(laws, motion, v_hats, theta_hats, pivots, rows, work):
-    """`follow` of `LANES` runs with the paper's law and diagonal gains, each to the bit as alone.
-
-    All arrays but the motion's have a last axis of lanes, see `numerics.packs`.
-
-    Args:
-        laws: K (n, LANES) and Γ (p, LANES).
-        motion: a `StructureMotion`, which all runs share.
-        v_hats: (N, n, LANES) v̂, written from row 1 on.
-        theta_hats: (N, p, LANES) θ̂, written from row 1 on.
-        pivots: (N, LANES) M̂'s smallest pivots, written from row 1 on.
-        rows: (7, n + p, LANES) workspace.
-        work: memory of a stage.
-
-    Returns:
-        The first row at which a run failed, in which no run's numbers are valid; N if none.
-    """
-    n, p, x = v_hats.shape[1], theta_hats.shape[1], packs(rows)
-    stages = Workspace(
-        packs(work.motion), packs(work.inertia), packs(work.M),
-        packs(work.L), packs(work.rows), packs(work.scratch),
-    )  # fmt: skip
-    law, own = Flat(packs(laws.K), packs(laws.Gamma)), (x[0], x[1], x[2], x[3], x[4, :p], None)
-    v_hats, theta_hats, a_hat, gradient = packs(v_hats), packs(theta_hats), x[5, :n], x[6, :p]
-    return _follow(law, motion, v_hats, theta_hats, packs(pivots), 1, stages, own, a_hat, gradient)

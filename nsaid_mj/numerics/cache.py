@@ -18,6 +18,8 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import llvmlite
@@ -25,6 +27,11 @@ import numba
 import numpy as np
 
 from ..errors import NoKernelCache, NotWritten
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WHOLE = ("numerics", "structure")
@@ -172,3 +179,29 @@ FOLDER = open_cache()
 """The folder of this process's compiled kernels."""
 
 numba.config.CACHE_DIR = str(FOLDER)
+
+
+@contextmanager
+def one_process(name: str, wait: bool) -> Iterator[bool]:
+    """Context that no two processes are in at once with one name; without locks, all are.
+
+    Args:
+        name: of what they compile or load.
+        wait: whether to wait until the others have left it.
+
+    Yields:
+        Whether it is free.
+    """
+    file, free = None, True
+    try:
+        if fcntl is not None:
+            with suppress(OSError):
+                file = open(FOLDER / f"{name}.lock", "w")  # noqa: SIM115
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+                except BlockingIOError:
+                    free = False
+        yield free
+    finally:
+        if file is not None:
+            file.close()  # frees the lock

@@ -11,24 +11,18 @@ import threading
 import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any, cast
 
 from llvmlite import binding as llvm
+from llvmlite import ir
 from numba import config, njit, typeof, types
-from numba.core import cgutils
 from numba.core.errors import NumbaError
-from numba.extending import is_jitted, lower_builtin, overload, type_callable, typeof_impl
+from numba.extending import is_jitted, lower_builtin, type_callable, typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache
-from .cache import FOLDER
-from .packs import PACK
-from .stopwatch import compiling
-
-try:
-    import fcntl
-except ImportError:  # not on Windows
-    fcntl = None
+from .cache import FOLDER, one_process
+from .stopwatch import compiling, without_garbage_collection
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
 vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
@@ -39,7 +33,7 @@ it counts no references to the arrays of a call, half of a stage's time; nothing
 SIGNATURES: dict[Any, Any] = {}
 """Of helpers and routines: without one, numba compiles one for every literal integer given."""
 _LOCK = threading.RLock()
-_njit, _overload = cast("Any", njit), cast("Any", overload)  # types without a dict of options
+_njit = cast("Any", njit)  # whose type has no dict of options
 
 
 def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -70,11 +64,6 @@ def kernel(signature: Any = None, *calls: Any, **options: Any) -> Any:
     return mark
 
 
-def in_packs(given: tuple[Any, ...]) -> bool:
-    """Whether a call computes several runs at once, see `packs`."""
-    return any(getattr(kind, "dtype", None) is PACK for kind in given)
-
-
 class Kernel:
     """A function that Python calls, and that compiled functions call by its address.
 
@@ -86,7 +75,6 @@ class Kernel:
             that Python calls it with, and is part of every compiled function that calls it.
         calls: compiled functions it calls that its text does not name, as overloads do.
         inner: only compiled functions call it, and Python in tests.
-        packs: it computes several runs at once, see `packs`.
         options: of `numba.njit`.
     """
 
@@ -96,7 +84,6 @@ class Kernel:
         signature: Any = None,
         *calls: Any,
         inner: bool = False,
-        packs: bool = False,
         **options: Any,
     ):
         given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
@@ -104,19 +91,16 @@ class Kernel:
         self.part = _njit(**given)(function)
         self._called = njit(lambda *x: self(*x)) if inner else self.function  # noqa: PLW0108
         self.signature, self.py_func, self._calls, self._loaded = signature, function, calls, False
-        self._packs, self.symbol = packs, f"{function.__module__}.{function.__name__}"
+        self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         if signature is not None:
 
-            def typed(*given: Any) -> Any:
-                return None if in_packs(given) else signature
+            def typed(*_: Any) -> Any:
+                return signature
 
             typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
             type_callable(self)(lambda _: typed)
             lower_builtin(self, *signature.args)(self._lower)
-            _overload(self, jit_options=FAST, strict=False)(
-                lambda *given: function if in_packs(given) else None
-            )
 
     def __call__(self, *arguments: Any) -> Any:
         """Calls it from Python; raises TypeError if its signature has other types."""
@@ -129,30 +113,46 @@ class Kernel:
         self.load(None if self.signature is not None else tuple(map(typeof, arguments)))
         return self._called(*arguments)
 
-    def load(self, given: Any = None) -> None:
-        """Compiles it after all that it calls, or loads it from the cache, for the given types."""
+    def load(self, given: Any = None, wait: bool = True) -> bool:
+        """Compiles it after all that it calls, or loads it from the cache, for the given types.
+
+        What another process is compiling is left to it until all else is done.
+
+        Args:
+            given: types of the arguments of a call; None for those of the signature.
+            wait: whether to wait for what another process is compiling.
+
+        Returns:
+            Whether it is loaded.
+        """
         if self._loaded and given is None:
-            return
+            return True
         signature = self.signature if given is None else given
         mark = FOLDER / f"{self.symbol}-{zlib.crc32(str(signature).encode()):08x}"
-        with _LOCK:
-            new = not mark.exists()
-            for callee in (*called(self._calls), *named(self.py_func)):
-                if isinstance(callee, Kernel):
-                    callee.load()
-                elif new and not callee.signatures:
-                    with compiling(callee):
-                        callee.compile(SIGNATURES[callee])
-                    callee.disable_compile()
-            for part in SIGNATURES if self._packs else ():
-                part.disable_compile(False)
-            with _one_process(), compiling(self.function):
-                self._compile(signature)
-            with suppress(OSError):
-                mark.touch()
+        with _LOCK, without_garbage_collection():
+            callees = [*called(self._calls), *named(self.py_func)]
+            kernels = [callee for callee in callees if isinstance(callee, Kernel)]
+            busy = [callee for callee in kernels if not callee.load(wait=False)]
+            if busy and not wait:
+                return False
+            for callee in busy:
+                callee.load()
+            with one_process(self.symbol, wait) as free:
+                if not free:
+                    return False
+                for callee in callees if not mark.exists() else ():
+                    if callee in SIGNATURES and not callee.signatures:
+                        with compiling(callee):
+                            callee.compile(SIGNATURES[callee])
+                        callee.disable_compile()
+                with compiling(self.function):
+                    self._compile(signature)
+                with suppress(OSError):
+                    mark.touch()
             if given is None:
                 llvm.add_symbol(self.symbol, self._address("llvm_func_name"))
             self._loaded = True
+        return True
 
     def callback(self) -> int:
         """Address by which C calls it, if it was made with `no_cfunc_wrapper=False`."""
@@ -184,8 +184,9 @@ class Kernel:
         assert self._loaded, f"{self.symbol} is missing in the `calls` of a kernel"
         convention = context.call_conv
         kind = convention.get_function_type(signature.return_type, signature.args)
-        called = cgutils.get_or_insert_function(builder.module, kind, self.symbol)
-        given = builder, called, signature.return_type, signature.args, arguments
+        module = builder.module
+        found = module.globals.get(self.symbol) or ir.Function(module, kind, self.symbol)
+        given = builder, found, signature.return_type, signature.args, arguments
         return convention.call_function(*given)[1]
 
 
@@ -209,18 +210,3 @@ def called(values: Iterable[Any]) -> Iterator[Any]:
 @typeof_impl.register(Kernel)
 def _type_of_kernel(kernel: Kernel, _: Any) -> Any:
     return None if kernel.signature is not None else typeof(kernel.part)  # else see `_lower`
-
-
-@contextmanager
-def _one_process() -> Iterator[None]:
-    """Waits until no other process compiles or loads; without locks, nobody waits."""
-    file = None
-    try:
-        if fcntl is not None:
-            with suppress(OSError):
-                file = open(FOLDER / "lock", "w")  # noqa: SIM115
-                fcntl.flock(file, fcntl.LOCK_EX)
-        yield
-    finally:
-        if file is not None:
-            file.close()  # frees the lock

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .kernels import FAST, f8, kernel, matrix, vector, void
+from .kernels import FAST, f8, helper, kernel, matrix, vector, void
 
 
 @kernel(f8(matrix, matrix))
@@ -32,8 +32,8 @@ def cholesky(M, L):
     return smallest
 
 
-@kernel(f8(matrix, matrix, vector), inner=True)
-def solve_positive(M, L, x):
+@helper(f8(matrix, matrix, vector))
+def solve_inline(M, L, x):
     """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 
     M = L D Lᵀ, without square roots and with one division per row. The array L (n, n) is a
@@ -61,6 +61,12 @@ def solve_positive(M, L, x):
         for k in range(i + 1, n):
             x[i] -= L[k, i] * x[k]
     return smallest
+
+
+@kernel(f8(matrix, matrix, vector), inner=True)
+def solve_positive(M, L, x):
+    """`solve_inline`, as a function of its own."""
+    return solve_inline(M, L, x)
 
 
 @kernel(void(matrix, matrix), inner=True)

@@ -25,6 +25,7 @@ from .world.plant import Plant as Plant
 from .world.plant import PlantConfig as PlantConfig
 from .world.sensors import SensorNoise as SensorNoise
 from .world.sensors import Sensors as Sensors
+from .world.simulated import Looks as Looks
 
 
 def _plants() -> dict[str, type[PlantConfig]]:

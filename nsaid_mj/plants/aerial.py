@@ -10,9 +10,9 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..structure.blocks import GRAVITY, inertial_block
 from ..structure.parts import Column
-from ..systems.inertial import GRAVITY, inertial_block
-from ..systems.vehicle import Operation, Term, numbered, term
+from ..structure.single_body import Operation, Term, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import Inertia, guessed, hidden
 from .world.sheet import (
@@ -184,7 +184,3 @@ class QuadrotorPlant(VehiclePlant):
     sheet: ClassVar[type[VehicleSheet]] = QuadrotorSheet
     vehicle: Name = "hummingbird"
     spread: Share = 0.1
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return QuadrotorSheet.of(self.vehicle).blueprint()

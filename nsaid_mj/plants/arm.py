@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar, Literal, Self
+from operator import attrgetter
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
-from pydantic import model_validator
+from numpy.typing import ArrayLike
 
 from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
 from ..robot.robots import Base, Robot, load_robot
-from ..robot.shapes import VisualMesh
 from ..robot.tree import RobotVisuals, set_inertias, tree_spec
-from ..systems.compiled import CompiledMultibody
-from ..systems.joints import Actuator
-from ..systems.multibody import JointScales, MotorTree, Multibody
-from ..systems.optional import pin
-from .world.coordinates import joint_map
-from .world.forces import Forces, column_forces
-from .world.mismatch import Mismatch
+from ..structure.joints import Actuator, JointScales, JointTree
+from ..structure.multibody import CompiledMultibody, Multibody
+from ..structure.optional import pin
+from .world.body import guessed, hidden
 from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet
+from .world.simulated import SimulatedRobot
 
 Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""
@@ -63,54 +59,57 @@ class ArmPlant(ParametricPlantConfig):
     backend: Backend = "compiled"
     actuator: Actuator = "motor"
     _base: ClassVar[Base] = "held"
+    _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        self.mismatch.refuse("an arm in air", "flow", "fluid")
-        return self
-
-    def build(self, dt: float, seed: int) -> Arm:
+    def build(self, dt: float, seed: int) -> Plant:
         """Loads the robot, draws the hidden parameters, compares MuJoCo with Pinocchio.
 
         Raises:
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
             EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
         """
-        robot, nominal = self._published()
-        rng = np.random.default_rng(seed)
-        n = len(nominal.gain)
+        robot, system = self._published()
+        theta, rng = published_theta(robot.model, system), np.random.default_rng(seed)
+        for block, place in system.space:
+            if block.geometry == "positive":  # of the joints
+                theta[place] = hidden(theta[place], self.spread, rng)
+        return self._plant(dt, robot, system, theta)
 
-        def hidden(value: Array) -> Array:
-            return value * (1 + self.spread * rng.uniform(-1, 1, n))
-
-        joints = HiddenJoints(
-            rotor=hidden(nominal.rotor) if nominal.rotor is not None else None,
-            viscous=hidden(nominal.viscous),
-            coulomb=hidden(nominal.coulomb),
-            gain=hidden(nominal.gain),
-        )
-        return self._plant(dt, robot, nominal, joints)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Arm:
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
         """Makes the robot with the true parameters θ (p,), or those of URDF and data sheet."""
-        robot, nominal = self._published()
-        joints = HiddenJoints.of(nominal)
-        if theta is not None:
-            joints = set_tree(robot.model, theta, len(nominal.gain))
-        return self._plant(dt, robot, nominal, joints)
+        robot, system = self._published()
+        true = published_theta(robot.model, system) if theta is None else theta
+        return self._plant(dt, robot, system, true)
 
-    def _published(self) -> tuple[Robot, JointScales]:
-        """The robot's description, and the joints' nominal values."""
+    def _published(self) -> tuple[Robot, JointTree]:
+        """The robot's description, and the structure that an identifier may know."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
             raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
-        return robot, nominal_scales(robot.model, self)
-
-    def _plant(self, dt: float, robot: Robot, nominal: JointScales, joints: HiddenJoints) -> Arm:
-        n = len(nominal.gain)
+        nominal = nominal_scales(robot.model, self)
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
-        system = structure(robot.model, nominal, np.full(n, self.friction_speed))
-        return Arm(robot, system, joints, dt, self.mismatch).failing(self.faults, self)
+        speed = np.full(len(nominal.gain), self.friction_speed)
+        return robot, structure(robot.model, nominal, speed)
+
+    def _plant(self, dt: float, robot: Robot, system: JointTree, theta: Array) -> Plant:
+        model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
+        acting[space["Coulomb friction"]] = theta[
+            space["Coulomb friction"]
+        ]  # `frictionloss` creeps
+        if self.actuator == "servo":
+            acting[space["servo gain"]] = theta[space["servo gain"]]
+        spec = arm_spec(model, system, theta, dt)
+        names, looks = list(model.names)[1:], RobotVisuals(robot)
+        try:
+            made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
+        except ValueError as error:
+            raise BadRobot(
+                robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
+            ) from error
+        with quiet():
+            compare_engines(made, robot.name, model)
+            check_stiffness(made, robot.name)
+        return made.failing(self.faults, self)
 
 
 @config
@@ -124,188 +123,115 @@ class FloatingBasePlant(ArmPlant):
     _base: ClassVar[Base] = "free"
 
 
-@dataclass(frozen=True)
-class HiddenJoints:
-    """True parameters of the joints, (k,) each; units as in `JointScales`."""
-
-    rotor: Array | None
-    viscous: Array
-    coulomb: Array
-    gain: Array
-
-    @staticmethod
-    def of(nominal: JointScales) -> HiddenJoints:
-        """Joints with the nominal values."""
-        return HiddenJoints(nominal.rotor, nominal.viscous, nominal.coulomb, nominal.gain)
+def published_theta(model: pin.Model, system: JointTree) -> Array:
+    """(p,) θ of a description's inertias and of the nominal values of its joints."""
+    bodies = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
+    joints = [block.scale for block in system.space.blocks if block.geometry == "positive"]
+    return np.concatenate([*bodies, *joints])
 
 
-def set_tree(model: pin.Model, theta: Array, joints: int) -> HiddenJoints:
-    """Overwrites the inertias of a model by those in θ = [bodies, joints]; returns the joints."""
-    links = 10 * (model.njoints - 1)
-    set_inertias(model, theta[:links])
-    values = theta[links:].reshape(-1, joints) if joints else np.zeros((3, 0))
-    return HiddenJoints(values[0] if len(values) == 4 else None, *values[-3:])
+def true_model(model: pin.Model, theta: Array) -> pin.Model:
+    """A copy of a model with the bodies' inertias in θ (p,), which begins with them."""
+    model = pin.Model(model)
+    set_inertias(model, theta[: 10 * (model.njoints - 1)])
+    return model
 
 
-class Arm(Plant):
-    """An arm or a floating-base robot in MuJoCo.
-
-    Args:
-        robot: the description; its inertias are the true ones.
-        system: the structure that an identifier may know.
-        hidden: the true parameters of its joints.
-        dt: time step [s].
-        mismatch: the effects outside the structure.
-
-    Raises:
-        BadRobot: MuJoCo rejects a body, or a joint's friction is too stiff for dt.
-        EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
-    """
-
-    system: MotorTree
-
-    def __init__(
-        self,
-        robot: Robot,
-        system: MotorTree,
-        hidden: HiddenJoints,
-        dt: float,
-        mismatch: Mismatch,
-    ):
-        self.robot, self.system, self._hidden = robot, system, hidden
-        spec, k = arm_spec(robot.model, hidden, dt, system.scales.actuator), system.n_u
-        acting = np.zeros(system.p)
-        acting[-2 * k : -k] = hidden.coulomb  # MuJoCo's own `frictionloss` creeps
-        if system.scales.actuator == "servo":
-            acting[-k:] = hidden.gain
-        forces = Forces(system.structure, acting, np.zeros(3))
-        self.gain_places = forces.gain_places if acting[-k:].any() else ()
-        spec.nuserdata, self.passive = forces.size, column_forces()
-        try:
-            self._compile(spec, mismatch)
-        except ValueError as error:
-            raise BadRobot(
-                robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
-            ) from error
-        self.joints = joint_map(self.model, list(robot.model.names)[1:])
-        self.reading = self.joints.reading([joint.nq == 2 for joint in system.joints])
-        self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
-        with quiet():
-            self._compare_engines()
-            self._check_stiffness(dt)
-        self.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
-
-    @cached_property
-    def truth(self) -> Array:
-        """(p,) the true θ."""
-        links = [
-            self.robot.model.inertias[i].toDynamicParameters()
-            for i in range(1, self.robot.model.njoints)
-        ]
-        h = self._hidden
-        rotor = [h.rotor] if h.rotor is not None else []
-        return np.concatenate([*links, *rotor, h.viscous, h.coulomb, h.gain])
-
-    def _place(self, position: Array, velocity: Array) -> None:
-        self.joints.write(self.data, position, velocity)
-        self.data.userdata[:] = self._numbers
-
-    def coordinates(self) -> tuple[Array, Array]:
-        """(n,) position numbers, joint angles [rad] or displacements [m], and (n,) velocities."""
-        return self.joints.read(self.data)
-
-    def visuals(self) -> list[VisualMesh]:
-        """The visual meshes of the robot's description; there may be none."""
-        return self._visuals.visuals()
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
-        return self._visuals.poses(q)
-
-    @cached_property
-    def _visuals(self) -> RobotVisuals:
-        return RobotVisuals(self.robot)
-
-    def _compare_engines(self, samples: int = 5) -> None:
-        """Compares M and bias forces of MuJoCo and Pinocchio at random states.
-
-        Raises:
-            EnginesDisagree: names the link and the quantity that differ.
-        """
-        rng = np.random.default_rng(0)
-        model, data = self.robot.model, self.robot.model.createData()
-        rotor = np.zeros(model.nv)
-        if self._hidden.rotor is not None:
-            rotor[self.system.group :] = self._hidden.rotor
-        for _ in range(samples):
-            coordinates = rng.uniform(*self.system.limits)
-            v = rng.uniform(-1, 1, model.nv)
-            q = self.position(coordinates)
-            self.joints.write(self.data, coordinates, v)
-            mujoco.mj_forward(self.model, self.data)
-            M = pin.crba(model, data, q) + np.diag(rotor - model.armature)
-            bias = pin.nonLinearEffects(model, data, q, v)
-            force = max(np.abs(bias).max(), np.abs(M).max())  # a balanced robot has no bias
-            for quantity, difference in (
-                ("mass matrix", self.joints.mass_matrix(self.model, self.data) - M),
-                ("bias force", self.joints.bias(self.model, self.data) - bias),
-            ):
-                relative = np.abs(difference) / (np.abs(M).max() if difference.ndim == 2 else force)
-                if not relative.max() <= AGREEMENT:
-                    own = np.diag(relative) if relative.ndim == 2 else relative
-                    last = int(np.flatnonzero(~(own <= AGREEMENT))[-1:].sum())  # ancestors follow
-                    moved = max(j.id for j in list(model.joints)[1:] if j.idx_v <= last)
-                    link = f"link of joint {model.names[moved]}"
-                    raise EnginesDisagree(
-                        self.robot.name, link, quantity, float(relative.max()), AGREEMENT
-                    )
-
-    def _check_stiffness(self, dt: float) -> None:
-        """Checks RK4's stability, |λ| dt < 2.78; friction's |λ| is at most (viscous + c/s)/M_ii.
-
-        Raises:
-            BadRobot: names the joint and a time step that is small enough, or M is singular.
-        """
-        self.reset(np.mean(self.system.limits, axis=0), np.zeros(self.system.n))
-        mujoco.mj_forward(self.model, self.data)
-        try:
-            inertia = 1 / np.diag(np.linalg.inv(self.joints.mass_matrix(self.model, self.data)))
-        except np.linalg.LinAlgError as error:
-            raise BadRobot(
-                self.robot.name,
-                "",
-                "its mass matrix is singular: a moving link has next to no inertia",
-                "Give the link its mass, or the joints rotor inertia (--plant.armature 0.01).",
-            ) from error
-        inertia = inertia[self.system.group :]
-        rate = (self._hidden.viscous + self._hidden.coulomb / self.system.friction_speed) / inertia
-        worst = int(np.argmax(rate))
-        if rate[worst] * dt > 2.5:
-            raise BadRobot(
-                self.robot.name,
-                f"joint {self.robot.model.names[self.system.joints[worst].id]}",
-                f"its friction acts at {rate[worst]:.0f}/s, too fast for steps of {dt:g} s",
-                f"Take dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
-            )
-
-
-def arm_spec(model: pin.Model, hidden: HiddenJoints, dt: float, actuator: Actuator) -> Any:
+def arm_spec(model: pin.Model, system: JointTree, theta: Array, dt: float) -> Any:
     """MuJoCo's specification of a Pinocchio model, with an actuator on every 1-DOF joint.
 
-    A servo's has no gain: its torque is a column.
+    Viscous friction, rotor inertias and motor gains are those in θ (p,). A servo's actuator has no
+    gain: its torque is a column.
     """
-    spec = tree_spec(model, dt)
-    for k, name in enumerate(list(model.names)[-len(hidden.gain) :]):
-        joint = spec.joint(name)
-        joint.damping = [hidden.viscous[k], 0, 0]
-        joint.armature = hidden.rotor[k] if hidden.rotor is not None else 0.0
+    spec, space = tree_spec(model, dt), system.space
+    give_rotors(spec, system, theta)
+    gains = theta[space.actuators] * (system.scales.actuator == "motor")
+    rows = zip(system.joint_names, theta[space["viscous friction"]], gains, strict=True)
+    for name, viscous, gain in rows:
+        spec.joint(name).damping = [viscous, 0, 0]
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.gainprm[0] = hidden.gain[k] if actuator == "motor" else 0.0
+        motor.gainprm[0] = gain
     return spec
+
+
+def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
+    """Gives the joints of MuJoCo's specification the rotor inertias in θ (p,), if modelled."""
+    if system.scales.rotor is not None:
+        rotor = theta[system.space["rotor inertia"]]
+        for name, inertia in zip(system.joint_names, rotor, strict=True):
+            spec.joint(name).armature = inertia
+
+
+def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples: int = 5) -> None:
+    """Compares M and bias forces of MuJoCo and Pinocchio at random states.
+
+    Args:
+        plant: a robot with motors on its joints only.
+        name: of the robot, for the message.
+        model: Pinocchio's, with the true inertias.
+        samples: number of states.
+
+    Raises:
+        EnginesDisagree: names the link and the quantity that differ.
+    """
+    rng, joints = np.random.default_rng(0), plant.joints
+    data, rotor = model.createData(), np.zeros(model.nv)
+    rotor[plant.system.group :] = plant.model.dof_armature[joints.motors]
+    for _ in range(samples):
+        coordinates = rng.uniform(*plant.system.limits)  # type: ignore[attr-defined]  # a tree
+        v = rng.uniform(-1, 1, model.nv)
+        q = plant.position(coordinates)
+        joints.write(plant.data, coordinates, v)
+        mujoco.mj_forward(plant.model, plant.data)
+        M = pin.crba(model, data, q) + np.diag(rotor - model.armature)
+        bias = pin.nonLinearEffects(model, data, q, v)
+        force = max(np.abs(bias).max(), np.abs(M).max())  # a balanced robot has no bias
+        for quantity, difference in (
+            ("mass matrix", joints.mass_matrix(plant.model, plant.data) - M),
+            ("bias force", joints.bias(plant.model, plant.data) - bias),
+        ):
+            relative = np.abs(difference) / (np.abs(M).max() if difference.ndim == 2 else force)
+            if not relative.max() <= AGREEMENT:
+                own = np.diag(relative) if relative.ndim == 2 else relative
+                last = int(np.flatnonzero(~(own <= AGREEMENT))[-1:].sum())  # ancestors follow
+                moved = max(j.id for j in list(model.joints)[1:] if j.idx_v <= last)
+                link = f"link of joint {model.names[moved]}"
+                raise EnginesDisagree(name, link, quantity, float(relative.max()), AGREEMENT)
+
+
+def check_stiffness(plant: SimulatedRobot, name: str) -> None:
+    """Checks RK4's stability, |λ| dt < 2.78; friction's |λ| is at most (viscous + c/s)/M_ii.
+
+    Args:
+        plant: a robot with motors on its joints only; it is reset.
+        name: of the robot, for the message.
+
+    Raises:
+        BadRobot: names the joint and a time step that is small enough, or M is singular.
+    """
+    system, theta = plant.system, plant.truth
+    assert isinstance(system, JointTree)
+    plant.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
+    mujoco.mj_forward(plant.model, plant.data)
+    try:
+        inertia = 1 / np.diag(np.linalg.inv(plant.joints.mass_matrix(plant.model, plant.data)))
+    except np.linalg.LinAlgError as error:
+        raise BadRobot(
+            name,
+            "",
+            "its mass matrix is singular: a moving link has next to no inertia",
+            "Give the link its mass, or the joints rotor inertia (--plant.armature 0.01).",
+        ) from error
+    viscous, coulomb = (theta[system.space[f"{kind} friction"]] for kind in ("viscous", "Coulomb"))
+    rate = (viscous + coulomb / system.friction_speed) / inertia[system.group :]
+    worst = int(np.argmax(rate))
+    if rate[worst] * plant.dt > 2.5:
+        raise BadRobot(
+            name,
+            f"joint {system.joint_names[worst]}",
+            f"its friction acts at {rate[worst]:.0f}/s, too fast for steps of {plant.dt:g} s",
+            f"Take dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
+        )
 
 
 def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
@@ -314,9 +240,10 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
     Masses and lengths are rounded to powers of two, so that the scale of θ does not reveal the true
     inertias.
     """
-    inertias = [model.inertias[i] for i in range(1, model.njoints)]
-    mass = np.array([_octave(inertia.mass) for inertia in inertias])
-    length = np.array([_octave(extent(inertia)) for inertia in inertias])
+    inertias = list(model.inertias)[1:]
+    mass, length = (
+        _octaves([value(inertia) for inertia in inertias]) for value in (attrgetter("mass"), extent)
+    )
     size, weight = joint_sizes(model)
     k = len(size)
     damping = 0.5 * size if config.damping is None else np.full(k, config.damping)
@@ -353,12 +280,12 @@ def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
     pin.computeSubtreeMasses(model, data)
     carried = np.array([data.mass[joint.id] for joint in joints])
     weight = np.linalg.norm(model.gravity.linear) * np.sqrt(carried * size)
-    return np.array([_octave(x) for x in size]), np.array([_octave(x) for x in weight])
+    return _octaves(size), _octaves(weight)
 
 
-def _octave(value: float) -> float:
-    """The nearest power of two: a guess by order of magnitude."""
-    return float(2.0 ** np.round(np.log2(max(value, 1e-9))))
+def _octaves(values: ArrayLike) -> Array:
+    """The nearest powers of two: guesses by order of magnitude."""
+    return guessed(np.maximum(values, 1e-9))
 
 
 def extent(inertia: pin.Inertia) -> float:

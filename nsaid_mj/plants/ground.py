@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import ClassVar, Self
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
-from pydantic import model_validator
 
 from ..bounds import Name, Share, config
-from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..structure.parts import Column, tied
-from ..systems.vehicle import Operation, Term, term
+from ..structure.single_body import Operation, Term, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import guessed, hidden
-from .world.mismatch import Mismatch
 from .world.sheet import Positive, Table, one, several
 
 CREEP = 0.1
@@ -61,15 +58,14 @@ class CarSheet(VehicleSheet):
         scale = guessed(np.array([self.mass, 1.0, self.inertia, *forces]))
         scale[1] = guess.off_centre * self.mass * wheelbase
         scale[6] = scale[5] / guess.top_speed
-        return single_track(
+        car = single_track(
             planar_mass(self.mass, wheelbase / 2 - self.front, self.inertia),
             forces,
             scale,
             wheelbase,
             operation(guess.speed, guess.grip, self.steering, wheelbase),
-            self.size,
-            self._hidden_body,
         )
+        return replace(car, size=self.size, hidden_body=self._hidden_body)
 
     def _hidden_body(self, spread: float, rng: np.random.Generator) -> Array:
         centre = (self.rear - self.front) / 2
@@ -82,8 +78,6 @@ def single_track(
     scale: Array,
     wheelbase: float,
     operating: Operation,
-    size: list[float] | None = None,
-    hidden_body: Callable[[float, np.random.Generator], Array] | None = None,
 ) -> Blueprint:
     """The single-track model, linear in θ = [m, h, I, C_f, C_r, k_d, k_v, c_0, c_D].
 
@@ -103,11 +97,8 @@ def single_track(
         scale: (9,) guesses of θ.
         wheelbase: [m].
         operating: see `operation`.
-        size: see `Blueprint`.
-        hidden_body: see `Blueprint`.
     """
-    half = wheelbase / 2
-    rear = np.array([-half, 0.0, 0.0])
+    half, place = wheelbase / 2, (-wheelbase / 2, 0.0, 0.0)
     mass = Block(
         "mass matrix",
         ("m", "h", "I_z"),
@@ -134,15 +125,13 @@ def single_track(
         rigid,
         [
             tyres,
-            one_term(2, "drive gain", "k_d", Column("drive", 0, body=0, input=0, point=rear)),
+            one_term(2, "drive gain", "k_d", Column("drive", 0, body=0, input=0, point=place)),
             one_term(3, "drive loss", "k_v", Column("drive_loss", 0, body=0, input=0)),
             one_term(4, "rolling resistance", "c_0", Column("rolling", 0, body=0, speed=CREEP)),
             one_term(5, "air drag", "c_D", Column("drag", 0, body=0, axes=(1, 0, 0, 0, 0, 0))),
         ],
         operating,
         tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),
-        size=size,
-        hidden_body=hidden_body,
     )
 
 
@@ -195,17 +184,9 @@ class CarPlant(VehiclePlant):
     """
 
     sheet: ClassVar[type[VehicleSheet]] = CarSheet
+    _refuses: ClassVar[tuple[str, ...]] = ("a car in the plane", "fluid", "level")
     vehicle: Name = "f1tenth"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return CarSheet.of(self.vehicle).blueprint()
-
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        check_wind(self.mismatch, "a car in the plane")
-        return self
 
 
 @config
@@ -224,16 +205,3 @@ class BMW320iPlant(CarPlant):
     """
 
     vehicle: Name = "bmw320i"
-
-
-def check_wind(mismatch: Mismatch, plant: str) -> None:
-    """Checks that a mismatch has no fluid model and no vertical wind.
-
-    Raises:
-        InvalidInput: it has one; the message names `plant`.
-    """
-    mismatch.refuse(plant, "fluid")
-    if mismatch.flow[2]:
-        raise InvalidInput(
-            "mismatch.flow", f"a level wind, for {plant}", mismatch.flow, "Make the third one 0."
-        )

@@ -10,10 +10,10 @@ from pydantic import ConfigDict, Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block
+from ..structure.blocks import inertial_block, mass_block
 from ..structure.columns import KINDS, curve
 from ..structure.parts import Column, full
-from ..systems.inertial import inertial_block
-from ..systems.vehicle import LEVEL, Operation, Term, mass_block, term
+from ..structure.single_body import LEVEL, Operation, Term, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import Inertia, guessed
 from .world.sheet import (
@@ -172,14 +172,6 @@ class ListedPlant(VehiclePlant):
     """
 
     sheet: ClassVar[type[VehicleSheet]] = ListedSheet
+    _refuses: ClassVar[tuple[str, ...]] = ("a vehicle of listed columns", "fluid")
     vehicle: Name = "catamaran"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return ListedSheet.of(self.vehicle).blueprint()
-
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        self.mismatch.refuse("a vehicle of listed columns", "fluid")
-        return self

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
-from pydantic import model_validator
 
 from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
-from ..robot.shapes import VisualMesh, of_geom
+from ..robot.shapes import VisualMesh
 from ..robot.tree import set_options
-from ..systems.vehicle import SingleBody
-from .ground import check_wind, operation, planar_mass, single_track
-from .world.body import BODY, body_poses, composed, guessed, hidden
+from ..structure.single_body import SingleBody
+from .ground import operation, planar_mass, single_track
+from .world.body import BODY, guessed, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig
+from .world.simulated import GeomLooks
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STEERED = ("steer_left", "steer_right")
@@ -34,12 +34,9 @@ class RoverPlant(PlantConfig):
             from the values given there.
     """
 
-    spread: Share = 0.2
+    _refuses: ClassVar[tuple[str, ...]] = ("a rover on level ground", "fluid", "level")
 
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        check_wind(self.mismatch, "a rover on level ground")
-        return self
+    spread: Share = 0.2
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
@@ -87,10 +84,7 @@ class Rover(Plant):
         self._spins = np.array([self.model.joint(f"roll_{w}").dofadr[0] for w in WHEELS])
         self._rest = self._settled()
         self._truth = self._effective(d)
-        plane = mujoco.mjtGeom.mjGEOM_PLANE
-        self._drawn = [i for i in range(self.model.ngeom) if self.model.geom_type[i] != plane]
-        self._places = self.data.geom_xpos[self._drawn].copy()
-        self._attitudes = self.data.geom_xmat[self._drawn].reshape(-1, 3, 3).copy()
+        self._looks = GeomLooks(self.model, self._show)
         self.reset(np.zeros(3), np.zeros(3))
 
     @property
@@ -104,13 +98,17 @@ class Rover(Plant):
         along = velocity[0] - self._arms[:, 1] * velocity[2]
         self.data.qvel[self._spins] = along / self._radius  # rolling without slip
 
+    def _show(self, data: Any, q: Array) -> None:
+        data.qpos[:] = self._rest
+        self.body.write(data, q, np.zeros(3))
+
     def coordinates(self) -> tuple[Array, Array]:
         """(3,) x, y [m], ψ [rad] and (3,) u, v [m/s], r [rad/s] of the hull's horizontal motion."""
         return self.body.read(self.data)
 
     def visuals(self) -> list[VisualMesh]:
         """Meshes of the hull and the wheels."""
-        return [of_geom(self.model, i) for i in self._drawn]
+        return self._looks.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the geoms at q (k, 3); wheels do not turn, as q has no wheel angles.
@@ -118,9 +116,7 @@ class Rover(Plant):
         Returns:
             translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
         """
-        places, attitudes = body_poses(q)
-        translations = places[:, None] + np.einsum("kab,gb->kga", attitudes, self._places)
-        return translations, composed(attitudes, self._attitudes)
+        return self._looks.poses(q)
 
     def _settled(self) -> Array:
         """(nq,) qpos of the rover at rest at the origin, settled on its wheels."""

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
-import mujoco
 import numpy as np
 from pydantic import model_validator
 
 from ..bounds import Number, Positive, Share, config
 from ..errors import InvalidInput
-from ..parameters import Array
-from ..resources import asset
-from ..robot.shapes import VisualMesh, of_geom
-from ..robot.tree import set_options
-from ..systems.scalar import ScalarVehicle
-from .world.coordinates import reading_of
-from .world.mismatch import Mismatch
+from ..parameters import Array, Block
+from ..resources import VehicleFiles, asset
+from ..structure.parts import Column, tied
+from ..structure.single_body import Operation, Term
+from .world.blueprint import Blueprint, simulated
+from .world.body import hidden
 from .world.plant import ParametricPlantConfig, Plant
 
 
@@ -31,6 +29,8 @@ class ScalarRovPlant(ParametricPlantConfig):
         gain: nominal thrust at full command [N].
         spread: largest relative deviation of the true values from the nominal ones.
     """
+
+    _refuses: ClassVar[tuple[str, ...]] = ("the heave axis alone", "flow", "fluid")
 
     mass: Positive = 32.18
     drag: Positive = 190.0
@@ -47,72 +47,59 @@ class ScalarRovPlant(ParametricPlantConfig):
                 self.net_weight,
                 "A neutral vehicle has no net weight to identify.",
             )
-        self.mismatch.refuse("the heave axis alone", "flow", "fluid")
         return self
 
-    def build(self, dt: float, seed: int) -> ScalarRov:
+    def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
-        rng = np.random.default_rng(seed)
-        return self.simulating(dt, self._nominal * (1 + self.spread * rng.uniform(-1, 1, 4)))
+        drawn = self._blueprint().drawn(self.spread, np.random.default_rng(seed))
+        return self.simulating(dt, drawn)
 
-    def simulating(self, dt: float, theta: Array | None = None) -> ScalarRov:
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
         """Makes the plant with the true parameters θ (4,), or the published ones."""
-        true = self._nominal if theta is None else theta
-        return ScalarRov(self._nominal, true, dt, self.mismatch).failing(self.faults, self)
+        files = VehicleFiles(*(asset("scalar_rov", name) for name in ("SOURCE.md", "model.xml")))
+        return simulated(self._blueprint(), files, self, dt, theta)
 
-    @property
-    def _nominal(self) -> Array:
-        return np.array([self.mass, self.drag, self.net_weight, self.gain])
+    def _blueprint(self) -> Blueprint:
+        nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
+        speed = float(np.sqrt(self.gain / self.drag))  # where drag balances full thrust
+        return heaving(nominal, speed)
 
 
-class ScalarRov(Plant):
-    """A heaving vehicle in MuJoCo: slide joint, native quadratic damping, partial buoyancy.
+def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
+    """m v̇ = −d v|v| − g + a u (16), θ = [m, d, g, a].
+
+    x = (height z [m], upward velocity v [m/s]); u is the thruster command in [−1, 1]; g is the
+    weight minus buoyancy [N]. M does not depend on x, so C = 0. Normalising by m gives the reduced
+    form (17): hold `mass` at 1 with `ConventionalAID(known=("mass",))`.
 
     Args:
-        nominal: (4,) an engineer's guess of m, d, g, a.
-        theta: (4,) the true m, d, g, a.
-        dt: time step [s].
-        mismatch: the effects outside the structure.
+        nominal: (4,) published m [kg], d [N·s²/m²], g [N], a [N]; their magnitudes are the scale.
+        speed: speed of operation [m/s], for random probes of the structure.
     """
+    m, d, g, a = np.abs(nominal)[:, None]
 
-    def __init__(self, nominal: Array, theta: Array, dt: float, mismatch: Mismatch):
-        self._theta = theta
-        speed = float(np.sqrt(nominal[3] / nominal[1]))  # where drag balances full thrust
-        self.system = ScalarVehicle(np.abs(nominal), speed)
-        spec = mujoco.MjSpec.from_file(str(asset("scalar_rov", "model.xml")))
-        set_options(spec, dt)
-        mass, drag, weight, gain = theta
-        body = spec.body("vehicle")
-        body.mass = mass
-        body.gravcomp = 1 - weight / (mass * 9.81)  # buoyancy as a share of the weight
-        spec.joint("heave").damping = [0, drag, 0]  # MuJoCo: −(a v + b v|v| + c v³)
-        spec.actuator("thrusters").gainprm[0] = gain
-        self._compile(spec, mismatch)
-        self.reading = reading_of(np.array([0]), np.array([0]))
+    def term(block: Block, column: Column, k: int) -> Term:
+        return Term(block, [column], nominal[k : k + 1])
 
-    @property
-    def truth(self) -> Array:
-        """(4,) the true m, d, g, a."""
-        return self._theta
-
-    def _place(self, position: Array, velocity: Array) -> None:
-        self.data.qpos[:], self.data.qvel[:] = position, velocity
-
-    def coordinates(self) -> tuple[Array, Array]:
-        """(1,) height [m] and (1,) velocity [m/s], positive upwards."""
-        return self.data.qpos.copy(), self.data.qvel.copy()
-
-    def visuals(self) -> list[VisualMesh]:
-        """Meshes of hull and thrusters."""
-        return [of_geom(self.model, i) for i in range(self.model.ngeom)]
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the geoms at heights q (k, 1).
-
-        Returns:
-            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
-        """
-        translations = np.repeat(self.model.geom_pos[None], len(q), axis=0)
-        translations[:, :, 2] += q
-        w, x, y, z = self.model.geom_quat.T
-        return translations, np.repeat(np.stack([x, y, z, w], axis=1)[None], len(q), axis=0)
+    mass = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+    fastest, most = np.array([2 * speed]), np.ones(1)
+    return Blueprint(
+        Block("mass", ("mass",), ("kg",), m, "positive"),
+        nominal[0] * mass,
+        [
+            term(
+                Block("drag", ("drag",), ("N·s²/m²",), d, "positive"),
+                Column("quadratic", 0, dof=0),
+                1,
+            ),
+            term(Block("net weight", ("net weight",), ("N",), g), Column("weight", 0, body=0), 2),
+            term(
+                Block("thruster gain", ("thruster gain",), ("N",), a, "positive", actuator=True),
+                Column("motor", 0, dof=0, input=0),
+                3,
+            ),
+        ],
+        Operation((-fastest, fastest), (-most, most)),
+        tied([(i, i, 0, 1.0) for i in range(3)]),
+        hidden_body=lambda spread, rng: hidden(nominal[0], spread, rng) * mass,
+    )

@@ -8,18 +8,17 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
-from ..errors import InvalidInput
+from ..structure.blocks import inertial_block
 from ..structure.parts import columns_at
-from ..systems.inertial import inertial_block
-from ..systems.vehicle import Operation, numbered, term
+from ..structure.single_body import Operation, numbered, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia, guessed
 from .world.sheet import (
     Number,
     Positive,
     Table,
+    check_directions,
     check_inertia,
-    check_unit_vectors,
     one,
     several,
 )
@@ -47,14 +46,8 @@ class Nozzles(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if len(self.positions) != len(self.directions):
-            raise InvalidInput(
-                "nozzles.directions",
-                f"one for each of {len(self.positions)} positions",
-                len(self.directions),
-                "Give every nozzle its position and its direction.",
-            )
-        check_unit_vectors("nozzles.directions", np.array(self.directions))
+        places, jets = np.array(self.positions), np.array(self.directions)
+        check_directions("nozzles", "nozzle", places, jets)
         return self
 
 
@@ -113,14 +106,6 @@ class AstrobeePlant(VehiclePlant):
     """
 
     sheet: ClassVar[type[VehicleSheet]] = FreeFlyerSheet
+    _refuses: ClassVar[tuple[str, ...]] = ("a free-flyer in a vacuum", "flow", "fluid")
     vehicle: Name = "astrobee"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return FreeFlyerSheet.of(self.vehicle).blueprint()
-
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        self.mismatch.refuse("a free-flyer in a vacuum", "flow", "fluid")
-        return self

@@ -11,7 +11,7 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..structure.parts import Column, columns_at, tied
-from ..systems.vehicle import Operation, Term, numbered, term
+from ..structure.single_body import Operation, Term, numbered, term
 from .underwater import WATER
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import guessed
@@ -286,7 +286,3 @@ class REMUS100Plant(VehiclePlant):
     sheet: ClassVar[type[VehicleSheet]] = TorpedoSheet
     vehicle: Name = "remus100"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return TorpedoSheet.of(self.vehicle).blueprint()

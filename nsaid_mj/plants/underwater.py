@@ -10,9 +10,10 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..structure.blocks import AXES, mass_block
 from ..structure.columns.curve import odd
 from ..structure.parts import Column, columns_at, full
-from ..systems.vehicle import AXES, Operation, mass_block, numbered, term
+from ..structure.single_body import Operation, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import NED, guessed
 from .world.sheet import (
@@ -20,8 +21,8 @@ from .world.sheet import (
     Number,
     Positive,
     Table,
+    check_directions,
     check_inertia,
-    check_unit_vectors,
     one,
     several,
 )
@@ -69,13 +70,6 @@ class Thrusters(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if len(self.positions) != len(self.directions):
-            raise InvalidInput(
-                "thrusters.directions",
-                f"one for each of {len(self.positions)} positions",
-                len(self.directions),
-                "Give every thruster its position and its direction.",
-            )
         for ring in self.rings:
             if len(ring.angles) != len(ring.turns):
                 raise InvalidInput(
@@ -89,7 +83,7 @@ class Thrusters(Table):
             raise InvalidInput(
                 "thrusters", "at least one thruster", count, "Give `positions`, or `rings`."
             )
-        check_unit_vectors("thrusters.directions", self.placed("direction"))
+        check_directions("thrusters", "thruster", self.placed("position"), self.placed("direction"))
         if not sum(self.curve) > 1e-9:
             raise InvalidInput(
                 "thrusters.curve",
@@ -227,10 +221,6 @@ class BlueROV2Plant(VehiclePlant):
     sheet: ClassVar[type[VehicleSheet]] = UnderwaterSheet
     vehicle: Name = "bluerov2"
     spread: Share = 0.2
-
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
-        return UnderwaterSheet.of(self.vehicle).blueprint()
 
 
 def _turned(vector: list[float], angles: list[float]) -> Array:

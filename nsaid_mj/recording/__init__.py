@@ -9,7 +9,7 @@ and starts Rerun's viewer.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ..systems.optional import installed, require
+from ..structure.optional import installed, require
 
 FILE = "run.rrd"
 HINT = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"

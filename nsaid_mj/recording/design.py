@@ -9,14 +9,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..design.designing import Design
-from ..design.files import velocity_names
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
-from .layout import robot, whole
+from ..structure.sensing import velocity_labels
+from .layout import beside, robot, whole
 from .plots import plot
 from .scene import Scene
 from .series import Curves, path
-from .stream import recording
+from .stream import Content, write
 
 FILE = "design.rrd"
 _RATE = 30.0  # frames of the robot per second
@@ -37,32 +37,28 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     t, q, v = (part[::every] for part in log[:3])
     scene = Scene(system, found.experiment.plant(0))
     camera = None if scene.empty else scene.camera(q, v)
-    names = velocity_names(system)
-    curves = [Curves("motion/velocity", [f"{n}" for n in names], v)]
-    commands = Curves("motion/command", [f"u {k + 1}" for k in range(system.n_u)], log.u[::every])
-    views: list[rrb.View] = [plot("motion/velocity", "velocities"), plot("motion/command", "u")]
+    names = velocity_labels(system)
+    motion = [
+        Curves("motion/velocity", names, v),
+        Curves("motion/command", [f"u {k + 1}" for k in range(system.n_u)], log.u[::every]),
+    ]
+    left = [robot(camera, "Motion, under a draw of θ")] if camera else []
 
-    def beside(*own: rrb.View, name: str) -> rrb.Container:
-        """The robot, if it can be drawn, beside plots."""
-        grid = rrb.Grid(*own, grid_columns=1 if len(own) < 4 else 2)
-        if camera is None:
-            return rrb.Horizontal(grid, name=name)
-        return rrb.Horizontal(robot(camera, "Motion, under a draw of θ"), grid, name=name)
+    def page(name: str, *plots: rrb.View) -> rrb.Container:
+        return beside(left, rrb.Grid(*plots, grid_columns=1 if len(plots) < 4 else 2), name, [1])
 
-    pages = [beside(*views, name="Motion")]
+    pages = [page("Motion", plot("motion/velocity", "velocities"), plot("motion/command", "u"))]
+    series = [(t, motion)]
     if trial is not None:
-        own = _interval_views(trial, found)
-        pages.insert(0, beside(*own, name="Predicted and reached intervals"))
-    with recording(title, whole(*pages), file) as rec:
+        pages.insert(0, page("Predicted and reached intervals", *_interval_views(trial, found)))
+        series.append((trial.t, _intervals(trial, found)))
+
+    def draw(rec: rr.RecordingStream) -> None:
         if camera is not None:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
-        for each in (*curves, commands):
-            each.log_style(rec)
-            each.log_values(rec, t)
-        if trial is not None:
-            _log_intervals(rec, trial, found)
-    return file
+
+    return write(Content(title, whole(*pages), series=series, draw=draw), file)
 
 
 def _chosen(trial: Trial) -> list[int]:
@@ -80,16 +76,15 @@ def _interval_views(trial: Trial, found: Design) -> list[rrb.View]:
     ]
 
 
-def _log_intervals(rec: rr.RecordingStream, trial: Trial, found: Design) -> None:
+def _intervals(trial: Trial, found: Design) -> list[Curves]:
     """Half widths of 95 % intervals, as powers of ten, and the trial's own errors."""
-    for k in _chosen(trial):
-        sides = (
-            ("predicted ±", INTERVAL * trial.predicted[:, k]),
-            ("stated ±", INTERVAL * trial.stated[:, k]),
-            ("error", trial.error[:, k]),
+    sides = INTERVAL * trial.predicted, INTERVAL * trial.stated, trial.error
+    labels = [f"log₁₀ {name}" for name in ("predicted ±", "stated ±", "error")]
+    return [
+        Curves(
+            path("interval", found.asked.names[k]),
+            labels,
+            np.log10(np.maximum(np.column_stack([side[:, k] for side in sides]), 1e-12)),
         )
-        values = np.log10(np.maximum(np.column_stack([side for _, side in sides]), 1e-12))
-        labels = [f"log₁₀ {name}" for name, _ in sides]
-        curves = Curves(path("interval", found.asked.names[k]), labels, values)
-        curves.log_style(rec)
-        curves.log_values(rec, trial.t)
+        for k in _chosen(trial)
+    ]

@@ -18,7 +18,8 @@ from .layout import blueprint, measured_blueprint
 from .plots import Plots
 from .robot import Robot
 from .series import Curves, Indices, curves, intervals, shared, spread
-from .stream import recording
+from .stream import Content
+from .stream import write as write_file
 from .text import result, statements, unknown
 
 _POINTS = 4000  # of a curve, at most; more than the width of a screen
@@ -44,21 +45,18 @@ def write(
     nullspace = nullspace_of(run, truth)
     robot = Robot(run, truth)
     shown = curves(run, nullspace, rows, truth) + intervals(run, summary, rows)
-    file = run.folder / FILE
-    layout = _layout(run, truth, nullspace, robot, shown)
-    with recording(run.folder.resolve().name, layout, file) as rec:
-        for entity, text in (
-            ("result", result(run, summary)),
-            ("statements", statements(verdicts)),
-            ("unknown", unknown(summary)),
-        ):
-            document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-            rec.log(entity, document, static=True)
-        robot.log(rec)
-        for curve in shown:
-            curve.log_style(rec)
-            curve.log_values(rec, t[rows])
-    return file
+    content = Content(
+        run.folder.resolve().name,
+        _layout(run, truth, nullspace, robot, shown),
+        {
+            "result": result(run, summary),
+            "statements": statements(verdicts),
+            "unknown": unknown(summary),
+        },
+        [(t[rows], shown)],
+        robot.log,
+    )
+    return write_file(content, run.folder / FILE)
 
 
 def _layout(

@@ -14,14 +14,15 @@ from ..calibration.result import Identification
 from ..calibration.timeline import own_shifts, recording_shifts
 from ..evaluation.confidence import INTERVAL
 from ..parameters import Array
+from ..structure.joints import JointScales
+from ..structure.multibody import Multibody
 from ..system import SecondOrderSystem
-from ..systems.multibody import JointScales, Multibody
 from .identification_layout import blueprint
 from .identification_text import parameters_text, verdict_text
 from .plots import Plots
 from .scene import Scene
 from .series import Curves, path
-from .stream import recording
+from .stream import Content, write
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom
@@ -51,22 +52,15 @@ def record(result: Identification, file: Path) -> Path:
     ends = [float(times[-1]) for times, _ in commands if len(times)]
     plots = Plots(curves, max(ends) if ends else None)
     layout = blueprint(result, camera, sorted({p for p, _ in history}), plots)
-    with recording(result.robot.name, layout, file) as rec:
-        for entity, text in (
-            ("result", verdict_text(result)),
-            ("parameters", parameters_text(result)),
-        ):
-            document = rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN)
-            rec.log(entity, document, static=True)
+
+    def draw(rec: rr.RecordingStream) -> None:
         if scene is not None and camera is not None:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
-        series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
-        for times, some in series:
-            for curve in some:
-                curve.log_style(rec)
-                curve.log_values(rec, times)
-    return file
+
+    documents = {"result": verdict_text(result), "parameters": parameters_text(result)}
+    series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
+    return write(Content(result.robot.name, layout, documents, series, draw), file)
 
 
 def _scene(result: Identification) -> Scene | None:

@@ -9,13 +9,12 @@ import rerun.blueprint as rrb
 
 from ..calibration import words
 from ..calibration.result import Identification
-from .layout import result, robot, whole
+from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import Camera
 from .series import path
 
 _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other
-_RIGHT = 0.6  # share of the window that the first page's commands take
 
 
 def blueprint(
@@ -36,15 +35,11 @@ def blueprint(
         :_FIRST
     ]
     columns = 1 if len(worst) < 4 else 2
-    first = [_command(found, j, plots, _RIGHT / columns) for j in sorted(worst)]
+    first = [_command(found, j, plots, RIGHT / columns) for j in sorted(worst)]
     joints = range(len(found.joints))
     width = 1 / _columns(len(joints))
-    overview = rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=[1, 1][: len(left)]),
-        rrb.Grid(*first, grid_columns=columns),
-        column_shares=[1 - _RIGHT, _RIGHT],
-        name="Overview",
-    )
+    grid = rrb.Grid(*first, grid_columns=columns)
+    overview = beside(left, grid, "Overview", [1, 1])
     pages: list[rrb.Container] = [overview]
     if len(found.joints) > _FIRST:
         pages += _pages("Commands", [_command(found, j, plots, width) for j in joints])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..calibration import words
 from ..calibration.result import Identification, Parameter
+from ..evaluation.words import ABSENT, estimate
 from .text import drawable
 
 _TITLES = {
@@ -63,8 +64,8 @@ def _table(parameters: list[Parameter]) -> list[str]:
         "|---|" + "---|" * 4,
     ]
     for p in parameters:
-        value, interval = words.estimate(p.value, p.low, p.high)
-        interval = words.ABSENT if p.status == "known" else interval
+        value, interval = estimate(p.value, p.low, p.high)
+        interval = ABSENT if p.status == "known" else interval
         lines += _row(_plain(p.label), value, interval, p.unit, p.status)
     return lines
 

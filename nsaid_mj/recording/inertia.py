@@ -8,9 +8,9 @@ import numpy as np
 import rerun as rr
 
 from ..parameters import Array, ParameterSpace
+from ..structure.joints import JointTree
+from ..structure.optional import pin
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree
-from ..systems.optional import pin
 from .scene import BODY, ROBOT, body_axes
 
 LINKS = f"{ROBOT}/links_of_theta"

@@ -15,7 +15,9 @@ from .series import PALETTE, Group, groups
 from .text import drawable
 
 _LINKS_ON_A_PAGE = 3
-_RIGHT = 0.6  # share of the window that the first page's plots take
+RIGHT = 0.6
+"""Share of the window that the first page's plots take."""
+
 _DISTANCE = "Distance to the true set [log₁₀], −2 is 1 %"
 _ERROR = "Velocity error Δv: predicted − measured"
 _RMS = "Velocity error, rms over all velocities [log₁₀ of SI]"
@@ -47,15 +49,15 @@ def blueprint(
         rivals: whether the recording contains rivals.
         conserves: whether the law conserves θ̂ᵀ Γ⁻¹ θ̂.
     """
-    distance = plots("log_distance", _DISTANCE, _RIGHT)
+    distance = plots("log_distance", _DISTANCE, RIGHT)
     story = [distance]
     if shared:
         title = f"{shared.capitalize()}s: estimate / truth, relative to the mean (1 is exact)"
-        story.append(plots("share", title, _RIGHT))
+        story.append(plots("share", title, RIGHT))
     if shared and rivals:
         title = f"Largest error of a {shared}, relative to the mean [%]"
-        story.append(plots("share_error", title, _RIGHT))
-    story.append(plots("velocity_error", _ERROR, _RIGHT))
+        story.append(plots("share_error", title, RIGHT))
+    story.append(plots("velocity_error", _ERROR, RIGHT))
     overview = _overview(camera, survey, drawn, story, plots)
     certificates = [
         plots("theta_perp", "Components of the error along observable directions [–]", 0.5, False),
@@ -85,13 +87,13 @@ def measured_blueprint(
     Arguments are those of `blueprint`; `forces` is whether the recording contains the two sides of
     the force balance.
     """
-    story = [plots("velocity", "Velocity, measured and predicted (pale)", _RIGHT)]
+    story = [plots("velocity", "Velocity, measured and predicted (pale)", RIGHT)]
     if forces:
         title = "Forces that the motion needs, and of the actuators (pale)"
-        story.append(plots("force", title, _RIGHT))
-    story.append(plots("velocity_error", _ERROR, _RIGHT))
+        story.append(plots("force", title, RIGHT))
+    story.append(plots("velocity_error", _ERROR, RIGHT))
     first = [members[0] for name, members in groups(space).items() if _actuates(space, name)]
-    story += [_estimate(plots, group, False, _RIGHT) for group in first[:1]]
+    story += [_estimate(plots, group, False, RIGHT) for group in first[:1]]
     certificates = [
         plots("log_velocity_rms", _RMS),
         *([plots("excitation", _EXCITATION)] if plots.moving("excitation") else []),
@@ -111,7 +113,7 @@ def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = ""
     views: list[rrb.View | rrb.Container] = [
         rrb.Vertical(
             plots("velocity_error", _ERROR),
-            *[_estimate(plots, group, False, _RIGHT) for group in first[:2]],
+            *[_estimate(plots, group, False, RIGHT) for group in first[:2]],
             plots("excitation", _EXCITATION),
         )
     ]
@@ -246,12 +248,18 @@ def _overview(
     left: list[rrb.View | rrb.Container] = [below]
     if camera is not None:
         left.insert(0, robot(camera, drawn))
-    return rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
-        rrb.Vertical(*story, row_shares=plots.heights(*[[view] for view in story])),
-        column_shares=[1 - _RIGHT, _RIGHT],
-        name="Overview",
-    )
+    heights = plots.heights(*[[view] for view in story])
+    return beside(left, rrb.Vertical(*story, row_shares=heights), "Overview", [3, 2])
+
+
+def beside(
+    left: Sequence[rrb.View | rrb.Container], right: rrb.Container, name: str, shares: list[float]
+) -> rrb.Horizontal:
+    """A page with robot and texts, `shares` of its height each, on the left of its plots."""
+    if not left:
+        return rrb.Horizontal(right, name=name)
+    column = rrb.Vertical(*left, row_shares=shares[: len(left)])
+    return rrb.Horizontal(column, right, column_shares=[1 - RIGHT, RIGHT], name=name)
 
 
 def _actuates(space: ParameterSpace, name: str) -> bool:

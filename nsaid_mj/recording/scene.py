@@ -10,10 +10,10 @@ import rerun as rr
 
 from ..experiment.loop import Looks
 from ..parameters import Array
+from ..structure.joints import JointTree, bones
+from ..structure.single_body import SingleBody
+from ..structure.structured import StructuredSystem
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree, bones
-from ..systems.scalar import ScalarVehicle
-from ..systems.structured import StructuredSystem
 
 ROBOT = "robot"
 BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"
@@ -278,7 +278,7 @@ def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, A
 
 def body_axes(system: SecondOrderSystem) -> list[int]:
     """Indices of the body axes x, y, z of a vehicle's linear velocities; empty for an arm."""
-    if isinstance(system, ScalarVehicle):
+    if isinstance(system, SingleBody) and system.n == 1:
         return [2]
     return {6: [0, 1, 2], 3: [0, 1], 0: []}[system.group]
 

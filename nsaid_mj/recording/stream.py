@@ -1,40 +1,64 @@
-"""Writes a recording's file: collected in memory, then written atomically.
+"""Writes a recording, layout, texts, robot and curves: collected in memory, written atomically.
 
 Rerun's own file sink hangs in its flush when the disk is full, and cannot be interrupted there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import rerun as rr
+import rerun.blueprint as rrb
 import rerun_bindings
 
+from ..parameters import Array
 from ..resources import atomic_write
+from .series import Curves
 from .text import drawable
 
+_MARKDOWN = rr.MediaType.MARKDOWN
 
-@contextmanager
-def recording(name: str, blueprint: Any, file: Path) -> Iterator[rr.RecordingStream]:
-    """Yields a recording stream; on exit its content is written to a file.
 
-    Args:
+@dataclass(frozen=True)
+class Content:
+    """What a recording holds.
+
+    Attributes:
         name: of the recording.
-        blueprint: the viewer's layout.
-        file: its path, ending in .rrd.
+        layout: of the viewer.
+        documents: Markdown, by entity.
+        series: (N,) times [s] and the curves over them.
+        draw: logs the robot.
+    """
+
+    name: str
+    layout: rrb.Blueprint
+    documents: Mapping[str, str] = field(default_factory=dict)
+    series: Sequence[tuple[Array, Sequence[Curves]]] = ()
+    draw: Callable[[rr.RecordingStream], None] = lambda _: None
+
+
+def write(content: Content, file: Path) -> Path:
+    """Writes a recording atomically, and returns its path, which ends in .rrd.
 
     Raises:
         NotWritten: the file cannot be written.
     """
-    rec = rr.RecordingStream(drawable(f"nsaid_mj {name}"))
+    rec = rr.RecordingStream(drawable(f"nsaid_mj {content.name}"))
     memory = rec.memory_recording()
-    _send_blueprint(rec, blueprint)
+    _send_blueprint(rec, content.layout)
     try:
-        yield rec
+        for entity, text in content.documents.items():
+            rec.log(entity, rr.TextDocument(text, media_type=_MARKDOWN), static=True)
+        content.draw(rec)
+        for t, curves in content.series:
+            for curve in curves:
+                curve.log_style(rec)
+                curve.log_values(rec, t)
         with atomic_write(file) as partial, partial.open("wb") as stream:
             stream.write(memory.drain_as_bytes())
     finally:
@@ -42,6 +66,7 @@ def recording(name: str, blueprint: Any, file: Path) -> Iterator[rr.RecordingStr
         rec.disconnect()
         del rec, memory  # the last references, so that Rerun can end its threads
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
+    return file
 
 
 def _send_blueprint(rec: rr.RecordingStream, blueprint: Any) -> None:

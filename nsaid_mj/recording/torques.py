@@ -7,9 +7,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from ..parameters import Array
+from ..structure.joints import JointTree
+from ..structure.optional import pin
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree
-from ..systems.optional import pin
 from .forces import FAILED, Rows
 from .inertia import frames
 from .scene import ROBOT

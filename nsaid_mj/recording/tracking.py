@@ -11,19 +11,18 @@ import rerun.blueprint as rrb
 
 from ..experiment.loop import Looks
 from ..parameters import Array
+from ..structure.joints import JointTree, bones
 from ..system import SecondOrderSystem
-from ..systems.joints import JointTree, bones
-from .layout import result, robot, whole
+from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import ROBOT, Camera, Scene
-from .series import Curves, command_names, path
-from .stream import recording
+from .series import Curves, command_names, path, spread
+from .stream import Content, write
 
 _FRAMES, _POINTS = 2000, 4000  # at most
 _REFERENCE = f"{ROBOT}/reference"
 _GHOST = (64, 214, 224)
 _LEAST = 1e-9  # an error of 0 has no logarithm
-_RIGHT = 0.6  # share of the window that the errors take
 
 
 def record(
@@ -50,7 +49,7 @@ def record(
         told: the result in Markdown.
     """
     t, q, v = motion
-    frames, rows = _spread(len(t), _FRAMES), _spread(len(t), _POINTS)
+    frames, rows = spread(len(t), _FRAMES), spread(len(t), _POINTS)
     scene = Scene(system, looks)
     camera = None if scene.empty else scene.camera(q[frames], v[frames])
     curves = [
@@ -61,32 +60,24 @@ def record(
     names = command_names(system)
     curves += [Curves(path("command", law), names, u[rows]) for law, u in commands.items()]
     layout = _layout(Plots(curves, float(t[-1])), camera, list(errors), list(commands))
-    with recording(file.parent.name, layout, file) as rec:
-        document = rr.TextDocument(told, media_type=rr.MediaType.MARKDOWN)
-        rec.log("result", document, static=True)
+
+    def draw(rec: rr.RecordingStream) -> None:
         if camera is not None:
             scene.log_shapes(rec, camera, ghost=True)
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
-        for curve in curves:
-            curve.log_style(rec)
-            curve.log_values(rec, t[rows])
-    return file
+
+    return write(
+        Content(file.parent.name, layout, {"result": told}, [(t[rows], curves)], draw), file
+    )
 
 
 def _layout(
     plots: Plots, camera: Camera | None, units: Sequence[str], laws: Sequence[str]
 ) -> rrb.Blueprint:
-    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", _RIGHT) for u in units]
-    left: list[rrb.View | rrb.Container] = [result()]
-    if camera is not None:
-        left.insert(0, robot(camera, f"Robot under {laws[0]}; its reference (cyan)"))
-    first = rrb.Horizontal(
-        rrb.Vertical(*left, row_shares=[3, 2][: len(left)]),
-        rrb.Vertical(*story),
-        column_shares=[1 - _RIGHT, _RIGHT],
-        name="Tracking",
-    )
+    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", RIGHT) for u in units]
+    left = [robot(camera, f"Robot under {laws[0]}; its reference (cyan)")] if camera else []
+    first = beside([*left, result()], rrb.Vertical(*story), "Tracking", [3, 2])
     efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in laws]
     return whole(first, plots.grid(efforts, min(2, len(laws)), "Commands"))
 
@@ -113,8 +104,3 @@ def _log_reference(
     axes = 0.5 * size * np.eye(3)
     arrows = rr.Arrows3D(vectors=axes, colors=[_GHOST] * 3, radii=[radius] * 3)
     rec.log(f"{_REFERENCE}/axes", arrows, static=True)
-
-
-def _spread(length: int, most: int) -> np.ndarray:
-    """Indices of at most about `most` of `length` rows, evenly spaced."""
-    return np.arange(0, length, max(1, -(-length // most)))

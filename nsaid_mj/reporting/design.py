@@ -9,18 +9,25 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from ..design.limits import RANDOM
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.summary import versions
-from ..resources import write_text
+from ..evaluation.words import Mark
 from . import pages
-from .panels import Panel, template_figure
+from .pages import Alarm, Figure, Items, Page, Panel, Section, Table, Text
+from .panels import Panel as Plot
+from .terminal import print_page
 
 HALVES = ("half", "before")
 _NONE, _LISTED = "–", 3  # no value; directions of P_s that are listed
+_INTERVALS = "At a fixed common scale. – means that motion does not reveal the parameter by itself."
+_WEAK = (
+    "The predicted standard deviation over that before the experiment; the weakest directions of "
+    "the published values."
+)
+_HELP = "Each computed like the design itself, for the published values."
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
@@ -35,17 +42,26 @@ def print_design(
         files: that were written.
         noticed: remarks about the model file.
     """
-    console = Console(highlight=False)
-    for remark in noticed:
-        console.print(f"  {remark}")
-    console.print(f"[bold]{name}[/]: {document['duration']:g} s for {document['asked']}")
-    console.print(f"  {_compared(document)[1]}")
-    console.print(_intervals(document))
-    console.print(_limits(document))
-    for line in [*statements(document), *_helping(document), *_unobservable(document)]:
-        console.print(f"  {line}")
-    for path in files:
-        console.print(f"  {path}")
+    lines = [*statements(document), *_helping(document), *_unobservable(document)]
+    page = Page(
+        heading=name,
+        verdict=verdict_of(document),
+        lead=f"{document['duration']:g} s for {document['asked']}",
+        alarms=[Alarm(Mark("", "weak", remark), "") for remark in noticed],
+        sections=[
+            Section("", [_intervals(document), Text(f"{_INTERVALS[0].lower()}{_INTERVALS[1:]}")]),
+            Section("", [_limits(document)]),
+            Section("", list(map(Text, lines))),
+        ],
+        commands=list(map(str, files)),
+    )
+    print_page(page, Console(highlight=False))
+
+
+def verdict_of(document: dict[str, Any]) -> Mark:
+    """Whether the design is better than random motions, and how much."""
+    better, told = _compared(document)
+    return Mark("✔", "good", told) if better else Mark("◐", "fair", told)
 
 
 def _of_random_motions(document: dict[str, Any]) -> float:
@@ -133,71 +149,64 @@ def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> P
         trial: of the design on a draw of the prior, or None.
         folder: an existing folder.
     """
-    better, told = _compared(document)
-    page = pages.render(
-        "design.html",
-        eyebrow="design of an experiment",
+    weak = Table(
+        ["direction", "deviation left", "what helps most", "left then"], _weak_rows(document),
+        (0, 2),
+    )  # fmt: skip
+    told: list[Panel] = [Items(statements(document))]
+    if weak.lines:
+        told += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
+    designed = [
+        "as designed",
+        f"{document['predicted_deviation_of_prior']:.2g}",
+        str(document["weak_directions"]),
+    ]
+    heads = ["experiment", "predicted deviation", "weak directions"]
+    helps = Table(heads, [designed, *_remedy_rows(document)])
+    page = Page(
         heading=document["title"],
+        verdict=verdict_of(document),
+        eyebrow="design of an experiment",
         lead=f"{document['duration']:g} s of motion, before anything moves.",
-        verdict=pages.verdict("good" if better else "fair", told),
         carrying=_figures(document, trial),
-        alarms=[],
-        lines=statements(document),
-        weak=_weak_rows(document),
-        remedies=[
-            [
-                "as designed",
-                f"{document['predicted_deviation_of_prior']:.2g}",
-                str(document["weak_directions"]),
-            ],
-            *_remedy_rows(document),
+        sections=[
+            Section("What the experiment will tell", told),
+            Section("What would help", [helps, Text(_HELP, note=True)]),
+            Section("What no motion tells", [Items(_unobservable(document))]),
+            Section("Predicted 95 % intervals", [
+                _intervals(document),
+                Text(f"{_INTERVALS} Root mean squares over draws of the prior; all parameters are "
+                     "in design.json.", note=True),
+            ]),
+            Section("Limits", [_limits(document)]),
         ],
-        unobservable=_unobservable(document),
-        intervals=_interval_rows(document),
-        limits=_limit_rows(document),
-        again=pages.again(
-            [f"nsaid run {shlex.quote(str(folder / 'scenario.py'))}"],
-            versions(),
-            "motion.csv is the motion; scenario.py makes it in MuJoCo; all figures are in "
-            "design.json.",
-        ),
-    )
-    path = folder / "report.html"
-    write_text(path, page)
-    return path
+        commands=[f"nsaid run {shlex.quote(str(folder / 'scenario.py'))}"],
+        notes=["motion.csv is the motion; scenario.py makes it in MuJoCo; all figures are in "
+               "design.json."],
+        versions=versions(),
+    )  # fmt: skip
+    return pages.write(page, folder)
 
 
-def _figures(document: dict[str, Any], trial: Trial | None) -> list[dict[str, Any]]:
+def _figures(document: dict[str, Any], trial: Trial | None) -> list[Figure]:
     """The trial's largest deviations and errors over time."""
     if trial is None:
         return []
     from .plots import over_time  # imported late: matplotlib takes half a second
 
-    panel = Panel(f"Predicted and reached: {document['asked']}", "largest error, relative", True)
+    panel = Plot(f"Predicted and reached: {document['asked']}", "largest relative error [–]", True)
     for values, label in (
         (INTERVAL * trial.predicted, "predicted 95 %"),
         (INTERVAL * trial.stated, "stated by the law, 95 %"),
         (trial.error, "error in the trial"),
     ):
         panel.add(trial.t, values.max(axis=1), label)
-    return [template_figure(panel.title, over_time(panel), panel.legend, wide=True)]
+    return [Figure(panel.title, over_time(panel), panel.legend, wide=True)]
 
 
 def _intervals(document: dict[str, Any]) -> Table:
     """The predicted intervals of gains, masses and frictions."""
-    table = Table(
-        title="predicted 95 % intervals, at a fixed common scale (–: motion does not reveal it)",
-        title_justify="left",
-    )
-    for column in ("parameter", "prior", "±", "before ±", "unit"):
-        table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
-    for row in _interval_rows(document):
-        table.add_row(*row)
-    return table
-
-
-def _interval_rows(document: dict[str, Any]) -> list[list[str]]:
-    return [
+    lines = [
         [
             row["label"],
             f"{row['value']:.3g}",
@@ -206,6 +215,7 @@ def _interval_rows(document: dict[str, Any]) -> list[list[str]]:
         ]
         for row in shown(document)
     ]
+    return Table(["parameter", "prior", "±", "before ±", "unit"], lines, (0, 4))
 
 
 def shown(document: dict[str, Any]) -> list[dict[str, Any]]:
@@ -219,16 +229,8 @@ def shown(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _limits(document: dict[str, Any]) -> Table:
-    table = Table(title="limits, and what the simulated motions use of them", title_justify="left")
-    for column in ("limit", "largest", "unit", "use", "from"):
-        table.add_column(column, justify="right" if column in ("largest", "use") else "left")
-    for row in _limit_rows(document):
-        table.add_row(*row)
-    return table
-
-
-def _limit_rows(document: dict[str, Any]) -> list[list[str]]:
-    return [
+    """The limits, and what the simulated motions use of them."""
+    lines = [
         [
             name,
             f"{np.max(np.abs([limit['low'], limit['high']])):.3g}",
@@ -238,3 +240,4 @@ def _limit_rows(document: dict[str, Any]) -> list[list[str]]:
         ]
         for name, limit in document["limits"].items()
     ]
+    return Table(["limit", "largest", "unit", "use in simulation", "from"], lines, (0, 2, 4))

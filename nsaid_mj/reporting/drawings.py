@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from ..parameters import Array
-from .palette import BAD, COLOURS, INK
-from .panels import AnyPanel, Comparison, Forest, HeatMap
-from .plots import logarithmic, over_time, style, svg
+from ..parameters import Array, Indices
+from .pages import Figure as PageFigure
+from .palette import BAD, COLOURS, GRID, INK
+from .panels import (
+    DIFFERENCE,
+    INTERVAL,
+    MEASURED,
+    PREDICTED,
+    UNSURE,
+    AnyPanel,
+    Comparison,
+    Forest,
+    HeatMap,
+)
+from .plots import CURVE, NAMES, band, line, logarithmic, over_time, style, svg
 
 WIDTH = 4.3  # of a panel of ordinary width [inch]
 _FAINT = 0.05  # correlations below are not drawn
@@ -20,6 +31,12 @@ _WRITTEN = 0.5  # correlations from here on are also written as numbers
 _BROAD = 30.0  # intervals are drawn up to this factor
 _INTERVALS = 150  # over which errors are averaged
 _LONG = 26  # characters of a name, at most
+_POINTS = 1400  # of a measured or predicted curve, at most
+
+
+def figures_of(panels: Iterable[AnyPanel]) -> list[PageFigure]:
+    """Panels as figures of a page."""
+    return [PageFigure(p.title, draw(p), p.legend, p.wide) for p in panels]
 
 
 def draw(panel: AnyPanel) -> str:
@@ -35,29 +52,40 @@ def draw(panel: AnyPanel) -> str:
 
 def forest(panel: Forest) -> str:
     """Draws values with intervals; on a logarithmic axis if all are positive."""
-    values, low, high, other = panel.values, panel.low, panel.high, panel.reference
-    positive = bool(((values > 0) & ~(low <= 0)).all())
+    values, low, high = panel.values, panel.low, panel.high
+    known = np.isfinite(values)
+    positive = bool(((values > 0) & ~(low <= 0))[known].all())
     if positive:
         low, high = np.maximum(low, values / _BROAD), np.minimum(high, values * _BROAD)
     else:
-        least = np.full_like(values, 1e-300)
-        size = _BROAD * np.nanmax(np.abs([values, other, least]))
+        every = [values, *(other.values for other in panel.others), np.full_like(values, 1e-300)]
+        size = _BROAD * np.nanmax(np.abs(every))
         low, high = np.maximum(low, -size), np.minimum(high, size)
     with style():
-        figure, axis = named_lines(panel.names)
+        figure, axis = _named_lines(panel.names)
         rows = np.arange(len(values))
-        for chosen, colour, filled, dash in (
-            (panel.firm, COLOURS[0], COLOURS[0], "-"),
-            (~panel.firm, COLOURS[8], "none", "--"),
+        for chosen, name, colour, filled, dash in (
+            (panel.firm, panel.certain, COLOURS[0], COLOURS[0], "-"),
+            (~panel.firm, UNSURE, COLOURS[8], "none", "--"),
         ):
+            if not chosen.any():
+                continue
             for row in rows[chosen]:
-                axis.plot([low[row], high[row]], [row, row], dash, color=colour, linewidth=1.8)
-            axis.plot(values[chosen], rows[chosen], "o", color=colour, markerfacecolor=filled)
-        shown = (other > 0) if positive else np.isfinite(other)
-        axis.plot(
-            other[shown], rows[shown], "D", color=INK, markersize=4.5, markerfacecolor="none",
-            markeredgewidth=0.8,
-        )  # fmt: skip
+                ends = [low[row], high[row]]
+                axis.plot(ends, [row, row], dash, color=colour, linewidth=1.8, gid=f"{CURVE}{name}")
+            line(
+                axis, values[chosen], rows[chosen], name, "o", color=colour, markerfacecolor=filled
+            )
+        for other in panel.others:
+            if len(other.values):
+                shown = (other.values > 0) if positive else np.isfinite(other.values)
+                line(
+                    axis, other.values[shown], rows[shown], other.name, other.marker,
+                    color=other.colour, markersize=9 if other.marker == "|" else 4.5,
+                    markerfacecolor="none", markeredgewidth=1.8 if other.marker == "|" else 0.8,
+                )  # fmt: skip
+        if panel.level is not None:
+            axis.axvline(panel.level, color=INK, linewidth=0.8, linestyle="--")
         if positive:
             logarithmic(axis, "x")
         else:
@@ -66,20 +94,16 @@ def forest(panel: Forest) -> str:
         return svg(figure, panel.title)
 
 
-def named_lines(names: Sequence[str], least: float = 1.3) -> tuple[Figure, Axes]:
+def _named_lines(names: Sequence[str]) -> tuple[Figure, Axes]:
     """A figure with one line for each name, the first on top."""
-    height = max(least, 0.24 * len(names) + 0.75)
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    figure = Figure(figsize=(WIDTH, max(1.3, 0.24 * len(names) + 0.75)), layout="constrained")
     axis = figure.add_subplot()
-    axis.set_yticks(range(len(names)), [shortened(name) for name in names])
+    short = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in names]
+    axis.set_yticks(range(len(names)), short)
     axis.set_ylim(len(names) - 0.4, -0.6)
     axis.grid(False, axis="y")
+    axis.yaxis.set_gid(NAMES)
     return figure, axis
-
-
-def shortened(name: str) -> str:
-    """A name of at most `_LONG` characters."""
-    return name if len(name) <= _LONG else name[: _LONG - 1] + "…"
 
 
 def heat_map(panel: HeatMap) -> str:
@@ -91,21 +115,23 @@ def heat_map(panel: HeatMap) -> str:
         axis = figure.add_subplot()
         for i in range(n):
             for j in range(i):
-                if abs(r[i, j]) >= _FAINT:
-                    colour = BAD if r[i, j] > 0 else COLOURS[0]
-                    alpha = min(1.0, abs(float(r[i, j])))
-                    axis.add_patch(
-                        Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, alpha=alpha, lw=0)
-                    )
+                if not abs(r[i, j]) >= _FAINT:
+                    continue
+                colour = BAD if r[i, j] > 0 else COLOURS[0]
+                alpha = min(1.0, abs(float(r[i, j])))
+                axis.add_patch(
+                    Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, alpha=alpha, lw=0)
+                )
+                words = f"{r[i, j]:.2f}".replace("-", "−")
+                axis.plot(j, i, "", gid=f"{CURVE}{names[i]}, {names[j]}: {words}")  # not drawn
                 if abs(r[i, j]) >= _WRITTEN:
-                    axis.text(
-                        j, i, f"{r[i, j]:.1f}".replace("-", "−").replace("0.", "."),
-                        ha="center", va="center", fontsize=6,
-                    )  # fmt: skip
+                    words = f"{r[i, j]:.1f}".replace("-", "−").replace("0.", ".")
+                    axis.text(j, i, words, ha="center", va="center", fontsize=6)
         axis.set_xticks(range(n - 1), names[:-1], rotation=90)
         axis.set_yticks(range(1, n), names[1:])
         axis.set_xlim(-0.5, n - 1.5)
         axis.set_ylim(n - 0.5, 0.5)
+        axis.xaxis.set_gid(NAMES)
         axis.set_aspect("equal")
         axis.grid(False)
         return svg(figure, panel.title or "Correlations")
@@ -114,24 +140,86 @@ def heat_map(panel: HeatMap) -> str:
 def comparison(panel: Comparison) -> str:
     """Draws both curves, and the rms of their difference on a logarithmic axis below."""
     t, error = panel.t, panel.predicted - panel.measured
+    used = np.ones(len(t), bool) if panel.used is None else panel.used
+    segment = np.zeros(len(t), int) if panel.segment is None else panel.segment
+    parts = np.split(np.arange(len(t)), np.flatnonzero(np.diff(segment)) + 1)
+    unit = f" [{panel.unit}]" if panel.unit else ""
     with style():
         figure = Figure(figsize=(WIDTH, 3.0))
         upper = figure.add_axes((0.16, 0.42, 0.81, 0.54))
         lower = figure.add_axes((0.16, 0.14, 0.81, 0.22), sharex=upper)
-        upper.plot(t, panel.measured, color=COLOURS[8], linewidth=3.0, alpha=0.45)
         if panel.half is not None:
-            ends = (panel.predicted - panel.half, panel.predicted + panel.half)
-            upper.fill_between(t, *ends, color=COLOURS[0], alpha=0.25, linewidth=0)
-        upper.plot(t, panel.predicted, color=COLOURS[0], linewidth=0.9)
-        lower.plot(*local_rms(t, error), color=COLOURS[1], linewidth=0.9)
+            low, high = panel.predicted - panel.half, panel.predicted + panel.half
+            band(upper, t, low, high, COLOURS[0], INTERVAL)
+        for values, name, colour, width, alpha in (
+            (panel.measured, MEASURED, COLOURS[1], 2.4, 0.8),
+            (panel.predicted, PREDICTED, COLOURS[0], 0.9, 1.0),
+        ):
+            times, drawn = _thinned(t, values, parts)
+            line(upper, times, drawn, name, color=colour, linewidth=width, alpha=alpha)
+        for axis in (upper, lower):
+            for rows in _stretches(~used, parts):
+                axis.axvspan(
+                    float(t[rows[0]]), float(t[rows[-1]]), color=GRID, alpha=0.9, lw=0, zorder=0
+                )
+            axis.grid(False, axis="x")
+        errors = [
+            local_rms(t[rows], error[rows])
+            for rows in (part[used[part] & np.isfinite(error[part])] for part in parts)
+            if len(rows)
+        ]
+        if errors:
+            times, drawn = (
+                np.concatenate([np.append(one[k], np.nan) for one in errors]) for k in (0, 1)
+            )
+            line(lower, times[:-1], drawn[:-1], DIFFERENCE, color=COLOURS[2], linewidth=0.9)
         upper.margins(x=0.0)
         upper.tick_params(labelbottom=False)
-        upper.set_ylabel(f"{panel.label} [{panel.unit}]")
-        lower.set_ylabel(f"error [{panel.unit}]")
+        upper.set_ylabel(panel.label + unit)
+        lower.set_ylabel("error" + unit)
         lower.set_xlabel("t [s]")
         logarithmic(lower, most=4)
         figure.align_ylabels([upper, lower])
         return svg(figure, panel.title)
+
+
+def _stretches(chosen: np.ndarray, parts: Sequence[Indices]) -> list[Indices]:
+    """Rows of every stretch of a segment in which all rows are chosen."""
+    found = []
+    for part in parts:
+        inside = chosen[part]
+        found += [
+            rows
+            for rows in np.split(part, np.flatnonzero(np.diff(inside)) + 1)
+            if len(rows) and chosen[rows[0]]
+        ]
+    return found
+
+
+def _thinned(t: Array, values: Array, parts: Sequence[Indices]) -> tuple[Array, Array]:
+    """Points of a line with a gap between segments: all, or extremes of short intervals."""
+    times, drawn = [], []
+    for part in parts:
+        rows = part[extremes(values[part], max(2, _POINTS * len(part) // len(t)))]
+        times += [t[rows], t[rows[-1:]]]
+        drawn += [values[rows], [np.nan]]
+    return np.concatenate(times)[:-1], np.concatenate(drawn)[:-1]
+
+
+def extremes(values: Array, points: int) -> Indices:
+    """Indices of at most about `points` values that keep every peak."""
+    n = len(values)
+    if n <= points:
+        return np.arange(n)
+    width = -(-2 * n // points)
+    padded = np.append(values, np.full(-n % width, values[-1])).reshape(-1, width)
+    low, high = (
+        f(np.where(np.isfinite(padded), padded, fill), axis=1)
+        for f, fill in ((np.argmin, np.inf), (np.argmax, -np.inf))
+    )
+    start = np.arange(len(padded)) * width
+    chosen = np.concatenate([[0, n - 1], start + low, start + high])
+    return np.unique(np.minimum(chosen, n - 1))
 
 
 def local_rms(t: Array, values: Array) -> tuple[Array, Array]:

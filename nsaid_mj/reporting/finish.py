@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from ..bounds import LARGEST
 from ..calibration.reopening import reopen_measured
 from ..errors import BadRun
 from ..evaluation.verify import ROWS, verify
-from ..experiment.loop import Ending, Run, reopen
+from ..experiment.loop import Cost, Ending, Run, reopen
 from ..experiment.record import Record
 from ..identifiers import Status
 from ..numerics.threads import single_threaded
@@ -58,19 +60,20 @@ def _check_record(run: Run) -> None:
 
 
 def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
-    with report.Drawer() as drawer:
-        say("evaluating the estimate")
-        truth = evaluation.truth_of(run)
-        summary = evaluation.summarize(run, truth)
-        write_json(run.folder / SUMMARY, summary)
-        write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
-        if not _drawable(run.record):
-            return summary
-        say("writing recording and report")
-        verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
-        if recording.available():
-            recording.write(run, summary, truth, verdicts)
-        report.write(run, summary, truth, drawer, verdicts, command)
+    say("evaluating the estimate")
+    Thread(target=import_module, args=[f"{__package__}.drawings"], daemon=True).start()  # half a
+    # second of matplotlib, which the page needs last
+    truth = evaluation.truth_of(run)
+    summary = evaluation.summarize(run, truth)
+    write_json(run.folder / SUMMARY, summary)
+    write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
+    if not _drawable(run.record):
+        return summary
+    say("writing recording and report")
+    verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
+    if recording.available():
+        recording.write(run, summary, truth, verdicts)
+    report.write(run, summary, truth, verdicts, command)
     return summary
 
 
@@ -106,23 +109,20 @@ def _recall_ending(run: Run) -> None:
         summary = json.loads((run.folder / SUMMARY).read_text(encoding="utf-8"))
     except (OSError, ValueError):  # a killed run has none
         return
-    scenario, end = run.scenario, float(run.record["t"][-1])
+    scenario, end, words = run.scenario, float(run.record["t"][-1]), {s.words: s for s in Status}
     try:
         since = summary["status_time"] - end
-        same = summary["scenario_hash"] == scenario.hash
-    except (KeyError, TypeError):  # not a run's summary
+        near = -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
+        if summary["scenario_hash"] != scenario.hash or not near or not run.record.complete:
+            return
+        ending = Ending(words[summary["status"]], summary["status_time"], summary["status_signal"])
+        rivals = {name: words[rival["status"]] for name, rival in summary["rivals"].items()}
+        steps = round(end / scenario.dt)
+        compiled = float(summary.get("compile_s", 0.0))  # absent in earlier versions
+        plant, own = (1e-6 * summary[f"{of}_us_per_step"] * steps for of in ("plant", "identifier"))
+        cost = Cost(float(summary["wall_s"]), float(plant), float(own), steps, compiled)
+        confidence = summary.get("confidence")
+    except (AttributeError, KeyError, TypeError, ValueError):  # not a run's summary
         return
-    near = -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
-    if not (same and near and run.record.complete):
-        return
-    words = {status.words: status for status in Status}
-    run.ending = Ending(words[summary["status"]], summary["status_time"], summary["status_signal"])
-    run.confidence = summary.get("confidence")
-    for name, rival in summary["rivals"].items():
-        run.statuses[name] = words[rival["status"]]
-    steps = round(end / scenario.dt)
-    cost = run.cost
-    cost.wall, cost.steps = summary["wall_s"], steps
-    cost.compile = summary.get("compile_s", 0.0)  # absent in earlier versions
-    cost.plant = 1e-6 * summary["plant_us_per_step"] * steps
-    cost.identifier = 1e-6 * summary["identifier_us_per_step"] * steps
+    run.ending, run.confidence, run.cost = ending, confidence, cost
+    run.statuses.update(rivals)

@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from ..calibration.data import Recordings
 from ..calibration.logs.inspection import ChannelFigures, Inspection
+from ..calibration.words import LEVELS
+from ..evaluation.words import Mark
 from ..parameters import Array
+from .drawings import extremes
+from .pages import Alarm, Cell, Table, Text
 from .palette import BAD, COLOURS
 from .plots import png_of
+from .terminal import print_alarms, print_panels
 
-_COLOURS = {"refusal": "bold red", "warning": "yellow", "note": "dim"}
 _POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
 _MOST = 40  # channels drawn of a log without a map
 
@@ -28,24 +30,15 @@ def print_inspection(found: Inspection, console: Console) -> None:
 
     "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before.
     """
+    heads = ("from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
-        table = Table(title=escape(clock), title_justify="left", box=None, pad_edge=False)
-        table.add_column("channel", overflow="fold")
-        for head in ("from", "to", "noise", "step", "flat", "same"):
-            table.add_column(head, justify="right", no_wrap=True)
-        table.add_column("used as", overflow="fold")
-        for channel in found.channels:
-            if _clock(channel) == clock:
-                table.add_row(*_cells(channel))
-        console.print(table)
+        lines = [_cells(channel) for channel in found.channels if _clock(channel) == clock]
+        print_panels([Text(clock), Table(["channel", *heads], lines, (0, 7), most=len(lines))],
+                     console)  # fmt: skip
         console.print()
-    order = {level: k for k, level in enumerate(_COLOURS)}
-    for finding in sorted(found.findings, key=lambda finding: order[finding.level]):
-        colour = _COLOURS[finding.level]
-        console.print(
-            f"[{colour}]{finding.level}[/{colour}] {finding.code}: {escape(str(finding))}",
-            soft_wrap=True,
-        )
+    findings = sorted(found.findings, key=lambda finding: list(LEVELS).index(finding.level))
+    marks = [(LEVELS[f.level]._replace(text=str(f)), f"{f.level} {f.code}:") for f in findings]
+    print_alarms([Alarm(*mark) for mark in marks], console)
 
 
 def _clock(channel: ChannelFigures) -> str:
@@ -57,16 +50,16 @@ def _clock(channel: ChannelFigures) -> str:
     return said + (f", {channel.missing} without a number" if channel.missing else "")
 
 
-def _cells(channel: ChannelFigures) -> list[str]:
+def _cells(channel: ChannelFigures) -> list[Cell]:
     return [
-        escape(channel.name),
+        channel.name,
         f"{channel.low:.4g}",
         f"{channel.high:.4g}",
-        "[red]constant[/red]" if channel.dead else f"{channel.noise:.1g}",
+        Mark("", "poor", "constant") if channel.dead else f"{channel.noise:.1g}",
         f"{channel.quantum:.3g}" if channel.quantum else "–",
         f"{channel.saturated:.1%}" if channel.saturated else "–",
         f"{channel.unchanged:.0%}",
-        escape(channel.role),
+        channel.role,
     ]
 
 
@@ -142,22 +135,12 @@ def _curves(
 ) -> None:
     """Draws one curve for each segment; rows that are not used are dots."""
     for k, (t, x) in enumerate(zip(times, values, strict=False)):
-        axis.plot(*_thinned(t, x), color=COLOURS[k % len(COLOURS)], linewidth=0.8)
+        rows = extremes(x, _POINTS)
+        axis.plot(t[rows], x[rows], color=COLOURS[k % len(COLOURS)], linewidth=0.8)
         if k < len(used):
-            off = ~used[k]
-            axis.plot(*_thinned(t[off], x[off]), ".", color=BAD, markersize=1.5)
+            off = np.flatnonzero(~used[k])
+            off = off[extremes(x[off], _POINTS)] if len(off) else off
+            axis.plot(t[off], x[off], ".", color=BAD, markersize=1.5)
     axis.margins(x=0.0)
     axis.set_ylabel(label)
     axis.set_xlabel("t [s]")
-
-
-def _thinned(t: Array, x: Array) -> tuple[Array, Array]:
-    """At most `_POINTS` points with the extremes of equal parts of a curve."""
-    if len(t) <= _POINTS:
-        return t, x
-    width = -(-len(t) // (_POINTS // 2))
-    whole = len(t) // width * width
-    parts = np.where(np.isfinite(x[:whole]), x[:whole], 0.0).reshape(-1, width)
-    rows = np.arange(len(parts)) * width
-    index = np.sort(np.r_[rows + parts.argmin(axis=1), rows + parts.argmax(axis=1)])
-    return t[index], x[index]

@@ -1,89 +1,213 @@
-"""Renders HTML pages from templates: one self-contained file each, with every value escaped.
+"""The page of every command as data: a verdict, its figure, and sections made of panels.
 
-All pages extend `templates/base.html`, whose first comment says what a page consists of. The
-functions here make the values that its blocks and the macros of `templates/parts.html` take.
+A command builds a `Page`; `render` makes one self-contained HTML file of it, with every value
+escaped, and `terminal.print_page` prints it. Any text may have `code` in backticks.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from .palette import COLOURS, DARK
+from ..evaluation.words import Mark
+from ..resources import write_text
+from .palette import COLOURS, DARK, VARIABLES
+from .panels import BAND, DASHES
 
+FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 
-GLYPHS = {"good": "✔", "fair": "◐", "poor": "✘", "weak": "○"}
-"""Kinds of marks, classes of the style sheet, with the glyph that makes colour unnecessary."""
+
+class Link(NamedTuple):
+    """A link to another row of the page, by its id."""
+
+    text: str
+    to: str
 
 
-def mark(kind: str, text: str, glyph: str = "") -> dict[str, str]:
-    """A badge: a status in words, with colour and glyph; `kind` is a key of `GLYPHS`."""
-    return {"kind": kind, "glyph": glyph or GLYPHS[kind], "text": text}
+Cell = str | Mark | Link | tuple[str | Mark | Link, ...]
+"""A cell of a table; a `Mark` becomes a badge."""
 
 
-def verdict(kind: str, text: str, glyph: str = "") -> dict[str, str]:
-    """The sentence at the top of a page, with the figure that carries it in words."""
-    return mark(kind, text, glyph)
+@dataclass(frozen=True)
+class Alarm:
+    """A line below the verdict: what the reader has to know before believing it.
 
-
-def alarm(text: str, kind: str = "fair", level: str = "note", glyph: str = "▲") -> dict[str, str]:
-    """A line below the verdict: what the reader has to know before believing it."""
-    return {"kind": kind, "glyph": glyph, "level": level, "text": text}
-
-
-def again(commands: Sequence[str], versions: dict[str, str], *notes: Any) -> dict[str, Any]:
-    """How to make the results again.
-
-    Args:
-        commands: command lines or code, one block each.
-        versions: by name, of this package and of what its results depend on.
-        notes: paragraphs below; `markupsafe.Markup` is not escaped.
+    Attributes:
+        mark: glyph and text.
+        level: in front of the text, such as "warning".
     """
-    told = ", ".join(f"{name} {number}" for name, number in versions.items())
-    return {"commands": list(commands), "notes": list(notes), "versions": told}
+
+    mark: Mark
+    level: str = "note"
 
 
-def block(
-    name: str,
-    heads: Sequence[str],
-    lines: Sequence[Sequence[Any]],
-    *,
-    text: Sequence[int] = (0,),
-    open: bool = False,
-    counts: Sequence[dict[str, str]] = (),
-) -> dict[str, Any]:
-    """A table for the macro `folded`.
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `note` makes it small, `head` the title of what follows."""
 
-    Args:
-        name: of the block of parameters.
-        heads: of the columns.
-        lines: cells; a mark becomes a badge.
+    words: str
+    note: bool = False
+    head: bool = False
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list; an entry is a text, or what it is about and the rest."""
+
+    entries: Sequence[str | tuple[str, str]]
+    ordered: bool = False
+
+
+@dataclass(frozen=True)
+class Badges:
+    """Counts beside one another, such as how many parameters are identified."""
+
+    marks: Sequence[Mark]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        heads: of the columns; the first names the table on the terminal.
+        lines: cells; on the terminal a line of one cell is the title of those below it.
         text: indices of the columns that are not numbers.
-        open: whether it is unfolded on a screen; on paper it always is.
-        counts: marks beside the name; the number of lines if there are none.
+        ids: prefix of the lines' ids, to which a `Link` leads; empty for none.
+        spare: indices of the columns that a narrow terminal leaves out, the first one first.
+        most: lines that the terminal prints; the others are counted.
     """
-    return {
-        "name": name, "heads": list(heads), "lines": list(lines), "text": list(text),
-        "open": open, "counts": list(counts),
-    }  # fmt: skip
+
+    heads: Sequence[str]
+    lines: Sequence[Sequence[Cell]]
+    text: Sequence[int] = (0,)
+    ids: str = ""
+    spare: Sequence[int] = ()
+    most: int = 40
 
 
-def render(template: str, **values: Any) -> str:
-    """Renders a template.
+@dataclass(frozen=True)
+class Figure:
+    """A drawing with its title and legend.
 
-    Args:
-        template: file name of the template.
-        values: variables of the template. Text is escaped unless it is `markupsafe.Markup`.
+    Attributes:
+        title: above the drawing.
+        drawing: an SVG element of `plots.svg`, or an image.
+        legend: (name, colour, dash) of each entry; a dash of `BAND` is a shaded area.
+        wide: whether it takes the whole width of the page.
     """
-    return _environment().get_template(template).render(values)
+
+    title: str
+    drawing: str
+    legend: Sequence[tuple[str, str, str]] = ()
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures side by side; of more than `most` the others are folded, `kind` says what of."""
+
+    figures: Sequence[Figure]
+    kind: str = "plots"
+    most: int = 8
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Panels that are folded on a screen, and open on paper.
+
+    Attributes:
+        title: that opens and closes them.
+        panels: what is folded.
+        counts: marks beside the title.
+        small: words beside the title.
+        open: whether they are open at first.
+    """
+
+    title: str
+    panels: Sequence[Panel]
+    counts: Sequence[Mark] = ()
+    small: str = ""
+    open: bool = False
+
+
+Panel = Text | Items | Badges | Table | Figures | Fold
+
+
+@dataclass(frozen=True)
+class Section:
+    """Panels below a title; an empty title makes a card of its own."""
+
+    title: str
+    panels: Sequence[Panel]
+
+
+@dataclass(frozen=True)
+class Page:
+    """What a command has found.
+
+    Attributes:
+        heading: the robot, or the name of the study.
+        verdict: in one sentence; None if there is none.
+        eyebrow: what made the page.
+        lead: one line below the heading.
+        tab: title of the browser's tab; the heading if empty.
+        alarms: the gravest first.
+        carrying: figures of which the first carries the verdict.
+        sections: in order.
+        commands: command lines or code that make the results again, one block each.
+        notes: paragraphs below the commands.
+        versions: by name, of this package and of what its results depend on.
+    """
+
+    heading: str
+    verdict: Mark | None
+    eyebrow: str = ""
+    lead: str = ""
+    tab: str = ""
+    alarms: Sequence[Alarm] = ()
+    carrying: Sequence[Figure] = ()
+    sections: Sequence[Section] = ()
+    commands: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    versions: dict[str, str] = field(default_factory=dict)
+
+
+def count(number: int, singular: str, plural: str = "") -> str:
+    """A number with its noun: 1 seed, 2 seeds, 0 seeds."""
+    return f"{number} {singular if number == 1 else plural or singular + 's'}"
+
+
+def write(page: Page, folder: Path) -> Path:
+    """Writes report.html atomically and returns its path."""
+    path = folder / FILE
+    write_text(path, render(page))
+    return path
+
+
+def render(page: Page) -> str:
+    """The page as one self-contained HTML file; the only script that may run is our own."""
+    return _environment().get_template("page.html").render(page=page)
 
 
 @cache
 def _environment() -> Any:
     import jinja2  # imported late: needed only after a run
+    from markupsafe import Markup, escape
+
+    def spoken(text: object) -> Markup:
+        parts = enumerate(map(escape, str(text).split("`")))
+        code = Markup("<code>{}</code>")
+        return Markup("").join(code.format(part) if k % 2 else part for k, part in parts)
+
+    def kind(value: object) -> str:
+        return type(value).__name__
 
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
@@ -92,5 +216,11 @@ def _environment() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals.update(light=COLOURS, dark=DARK)
+    script = (_TEMPLATES / "plots.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
+    environment.globals.update(
+        light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
+        script=Markup(script), digest=digest,
+    )  # fmt: skip
     return environment

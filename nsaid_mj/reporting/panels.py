@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..parameters import Array, Indices
-from .palette import BAD, COLOURS, INK, VARIABLES
+from .palette import BAD, COLOURS, INK
 
 POINTS = 1500
 """Largest number of points drawn of one curve."""
@@ -18,6 +16,9 @@ POINTS = 1500
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
 """SVG dash patterns of matplotlib's line styles."""
 
+MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
+DIFFERENCE = "error, rms over short intervals"
+UNSURE = "not identified by itself"
 BAND = "band"
 """In place of a dash pattern: the legend's entry is a shaded area."""
 
@@ -64,7 +65,7 @@ class Panel:
     logarithmic: bool = False
     level: float | None = None
     level_name: str = ""
-    band_name: str = "95 % interval"
+    band_name: str = INTERVAL
     curves: list[Curve] = field(default_factory=list)
     wide: bool = False
 
@@ -96,6 +97,23 @@ class Panel:
 
 
 @dataclass(frozen=True)
+class Points:
+    """Further values of a forest's lines.
+
+    Attributes:
+        name: entry in the legend.
+        values: (k,) NaN for none.
+        marker: of matplotlib.
+        colour: of the markers.
+    """
+
+    name: str
+    values: Array
+    marker: str = "D"
+    colour: str = INK
+
+
+@dataclass(frozen=True)
 class Forest:
     """Values with intervals, one line for each name.
 
@@ -107,8 +125,9 @@ class Forest:
         low: (k,) lower ends of the intervals, NaN for none.
         high: (k,) upper ends.
         firm: (k,) whether the value is drawn as certain, else pale and dashed.
-        reference: (k,) values to compare with, NaN for none.
-        legend: (name, colour, dash) of each entry.
+        others: values to compare with.
+        certain: entry of the certain values in the legend.
+        level: of a vertical reference line; None for no line.
     """
 
     title: str
@@ -118,9 +137,18 @@ class Forest:
     low: Array
     high: Array
     firm: NDArray[np.bool_]
-    reference: Array
-    legend: list[tuple[str, str, str]] = field(default_factory=list)
+    others: list[Points] = field(default_factory=list)
+    certain: str = "identified"
+    level: float | None = None
     wide: bool = False
+
+    @property
+    def legend(self) -> list[tuple[str, str, str]]:
+        """(name, colour, dash) of the values that there are."""
+        entries = [(self.certain, COLOURS[0], "-")] if self.firm.any() else []
+        if not self.firm.all():
+            entries.append((UNSURE, COLOURS[8], "--"))
+        return entries + [(o.name, o.colour, "-") for o in self.others if len(o.values)]
 
 
 @dataclass(frozen=True)
@@ -151,11 +179,13 @@ class Comparison:
     Attributes:
         title: above the panel.
         label: of the vertical axis, without its unit.
-        unit: of all values.
+        unit: of all values; empty if it is not known.
         t: (k,) times [s].
         measured: (k,) values.
         predicted: (k,) values.
         half: (k,) half width of the prediction's interval; None for none.
+        used: (k,) whether a row counts: others are shaded, and not in the error; None for all.
+        segment: (k,) number of the segment of a row: lines end with it; None for one segment.
     """
 
     title: str
@@ -165,17 +195,21 @@ class Comparison:
     measured: Array
     predicted: Array
     half: Array | None = None
+    used: NDArray[np.bool_] | None = None
+    segment: Indices | None = None
     wide: bool = False
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
         """(name, colour, dash) of the curves."""
         entries = [
-            ("measured", COLOURS[8], "-"),
-            ("predicted", COLOURS[0], "-"),
-            ("error, rms over short intervals", COLOURS[1], "-"),
+            (MEASURED, COLOURS[1], "-"),
+            (PREDICTED, COLOURS[0], "-"),
+            (DIFFERENCE, COLOURS[2], "-"),
         ]
-        return entries + ([("95 % interval", COLOURS[0], BAND)] if self.half is not None else [])
+        entries += [(INTERVAL, COLOURS[0], BAND)] if self.half is not None else []
+        unused = self.used is not None and not self.used.all()
+        return entries + ([("not used", COLOURS[8], BAND)] if unused else [])
 
 
 AnyPanel = Panel | Forest | HeatMap | Comparison
@@ -185,36 +219,3 @@ AnyPanel = Panel | Forest | HeatMap | Comparison
 def thin(rows: int, points: int = POINTS) -> Indices:
     """Indices of at most `points` of all rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, rows - 1, min(rows, points)).round().astype(np.intp))
-
-
-def page_figures(panels: Sequence[AnyPanel], drawings: Sequence[str]) -> list[dict[str, Any]]:
-    """Variables of drawn panels for the template `parts.html`."""
-    return [
-        template_figure(p.title, drawing, p.legend, p.wide)
-        for p, drawing in zip(panels, drawings, strict=True)
-    ]
-
-
-def template_figure(
-    title: str, drawing: str, legend: Sequence[tuple[str, str, str]], wide: bool = False
-) -> dict[str, Any]:
-    """Variables of one figure for the template `parts.html`.
-
-    Args:
-        title: above the figure.
-        drawing: SVG element.
-        legend: (name, colour, dash) of each entry; a dash of `BAND` is a shaded area.
-        wide: whether the figure takes the whole width of the page.
-    """
-    from markupsafe import Markup
-
-    entries = [
-        {
-            "name": name,
-            "paint": f"var({VARIABLES[colour]})",
-            "band": dash == BAND,
-            "dashes": DASHES.get(dash, "none"),
-        }
-        for name, colour, dash in legend
-    ]
-    return {"title": title, "svg": Markup(drawing), "wide": wide, "legend": entries}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,8 +23,13 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from ..parameters import Array
+from .pages import Figure as PageFigure
 from .palette import GRID, INK, VARIABLES
-from .panels import Panel, template_figure
+from .panels import Panel
+
+CURVE, NAMES = "curve:", "names"
+"""Prefix of the gid of what is drawn of a curve, before its name; gid of an axis of names."""
 
 COLUMNS = 8
 """Largest number of categories in a panel of ordinary width."""
@@ -86,11 +92,10 @@ def over_time(panel: Panel) -> str:
         if panel.level is not None:
             axis.axhline(panel.level, color=INK, linewidth=0.6, linestyle="--")
         for curve in panel.curves:
-            values = np.where(np.abs(curve.values) < _HUGE, curve.values, np.nan)
             if curve.low is not None and curve.high is not None:
                 low, high = (np.clip(end, -_HUGE, _HUGE) for end in (curve.low, curve.high))
-                axis.fill_between(curve.t, low, high, color=curve.colour, alpha=0.18, linewidth=0)
-            axis.plot(curve.t, values, curve.dash, color=curve.colour)
+                band(axis, curve.t, low, high, curve.colour, panel.band_name, curve.name)
+            line(axis, curve.t, curve.values, curve.name, curve.dash, color=curve.colour)
         axis.margins(x=0.0)
         axis.set_xlabel("t [s]")
         axis.set_ylabel(panel.label)
@@ -99,13 +104,33 @@ def over_time(panel: Panel) -> str:
         return svg(figure, panel.title)
 
 
+def line(axis: Axes, x: Any, y: Any, name: str, dash: str = "-", **style: Any) -> None:
+    """Draws a curve with its name, by which the page finds its values; huge ones are left out."""
+    y = np.asarray(y, float)
+    shown = np.where(np.abs(y) < _HUGE, y, np.nan)
+    axis.plot(x, shown, dash, gid=CURVE + name, **style)
+
+
+def band(
+    axis: Axes, t: Array, low: Array, high: Array, colour: str, name: str, of: str = ""
+) -> None:
+    """Shades between low and high (N,) where both are numbers; `of` is the curve in the middle."""
+    known = np.isfinite(low) & np.isfinite(high)
+    for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(known)) + 1):
+        if len(part) and known[part[0]]:
+            x, y = np.r_[t[part], t[part[::-1]]], np.r_[low[part], high[part[::-1]]]
+            axis.fill(x, y, color=colour, alpha=0.2, linewidth=0, gid=CURVE + name)
+    for end, values in (("low", low), ("high", high)):  # not drawn: for the page's values
+        axis.plot(t, values, "", gid=f"{CURVE}{f'{of}, ' if of else ''}{name}, {end}")
+
+
 def page_figure(
     title: str,
     draw: Callable[[Axes], None],
     wide: bool = False,
     legend: Sequence[tuple[str, str, str]] | None = None,
-) -> dict[str, Any]:
-    """Variables of one figure for the template `parts.html`, drawn by a function of its axes.
+) -> PageFigure:
+    """A figure of a page, drawn by a function of its axes.
 
     Args:
         title: above the panel.
@@ -123,7 +148,7 @@ def page_figure(
                 (label, to_hex(bars.patches[0].get_facecolor()), "-")
                 for bars, label in zip(*axis.get_legend_handles_labels(), strict=True)
             ]
-        return template_figure(title, svg(figure, title), legend, wide)
+        return PageFigure(title, svg(figure, title), legend, wide)
 
 
 def categories(axis: Axes, labels: Sequence[str], name: str) -> None:
@@ -133,6 +158,7 @@ def categories(axis: Axes, labels: Sequence[str], name: str) -> None:
     axis.set_xticks(range(len(short)), short, rotation=90 if longest * len(short) > 60 else 0)
     axis.set_xlim(-0.6, len(short) - 0.4)
     axis.set_xlabel(name)
+    axis.xaxis.set_gid(NAMES)
 
 
 def logarithmic(axis: Any, which: str = "y", most: int = 8) -> None:
@@ -178,7 +204,8 @@ def svg(figure: Figure, title: str) -> str:
     """Renders a figure as an SVG element for an HTML page with other drawings.
 
     Ids that are referenced are prefixed with a hash of the drawing, so that they are unique on the
-    page; all others are removed. Colours in `palette.VARIABLES` become CSS variables.
+    page; all others are removed. Colours in `palette.VARIABLES` become CSS variables. The curves'
+    values are in the element's metadata, from where the page's script reads them.
 
     Args:
         figure: the figure; text stays text.
@@ -199,8 +226,10 @@ def svg(figure: Figure, title: str) -> str:
     for element in drawing.iter():
         element.tag = _local(element.tag)
         attributes = {_local(name): value for name, value in element.attrib.items()}
-        if (name := attributes.pop("id", None)) in used:
-            attributes["id"] = prefix + str(name)
+        name = attributes.pop("id", "")
+        if name in used:
+            attributes["id"] = prefix + name
+        attributes |= _data_of(name)
         if "href" in attributes:
             attributes["href"] = f"#{prefix}{attributes['href'][1:]}"
         if "clip-path" in attributes:
@@ -215,7 +244,64 @@ def svg(figure: Figure, title: str) -> str:
     drawing.attrib.clear()
     drawing.attrib.update(viewBox=view, role="img")
     drawing.set("aria-label", title)
+    data = ElementTree.SubElement(drawing, "metadata")
+    data.text = json.dumps(_curves(figure), separators=(",", ":"), ensure_ascii=False)
     return ElementTree.tostring(drawing, encoding="unicode")
+
+
+def _data_of(name: str) -> dict[str, str]:
+    """Attributes by which the page's script finds axes, ticks and curves, from matplotlib's ids."""
+    kind, _, number = name.rpartition("_")
+    if name.startswith(CURVE):
+        return {"data-curve": name.removeprefix(CURVE)}
+    if kind == "axes":
+        return {"data-axes": str(int(number) - 1)}
+    return {"data-tick": kind[0]} if kind in {"xtick", "ytick"} else {}
+
+
+def _curves(figure: Figure) -> list[dict[str, Any]]:
+    """Place, axes and named curves of every pair of axes, as the page's script reads them."""
+    width, height = (72 * size for size in figure.get_size_inches())
+    below = next((axis.get_xlabel() for axis in figure.axes if axis.get_xlabel()), "")
+    found = []
+    for axis in figure.axes:
+        at, tables, curves = axis.get_position(), [], []
+        for drawn in axis.get_lines():
+            name = drawn.get_gid() or ""
+            x, y = (_numbers(side) for side in drawn.get_data())
+            if not name.startswith(CURVE) or not len(x):
+                continue
+            if x not in tables:
+                tables.append(x)
+            curves.append({"name": name.removeprefix(CURVE), "x": tables.index(x), "y": y})
+        named = axis.yaxis.get_gid() == NAMES
+        found.append(
+            {
+                "box": [
+                    round(float(end), 2)
+                    for end in (at.x0 * width, (1 - at.y1) * height, at.x1 * width,
+                                (1 - at.y0) * height)
+                ],
+                "x": _side(axis.get_xlim(), axis.get_xscale(), below)
+                | {"names": axis.xaxis.get_gid() == NAMES},
+                "y": _side(axis.get_ylim(), axis.get_yscale(), axis.get_ylabel()),
+                "names": [tick.get_text() for tick in axis.get_yticklabels()] if named else None,
+                "cursor": below.startswith("t ["),
+                "xs": tables,
+                "curves": curves,
+            }
+        )  # fmt: skip
+    return found
+
+
+def _side(ends: tuple[float, float], scale: str, label: str) -> dict[str, Any]:
+    return {"ends": [float(end) for end in ends], "log": scale == "log", "label": label}
+
+
+def _numbers(values: Any) -> list[float | None]:
+    """Values with six digits for JSON; None where there is no number."""
+    given = np.asarray(values, float).tolist()
+    return [float(f"{value:.6g}") if abs(value) < _HUGE else None for value in given]
 
 
 _NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))

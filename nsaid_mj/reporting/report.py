@@ -7,30 +7,30 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from rich.console import Console
 
-from .. import evaluation
-from ..calibration import words
+from .. import evaluation, recording
 from ..evaluation import Truth
-from ..evaluation.confidence import INTERVAL
 from ..evaluation.verify import ROWS, Verdict, verify
+from ..evaluation.words import Mark
 from ..experiment.loop import Run
-from ..parameters import Indices, ParameterSpace
-from ..resources import write_text
 from . import pages, report_panels
-from .drawer import Drawer
-from .panels import page_figures
+from .pages import Alarm, Figures, Fold, Items, Page, Section, Table, Text
 from .picture import picture
+from .report_tables import confidence, parameters, parameters_note
+from .terminal import print_page
 
-FILE = "report.html"
-_OPEN = 12  # parameters in total, up to which no table is collapsed
 _RATIO = " ‖θ̄_P⊥‖/‖θ̂‖"  # left out: the first figure's axis has the formula
 _FIRST = 5  # unobservable directions that are not folded
-_MARKS = {
-    "identified": pages.mark("good", "identified", "●"),
-    "below the noise": pages.mark("weak", "below the noise", "≈"),
-    "only in combination": pages.mark("fair", "only in combination", "◐"),
-}
+_GAINS, _DIRECTIONS = 12, 3  # printed at most; the page has all of them
+_LENGTH = 120  # characters of a printed list of parameters, at most
+_COMPILED = 0.5  # compile times below this are not mentioned [s]
+_JUDGEMENTS = {"converged": ("✔", "good"), "still converging": ("◐", "fair")}  # all others are poor
+_CORRELATIONS = (
+    "Strong colours: two parameters that this motion determines together, so that one known value "
+    "narrows the other. Correlations of at least 0.5 are written out. Errors are relative to the "
+    "mean of the actuators' gains."
+)
 _FORCES = {
     True: "On the held-out trajectory, which no identifier has seen. Measured: the actuators' "
     "force at the command, under the estimated gains. Predicted: the force that the motion needs "
@@ -51,7 +51,6 @@ def write(
     run: Run,
     summary: dict[str, Any],
     truth: Truth | None,
-    drawer: Drawer | None = None,
     verdicts: Sequence[Verdict] = (),
     command: str = "",
 ) -> Path:
@@ -62,91 +61,157 @@ def write(
         summary: the content of its summary.json.
         truth: of its plant; None if it is unknown, as on a robot's log. Comparisons with the
             truth are then left out.
-        drawer: draws the curves; None draws them in this process.
         verdicts: on the paper's statements; computed if there are none.
         command: command line of the run, to be repeated; empty if it is not known.
     """
-    path = run.folder / FILE
-    write_text(path, page(run, summary, truth, drawer, verdicts, command))
-    return path
+    return pages.write(_page(run, summary, truth, verdicts, command), run.folder)
 
 
 def page(
     run: Run,
     summary: dict[str, Any],
     truth: Truth | None,
-    drawer: Drawer | None = None,
     verdicts: Sequence[Verdict] = (),
     command: str = "",
 ) -> str:
     """A run's report as HTML; see `write`."""
+    return pages.render(_page(run, summary, truth, verdicts, command))
+
+
+def _page(
+    run: Run,
+    summary: dict[str, Any],
+    truth: Truth | None,
+    verdicts: Sequence[Verdict],
+    command: str,
+) -> Page:
     verdicts = verdicts or (verify(run, truth, summary) if len(run.record) >= ROWS else [])
-    made = report_panels.panels(run, summary, truth)
-    drawings = (drawer or Drawer()).draw([panel for group in made.values() for panel in group])
-    figures: dict[str, list[dict[str, Any]]] = {}
-    for name, group in made.items():
-        figures[name] = page_figures(group, drawings[: len(group)])
-        drawings = drawings[len(group) :]
+    from .drawings import figures_of  # imported late: matplotlib takes half a second
+
+    panels = report_panels.panels(run, summary, truth)
+    figures = {name: figures_of(group) for name, group in panels.items()}
     robot = _robot(run)
     sketch = picture(run.looks, run.record["q"][0], robot)
-    return pages.render(
-        "report.html",
-        name=run.folder.name,
-        eyebrow=f"run {run.folder.name}",
+    statements = Table(["statement", "claim", "verdict", "figure"], _statements(verdicts),
+                       (0, 1, 2, 3))  # fmt: skip
+    sections = [
+        Section("Figures", [_figures(summary), Text(_checks(summary), note=True)]),
+        Section("Time histories", [Figures(figures["curves"])]),
+        Section("Predicted against measured forces", [
+            Figures(figures["forces"], "velocities", 6),
+            Text(f"{_FORCES[truth is not None]} Error: rms over rms of the measured force.", True),
+        ] if figures["forces"] else []),
+        Section("Confidence", confidence(summary, figures["gains"])),
+        Section("Parameters", [
+            Text(parameters_note(summary)), *parameters(run.system.space, summary),
+        ]),
+        Section("Correlations of what is identified", [
+            Figures(figures["correlations"]), Text(_CORRELATIONS, note=True),
+        ] if figures["correlations"] else []),
+        Section("The paper's statements on this run", [statements] if statements.lines else []),
+        Section("What cannot be known from motion", _unobservable(summary)),
+    ]  # fmt: skip
+    folder = shlex.quote(str(run.folder))
+    return Page(
         heading=robot,
+        verdict=mark_of(summary),
+        eyebrow=f"run {run.folder.name}",
         lead=_lead(summary),
-        verdict=_verdict(summary),
-        carrying=figures["carrying"] + ([sketch] if sketch else []),
+        tab=f"{robot} · {run.folder.name}",
         alarms=_alarms(summary),
-        figures=_figures(summary),
-        checks=_checks(summary),
-        curves=figures["curves"],
-        gains=figures["gains"],
-        forces=figures["forces"],
-        forces_note=_FORCES[truth is not None],
-        correlations=figures["correlations"],
-        confidence=_confidence(summary),
-        statements=_statements(verdicts),
-        observable=evaluation.observable_line(summary),
-        unobservable=_unobservable(summary),
-        parameters_note=_parameters_note(summary),
-        parameters=_parameters(run.system.space, summary),
-        again=_again(run, summary, command),
+        carrying=figures["carrying"] + ([sketch] if sketch else []),
+        sections=[section for section in sections if section.panels],
+        commands=[
+            *([command] if command else []),
+            _SCRIPT,
+            f"nsaid view {folder}",
+            f"nsaid verify --run {folder}",
+        ],
+        notes=[
+            f"The scenario, including seed {summary['seed']}, is in scenario.json (hash "
+            f"{summary['scenario_hash']}). With the same versions of all packages the record is "
+            "identical to the bit. All figures are in summary.json, all samples in record.arrow, "
+            "the recording is run.rrd."
+        ],
+        versions=summary["versions"],
     )
 
 
-def _verdict(summary: dict[str, Any]) -> dict[str, str] | None:
-    """The verdict with its colour; None if the summary, of an earlier version, has none."""
+def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
+    """Prints the verdict on a run, the figures behind it, and the paths of its files.
+
+    Args:
+        name: of the run.
+        summary: the content of its summary.json.
+        folder: of the run.
+    """
+    compiled = summary["compile_s"]
+    done = "followed" if "stream" in summary else "simulated"
+    lead = (
+        f"{summary['sim_s']:.4g} s {done} in {summary['wall_s']:.1f} s "
+        f"({summary['real_time_factor']:.1f} × real time)"
+        + (f", plus {compiled:.0f} s of one-time compilation" if compiled > _COMPILED else "")
+    )
+    lines = [(_cut(what), _cut(fix)) for what, fix in evaluation.unobservable_lines(summary)]
+    more = [f"… all in {folder / pages.FILE}"] if len(lines) > _DIRECTIONS else []
+    among = ", among them" if more else ""
+    known = f"{evaluation.observable_line(summary)}{among}{':' if lines else ''}"
+    file = folder / recording.FILE
+    seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
+    print_page(
+        Page(
+            heading=name,
+            verdict=mark_of(summary),
+            lead=lead,
+            alarms=_alarms(summary),
+            sections=[
+                Section("", [*_gains(summary), _figures(summary, terminal=True)]),
+                Section("", [Text(line) for line in evaluation.confidence_lines(summary)]),
+                Section("", [Text(known), Items([*lines[:_DIRECTIONS], *more])]),
+            ],
+            commands=[
+                f"recording  {seen if file.is_file() else recording.HINT}",
+                f"report     {folder / pages.FILE}",
+            ],
+        ),
+        Console(highlight=False),
+    )
+
+
+def mark_of(summary: dict[str, Any]) -> Mark | None:
+    """The verdict with its mark; None if the summary, of an earlier version, has none."""
     told = summary.get("verdict")
     if told is None:
         return None
-    kind = {"converged": "good", "still converging": "fair"}.get(told.partition(":")[0], "poor")
-    return pages.verdict(kind, told)
+    glyph, kind = _JUDGEMENTS.get(told.partition(":")[0], ("✘", "poor"))
+    return Mark(glyph, kind, told)
 
 
-def _alarms(summary: dict[str, Any]) -> list[dict[str, str]]:
+def _alarms(summary: dict[str, Any]) -> list[Alarm]:
     """How the run ended early, and what distinguishes it from one in the paper."""
     found = []
-    if summary["status"] != "completed":
-        found.append(pages.alarm(_ended(summary), "poor", "ended early:", "✘"))
+    if summary.get("status", "completed") != "completed":
+        found.append(Alarm(Mark("✘", "poor", _ended(summary)), "ended early:"))
     if summary.get("fault"):
-        found.append(pages.alarm(summary["fault"], level="fault in the plant:"))
+        found.append(Alarm(Mark("▲", "fair", summary["fault"]), "fault in the plant:"))
     for fault in summary.get("faults", []):
         words = f"{fault['words']}, {100 * fault['confidence']:.4g} % sure"
-        found.append(pages.alarm(words, "poor", f"fault found at {fault['found']:.4g} s:"))
-    found += [pages.alarm(m, level="not in the structure:") for m in summary.get("mismatch", [])]
-    if told := stream_line(summary.get("stream", {})):
-        found.append(pages.alarm(told, "weak", "samples:", "·"))
+        found.append(Alarm(Mark("▲", "poor", words), f"fault found at {fault['found']:.4g} s:"))
+    found += [
+        Alarm(Mark("▲", "fair", m), "not in the structure:") for m in summary.get("mismatch", [])
+    ]
+    if told := _stream_line(summary.get("stream", {})):
+        found.append(Alarm(Mark("", "weak", told), "samples:"))
     if summary["sensor_noise"]:
-        found.append(pages.alarm(summary["sensor_noise"], "weak", "sensors:", "·"))
+        found.append(Alarm(Mark("", "weak", summary["sensor_noise"]), "sensors:"))
     return found
 
 
-def stream_line(counts: dict[str, int]) -> str:
+def _stream_line(counts: dict[str, int]) -> str:
     """What was wrong with the samples of a live robot, in words; empty if nothing was."""
     told = {
-        "gaps": "gaps",
-        "missing": "samples missing in them",
+        "gaps": "gap" if counts.get("gaps") == 1 else "gaps",
+        "missing": f"{'sample' if counts.get('missing') == 1 else 'samples'} missing in them",
         "not_finite": "not finite",
         "duplicates": "repeated",
         "late": "out of order",
@@ -155,21 +220,19 @@ def stream_line(counts: dict[str, int]) -> str:
     return ", ".join(f"{counts[key]} {words}" for key, words in told.items() if counts.get(key))
 
 
-def _again(run: Run, summary: dict[str, Any], command: str) -> dict[str, Any]:
-    folder = shlex.quote(str(run.folder))
-    return pages.again(
-        [
-            *([command] if command else []),
-            _SCRIPT,
-            f"nsaid view {folder}",
-            f"nsaid verify --run {folder}",
-        ],
-        summary["versions"],
-        f"The scenario, including seed {summary['seed']}, is in scenario.json (hash "
-        f"{summary['scenario_hash']}). With the same versions of all packages the record is "
-        "identical to the bit. All figures are in summary.json, all samples in record.arrow, the "
-        "recording is run.rrd.",
-    )
+def _gains(summary: dict[str, Any]) -> list[Table]:
+    """The actuators' gains with their intervals, if the law states any."""
+    rows = evaluation.gain_rows(summary)
+    if not rows:
+        return []
+    relative, true = rows[0][1] is not None, rows[0][3] is not None
+    heads = ["actuators", *["gain / mean"] * relative, "± (95 %)", *["true"] * true]
+    lines = [
+        [label, *([f"{value:.4f}"] if value is not None else []), f"{100 * interval:.2g} %",
+         *([f"{truth:.4f}"] if truth is not None else [])]
+        for label, value, interval, truth in rows
+    ]  # fmt: skip
+    return [Table(heads, lines, most=_GAINS)]
 
 
 def _robot(run: Run) -> str:
@@ -193,18 +256,21 @@ def _ended(summary: dict[str, Any]) -> str:
     return f"{at}. {summary['status_remedy']}"
 
 
-def _figures(summary: dict[str, Any]) -> dict[str, Any]:
-    """The table of figures, one column for each identifier; rows absent from all are left out."""
+def _figures(summary: dict[str, Any], terminal: bool = False) -> Table:
+    """The table of figures, one column for each identifier; rows absent from all are left out.
+
+    The page's first figure has the formula of the distance on its axis.
+    """
     identifiers = {evaluation.OWN: summary, **summary["rivals"]}
     lines = [
         [
-            label.replace(_RATIO, ""),
+            label if terminal else label.replace(_RATIO, ""),
             *(evaluation.figure(found.get(key), unit) for found in identifiers.values()),
         ]
         for label, key, unit in evaluation.FIGURES
         if any(key in found for found in identifiers.values())
     ]
-    return {"heads": ["", *identifiers], "lines": lines}
+    return Table(["figures" if terminal else "", *identifiers], lines)
 
 
 def _checks(summary: dict[str, Any]) -> str:
@@ -225,13 +291,16 @@ def _checks(summary: dict[str, Any]) -> str:
 
 def _statements(verdicts: Sequence[Verdict]) -> list[list[Any]]:
     """The paper's statements with their verdicts, as lines of a table."""
-    kinds = {"holds": "good", "not yet": "fair", "fails": "poor", "not applicable": "weak"}
-    return [
-        [v.statement, v.claim, pages.mark(kinds[v.verdict], v.verdict), v.words] for v in verdicts
-    ]
+    kinds = {
+        "holds": ("✔", "good"),
+        "not yet": ("◐", "fair"),
+        "fails": ("✘", "poor"),
+        "not applicable": ("○", "weak"),
+    }
+    return [[v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words] for v in verdicts]
 
 
-def _unobservable(summary: dict[str, Any]) -> dict[str, Any]:
+def _unobservable(summary: dict[str, Any]) -> list[pages.Panel]:
     """The five directions that concern most parameters, and the others by block."""
     lines = summary["unobservable"]
     told = evaluation.unobservable_lines(summary)
@@ -241,102 +310,22 @@ def _unobservable(summary: dict[str, Any]) -> dict[str, Any]:
         (entry for entry in told if entry not in scales),
         key=lambda entry: -sizes.get(entry[0], len(lines)),
     )
-    ordered = scales + others
+    ordered = [(what, f"{fix}.") for what, fix in scales + others]
     groups: dict[str, list[tuple[str, str]]] = {}
     for what, fix in ordered[_FIRST:]:
         part = what.partition(" against ")[0].partition(" of ")[2] or "others"
         groups.setdefault(part, []).append((what, fix))
-    return {"first": ordered[:_FIRST], "groups": list(groups.items())}
-
-
-def _confidence(summary: dict[str, Any]) -> dict[str, Any] | None:
-    """The stated confidence in words, and the least known directions; None if none is stated."""
-    stated = summary["confidence"]
-    if stated is None:
-        return None
-    label = {row["name"]: row["label"] for row in summary["parameters"]}
-    worst = [
-        [
-            ", ".join(f"{weight:+.2f} {label[name]}" for name, weight in row["parameters"].items()),
-            f"±{row['deviation']:.2g}",
-            "below the noise" if row["below_noise"] else "",
-        ]
-        for row in stated["worst_known"]
+    first = ". First those that concern most parameters:" if groups else ":" if ordered else "."
+    return [
+        Text(f"{evaluation.observable_line(summary)}{first}"),
+        *([Items(ordered[:_FIRST], ordered=True)] if ordered else []),
+        *(Fold(name, [Items(some)], small=str(len(some))) for name, some in groups.items()),
     ]
-    return {"lines": evaluation.confidence_lines(summary), "worst": worst}
 
 
-def _parameters_note(summary: dict[str, Any]) -> str:
-    told = "Estimates are determined up to the unobservable directions above."
-    if _true(summary["parameters"]):
-        told += (
-            " For comparison, prior and estimate are multiplied by the one factor that makes the "
-            "mean of the estimated gains equal to the true one."
-        )
-    if summary["confidence"] is not None:
-        told += (
-            " Intervals hold the mean of the actuators' gains, since the common scale is "
-            "unobservable. What the motion reveals only in sums has none."
-        )
-    return told
-
-
-def _parameters(space: ParameterSpace, summary: dict[str, Any]) -> list[dict[str, Any]]:
-    """A table for each block of θ; those of actuators are expanded."""
-    rows, stated = summary["parameters"], summary["confidence"]
-    known = (stated or {}).get("parameters", {})
-    factor = _common_factor(rows, space.actuators) if _true(rows) else 1.0
-    tables = []
-    for block, place in space:
-        heads = ["parameter", "estimate", "unit"]
-        heads += ["95 % interval", "status"] * bool(known)
-        heads += ["prior", *["true"] * _true(rows)]
-        lines, statuses = [], []
-        for row in rows[place]:
-            value, half = factor * row["estimate"], 0.0
-            if known:
-                found = known.get(row["name"])
-                statuses.append(_status(found))
-                half = INTERVAL * abs(factor) * (found["deviation"] if found else 0.0)
-            told, interval = words.estimate(value, value - half, value + half)
-            line = [row["label"], told, row["unit"]]
-            line += [interval, _MARKS[statuses[-1]]] if known else []
-            line.append(words.number(factor * row["prior"]))
-            line += [words.number(row["true"])] if "true" in row else []
-            lines.append(line)
-        counts = [
-            mark | {"text": f"{statuses.count(name)} {name}"}
-            for name, mark in _MARKS.items()
-            if name in statuses
-        ]
-        shown = block.actuator or len(rows) <= _OPEN
-        text = (0, 2, 4) if known else (0, 2)
-        tables.append(pages.block(block.name, heads, lines, text=text, open=shown, counts=counts))
-    return tables
-
-
-def _status(found: dict[str, Any] | None) -> str:
-    """Whether a parameter is identified, from its entry of the summary's confidence."""
-    if found is None:
-        return "only in combination"
-    return "below the noise" if found["below_noise"] else "identified"
-
-
-def _true(rows: Sequence[dict[str, Any]]) -> bool:
-    """Whether the parameters of a summary include their true values."""
-    return all("true" in row for row in rows)
-
-
-def _common_factor(rows: Sequence[dict[str, Any]], actuators: Indices) -> float:
-    """The factor that makes the mean of the actuators' gains exact.
-
-    Without an actuator, or with one of the wrong sign, that which brings the estimate closest to
-    the truth in θ/scale.
-    """
-    true, estimate = (
-        np.array([row[key] / row["scale"] for row in rows]) for key in ("true", "estimate")
-    )
-    ratio = estimate[actuators] / true[actuators]
-    if len(ratio) and (ratio > 0).all():
-        return float(1 / ratio.mean())
-    return float(true @ estimate / (estimate @ estimate))
+def _cut(words: str) -> str:
+    """A list in words; a long one is cut after a comma."""
+    if len(words) <= _LENGTH:
+        return words
+    end = words.rfind(", ", 0, _LENGTH)
+    return f"{words[: end if end > 0 else _LENGTH]}, …"

@@ -12,8 +12,7 @@ from ..evaluation.confidence import INTERVAL
 from ..evaluation.verdict import CONVERGED
 from ..experiment.loop import Run
 from ..parameters import Array
-from .palette import COLOURS
-from .panels import AnyPanel, Comparison, Forest, HeatMap, Panel, thin
+from .panels import AnyPanel, Comparison, Forest, HeatMap, Panel, Points, thin
 
 _FORCES = 600  # points of a curve of forces
 _TAIL = 0.9  # share of the run after which the stated intervals are drawn
@@ -99,12 +98,11 @@ def _forest(summary: dict[str, Any]) -> Forest | None:
     estimate = np.array(values, float)
     half = estimate * np.array(halves)
     known = true[0] is not None
-    legend = [("estimate and 95 % interval", COLOURS[0], "-")]
     return Forest(
-        "Gains relative to their mean" + (", ◇ true" if known else ""),
-        "gain / mean of all [–]", list(names), estimate, estimate - half, estimate + half,
-        np.ones(len(estimate), bool), np.array(true if known else [np.nan] * len(true), float),
-        legend,
+        "Gains relative to their mean", "gain / mean of all [–]", list(names),
+        estimate, estimate - half, estimate + half, np.ones(len(estimate), bool),
+        [Points("true", np.array(true, float))] if known else [],
+        certain="estimate and 95 % interval",
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .model import RobotModel
 from .tree import set_inertias
 

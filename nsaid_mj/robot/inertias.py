@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .findings import Finding
 
 _INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that is left alone

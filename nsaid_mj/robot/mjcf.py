@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..parameters import Array
-from ..systems.joints import body_names
-from ..systems.optional import pin
+from ..structure.joints import body_names
+from ..structure.optional import pin
 from .findings import Finding
 from .inertias import make_physical
 from .mjcf_actuators import motors

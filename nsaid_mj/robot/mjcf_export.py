@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import write_text
-from ..systems.joints import body_names
-from ..systems.optional import pin
+from ..structure.joints import body_names
+from ..structure.optional import pin
 from .identified import Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_actuators import is_motor

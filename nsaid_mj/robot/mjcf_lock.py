@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .mjcf_tree import pose
 from .mjcf_xml import bodies_of, own_joints, place, wxyz
 

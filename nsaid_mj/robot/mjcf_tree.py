@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 
 _AXES = {
     mujoco.mjtJoint.mjJNT_HINGE: (

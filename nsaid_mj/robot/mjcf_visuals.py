@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .mjcf_tree import body_name, pose
 from .shapes import DRAWN, VisualMesh, of_geom
 

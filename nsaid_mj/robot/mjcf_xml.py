@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .mjcf_tree import joint_names, pose
 
 _JOINTS = ("joint", "freejoint")

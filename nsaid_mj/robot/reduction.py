@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import BadRobot, InvalidInput, UnknownName
 from ..parameters import Array
-from ..systems.optional import pin
+from ..structure.optional import pin
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."
 _MARK = "\1"  # no name has it: XML forbids the character

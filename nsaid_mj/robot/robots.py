@@ -21,8 +21,8 @@ from ..resources import (
     known_robots,
     packed_robots,
 )
-from ..systems.joints import floats
-from ..systems.optional import coal, pin
+from ..structure.joints import floats
+from ..structure.optional import coal, pin
 from .urdf_checks import check_masses, check_urdf, parse, read_text, warn_of_motors
 
 Base = Literal["held", "free"]

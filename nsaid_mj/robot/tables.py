@@ -11,7 +11,7 @@ import numpy as np
 
 from ..parameters import Array
 from ..resources import write_text
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .identified import Identified
 from .mjcf_export import moving_bodies
 from .mjcf_tree import pose

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..systems.optional import pin
-from .shapes import VisualMesh, of_geom
+from ..structure.optional import pin
+from .shapes import VisualMesh
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
@@ -83,9 +83,13 @@ def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
 
 
 def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
-    """Overwrites the inertias of the bodies from `first` on by ten parameters each (10 b,)."""
+    """Overwrites the inertias of the bodies from `first` on by ten parameters each (10 b,).
+
+    Those that are unchanged keep their bits.
+    """
     for i, own in enumerate(theta.reshape(-1, 10)):
-        model.inertias[first + i] = pin.Inertia.FromDynamicParameters(own)
+        if not np.array_equal(own, model.inertias[first + i].toDynamicParameters()):
+            model.inertias[first + i] = pin.Inertia.FromDynamicParameters(own)
 
 
 class Described(Protocol):
@@ -137,45 +141,6 @@ class RobotVisuals:
             pin.updateGeometryPlacements(model, data, visual, geometry, configuration)
             for j, i in enumerate(drawn):
                 pose = geometry.oMg[i]
-                translations[k, j] = pose.translation
-                quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
-        return translations, quaternions
-
-
-class GeomVisuals:
-    """The geoms of a MuJoCo model, posed by Pinocchio's forward kinematics.
-
-    Args:
-        model: MuJoCo's model; its bodies have the names of the joints of `tree`.
-        tree: Pinocchio's model.
-    """
-
-    def __init__(self, model: Any, tree: pin.Model):
-        self._model, self._tree = model, tree
-        self._bodies = [tree.getJointId(model.body(i).name) for i in model.geom_bodyid]
-        quaternions = (pin.Quaternion(*wxyz) for wxyz in model.geom_quat)
-        self._places = [
-            pin.SE3(quaternion.toRotationMatrix(), place.copy())
-            for quaternion, place in zip(quaternions, model.geom_pos, strict=True)
-        ]
-
-    def visuals(self) -> list[VisualMesh]:
-        """All geoms as meshes."""
-        return [of_geom(self._model, i) for i in range(self._model.ngeom)]
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the geoms at positions q (k, m).
-
-        Returns:
-            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
-        """
-        data = self._tree.createData()
-        translations = np.zeros((len(q), len(self._bodies), 3))
-        quaternions = np.zeros((len(q), len(self._bodies), 4))
-        for k, configuration in enumerate(q):
-            pin.forwardKinematics(self._tree, data, configuration)
-            for j, (body, place) in enumerate(zip(self._bodies, self._places, strict=True)):
-                pose = data.oMi[body] * place
                 translations[k, j] = pose.translation
                 quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
         return translations, quaternions

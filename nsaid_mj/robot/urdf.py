@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..errors import BadRobot
-from ..systems.joints import body_names
-from ..systems.optional import coal, pin
+from ..structure.joints import body_names
+from ..structure.optional import coal, pin
 from .findings import Finding
 from .inertias import make_physical
 from .meshes import resolve_meshes

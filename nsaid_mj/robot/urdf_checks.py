@@ -32,6 +32,7 @@ _WIDE = (b"\xff\xfe", b"\xfe\xff")
 _RANGED = ("revolute", "prismatic")
 _KINDS = (*_RANGED, "continuous", "fixed", "floating", "planar")
 _CORRECT = "Correct the URDF."
+_MOST_LINKS = 2000  # of a robot; the equations of more would not fit into memory
 
 
 def read_text(path: Path) -> tuple[str, str]:
@@ -81,6 +82,9 @@ def check_urdf(path: Path, root: ElementTree.Element) -> None:
     if any("xacro}" in element.tag for element in root.iter()):
         remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
         raise BadRobot(str(path), "", "it has xacro macros", remedy)
+    if (count := len(root.findall("link"))) > _MOST_LINKS:
+        reason = f"it has {count} links, more than {_MOST_LINKS}"
+        raise BadRobot(str(path), "", reason, "Leave out what does not move by itself.")
     for kind in ("link", "joint"):
         names = [element.get("name", "") for element in root.findall(kind)]
         if twice := sorted({name for name in names if names.count(name) > 1 or not name}):

@@ -9,7 +9,7 @@ from xml.parsers import expat
 
 from ..errors import InvalidInput
 from ..resources import write_text
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .identified import Identified, remarks
 from .model import RobotModel
 from .packages import model_file

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import BadRobot, InvalidInput
 from ..parameters import Array
 from ..resources import write_text
-from ..systems.optional import pin
+from ..structure.optional import pin
 from .mjcf_visuals import MjcfVisuals
 from .model import RobotModel
 from .shapes import VisualMesh

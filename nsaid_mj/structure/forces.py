@@ -82,20 +82,9 @@ def _add_projection(bodies, state, b, x, force):
         b = bodies[b, PARENT]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector), inner=True)
-def write_forces(structure, state, q, v, u, which, x, F):
-    """Writes F at a sample.
-
-    Args:
-        structure: the robot.
-        state: (s,) of `kinematics.place`.
-        q: (m,) positions.
-        v: (n,) velocities.
-        u: (n_u,) commands.
-        which: `ALL`, `COMMANDED` or `MOVING`.
-        x: (SCRATCH,) workspace.
-        F: (z,) entries that can differ from 0; written.
-    """
+@helper(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector))
+def forces_inline(structure, state, q, v, u, which, x, F):
+    """Does what `write_forces` says, as a part of its caller."""
     bodies, columns, c, seen = structure.bodies, structure.columns, structure.constants, -1
     nonzeros = structure.nonzeros
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
@@ -128,6 +117,23 @@ def write_forces(structure, state, q, v, u, which, x, F):
         write_wrench(kind, c, own, command, x)
         end = columns[k + 1, NONZEROS] if k + 1 < columns.shape[0] else nonzeros.shape[0]
         project(bodies, nonzeros, state, b, x, F, to, end)
+
+
+@kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector), inner=True)
+def write_forces(structure, state, q, v, u, which, x, F):
+    """Writes F at a sample.
+
+    Args:
+        structure: the robot.
+        state: (s,) of `kinematics.place`.
+        q: (m,) positions.
+        v: (n,) velocities.
+        u: (n_u,) commands.
+        which: `ALL`, `COMMANDED` or `MOVING`.
+        x: (SCRATCH,) workspace.
+        F: (z,) entries that can differ from 0; written.
+    """
+    forces_inline(structure, state, q, v, u, which, x, F)
 
 
 @routine(void(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, vector))

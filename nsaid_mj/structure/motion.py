@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST
 from .compiled import (
     STRUCTURE,
@@ -18,12 +16,11 @@ from .compiled import (
     vector,
     void,
 )
-from .forces import ALL, COMMANDED, MOVING, write_forces
+from .forces import ALL, COMMANDED, MOVING, forces_inline, write_forces
 from .inertia import add_power, add_weight
-from .kinematics import place
+from .kinematics import place, place_along
 from .poses import half_way
-from .regressor import write_regressor
-from .spatial import clear, into_body, unrotate
+from .spatial import into_body, unrotate
 from .stage import accelerate
 
 _V, _G, _S, _RATE_S = 0, 12, 18, 24  # vectors in the body's axes
@@ -65,104 +62,26 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
         middles: (N−1, s) half-way between; written.
         F: (3, N−1, z) entries of F at start, middle and end of every step; written.
     """
-    x = work.scratch
-    place(structure, q[0], v[0], states[0])
+    place_along(structure, q, v, states)
+    place_along(structure, qm, vm, middles)
     for k in range(qm.shape[0]):
-        place(structure, qm[k], vm[k], middles[k])
-        place(structure, q[k + 1], v[k + 1], states[k + 1])
-        for z in range(F.shape[2] if k else 0):
-            F[0, k, z] = F[2, k - 1, z]
-        first = ALL if k == 0 else COMMANDED
-        write_forces(structure, states[k], q[k], v[k], u[k], first, x, F[0, k])
-        for z in range(F.shape[2]):
-            F[1, k, z] = F[2, k, z] = F[0, k, z]
-        write_forces(structure, middles[k], qm[k], vm[k], u[k], MOVING, x, F[1, k])
-        write_forces(structure, states[k + 1], q[k + 1], v[k + 1], u[k], MOVING, x, F[2, k])
+        for at in range(3):  # start, middle and end of the step
+            state, position, velocity = middles[k], qm[k], vm[k]
+            if at != 1:
+                state, position = states[k + at // 2], q[k + at // 2]
+                velocity = v[k + at // 2]
+            which, entries = MOVING if at > 0 else COMMANDED if k > 0 else ALL, F[at, k]
+            for z in range(entries.shape[0]):  # what is not written below has not changed
+                if at > 0:
+                    entries[z] = F[0, k, z]
+                elif k > 0:
+                    entries[z] = F[2, k - 1, z]
+            forces_inline(structure, state, position, velocity, u[k], which, work.scratch, entries)
 
 
-@kernel(void(STRUCTURE, matrix, matrix, matrix, vector, vector, vector, WORKSPACE, cube))
-def write_force_regressors(structure, q, v, u, state, F, still, work, out):
-    """Writes F of (4), with the weight of rigid bodies, at N samples: −W without motion.
-
-    Args:
-        structure: the robot.
-        q: (N, m) positions.
-        v: (N, n) velocities.
-        u: (N, n_u) commands.
-        state: (s,) workspace.
-        F: (z,) workspace.
-        still: (n,) zeros.
-        work: memory.
-        out: (N, n, p) written.
-    """
-    for k in range(q.shape[0]):
-        place(structure, q[k], v[k], state)
-        write_forces(structure, state, q[k], v[k], u[k], ALL, work.scratch, F)
-        write_regressor(structure, state, still, still, 1.0, F, work, out[k])
-        for i in range(out.shape[1]):
-            for j in range(out.shape[2]):
-                out[k, i, j] = -out[k, i, j]
-
-
-@kernel(
-    void(
-        STRUCTURE, vector, vector, vector, vector, vector, vector, vector, WORKSPACE, matrix
-    )
-)  # fmt: skip
-def combine(structure, q, v, w, a, u, state, F, work, W):
-    """Writes W(t, x, w, a) (n, p) of (10) at a sample; see `evaluate` for the arguments."""
-    place(structure, q, v, state)
-    write_forces(structure, state, q, v, u, ALL, work.scratch, F)
-    write_regressor(structure, state, w, a, 1.0, F, work, W)
-
-
-@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, cube))
-def write_mass_tensor(structure, q, still, state, work, out):
-    """Writes W_M(q, e_j) of every unit vector e_j: M(q, θ) = tensor · θ.
-
-    Args:
-        structure: the robot.
-        q: (m,) position.
-        still: (n,) zeros.
-        state: (s,) workspace.
-        work: memory.
-        out: (n, n, p) written.
-    """
-    bodies, entries, values = structure.bodies, structure.entries, structure.values
-    rotors, axes, x = structure.rotors, bodies.shape[0] * FRAME, work.scratch
-    place(structure, q, still, state)
-    for j in range(out.shape[0]):
-        for i in range(out.shape[1]):
-            for k in range(out.shape[2]):
-                out[j, i, k] = 0.0
-    for b in range(bodies.shape[0]):
-        first = b
-        while first >= 0:
-            at = bodies[first, AT_V]
-            for j in range(at, at + bodies[first, COUNT]):
-                into_body(state, b * FRAME, state, axes + j * FRAME, x, _S)
-                second = b
-                while second >= 0:
-                    start = bodies[second, AT_V]
-                    for i in range(start, start + bodies[second, COUNT]):
-                        into_body(state, b * FRAME, state, axes + i * FRAME, x, _V)
-                        add_power(bodies, entries, values, b, x, _V, _S, _S, out[j], i)
-                    second = bodies[second, PARENT]
-            first = bodies[first, PARENT]
-    for r in range(rotors.shape[0]):
-        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
-        out[i, j, k] += 1.0
-        if i != j:
-            out[j, i, k] += 1.0
-
-
-@kernel(
-    f8(
-        STRUCTURE, vector, vector, vector, vector, vector, vector, vector, WORKSPACE, vector, matrix
-    )
-)  # fmt: skip
-def evaluate(structure, q, v, u, w, theta, state, F, work, a, W):
-    """Writes â of (29) and W (10) at one sample; returns M̂'s smallest pivot, > 0 if it succeeded.
+@kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, WORKSPACE, vector))
+def accelerate_at(structure, q, v, u, w, theta, state, F, work, a):
+    """Writes â of (29) at one sample; returns M̂'s smallest pivot, > 0 if it succeeded.
 
     Args:
         structure: the robot.
@@ -174,19 +93,11 @@ def evaluate(structure, q, v, u, w, theta, state, F, work, a, W):
         state: (s,) workspace.
         F: (z,) workspace.
         work: memory.
-        a: (n,) written; NaN if M̂ is not positive definite.
-        W: (n, p) written; that of â = 0 if M̂ is not positive definite.
+        a: (n,) written.
     """
     place(structure, q, v, state)
     write_forces(structure, state, q, v, u, ALL, work.scratch, F)
-    pivot = accelerate(structure, state, F, w, theta, work, a)
-    if not pivot > 0.0:
-        clear(a, 0, a.shape[0])
-    write_regressor(structure, state, w, a, 1.0, F, work, W)
-    if not pivot > 0.0:
-        for i in range(a.shape[0]):
-            a[i] = np.nan
-    return pivot
+    return accelerate(structure, state, F, w, theta, work, a)
 
 
 @routine(void(STRUCTURE, vector, vector, f8, vector, matrix, matrix))

@@ -158,10 +158,10 @@ def tied(entries: list[tuple[int, int, int, float]]) -> Array:
     return tensor
 
 
-def point_mass(point: ArrayLike) -> Array:
-    """(6, 6, 1) of a mass of 1 kg at a point; its weight is a column `payload`."""
+def unit_mass(point: ArrayLike) -> Array:
+    """(6, 6) of a mass of 1 kg at a point (3,); its weight is a column `payload`."""
     to_point = np.hstack([np.eye(3), np.cross(np.eye(3), np.asarray(point, dtype=float)).T])
-    return (to_point.T @ to_point)[:, :, None]
+    return to_point.T @ to_point
 
 
 def cylinder(centre: ArrayLike, axis: ArrayLike, length: float) -> Array:

@@ -15,8 +15,10 @@ from .arrays import (
     TWIST,
     VELOCITY,
 )
-from .compiled import STRUCTURE, WORKSPACE, f8, helper, index, kernel, matrix, vector, void
+from .compiled import STRUCTURE, WORKSPACE, cube, f8, helper, index, kernel, matrix, vector, void
+from .forces import ALL, write_forces
 from .inertia import add_power
+from .kinematics import place
 from .spatial import add_turned, clear, into_body
 from .stage import accumulate
 
@@ -51,7 +53,7 @@ def _add_row(structure, b, state, axis, j, x, W):
     add_power(bodies, entries, values, b, x, _R, _V, _V, W, j)
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, f8, vector, WORKSPACE, matrix))
+@kernel(void(STRUCTURE, vector, vector, vector, f8, vector, WORKSPACE, matrix), inner=True)
 def write_regressor(structure, state, w, a, weight, F, work, W):
     """Writes W(t, x, w, a) (n, p): W_M + W_C − F of (10).
 
@@ -92,3 +94,31 @@ def write_regressor(structure, state, w, a, weight, F, work, W):
             W[j, k] += a[i]
     for z in range(nonzeros.shape[0]):
         W[nonzeros[z, 0], nonzeros[z, 1]] -= F[z]
+
+
+@kernel(
+    void(
+        STRUCTURE, matrix, matrix, matrix, matrix, matrix, f8, vector, vector, WORKSPACE, cube
+    )
+)  # fmt: skip
+def write_regressors(structure, q, v, u, w, a, weight, state, F, work, W):
+    """Writes W(t, x, w, a) of (10) at N samples.
+
+    Args:
+        structure: the robot.
+        q: (N, m) positions.
+        v: (N, n) measured velocities.
+        u: (N, n_u) commands.
+        w: (N, n) velocities that C multiplies.
+        a: (N, n) accelerations.
+        weight: 1; or 0 without F and the weight of rigid bodies.
+        state: (s,) workspace.
+        F: (z,) workspace; zeros if the weight is 0.
+        work: memory.
+        W: (N, n, p) written.
+    """
+    for k in range(q.shape[0]):
+        place(structure, q[k], v[k], state)
+        if weight > 0.0:
+            write_forces(structure, state, q[k], v[k], u[k], ALL, work.scratch, F)
+        write_regressor(structure, state, w[k], a[k], weight, F, work, W[k])

@@ -18,7 +18,7 @@ and the last integral is the vector of B Σ − (B Σ)ᵀ. Dᵀ f is linear in m
 
 from __future__ import annotations
 
-from ..numerics.linalg import solve_positive
+from ..numerics.linalg import solve_inline
 from .arrays import (
     AT_V,
     COUNT,
@@ -69,7 +69,6 @@ from .inertia import (
 from .spatial import add_cross, add_pushed, add_turned, clear, dot
 
 _A, _X, _T, _H, _D = 12, 18, 24, 30, 36  # columns of the scratch; the first twelve are for anything
-_OMEGA = 3  # the angular part of a spatial vector
 
 
 @helper(void(table, vector, index, vector, vector, index))
@@ -225,9 +224,9 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector), inner=True)
-def write_equations(structure, state, w, theta, work, force):
-    """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
+@helper(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
+def _write_equations(structure, state, w, theta, work, force):
+    """Does what `write_equations` says, as a part of its caller: a call passes 150 numbers."""
     bodies, rotors = structure.bodies, structure.rotors
     ground = (bodies.shape[0] + w.shape[0]) * FRAME
     accumulate(bodies, state, 0, w, work.motion, VELOCITY)
@@ -240,6 +239,22 @@ def write_equations(structure, state, w, theta, work, force):
         work.M[rotors[r, 0], rotors[r, 1]] += theta[rotors[r, 2]]
     for i in range(force.shape[0]):
         force[i] = -force[i]
+
+
+@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector), inner=True)
+def write_equations(structure, state, w, theta, work, force):
+    """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
+    _write_equations(structure, state, w, theta, work, force)
+
+
+@helper(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector))
+def _accelerate(structure, state, F, w, theta, work, a):
+    """Does what `accelerate` says, as a part of its caller."""
+    nonzeros = structure.nonzeros
+    _write_equations(structure, state, w, theta, work, a)
+    for z in range(nonzeros.shape[0]):
+        a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
+    return solve_inline(work.M, work.L, a)  # (29)
 
 
 @kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
@@ -255,11 +270,7 @@ def accelerate(structure, state, F, w, theta, work, a):
         work: memory; afterwards it holds the bodies' motions without J a, and M̂'s factor.
         a: (n,) written.
     """
-    nonzeros = structure.nonzeros
-    write_equations(structure, state, w, theta, work, a)
-    for z in range(nonzeros.shape[0]):
-        a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
-    return solve_positive(work.M, work.L, a)  # (29)
+    return _accelerate(structure, state, F, w, theta, work, a)
 
 
 @helper(void(vector, index, vector, index, vector, vector, index))
@@ -328,7 +339,7 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
 
     v (n,) is the measured velocity; the other arguments are those of `accelerate`.
     """
-    pivot = accelerate(structure, state, F, w, theta, work, a)
+    pivot = _accelerate(structure, state, F, w, theta, work, a)
     if not pivot > 0.0:
         return pivot
     bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
@@ -370,26 +381,14 @@ def require(structure, state, F, v, a, theta, work, force):
         work: memory.
         force: (n,) written.
     """
-    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
-    motion, axes = work.motion, bodies.shape[0] * FRAME
-    accumulate(bodies, state, 0, v, motion, VELOCITY)
-    accumulate(bodies, state, RATE, v, motion, DRIFT)
-    accumulate(bodies, state, 0, a, motion, PUSH)
-    for b in range(bodies.shape[0]):
-        for i in range(b * MOTION, b * MOTION + 6):
-            motion[i + DRIFT] += motion[i + PUSH]
-    _load(structure, state, axes + v.shape[0] * FRAME, theta, work)
-    for b in range(bodies.shape[0] - 1, -1, -1):
-        own, parent, first = b * MOTION, bodies[b, PARENT], bodies[b, AT_V]
-        for j in range(first, first + bodies[b, COUNT]):
-            force[j] = dot(state, axes + j * FRAME, motion, own + WRENCH)
-        if parent >= 0:
-            for i in range(WRENCH, WRENCH + 6):
-                motion[parent * MOTION + i] += motion[own + i]
-    for r in range(rotors.shape[0]):
-        i, j, rotor = rotors[r, 0], rotors[r, 1], theta[rotors[r, 2]]
-        force[i] += rotor * a[j]
-        if i != j:
-            force[j] += rotor * a[i]
+    nonzeros, M = structure.nonzeros, work.M
+    write_equations(structure, state, v, theta, work, force)
+    for i in range(force.shape[0]):
+        total = M[i, i] * a[i] - force[i]
+        for j in range(i):
+            total += M[i, j] * a[j]
+        for j in range(i + 1, force.shape[0]):
+            total += M[j, i] * a[j]
+        force[i] = total
     for z in range(nonzeros.shape[0]):
         force[nonzeros[z, 0]] -= F[z] * theta[nonzeros[z, 1]]

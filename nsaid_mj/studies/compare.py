@@ -32,7 +32,7 @@ from ..numerics.threads import single_threaded
 from ..reporting.progress import announcing, counted
 from ..resources import check_own, locked, write_json, write_text
 from .cells import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
-from .compare_table import print_table
+from .compare_report import print_table
 from .study import Study
 
 FILES = ("compare.json", "compare.csv")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..reporting import plots
+from ..reporting.pages import Figure
 from ..reporting.palette import BAD, COLOURS, INK
 from .cells import BOUND, FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
 
@@ -88,8 +89,8 @@ def write(folder: Path, drawn: Mapping[str, Sequence[Line]]) -> list[Path]:
         ]
 
 
-def figures(drawn: Mapping[str, Sequence[Line]]) -> list[dict[str, Any]]:
-    """The plots for the template `parts.html`, the noisiest logs and distances first."""
+def figures(drawn: Mapping[str, Sequence[Line]]) -> list[Figure]:
+    """The plots of the page, the noisiest logs and distances first."""
     found = []
     for label, _ in _SHOWN:
         for stem, of in drawn.items():
@@ -174,6 +175,7 @@ def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
         elinewidth=0.8,
         capsize=2,
         label=method,
+        gid=plots.CURVE + method,
     )
 
 

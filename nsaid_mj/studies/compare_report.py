@@ -6,22 +6,31 @@ import math
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
 
 from ..evaluation import figure
+from ..evaluation.words import Mark
 from ..reporting import pages
-from ..reporting.report import FILE
-from ..resources import write_text
-from . import compare_plots
+from ..reporting.pages import Alarm, Figures, Page, Section, Table, Text, count
+from ..reporting.terminal import print_panels
 from .cells import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
 
+if TYPE_CHECKING:
+    from .compare_plots import Line
+
 _DECIDES = "theta_perp_ratio"
+_HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gain ratios", "force residual", "time [s]")
+_WORST = "Medians over the seeds, worst in brackets; – stands for a failed seed."
+_MULTIPLES = "Multiples (×) are of the Cramér–Rao bound of the same logs."
+_BARS = "Markers are medians over the seeds, bars reach from the best to the worst seed."
 
 
 def write(
     folder: Path,
     cells: Sequence[Cell],
-    drawn: Mapping[str, Sequence[compare_plots.Line]],
+    drawn: Mapping[str, Sequence[Line]],
     manifest: dict[str, Any],
 ) -> Path:
     """Writes a comparison's report.html and returns its path.
@@ -32,35 +41,57 @@ def write(
         drawn: its plots, see `compare_plots.lines`.
         manifest: see `compare.Plan.manifest`.
     """
+    from . import compare_plots  # imported late: matplotlib takes half a second
+
     found = rows(cells)
     figures = compare_plots.figures(drawn)
     failures = [
-        pages.alarm(f"{row.failures[0]}", "poor", f"{row.method} failed, {_log(row)}:", "✘")
+        Alarm(Mark("✘", "poor", row.failures[0]), f"{row.method} failed, {_log(row)}:")
         for row in found
         if row.failures
     ]
-    methods = list(dict.fromkeys(row.method for row in found))
+    methods = len(dict.fromkeys(row.method for row in found))
     seeds = len({cell.seed for cell in cells})
-    page = pages.render(
-        "compare.html",
-        eyebrow=f"methods on the same logs of {manifest['script']}",
+    heads = ["log", "method", *(label for label, _ in FIGURES), "chosen by itself"]
+    table = Table(heads, [_line(row) for row in found], (0, 1, 6))
+    sections = [Section("All methods", [table, Text(f"{_WORST} {_MULTIPLES}", note=True)])]
+    if figures[2:]:
+        more = [Figures(figures[2:], "plots", 6), Text(_BARS, note=True)]
+        sections.append(Section("More plots", more))
+    page = Page(
         heading=folder.name,
-        lead=f"{len(methods)} methods, {seeds} {'seed' if seeds == 1 else 'seeds'}.",
-        verdict=_verdict(found),
+        verdict=verdict_of(cells),
+        eyebrow=f"methods on the same logs of {manifest['script']}",
+        lead=f"{count(methods, 'method')}, {count(seeds, 'seed')}.",
         alarms=failures,
         carrying=figures[:2],
-        figures=figures[2:],
-        heads=["log", "method", *(label for label, _ in FIGURES), "chosen by itself"],
-        lines=[_line(row) for row in found],
-        again=pages.again(
-            [_command(manifest)],
-            manifest["versions"],
-            "All cells are in compare.json and compare.csv.",
-        ),
+        sections=sections,
+        commands=[_command(manifest)],
+        versions=manifest["versions"],
+        notes=["All cells are in compare.json and compare.csv."],
     )
-    path = folder / FILE
-    write_text(path, page)
-    return path
+    return pages.write(page, folder)
+
+
+def print_table(cells: Sequence[Cell], console: Console) -> None:
+    """Prints medians over the seeds, with the worst in brackets, and the failures."""
+    several = len({cell.seed for cell in cells}) > 1
+    found = rows(cells)
+    lines: list[list[pages.Cell]] = []
+    for row in found:
+        if [_log(row)] not in lines:
+            lines.append([_log(row)])
+        lines.append(["  " + row.method, *_figures(row, several), "; ".join(row.notes)])
+    table = Table(["", *_HEADS, ""], lines, (0, 5), spare=(5,), most=len(lines))
+    print_panels([table], console)
+    notes = [_WORST] * several + [_MULTIPLES] * any(row.method == BOUND for row in found)
+    failures = [
+        f"{row.method}, {_log(row)}, failed on {count(len(row.failures), 'seed')}: "
+        f"{row.failures[0]}"
+        for row in found
+        if row.failures
+    ]
+    print_panels([Text(line) for line in [*notes, *failures]], console)
 
 
 def _command(manifest: dict[str, Any]) -> str:
@@ -81,12 +112,12 @@ def _command(manifest: dict[str, Any]) -> str:
     return shlex.join(words)
 
 
-def _verdict(found: Sequence[Row]) -> dict[str, str]:
+def verdict_of(cells: Sequence[Cell]) -> Mark:
     """Which method is closest to the true set on the longest and noisiest log."""
-    own = [row for row in found if row.method not in {PRIOR, BOUND}]
+    own = [row for row in rows(cells) if row.method not in {PRIOR, BOUND}]
     able = [row for row in own if math.isfinite(row.median[_DECIDES])]
     if not able:
-        return pages.verdict("poor", "No method has a result.")
+        return Mark("✘", "poor", "No method has a result.")
     hardest = max(able, key=lambda row: (row.noise, row.duration))
     same = [r for r in able if (r.noise, r.duration) == (hardest.noise, hardest.duration)]
     best = min(same, key=lambda row: row.median[_DECIDES])
@@ -94,7 +125,7 @@ def _verdict(found: Sequence[Row]) -> dict[str, str]:
         f"{best.method} comes closest to the true set: {figure(best.median[_DECIDES], '%')} in the "
         f"median, {figure(best.worst[_DECIDES], '%')} at worst ({_log(best)})."
     )
-    return pages.verdict("good" if len(able) == len(own) else "fair", text)
+    return Mark("✔", "good", text) if len(able) == len(own) else Mark("◐", "fair", text)
 
 
 def _log(row: Row) -> str:
@@ -104,14 +135,22 @@ def _log(row: Row) -> str:
     ).replace(" s", "\u00a0s")
 
 
-def _line(row: Row) -> list[str]:
+def _line(row: Row) -> list[pages.Cell]:
+    return [_log(row), row.method, *_figures(row), "; ".join(row.notes)]
+
+
+def _figures(row: Row, several: bool = True) -> list[str]:
+    """Median, worst in brackets if there are several seeds, and the multiple of the bound."""
     cells = []
     for _, key in FIGURES:
-        median, worst = row.median[key], row.worst[key]
-        told = f"{median:.2g}" if math.isfinite(median) else "–"
-        if key != "wall_s" and math.isfinite(worst):
-            told += f" ({worst:.2g})"
-        if key in row.over_bound:
-            told += f" {row.over_bound[key]:.3g}×"
-        cells.append(told)
-    return [_log(row), row.method, *cells, "; ".join(row.notes)]
+        worst = several and key != "wall_s"
+        told = _digits(row.median[key]) + (f" ({_digits(row.worst[key])})" if worst else "")
+        cells.append(told + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else ""))
+    return cells
+
+
+def _digits(value: float) -> str:
+    """Formats a figure with two digits; – if it is not finite."""
+    if not math.isfinite(value):
+        return "–"
+    return (f"{value:.1e}" if value < 0.01 else f"{value:.2g}").replace("e-0", "e-")

@@ -2,8 +2,7 @@
 
 Plants are simulated first, then identifiers follow their logs. Both happen in compiled code that
 releases the GIL, so that threads run in parallel. If all runs share one plant, the motion's stages
-are computed once for a group of identifiers, which run several at a time, see
-`identifiers.abreast`.
+are computed once for a group of identifiers.
 
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
@@ -11,7 +10,6 @@ The result of a run depends only on its number, not on how many runs there are o
 from __future__ import annotations
 
 import os
-import shlex
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,29 +23,30 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from ..errors import InvalidInput
 from ..evaluation import Truth, converged_at
 from ..evaluation.figures import actuator_ratio_error
+from ..evaluation.words import Mark
 from ..experiment.following import CHECK, Following, due_rows
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
 from ..experiment.source import ended
 from ..identifiers import Identifier, State, Status
-from ..identifiers.abreast import along
 from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.threads import single_threaded
 from ..parameters import Array
+from ..reporting.pages import Alarm, Page, Section, Table, count
 from ..reporting.progress import announcing
+from ..reporting.terminal import print_page
 from ..resources import check_own
 from ..system import Motion
 from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
 from .sweep_folder import opened
-from .sweep_results import MANIFEST, TABLE, Group, Row, Sweep, digits, read
+from .sweep_results import MANIFEST, Group, Row, Sweep, digits, files_of, read
 
 FIGURES = {
     "theta_perp_ratio": "distance at end",
@@ -252,9 +251,9 @@ def _followed(
     if motion is None:
         yield from (law.follow(state, log) for law, state in each)
     else:
-        sharing = [(law, at) for law, at in each if isinstance(law, NullspaceIdentifier)]
-        assert len(sharing) == len(runs)
-        yield from along(sharing, log, motion)
+        for law, state in each:
+            assert isinstance(law, NullspaceIdentifier)
+            yield law.along(state, log, motion)
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:
@@ -475,29 +474,31 @@ def document(sweep: Sweep) -> dict[str, Any]:
 
 def print_summary(sweep: Sweep) -> None:
     """Prints the quantiles of the figures, the lost runs, and the paths of the files."""
-    console, gone = Console(highlight=False), lost(sweep)
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for head in ("", *QUANTILES):
-        table.add_column(head, justify="right" if head else "left", no_wrap=True)
-    for key, each in quantiles(sweep).items():
-        table.add_row(FIGURES[key], *(digits(value) for value in each.values()))
+    gone = lost(sweep)
+    lines = [
+        [FIGURES[key], *(digits(value) for value in each.values())]
+        for key, each in quantiles(sweep).items()
+    ]
     shared = sweep.manifest["montecarlo"]["shared"]
-    kind = "priors on one motion" if shared else "plants, each with its own motion"
-    console.print(f"[bold]{sweep.folder.name}[/bold]: {len(sweep.rows)} {kind}, {len(gone)} lost")
-    console.print(table)
-    for row in gone[:_LINES]:
-        again = "" if shared else f"\n    {sweep.command(row)}"
-        console.print(
-            f"  [red]run {row['run']}[/red] (seed {row['seed']}): {row['status']} at "
-            f"{row['status_time']:.3g} s{again}",
-            soft_wrap=True,
+    failures = [
+        Alarm(
+            Mark("✘", "poor", f"{row['status']} at {row['status_time']:.3g} s"
+                 + ("" if shared else f"\n    {sweep.command(row)}")),
+            f"run {row['run']} (seed {row['seed']}):",
         )
-    if len(gone) > _LINES:
-        console.print(f"  … and {len(gone) - _LINES} more")
-    console.print(
-        f"  identifier {cost(sweep):.2g} µs of thread time per run and time step\n"
-        f"  table      {sweep.folder / TABLE}\n"
-        f"  plots      nsaid report {shlex.quote(str(sweep.folder))}",
-        soft_wrap=True,
-        markup=False,
+        for row in gone[:_LINES]
+    ]  # fmt: skip
+    if (more := len(gone) - _LINES) > 0:
+        failures.append(Alarm(Mark("✘", "poor", f"and {more} more"), "…"))
+    many = count(len(sweep.rows), "prior" if shared else "plant")
+    kind = "on one motion" if shared else "with its own motion each"
+    spent = f"identifier {cost(sweep):.2g} µs of thread time per run and time step"
+    page = Page(
+        heading=sweep.folder.name,
+        verdict=None,
+        lead=f"{many} {kind}, {len(gone)} lost",
+        alarms=failures,
+        sections=[Section("", [Table(["", *QUANTILES], lines)])],
+        commands=[spent, *files_of(sweep)],
     )
+    print_page(page, Console(highlight=False))

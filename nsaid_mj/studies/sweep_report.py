@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from ..evaluation.words import Mark
 from ..reporting import pages, plots
+from ..reporting.pages import Alarm, Cell, Figures, Page, Section, Table, Text
 from ..reporting.palette import BAD, COLOURS
 from ..reporting.panels import thin
-from ..reporting.report import FILE
-from ..resources import write_text
-from .sweep_results import HEADS, Group, Sweep, cells
+from .sweep_results import HEADS, SPREADS, Group, Sweep, cells, verdict_of
 
 PICTURE = "distributions.png"
 _DOTS = 400  # runs of one group that are drawn as dots, at most
@@ -38,67 +38,57 @@ def write(sweep: Sweep) -> list[Path]:
     widest = max((len(values) for values in sweep.manifest["vary"].values()), default=1)
     size = (min(max(12.5, 2.4 * widest), 40.0), 0.4 + 3.6 * len(lines))
     picture = plots.png_of(lines, size, sweep.folder / PICTURE)
-    page = sweep.folder / FILE
-    write_text(page, _page(sweep, lines))
-    return [page, picture]
+    return [pages.write(_page(sweep, lines), sweep.folder), picture]
 
 
-def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> str:
+def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
     manifest = sweep.manifest
     fields = list(manifest["vary"])
     seeds = manifest.get("seeds", manifest["runs"])  # `nsaid montecarlo`: one for every run
     results = len(sweep.rows) - len(sweep.lost)
     thinned = any(len(group.results) > _DOTS for field in fields for group in sweep.by(field))
-    distributions = []
+    drawn = []
     for field, line in zip(fields or [""], lines, strict=True):
         wide = len(manifest["vary"].get(field, "")) > plots.COLUMNS
         for title, draw in line.items():
             over = f"{title}, by {field}" if field else title
-            distributions.append(plots.page_figure(over, draw, wide))
+            drawn.append(plots.page_figure(over, draw, wide))
     first = 2 if "Time to converge" in lines[0] else 1
     missing = manifest["runs"] - len(sweep.rows)
-    return pages.render(
-        "sweep.html",
-        eyebrow=f"many runs of {manifest['script']}",
+    note = Text(_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""), True)
+    rest = [Figures(drawn[first:]), note] if drawn[first:] else [note]
+    groups: list[list[Cell]] = [
+        [*map(str, group.values.values()), *cells(group)] for group in sweep.groups
+    ]
+    table = Table([*fields, *HEADS], groups, range(len(fields)))
+    sections = [
+        Section("Distributions" if drawn[first:] else "About the plots", rest),
+        Section("Combinations", [table, Text(SPREADS, note=True)]),
+    ]
+    if sweep.lost:
+        failures = [
+            [str(row["run"]), str(row["seed"]), row["failure"], sweep.command(row)]
+            for row in sweep.lost
+        ]
+        heads = ["run", "seed", "reason", "command to repeat it"]
+        sections.append(Section("Failures", [Table(heads, failures, (2, 3))]))
+    unfinished = Mark("✘", "poor", f"{missing} of the runs")
+    return Page(
         heading=sweep.folder.name,
-        lead=f"{results} of {manifest['runs']} runs have a result; {seeds} seeds from the master "
-        f"seed {manifest['master_seed']}.",
-        verdict=_verdict(sweep),
-        carrying=distributions[:first],
-        alarms=[pages.alarm(f"{missing} of the runs", "poor", "not finished:", "✘")]
-        if missing
-        else [],
-        distributions=distributions[first:],
-        note=_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""),
-        fields=len(fields),
-        heads=[*fields, *HEADS],
-        combinations=[[*group.values.values(), *cells(group)] for group in sweep.groups],
-        failures=[
-            [row["run"], row["seed"], row["failure"], sweep.command(row)] for row in sweep.lost
-        ],
-        again=pages.again(
-            [],
-            manifest["versions"],
+        verdict=verdict_of(sweep),
+        eyebrow=f"many runs of {manifest['script']}",
+        lead=f"{results} of {pages.count(manifest['runs'], 'run')} "
+        f"{'has' if manifest['runs'] == 1 else 'have'} a result; {pages.count(seeds, 'seed')} from "
+        f"the master seed {manifest['master_seed']}.",
+        alarms=[Alarm(unfinished, "not finished:")] if missing else [],
+        carrying=drawn[:first],
+        sections=sections,
+        notes=[
             "The plan is in manifest.json, all runs are in rows.jsonl and results.parquet. Run k "
-            f"depends only on the master seed {manifest['master_seed']} and on k.",
-        ),
+            f"depends only on the master seed {manifest['master_seed']} and on k."
+        ],
+        versions=manifest["versions"],
     )
-
-
-def _verdict(sweep: Sweep) -> dict[str, str]:
-    """How many runs have converged, and the median of their distances to the true set."""
-    found = Group({}, sweep.rows)
-    distances = found.column("theta_perp_ratio")
-    distances = distances[np.isfinite(distances)]
-    converged, runs = int(np.isfinite(found.column("time_to_converge")).sum()), len(sweep.rows)
-    kind = "good" if converged == runs else "fair" if 2 * converged >= runs else "poor"
-    told = f"{converged} of {runs} runs converged"
-    if len(distances):
-        told += (
-            f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
-            f"median, {100 * distances.max():.2g} % in the worst run"
-        )
-    return pages.verdict(kind, f"{told}.")
 
 
 # -- the panels --------------------------------------------------------------------------------
@@ -157,7 +147,8 @@ def _distribution(axis: Any, groups: list[Group], key: str) -> None:
         )
         shown = values[thin(len(values), _DOTS)]
         aside = place + rng.uniform(-0.2, 0.2, len(shown))
-        axis.plot(aside, shown, ".", color=COLOURS[0], ms=4, alpha=max(0.05, len(shown) ** -0.4))
+        pale = max(0.05, len(shown) ** -0.4)
+        plots.line(axis, aside, shown, "run", ".", color=COLOURS[0], ms=4, alpha=pale)
 
 
 def _failed(

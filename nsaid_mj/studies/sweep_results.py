@@ -14,16 +14,21 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from ..errors import BadRun
+from ..evaluation.words import Mark
+from ..reporting.pages import Alarm, Page, Section, Table, Text, count
+from ..reporting.terminal import print_page
 from ..resources import atomic_write
 
 MANIFEST, ROWS, TABLE = "manifest.json", "rows.jsonl", "results.parquet"
 FIGURES = ("theta_perp_ratio", "time_to_converge")
 """Columns whose distributions are printed and plotted."""
 QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
+SPREADS = (
+    "Medians, with 5 % and 95 % quantiles in brackets; – means never. Early: ended before the "
+    "scenario's duration. Lost: no result."
+)
 HEADS = ("distance at end", "converged after [s]", "converged", "early", "lost")
 COSTS = (
     "wall_s",
@@ -301,40 +306,50 @@ def _finite(value: float) -> float | None:
 
 def print_summary(sweep: Sweep) -> None:
     """Prints the figures of all combinations, the failures, and the paths of the files."""
-    console = Console(highlight=False)
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     fields = list(sweep.manifest["vary"])
     last = [path.rpartition(".")[2] for path in fields]
-    for path, name in zip(fields, last, strict=True):
-        table.add_column(name if last.count(name) == 1 else path, overflow="fold")
-    for head in HEADS:
-        table.add_column(head, justify="right", no_wrap=True)
-    for group in sweep.groups[:_LINES]:
-        table.add_row(*map(str, group.values.values()), *cells(group))
+    named = [k if last.count(k) == 1 else path for path, k in zip(fields, last, strict=True)]
+    lines = [[*map(str, group.values.values()), *cells(group)] for group in sweep.groups]
+    table = Table([*named, *HEADS], lines, range(len(fields)), most=_LINES)
+    failures = [
+        (f"{row['failure']}\n    {sweep.command(row)}", f"run {row['run']}:")
+        for row in sweep.lost[:_LINES]
+    ]
+    if (more := len(sweep.lost) - _LINES) > 0:
+        failures.append((f"and {count(more, 'more failure')}", "…"))
     results, runs = len(sweep.rows) - len(sweep.lost), sweep.manifest["runs"]
-    console.print(f"[bold]{sweep.folder.name}[/bold]: {results} of {runs} runs have a result")
-    console.print(table)
-    console.print(
-        "Medians, with 5 % and 95 % quantiles in brackets; – means never. Early: ended before the "
-        "scenario's duration. Lost: no result.",
-        soft_wrap=True,
+    page = Page(
+        heading=sweep.folder.name,
+        verdict=verdict_of(sweep),
+        lead=f"{results} of {count(runs, 'run')} {'has' if runs == 1 else 'have'} a result",
+        alarms=[Alarm(Mark("✘", "poor", words), which) for words, which in failures],
+        sections=[Section("", [table, Text(SPREADS)])],
+        commands=files_of(sweep),
     )
-    if len(sweep.groups) > _LINES:
-        console.print(f"… and {len(sweep.groups) - _LINES} more combinations")
-    for row in sweep.lost[:_LINES]:
-        console.print(
-            f"  [red]run {row['run']}[/red]: {escape(row['failure'])}\n"
-            f"    {escape(sweep.command(row))}",
-            soft_wrap=True,
+    print_page(page, Console(highlight=False))
+
+
+def verdict_of(sweep: Sweep) -> Mark:
+    """How many runs have converged, and the median of their distances to the true set."""
+    found = Group({}, sweep.rows)
+    distances = found.column("theta_perp_ratio")
+    distances = distances[np.isfinite(distances)]
+    converged, runs = int(np.isfinite(found.column("time_to_converge")).sum()), len(sweep.rows)
+    told = f"{converged} of {count(runs, 'run')} converged"
+    if len(distances):
+        told += (
+            f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
+            f"median, {100 * distances.max():.2g} % in the worst run"
         )
-    if len(sweep.lost) > _LINES:
-        console.print(f"  … and {len(sweep.lost) - _LINES} more failures")
-    console.print(
-        f"  table      {sweep.folder / TABLE}\n"
-        f"  plots      nsaid report {shlex.quote(str(sweep.folder))}",
-        soft_wrap=True,
-        markup=False,
-    )
+    if converged == runs:
+        return Mark("✔", "good", f"{told}.")
+    return Mark("◐", "fair", f"{told}.") if 2 * converged >= runs else Mark("✘", "poor", f"{told}.")
+
+
+def files_of(sweep: Sweep) -> list[str]:
+    """Where the table is, and how plots are made."""
+    again = shlex.quote(str(sweep.folder))
+    return [f"table      {sweep.folder / TABLE}", f"plots      nsaid report {again}"]
 
 
 def cells(group: Group) -> list[str]:

@@ -14,8 +14,6 @@ from typing import Any, get_args
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from ..control.adaptive import AdaptiveTracking, Tracker
 from ..control.adaptive.config import Law
@@ -31,6 +29,8 @@ from ..identifiers.cone.law import ConeMetric
 from ..log import Log
 from ..parameters import Array
 from ..plants import Plant
+from ..reporting.pages import Table, Text, count
+from ..reporting.terminal import print_panels
 from ..resources import write_json, write_text
 from .study import Study
 
@@ -242,8 +242,8 @@ def medians(plan: Plan, done: list[Course]) -> dict[str, dict[str, float]]:
     return found
 
 
-def table_rows(plan: Plan, done: list[Course]) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows of the table: medians, worst in brackets, and the ratio to conventional."""
+def table_of(plan: Plan, done: list[Course]) -> Table:
+    """The table: medians, worst in brackets, and the ratio to conventional."""
     units = [u for u in ("rad", "m") if any(f"rms_{u}" in c.figures for c in done)]
     heads = ["law"]
     for unit in units:
@@ -271,29 +271,27 @@ def table_rows(plan: Plan, done: list[Course]) -> tuple[list[str], list[list[str
             str(int(sum(float(f["v_rises"]) for f in own))) if "v_rises" in own[0] else "–",
         ]
         rows.append(row)
-    return heads, rows
+    spare = [k for k, h in enumerate(heads) if h.startswith(("peak", "effort", "at limit"))]
+    return Table(heads, rows, spare=spare)
+
+
+def medians_in_words(plan: Plan) -> str:
+    """What the figures of the table are."""
+    return (
+        f"Medians over {count(len(plan.seeds), 'seed')}, worst in brackets, of the last "
+        f"{plan.last:g} s, from true positions; {plan.scenario.sensors} sensors. Effort: largest "
+        "command over its limit."
+    )
 
 
 def print_table(plan: Plan, done: list[Course], console: Console) -> None:
     """Prints the table, and which runs ended early."""
-    heads, rows = table_rows(plan, done)
-    narrow = len(heads) > 7 and console.width < 110
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    spared = ("peak", "effort", "at limit") if narrow else ()
-    kept = [k for k, head in enumerate(heads) if not head.startswith(spared)]
-    for k in kept:
-        table.add_column(escape(heads[k]), justify="right" if k else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*(row[k] for k in kept))
-    console.print(table)
-    console.print(
-        f"Medians over {len(plan.seeds)} seeds, worst in brackets, of the last {plan.last:g} s, "
-        f"from true positions; {plan.scenario.sensors} sensors. Effort: largest command over its "
-        "limit."
-    )
-    for c in done:
-        if c.figures["status"] != "completed":
-            console.print(f"  seed {c.seed}, {c.law}: {c.figures['status']}", markup=False)
+    early = [
+        Text(f"seed {c.seed}, {c.law}: {c.figures['status']}")
+        for c in done
+        if c.figures["status"] != "completed"
+    ]
+    print_panels([table_of(plan, done), Text(medians_in_words(plan)), *early], console)
 
 
 def _digits(value: float) -> str:

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from ..evaluation.words import Mark
 from ..parameters import Array
 from ..recording.tracking import record
 from ..reporting import pages, plots
+from ..reporting.pages import Alarm, Figure, Figures, Page, Section, Table, Text, count
 from ..reporting.palette import COLOURS
 from ..reporting.picture import picture
-from ..reporting.report import FILE
-from ..resources import write_text
 from ..system import SecondOrderSystem
-from .tracking import Course, Plan, table_rows
+from .tracking import Course, Plan, medians_in_words, table_of
 
 PICTURE, RECORDING = "tracking.png", "tracking.rrd"
 _WINDOWS = 120  # of the error over time
@@ -27,7 +27,7 @@ _LABEL = 20  # windows below a curve's name
 def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     """Writes report.html, tracking.png and tracking.rrd, and returns their paths."""
     shown = [c for c in done if c.seed == done[0].seed]
-    heads, lines = table_rows(plan, done)
+    table, length = table_of(plan, done), plan.scenario.duration
     panels = {
         f"Tracking error [{unit}]": partial(_errors, shown, unit) for unit in _units(shown[0])
     }
@@ -35,69 +35,65 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     plot = plots.png_of([named], (6.0 * len(panels), 3.4), folder / PICTURE)
     legend = [(c.law, COLOURS[k], "-") for k, c in enumerate(shown)]
     figures = [plots.page_figure(name, panel, legend=legend) for name, panel in panels.items()]
-    page = pages.render(
-        "tracking.html",
-        eyebrow=f"tracking laws on {plan.script}",
+    sections = [Section("Tracking errors", [table, Text(
+        f"{medians_in_words(plan)} “Better by” is the median over the seeds of the conventional "
+        "law's rms error over this law's. “V rises” counts the steps in which the Lyapunov "
+        "function rose by more than its discretisation explains.", note=True,
+    )])]  # fmt: skip
+    averaged = f"Root mean square over the coordinates and over windows of {length / _WINDOWS:.2g}"
+    drawn = Text(f"{averaged} s; seed {shown[0].seed}.", note=True)
+    if figures[1:]:
+        sections.append(Section("Over time", [Figures(figures[1:]), drawn]))
+    page = Page(
         heading=folder.name,
-        lead=f"{len(plan.laws)} laws on {len(plan.seeds)} plants, {plan.scenario.duration:g} s, "
+        verdict=verdict_of(table),
+        eyebrow=f"tracking laws on {plan.script}",
+        lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, {length:g} s, "
         f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
         "bandwidth of adaptation.",
-        verdict=_verdict(heads, lines),
         alarms=_alarms(plan, done),
         carrying=[*figures[:1], *_robot(shown[0])],
-        heads=heads,
-        lines=lines,
-        note=f"Medians over the seeds, worst in brackets, of the last {plan.last:g} s, from true "
-        "positions. “Better by” is the median over the seeds of the conventional law's rms error "
-        "over this law's. Effort is the largest command over its limit. “V rises” counts the steps "
-        "in which the Lyapunov function rose by more than its discretisation explains.",
-        figures=figures[1:],
-        drawn=f"Root mean square over the coordinates and over windows of "
-        f"{plan.scenario.duration / _WINDOWS:.2g} s; seed {shown[0].seed}.",
-        again=pages.again(
-            [_command(plan), shlex.join(["nsaid", "view", str(folder / RECORDING)])],
-            plan.manifest["versions"],
-            "All figures are in tracking.json and tracking.csv.",
-        ),
+        sections=sections,
+        commands=[_command(plan), shlex.join(["nsaid", "view", str(folder / RECORDING)])],
+        notes=["All figures are in tracking.json and tracking.csv."],
+        versions=plan.manifest["versions"],
     )
-    write_text(folder / FILE, page)
-    return [folder / FILE, plot, _record(folder, shown, _told(plan, shown, heads, lines))]
+    told = _told(plan, shown, table)
+    return [pages.write(page, folder), plot, _record(folder, shown, told)]
 
 
-def _told(plan: Plan, shown: list[Course], heads: list[str], lines: list[list[str]]) -> str:
+def _told(plan: Plan, shown: list[Course], table: Table) -> str:
     """The table in Markdown, for the recording."""
     rows = [
-        f"- **{law}**: " + ", ".join(f"{h} {c}" for h, c in zip(heads[1:], cells, strict=True) if c)
-        for law, *cells in lines
+        f"- **{law}**: "
+        + ", ".join(f"{h} {c}" for h, c in zip(table.heads[1:], cells, strict=True) if c)
+        for law, *cells in table.lines
     ]
-    seeds = f"Medians over {len(plan.seeds)} seeds, worst in brackets, of the last {plan.last:g} s."
     curves = f"Curves and robot: seed {shown[0].seed}."
-    return "\n".join([f"# {plan.script}", "", *rows, "", f"{seeds} {curves}"])
+    return "\n".join([f"# {plan.script}", "", *rows, "", f"{medians_in_words(plan)} {curves}"])
 
 
-def _verdict(heads: list[str], lines: list[list[str]]) -> dict[str, str] | None:
+def verdict_of(table: Table) -> Mark | None:
     """How much better than the conventional law each adaptive law tracks."""
-    column = heads.index("better by")
+    column = table.heads.index("better by")
     ratios = {
-        line[0]: line[column].removesuffix("×")
-        for line in lines
+        str(line[0]): str(line[column]).removesuffix("×")
+        for line in table.lines
         if line[0] in ("nullspace", "composite") and line[column]
     }
     if not ratios:
         return None
     told = ", ".join(f"{law} {ratio} times" for law, ratio in ratios.items())
-    measure = heads[1].replace("[", "in ").removesuffix("]")
+    measure = table.heads[1].replace("[", "in ").removesuffix("]")
     words = f"Tracking error smaller than the conventional law's: {told} ({measure})."
     better = all(float(ratio) > 1 for ratio in ratios.values())
-    return pages.verdict("good" if better else "fair", words)
+    return Mark("✔", "good", words) if better else Mark("◐", "fair", words)
 
 
-def _alarms(plan: Plan, done: list[Course]) -> list[dict[str, str]]:
+def _alarms(plan: Plan, done: list[Course]) -> list[Alarm]:
     missing = len(plan.laws) * len(plan.seeds) - len(done)
-    if not missing:
-        return []
-    words = f"{missing} {'run is' if missing == 1 else 'runs are'} missing."
-    return [pages.alarm(words, "poor", "not finished:", "✘")]
+    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing."
+    return [Alarm(Mark("✘", "poor", words), "not finished:")] if missing else []
 
 
 def _command(plan: Plan) -> str:
@@ -142,7 +138,7 @@ def _error(c: Course, unit: str) -> Array:
     return c.motion.error[:, _columns(c.setup.system, unit)]
 
 
-def _robot(c: Course) -> list[dict[str, Any]]:
+def _robot(c: Course) -> list[Figure]:
     """The robot's picture, if it has a shape."""
     found = picture(c.setup.plant, c.motion.q[0], "the robot")
     return [found] if found else []
@@ -154,7 +150,7 @@ def _errors(shown: list[Course], unit: str, axis: Any, named: bool = False) -> N
         pieces = np.array_split(np.arange(len(c.motion.t)), min(_WINDOWS, len(c.motion.t)))
         rms = [np.sqrt(np.mean(_error(c, unit)[rows] ** 2)) for rows in pieces]
         t = [c.motion.t[rows].mean() for rows in pieces]
-        axis.plot(t, rms, color=COLOURS[k])
+        plots.line(axis, t, rms, c.law, color=COLOURS[k])
         if named:
             place = 1.4 * max(rms[-_LABEL:])
             axis.text(t[-1], place, c.law, color=COLOURS[k], ha="right", va="bottom")

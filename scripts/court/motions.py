@@ -15,8 +15,8 @@ from nsaid_mj.control import Driver
 from nsaid_mj.control.computed_torque import Tracking, computed_torque, tracking_workspace
 from nsaid_mj.control.signals import Series
 from nsaid_mj.parameters import Array
-from nsaid_mj.systems.multibody import MotorTree
-from nsaid_mj.systems.structured import plain
+from nsaid_mj.structure.joints import JointTree
+from nsaid_mj.structure.structured import plain
 
 ARM_MOTIONS = ("own", "own", "lively", "gentle", "one axis", "rest", "chirp", "steps", "small")
 VEHICLE_MOTIONS = ("own", "weak", "rest", "steps")
@@ -24,7 +24,7 @@ _HALF = 1.5  # largest half range of a planned motion [rad or m]
 _BANDWIDTH = 2.0  # of the tracking loop [Hz]
 
 
-def planned(kind: str, system: MotorTree, dt: float, steps: int, rng: np.random.Generator) -> Array:
+def planned(kind: str, system: JointTree, dt: float, steps: int, rng: np.random.Generator) -> Array:
     """(steps + 1, n) positions of a motion within the joints' limits.
 
     Args:
@@ -103,7 +103,7 @@ class Planned(Driver):
         dt: time step [s].
     """
 
-    def __init__(self, system: MotorTree, prior: Array, positions: Array, dt: float):
+    def __init__(self, system: JointTree, prior: Array, positions: Array, dt: float):
         velocities = np.gradient(positions, dt, axis=0)
         self._motion = positions, velocities, np.gradient(velocities, dt, axis=0)
         self._dt, n = dt, system.n

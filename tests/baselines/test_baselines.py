@@ -16,8 +16,8 @@ from nsaid_mj.errors import InvalidInput, NoEstimate
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.log import Log, SensorLevels
+from nsaid_mj.structure.joints import JointTree
 from nsaid_mj.studies.compare import Plan, World
-from nsaid_mj.systems.multibody import MotorTree
 
 
 def world(name, duration, noise=0.0, **changes):
@@ -280,7 +280,7 @@ def test_sysids_model_accelerates_as_the_structure(robot):
 
     problem = world(robot, 0.1)._problem
     system, theta, rng = problem.system, problem.prior, np.random.default_rng(2)
-    assert isinstance(system, MotorTree)
+    assert isinstance(system, JointTree)
     model = toolbox_module._Model(toolbox_module._toolbox(), system, theta, 1e-3)
     np.testing.assert_allclose(
         model.theta(model.parameters.as_vector()), theta, rtol=1e-6, atol=1e-9

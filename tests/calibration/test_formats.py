@@ -1,7 +1,6 @@
 """Every binary format gives the channels that its own library wrote."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +12,7 @@ from nsaid_mj.calibration.logs import Table, prepare
 from nsaid_mj.calibration.logs.errors import MissingExtra, UnreadableLog
 from nsaid_mj.calibration.logs.tables import read
 from nsaid_mj.experiment.record import RecordWriter
+from tests.support.bags import write_bag
 from tests.support.flight_logs import write_dataflash, write_ulog
 from tests.support.robot_logs import JOINTS, columns, motion, two_joints
 
@@ -71,58 +71,11 @@ def test_a_run_of_ours_without_its_estimates(tmp_path):
         np.testing.assert_allclose(found.channels["u_1"].values, CLEAN["tau2"])
 
 
-def write_bag(path: Path, kind: str, effort: bool = True) -> Path:
-    """A bag with JointState at 200 Hz and Odometry at 50 Hz, times since 1970."""
-    from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
-    from rosbags.typesys import Stores, get_typestore
-
-    ros1 = kind == "ros1"
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    types = store.types
-    q, v, u = motion(CLEAN["t"])
-    frame = {"seq": 0} if ros1 else {}
-    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-    made = Writer1(path) if ros1 else Writer2(path, version=8, storage_plugin=plugin)
-    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
-    joint_state, odometry = "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
-    with made as bag:
-        joints = bag.add_connection("/joint_states", joint_state, typestore=store)
-        odom = bag.add_connection("/odom", odometry, typestore=store)
-        for k, t in enumerate(CLEAN["t"]):
-            nanoseconds = 1_700_000_000_000_000_000 + round(t * 1e9)
-            stamp = types["builtin_interfaces/msg/Time"](*divmod(nanoseconds, 10**9))
-            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="base", **frame)
-            message = types[joint_state](
-                header=header,
-                name=list(JOINTS),
-                position=q[k],
-                velocity=v[k],
-                effort=u[k] if effort else np.zeros(0),
-            )
-            late = nanoseconds + 3_000_000  # the recorder is 3 ms behind the stamp
-            bag.write(joints, late, serialize(message, joint_state))
-            if k % 4 == 0:
-                vector = types["geometry_msgs/msg/Vector3"]
-                pose = types["geometry_msgs/msg/Pose"](
-                    types["geometry_msgs/msg/Point"](t, 0.0, 0.0),
-                    types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-                )
-                twist = types["geometry_msgs/msg/Twist"](vector(1.0, 0.0, 0.0), vector(0.0, 0, 0))
-                message = types[odometry](
-                    header,
-                    "body",
-                    types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
-                    types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
-                )
-                bag.write(odom, late, serialize(message, odometry))
-    return path
-
-
 @pytest.mark.parametrize("kind", ["ros1", "ros2", "mcap", "single mcap"])
 def test_bags_match_their_joints_by_name(tmp_path, kind):
-    path = write_bag(tmp_path / ("log.bag" if kind == "ros1" else "log"), kind.split()[-1])
+    path = write_bag(
+        tmp_path / ("log.bag" if kind == "ros1" else "log"), kind.split()[-1], CLEAN["t"]
+    )
     if kind == "single mcap":
         (path,) = path.glob("*.mcap")
     found = read(path)
@@ -135,13 +88,13 @@ def test_bags_match_their_joints_by_name(tmp_path, kind):
 
 
 def test_empty_efforts_are_no_channels(tmp_path):
-    found = read(write_bag(tmp_path / "log", "ros2", effort=False))
+    found = read(write_bag(tmp_path / "log", "ros2", CLEAN["t"], effort=False))
     assert not [name for name in found.channels if "effort" in name]
 
 
 def test_ulog(tmp_path):
     values = {name: column for name, column in CLEAN.items() if name != "t"}
-    found = read(write_ulog(tmp_path / "log.ulg", "arm_state", values, CLEAN["t"] + 5))
+    found = read(write_ulog(tmp_path / "log.ulg", {"arm_state": (values, CLEAN["t"] + 5)}))
     assert found.origin == 5_000_000_000
     renamed = {name.removeprefix("arm_state/"): c for name, c in found.channels.items()}
     assert_clean(Table(found.source, renamed, found.origin))
@@ -149,7 +102,7 @@ def test_ulog(tmp_path):
 
 def test_dataflash(tmp_path):
     values = {name: column for name, column in CLEAN.items() if name != "t"}
-    found = read(write_dataflash(tmp_path / "log.bin", "ARM", values, CLEAN["t"] + 5))
+    found = read(write_dataflash(tmp_path / "log.bin", {"ARM": (values, CLEAN["t"] + 5)}))
     renamed = {name.removeprefix("ARM/"): c for name, c in found.channels.items()}
     assert_clean(Table(found.source, renamed, found.origin), tolerance=1e-5)
 

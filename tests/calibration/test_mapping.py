@@ -209,3 +209,20 @@ def test_an_unreadable_map_is_refused(tmp_path, text):
         path.write_text(text, encoding="utf-8")
     with pytest.raises(InvalidInput, match="nsaid inspect"):
         read_map(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f'[joints.a]\nposition = {{column = "x", ratio = {"9" * 400}}}\ncommand = {{column = "y"}}',
+        f"[files.x]\noffset = {'9' * 5000}",
+        f"hold = {'[' * 5000}{']' * 5000}",
+        f"{'a.' * 3000}b = 1",
+        "[files.x]\noffset = 1e400",
+    ],
+    ids=["400 digits", "5000 digits", "lists", "tables", "infinity"],
+)
+def test_numbers_and_nesting_beyond_measure_are_refused(tmp_path, text):
+    (tmp_path / "map.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput):
+        read_map(tmp_path / "map.toml")

@@ -1,13 +1,15 @@
 """Text files of every dialect give the same numbers."""
 
 import gzip
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.logs import read_tables
 from nsaid_mj.calibration.logs.errors import UnreadableLog
 from nsaid_mj.calibration.logs.formats import text
@@ -43,6 +45,7 @@ def dialects(draw) -> tuple[str, bool]:
     return content if draw(st.booleans()) else content.rstrip(), header
 
 
+@settings(deadline=None)
 @given(dialects())
 def test_every_dialect_gives_the_same_numbers(tmp_path_factory, dialect):
     content, header = dialect
@@ -128,3 +131,113 @@ def test_a_time_column_that_does_not_exist_is_told(tmp_path):
 
 def test_dialect_prefers_the_delimiter_of_all_lines():
     assert text.dialect_of(["a;b", "1,5;2", "2,5;3"], []).delimiter == ";"
+
+
+# -- nothing is lost in silence --------------------------------------------------------------------
+
+
+def codes(table: Table) -> dict[str, Finding]:
+    return {finding.code: finding for finding in table.findings}
+
+
+@settings(deadline=None)
+@given(st.sets(st.tuples(st.integers(0, 29), st.integers(0, 8)), min_size=1, max_size=4))
+def test_a_stray_quote_costs_no_other_row(tmp_path_factory, quotes):
+    lines = [f"{0.01 * k:.2f},{k},2.5" for k in range(30)]
+    for row, at in sorted(quotes):
+        lines[row] = lines[row][:at] + '"' + lines[row][at:]
+    table = read_text(tmp_path_factory.mktemp("text"), "t,q1,u1\n" + "\n".join(lines))
+    odd = {row for row, _ in quotes if lines[row].count('"') % 2}
+    skipped = (
+        codes(table)["malformed_rows"].data["count"] if "malformed_rows" in codes(table) else 0
+    )
+    assert len(table.channels["u1"].values) + skipped == 30
+    assert skipped <= len({row for row, _ in quotes} - odd)
+    told = codes(table).get("stray_quotes")
+    assert (set(told.data["rows"]) if told else set()) == {row + 1 for row in odd}
+
+
+@pytest.mark.parametrize(
+    ("fields", "wanted"),
+    [
+        (["1,234", "0.5"], [1234.0, 0.5]),  # a point elsewhere: commas group thousands
+        (["1.234", "0,5"], [1234.0, 0.5]),
+        (["1,234.5", "2"], [1234.5, 2.0]),
+        (["1.234,5", "2"], [1234.5, 2.0]),
+        (["1,234,567", "2"], [1234567.0, 2.0]),
+        (["1,234", "2"], [1.234, 2.0]),  # with semicolons a comma alone is a decimal one
+        (["1.234", "2"], [1.234, 2.0]),
+        (["-0,123", "1,234"], [-0.123, 1.234]),
+    ],
+)
+@pytest.mark.parametrize("first", [3, 100])
+def test_marks_of_thousands_and_decimals_are_told_apart_by_the_whole_file(
+    tmp_path, fields, wanted, first
+):
+    rows = [f"{k};1;2;{k}" for k in range(first)] + [f"{first};{';'.join(fields)};{first}"]
+    table = read_text(tmp_path, "\n".join(["t_ms;q1;u1;k", *rows]))
+    assert [table.channels[name].values[-1] for name in ("q1", "u1")] == wanted
+
+
+def test_marks_that_do_not_tell_are_refused(tmp_path):
+    with pytest.raises(UnreadableLog, match=r"2,345 and 1\.234 do not tell"):
+        read_text(tmp_path, "t;q1;u1\n0;1,234;1.234\n1;2,345;2\n2;1;1\n")
+
+
+def test_thousands_in_quotes_of_a_comma_file(tmp_path):
+    table = read_text(tmp_path, 't,q1,u1\n0,"1,234.5",1\n0.1,"2,000",2\n0.2,"3",3\n')
+    assert table.channels["q1"].values.tolist() == [1234.5, 2000.0, 3.0]
+
+
+def test_columns_without_numbers_are_told_with_what_they_hold(tmp_path):
+    table = read_text(tmp_path, "t,q1,mode\n0,1,AUTO\n1,2,AUTO\n2,3,HOLD\n")
+    finding = codes(table)["left_out"]
+    assert "1 of 2 channels" in finding.text
+    assert "mode (text such as 'AUTO')" in finding.text
+
+
+@pytest.mark.parametrize("null", ["#N/A", "#DIV/0!", "-nan", "N/A", "", "1.#QNAN"])
+def test_what_spreadsheets_write_for_no_value_is_none(tmp_path, null):
+    table = read_text(tmp_path, f"t,q1\n0,1\n1,{null}\n2,3\n")
+    np.testing.assert_array_equal(table.channels["q1"].values, [1, np.nan, 3])
+
+
+@pytest.mark.parametrize(
+    ("absent", "told"), [(-9999, True), (65535, True), (99.9, False), (3, False)]
+)
+def test_a_number_that_stands_for_none_is_told(tmp_path, absent, told):
+    values = [absent if k in (5, 6, 17) else 0.1 * k for k in range(30)]
+    table = read_text(tmp_path, "t,q1\n" + "".join(f"{k},{x}\n" for k, x in enumerate(values)))
+    column = table.channels["q1"].values
+    assert np.flatnonzero(np.isnan(column)).tolist() == ([5, 6, 17] if told else [])
+    assert ("sentinel" in codes(table)) == told
+    if told:
+        assert codes(table)["sentinel"].data["rows"] == [6, 7, 18]
+
+
+def test_a_number_within_reach_of_the_others_is_a_number(tmp_path):
+    ticks = [0, 65535, 65000, 1000, 30000, 20000] * 3
+    table = read_text(tmp_path, "t,q1\n" + "".join(f"{k},{x}\n" for k, x in enumerate(ticks)))
+    assert table.channels["q1"].values.tolist() == ticks and "sentinel" not in codes(table)
+
+
+def test_a_file_of_which_most_rows_do_not_fit_is_refused(tmp_path):
+    rows = "".join(f"{k},1,2{',3' * (1 + k % 4)}\n" for k in range(40))
+    with pytest.raises(UnreadableLog, match="rows have not"):
+        read_text(tmp_path, "t,q1,u1\n" + rows)
+
+
+def test_escapes_in_names_do_not_reach_a_terminal(tmp_path):
+    table = read_text(tmp_path, "t,q\x1b[31m1,\x9b2J\n0,1,2\n1,2,3\n2,3,4\n")
+    assert list(table.channels) == ["q\ufffd[31m1", "\ufffd2J"]
+
+
+def test_time_to_recognise_a_dialect_is_linear_in_columns(tmp_path):
+    def taken(width: int) -> float:
+        line = ";".join(["0,5"] * width)
+        begin = time.process_time()
+        text.dialect_of([line] * 5, [])
+        return time.process_time() - begin
+
+    taken(100)
+    assert taken(20_000) < 40 * max(taken(2_000), 0.01)

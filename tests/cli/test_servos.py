@@ -3,10 +3,13 @@
 import json
 
 import mujoco
+import numpy as np
 import pytest
 
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput
+from tests.calibration.servos import simulated
+from tests.support.lerobot import write_dataset
 
 
 def test_so101_is_a_demo(tmp_path, capsys):
@@ -28,9 +31,49 @@ def test_options_of_the_other_law_are_refused(tmp_path):
         command(["identify", "so101", *options])
 
 
+@pytest.mark.parametrize(
+    "load,said",
+    [
+        ("0.2kg", "FILE:MASSkg"),
+        ("other.csv:0.2kg", "name of a log"),
+        ("log.csv.gz:200g", "no load"),
+    ],
+)
+def test_a_load_that_cannot_tell_anything_is_refused(tmp_path, load, said):
+    with pytest.raises(InvalidInput, match=said):
+        command(["identify", "so101", "--load", load, "--out", str(tmp_path / "found")])
+
+
 def test_the_table_has_a_line_for_every_servo(tmp_path, capsys):
     assert command(["identify", "so101", "--out", str(tmp_path / "found")]) == 0
     said = capsys.readouterr().out
     for joint in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"):
         assert f"\n {joint}" in said
     assert "identification.json" in said
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_three_commands_lead_from_a_lerobot_dataset_to_a_calibrated_file(tmp_path, version):
+    episodes = []
+    for seed in range(2):
+        _, u, q = simulated.log(seed, 20.0)
+        episodes.append((degrees(q), degrees(u)))
+    names = [f"{joint}.pos" for joint in simulated.JOINTS]
+    data, out = write_dataset(tmp_path / "set", version, episodes, names), tmp_path / "out"
+    model = ["--model", str(simulated.MODEL)]
+    assert command(["inspect", str(data), *model, "--out", str(out)]) == 1  # degrees, as rad
+    mapped = [*model, "--map", str(out / "map.toml")]
+    assert command(["inspect", str(data), *mapped, "--out", str(out / "again")]) == 0
+    found = ["--log", str(data), "--out", str(out / "found"), "--quiet"]
+    assert command(["identify", *mapped, *found]) == 0
+    (file,) = (out / "found").glob("*.xml")
+    mj = mujoco.MjModel.from_xml_path(str(file))
+    for joint in (1, 2, 3):  # those that lift the arm
+        assert mj.actuator_gainprm[joint, 0] == pytest.approx(simulated.KP[joint], rel=0.15)
+
+
+def degrees(x):
+    """As LeRobot writes them; the wrist's roll is seen from a horn that is turned by 80°."""
+    low, high = -0.174533, 1.745329
+    gripper = 100 * (x[:, 5] - low) / (high - low)
+    return np.column_stack([np.rad2deg(x[:, :4]), np.rad2deg(x[:, 4]) + 80, gripper])

@@ -22,7 +22,7 @@ from nsaid_mj.plants import (
     QuadrotorPlant,
     parse_faults,
 )
-from nsaid_mj.plants.world.faults.text import faults_text
+from nsaid_mj.plants.world.faults.text import fault_text
 from tests.support.plants import drive, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
@@ -139,7 +139,7 @@ TEXTS = [
 @pytest.mark.parametrize("text", TEXTS)
 def test_faults_read_back_from_their_text_and_from_json(text):
     faults = parse_faults(text)
-    assert parse_faults(faults_text(faults)) == faults
+    assert parse_faults("; ".join(map(fault_text, faults))) == faults
     scenario = Scenario(plant=replace(ROV, faults=text))
     assert scenario.plant.faults == faults
     assert Scenario.from_json(scenario.to_json()) == scenario

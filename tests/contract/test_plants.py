@@ -547,8 +547,8 @@ UR5_JOINTS = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "w
 def test_a_link_that_differs_between_the_engines_is_named(monkeypatch, joint):
     honest = arm.arm_spec
 
-    def corrupt(model, hidden, dt, actuator):
-        spec = honest(model, hidden, dt, actuator)
+    def corrupt(*given):
+        spec = honest(*given)
         body = spec.body(joint)
         body.mass, body.inertia = 1.01 * body.mass, 1.01 * np.array(body.inertia)
         return spec

@@ -13,8 +13,8 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Measurement
 from nsaid_mj.resources import scenarios
+from nsaid_mj.structure.multibody import Multibody
 from nsaid_mj.system import checked
-from nsaid_mj.systems.multibody import Multibody
 from tests.support.matrices import assert_near
 from tests.support.plants import plant
 from tests.support.strategies import seeds
@@ -342,7 +342,7 @@ def test_a_random_configuration_is_within_the_limits(name):
     system = plant(name).system
     low, high = system.limits
     assert (low < high).all()
-    model = plant(name).robot.model
+    model = system.model
     for seed in range(200):
         q, v, u = system.random_state(np.random.default_rng(seed))
         for joint in list(model.joints)[1:]:

@@ -15,7 +15,7 @@ import pytest
 from nsaid_mj.control.adaptive import AdaptiveTracking, Tracker
 from nsaid_mj.control.adaptive.actuation import Actuation
 from nsaid_mj.control.adaptive.config import command_range
-from nsaid_mj.control.adaptive.estimate import Adapted
+from nsaid_mj.control.adaptive.estimate import Estimate
 from nsaid_mj.errors import FolderInUse, InvalidInput, NsaidError
 from nsaid_mj.evaluation.tracking import lyapunov, rise_bounds
 from nsaid_mj.experiment.library import load
@@ -149,8 +149,8 @@ def test_gains_stay_positive_whatever_the_errors_and_cross_zero_with_constant_ga
     metric, prior, gains = control.metric, control.theta_hat, system.space.actuators
     assert isinstance(metric, ConeMetric)
     rng = np.random.default_rng(0)
-    curved = Adapted(metric, prior)
-    flat = Adapted(ConstantMetric(metric.Gamma), prior)
+    curved = Estimate(prior, metric)
+    flat = Estimate(prior, ConstantMetric(metric.Gamma))
     lowest = np.inf
     for _ in range(200):
         slope = 10 ** rng.uniform(-2, 3) * rng.standard_normal(system.p) / system.space.scale

@@ -10,7 +10,7 @@ from nsaid_mj.design.information import PRIOR, bound
 from nsaid_mj.design.prediction import predict
 from nsaid_mj.design.remedies import Remedy, helped, remedies, weak_directions
 from nsaid_mj.experiment.library import load
-from nsaid_mj.systems.payload import point_mass
+from nsaid_mj.structure.payload import point_mass
 
 
 @pytest.fixture(scope="module")

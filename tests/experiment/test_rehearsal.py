@@ -27,7 +27,7 @@ from nsaid_mj.identifiers.config import floored_inverse
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import BlueROV2Plant, ScalarRovPlant
-from nsaid_mj.plants.world.body import Vehicle
+from nsaid_mj.plants.world.simulated import SimulatedRobot
 from nsaid_mj.system import SecondOrderSystem
 from tests.support.bench import TwoVehicles
 from tests.support.strategies import seeds
@@ -299,7 +299,7 @@ def test_removing_the_truth_after_the_prior_does_not_change_the_record(
     class ReachedError(Exception):
         pass
 
-    def nobody(self: Vehicle) -> Array:
+    def nobody(self: SimulatedRobot) -> Array:
         raise ReachedError
 
     honest = setup.draw_prior
@@ -307,7 +307,7 @@ def test_removing_the_truth_after_the_prior_does_not_change_the_record(
     def draw_prior(truth: Array, *rest) -> Array:
         prior = honest(truth, *rest)
         truth[:] = np.nan
-        monkeypatch.setattr(Vehicle, "truth", property(nobody))
+        monkeypatch.setattr(SimulatedRobot, "truth", property(nobody))
         return prior
 
     monkeypatch.setattr(setup, "draw_prior", draw_prior)

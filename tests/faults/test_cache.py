@@ -106,6 +106,55 @@ def test_processes_that_compile_for_one_cache_lose_and_mix_up_nothing(tmp_path: 
     assert after.stdout.strip() == "False"
 
 
+APART = """
+import sys
+from nsaid_mj.numerics.cache import one_process
+from nsaid_mj.numerics.kernels import f8, kernel
+from nsaid_mj.numerics.stopwatch import compile_seconds
+@kernel(f8(f8))
+def first(x):
+    return x + 1.0
+@kernel(f8(f8))
+def second(x):
+    return x + 2.0
+@kernel(f8(f8))
+def both(x):
+    return first(x) * second(x)
+if sys.argv[1:] == ["hold"]:
+    with one_process(first.symbol, True):
+        print("held", flush=True)
+        sys.stdin.readline()
+else:
+    assert not both.load(wait=False)
+    assert second.function.signatures and not first.function.signatures
+    print("second is ready", flush=True)
+    assert both(1.0) == 6.0
+    print(compile_seconds() > 0, flush=True)
+"""
+
+
+def test_what_another_process_compiles_is_left_to_it_until_the_rest_is_done(
+    tmp_path: Path,
+) -> None:
+    script = tmp_path / "apart.py"
+    script.write_text(APART)
+    words, pipe = [sys.executable, str(script)], subprocess.PIPE
+    environment = {
+        **os.environ, "PYTHONPATH": str(CHECKOUT), "NUMBA_CACHE_DIR": str(tmp_path / "cache")
+    }  # fmt: skip
+    with subprocess.Popen(
+        [*words, "hold"], env=environment, stdin=pipe, stdout=pipe, text=True
+    ) as holder:
+        assert holder.stdin and holder.stdout and holder.stdout.readline() == "held\n"
+        with subprocess.Popen(words, env=environment, stdout=pipe, text=True) as other:
+            assert other.stdout and other.stdout.readline() == "second is ready\n"
+            assert other.poll() is None  # it waits for the first
+            holder.stdin.write("\n")
+            holder.stdin.flush()
+            assert other.stdout.readline() == "True\n"
+            assert other.wait() == holder.wait() == 0
+
+
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["run", "--help"], ["list"]])
 def test_commands_that_compute_nothing_never_load_numba(words: list[str]) -> None:
     code = (

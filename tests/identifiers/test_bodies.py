@@ -14,13 +14,13 @@ from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.numerics import spatial
 from nsaid_mj.parameters import Array
-from nsaid_mj.structure.evaluation import Evaluation
 from nsaid_mj.structure.parts import Body, Inertia
 from nsaid_mj.structure.structure import Structure
 from nsaid_mj.system import SecondOrderSystem
 from tests.support import poses
 from tests.support.bench import Motion, estimates, identify, lyapunov, order
 from tests.support.dense import Dense
+from tests.support.evaluation import Evaluation
 from tests.support.matrices import coupled
 from tests.support.plants import drive
 from tests.support.vehicles import VEHICLES

@@ -19,7 +19,7 @@ from nsaid_mj.identifiers.metric import ACCURACY
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
-from nsaid_mj.systems.general import midpoints_by_sample, tensor_motion
+from nsaid_mj.structure.general import GeneralSystem, midpoints_by_sample
 from tests.support.bench import identify
 from tests.support.remembered import driven, scenario_plant
 from tests.support.strategies import seeds
@@ -423,7 +423,7 @@ def test_the_compiled_body_step_equals_the_general_one(monkeypatch):
         build("bluerov2", inside("bluerov2", 2)),
     )
     fast = identify(law, measured)[-1]
-    monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
+    monkeypatch.setattr(law, "motion", partial(GeneralSystem.motion, law.system, hermite=True))
     slow = identify(law, measured)[-1]
     scale = law.system.space.scale
     np.testing.assert_allclose(fast.theta_hat / scale, slow.theta_hat / scale, rtol=0, atol=1e-11)
@@ -495,7 +495,9 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
         gain = 10.0 ** (3 + seed)
         law = build("bluerov2", inside("bluerov2", seed), gain=gain, mu=1 / gain)
         if not compiled:
-            monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
+            monkeypatch.setattr(
+                law, "motion", partial(GeneralSystem.motion, law.system, hermite=True)
+            )
         state = law.init(measured[0])
         for before, after in pairwise(measured):
             state = law.step(state, before, after)
@@ -516,7 +518,9 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch,
     for seed in range(2):
         law = build("remus100", inside("remus100", seed, 1.0), gain=700.0, mu=1e-4)
         if not compiled:
-            monkeypatch.setattr(law, "motion", partial(tensor_motion, law.system, hermite=True))
+            monkeypatch.setattr(
+                law, "motion", partial(GeneralSystem.motion, law.system, hermite=True)
+            )
         state = law.init(measured[0])
         for before, after in pairwise(measured[:100]):
             following = law.step(state, before, after)

@@ -23,8 +23,8 @@ from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import Loss
 from nsaid_mj.plants.world.mismatch import Mismatch
+from nsaid_mj.structure.multibody import CompiledMultibody
 from nsaid_mj.system import SecondOrderSystem
-from nsaid_mj.systems.compiled import CompiledMultibody
 
 
 class Followed(NamedTuple):

@@ -9,8 +9,8 @@ from scipy.linalg import block_diag, solve_triangular
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.identifiers.cone.prior import drawn_covariance, drawn_inside
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.plants.arm import _octave
-from nsaid_mj.systems.multibody import link_block
+from nsaid_mj.plants.world.body import guessed
+from nsaid_mj.structure.blocks import link_block
 from tests.support.remembered import scenario_plant
 
 ROBOTS = ["ur5", "panda", "bluerov2", "crazyflie", "f1tenth", "remus100", "astrobee"]
@@ -30,7 +30,7 @@ def random_tree(seed: int) -> tuple[ParameterSpace, Array]:
         (xx, xy, xz), (_, yy, yz), (*_, zz) = mass * (np.trace(second) * np.eye(3) - second)
         theta += [mass, *(mass * centre), xx, xy, yy, xz, yz, zz]
         length = float(np.sqrt((xx + yy + zz) / (2 * mass)))
-        blocks.append(link_block(i, f"body {i}", _octave(mass), _octave(length)))
+        blocks.append(link_block(i, f"body {i}", float(guessed(mass)), float(guessed(length))))
     friction = 10 ** rng.uniform(-3, 1, count)
     names = tuple(f"friction {i}" for i in range(count))
     guesses = friction * 10 ** rng.uniform(-0.5, 0.5, count)

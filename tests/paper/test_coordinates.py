@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.nullspace import structural
-from nsaid_mj.plants.arm import Arm
+from nsaid_mj.plants.arm import true_model
 from tests.support.bench import Bench, TwoVehicles, bench
 
 
@@ -75,11 +75,9 @@ def test_r_of_an_arm_by_inverse_dynamics(arm: Bench):
     every joint, Y_j φ* = (k*_j/k_j) τ_j over random (q, v, v̇), with Y and τ Pinocchio's inverse
     dynamics and φ all parameters but the gains: r is the nullity of [Y, −diag(τ)].
     """
-    plant, system = arm.plant, arm.system
-    assert isinstance(plant, Arm)
-    model, data = plant.robot.model, plant.robot.model.createData()
-    model = pin.Model(model)
-    model.armature[:] = 0
+    system = arm.system
+    model = true_model(system.model, arm.truth)  # pyright: ignore
+    data = model.createData()
     n, rng, rows = system.n, np.random.default_rng(18), []
     friction = arm.truth[10 * n : -n].reshape(-1, n)  # rotor inertia, viscous, Coulomb
     for _ in range(10 * system.p // n):

@@ -11,7 +11,7 @@ from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import level
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.systems.general import GeneralSystem
+from nsaid_mj.structure.general import GeneralSystem
 from tests.support.bench import accelerations, columns
 
 

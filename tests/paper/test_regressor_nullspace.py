@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.parameters import Array
-from nsaid_mj.systems.multibody import MotorTree
+from nsaid_mj.structure.joints import JointTree
 from tests.support.bench import Bench, bench
 from tests.support.dense import Dense
 
@@ -78,7 +78,7 @@ def test_29_evaluate_takes_links_of_any_mass(arm: Bench, mass: float):
     Pinocchio stores h/m, and loses h²/(m I) digits: 1e6 eps at the smallest mass it is given.
     """
     system, rng = arm.system, np.random.default_rng(15)
-    assert isinstance(system, MotorTree)
+    assert isinstance(system, JointTree)
     found = 0
     for t, x, v, u in zip(*arm.states(10), strict=True):
         theta = estimate(arm, rng, x, error=0.3)

@@ -12,7 +12,7 @@ from pkgutil import walk_packages
 import pytest
 
 import nsaid_mj
-from nsaid_mj import control, plants, systems
+from nsaid_mj import control, plants, structure
 from nsaid_mj.control import DriverConfig
 from nsaid_mj.plants import PlantConfig
 from nsaid_mj.system import SecondOrderSystem
@@ -59,7 +59,7 @@ def test_the_log_the_multibody_systems_and_the_vehicles_are_public():
 
 @pytest.mark.parametrize("base", [PlantConfig, SecondOrderSystem, DriverConfig])
 def test_every_implementation_of_an_interface_is_public(base):
-    for folder in (control, plants, systems):
+    for folder in (control, plants, structure):
         for file in walk_packages(folder.__path__, f"{folder.__name__}."):
             import_module(file.name)
     concrete = {cls for cls in subclasses(base) if not getattr(cls, "__abstractmethods__", None)}

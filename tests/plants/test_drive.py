@@ -30,7 +30,7 @@ from nsaid_mj.plants import (
     Sensors,
 )
 from nsaid_mj.plants.world import plant as plants
-from nsaid_mj.systems.multibody import Multibody
+from nsaid_mj.structure.multibody import Multibody
 
 TRACKING, SINES = FourierTracking(), MultisineCommand(amplitude=0.3)
 CASES: dict[str, tuple[PlantConfig, DriverConfig]] = {

@@ -11,7 +11,9 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.plants import ArmPlant, Loss
-from nsaid_mj.plants.arm import arm_spec
+from nsaid_mj.plants.arm import arm_spec, true_model
+from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.structure.joints import JointTree
 from tests.support.vehicles import acceleration
 
 ARM = load("servo_arm").plant
@@ -21,8 +23,10 @@ def test_a_servo_pulls_as_mujocos_own_position_actuator():
     """MuJoCo's `position` with the true kp on the same bodies, where nothing slides."""
     assert isinstance(ARM, ArmPlant)
     plant, rng = ARM.build(2e-3, 5), np.random.default_rng(0)
-    spec = arm_spec(plant.robot.model, plant._hidden, 2e-3, "servo")
-    for actuator, kp in zip(spec.actuators, plant._hidden.gain, strict=True):
+    assert isinstance(plant.system, JointTree)
+    model = true_model(load_robot(ARM.robot).model, plant.truth)
+    spec = arm_spec(model, plant.system, plant.truth, 2e-3)
+    for actuator, kp in zip(spec.actuators, plant.truth[plant.system.space.actuators], strict=True):
         actuator.set_to_position(kp=kp)
     model = spec.compile()
     data = mujoco.MjData(model)

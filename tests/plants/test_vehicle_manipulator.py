@@ -1,6 +1,7 @@
 """Vehicles with an arm satisfy (4)–(10) and (29, 30) and move as MuJoCo does."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,13 +15,14 @@ from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.numerics.spatial import unrotate
 from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
-from nsaid_mj.plants.vehicle_manipulator import VehicleWithArm
-from nsaid_mj.structure.evaluation import Evaluation
-from nsaid_mj.systems.flying_arm import FlyingArm
-from nsaid_mj.systems.general import balance_by_sample, midpoints_by_sample
-from nsaid_mj.systems.multibody import JointScales
-from nsaid_mj.systems.underwater_manipulator import UnderwaterManipulator
+from nsaid_mj.plants.flying_arm import flying_arm
+from nsaid_mj.plants.uvms import published_links
+from nsaid_mj.resources import numbers
+from nsaid_mj.structure.general import balance_by_sample, midpoints_by_sample
+from nsaid_mj.structure.joints import JointScales
+from nsaid_mj.structure.multibody import CompiledMultibody
 from tests.support.dense import Dense
+from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near, coupled
 from tests.support.plants import assert_engines_agree, draw_state, drive, plant, wrong_prior
 from tests.support.vehicles import acceleration
@@ -85,8 +87,7 @@ def test_without_its_arm_the_uvms_is_the_underwater_vehicle():
 def test_added_mass_of_a_link_is_that_of_its_strips():
     """½ vᵀ M v of unit added mass is ½ ∫ |v_⊥|² ds/L along the axis, and drag brakes."""
     system = plant("uvms").system
-    assert isinstance(system, UnderwaterManipulator)
-    c, space = system.cylinders, system.space
+    c, space = published_links(numbers("uvms")), system.space
     x, _, _, u, _ = draw_state(system, 3)
     q, v = system.split(x)
     data = system.model.createData()
@@ -178,7 +179,7 @@ def test_the_system_holds_no_inertia(name):
 # -- the compiled stages are the system ----------------------------------------------------------
 
 
-def branching() -> FlyingArm:
+def branching() -> CompiledMultibody:
     """A base with a tree of every kind of joint: an angle, on it a turn without end and a slide."""
     model, place = pin.Model(), pin.SE3.Random
     pin.seed(3)
@@ -190,17 +191,7 @@ def branching() -> FlyingArm:
     ones = np.ones(4)
     scales = JointScales(np.ones(5), np.ones(5), ones, ones, ones, ones, ones, rotor=ones)
     sides = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]])
-    return FlyingArm(
-        model,
-        scales,
-        np.ones(2),
-        np.ones(2),
-        np.ones(6),
-        0.2,
-        sides,
-        np.tile([0.0, 0.0, 1.0], (2, 1)),
-        np.array([1.0, -1.0]),
-    )
+    return flying_arm(model, scales, np.ones(2), np.ones(6), 0.2, sides, np.array([1.0, -1.0]))
 
 
 SYSTEMS = {**{name: lambda name=name: plant(name).system for name in NAMES}, "tree": branching}
@@ -259,7 +250,7 @@ def test_the_mass_matrix_is_pinocchios(name):
 
 
 @cache
-def driven(name: str) -> tuple[VehicleWithArm, Log]:
+def driven(name: str) -> tuple[Any, Log]:
     p = plant(name, 2, 5e-3)
     driver = (SwimAndReach if name == "uvms" else HoverAndReach)().build(
         p.system, wrong_prior(p, 2), np.random.default_rng(2)
@@ -384,7 +375,6 @@ def test_hydrodynamic_forces_depend_on_the_velocity_relative_to_the_water():
     """Added mass, drag and thrust see the velocity relative to the water only (Galilei)."""
     still, flow = plant("uvms"), np.array([0.3, -0.2, 0.1])
     moved = plant("uvms", mismatch=Mismatch(flow=(0.3, -0.2, 0.1)))
-    assert isinstance(moved, VehicleWithArm)
     _, _, _, u, numbers = draw_state(still.system, 4)
     v = draw_state(still.system, 5)[0][still.system.m :]
     turned = unrotate(still.position(numbers)[3:7], flow)

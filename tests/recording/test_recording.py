@@ -43,10 +43,10 @@ from nsaid_mj.recording.stream import recording as stream
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.resources import write_json
 from nsaid_mj.structure.columns.curve import LINEAR, polynomial
+from nsaid_mj.structure.joints import JointTree
 from nsaid_mj.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.structure.structure import Structure
-from nsaid_mj.systems.joints import JointTree
-from nsaid_mj.systems.structured import StructuredSystem
+from nsaid_mj.structure.structured import StructuredSystem
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
 from tests.support.fossen import published

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
+import re
 from dataclasses import dataclass, field
+from html import unescape
 from html.parser import HTMLParser
+from typing import Any
 
+import pytest
+
+_SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 _VOID = {"meta", "br", "hr", "img", "link", "input"}
 
 
@@ -21,6 +30,24 @@ class Table:
     around: str
     heads: list[str] = field(default_factory=list)
     rows: list[list[str]] = field(default_factory=list)
+
+
+def unscripted(text: str) -> str:
+    """A page without its one script.
+
+    Raises:
+        AssertionError: it has none, or several, or not the one that its policy allows.
+    """
+    (script,) = _SCRIPT.findall(text)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert "default-src 'none'" in text and f"script-src 'sha256-{digest}'" in text
+    return _SCRIPT.sub("", text)
+
+
+def data_of(drawing: str) -> list[dict[str, Any]]:
+    """The axes and curves that a drawing tells to the page's script."""
+    (data,) = re.findall("<metadata>(.*?)</metadata>", drawing, flags=re.DOTALL)
+    return json.loads(unescape(data), parse_constant=pytest.fail)
 
 
 class Page(HTMLParser):

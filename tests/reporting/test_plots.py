@@ -17,10 +17,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from nsaid_mj.reporting import plots
+from nsaid_mj.reporting.drawings import draw
 from nsaid_mj.reporting.palette import COLOURS, VARIABLES
-from nsaid_mj.reporting.panels import POINTS, Panel, thin
+from nsaid_mj.reporting.panels import POINTS, Comparison, Forest, Panel, Points, thin
 from nsaid_mj.reporting.plots import number, over_time
 from tests.reporting.drawing import points_of, words_of
+from tests.reporting.markup import data_of
 
 
 def panel(*curves: Sequence[float] | np.ndarray, logarithmic: bool = False) -> Panel:
@@ -154,7 +156,7 @@ def test_text_in_drawings_is_escaped():
 
 def test_a_drawing_refers_to_nothing_outside():
     text = over_time(panel([0, 1, 2]))
-    assert not re.findall(r"https?:|xmlns|@import|<style|<metadata|<!--", text)
+    assert not re.findall(r"https?:|xmlns|@import|<style|<!--|creator|matplotlib", text)
 
 
 def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():
@@ -179,3 +181,38 @@ def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():
 def test_tick_numbers_are_written_plainly_or_as_powers_of_ten(value, plain, power):
     assert number(value) == plain
     assert number(value, plain=False) == power
+
+
+def test_a_drawing_tells_its_curves_to_the_page_where_they_are_drawn():
+    values = np.array([0.5, np.nan, 3.0, 40.0])
+    for logarithmic in (False, True):
+        text = over_time(panel(values, 2 * values, logarithmic=logarithmic))
+        (axes,) = data_of(text)
+        assert [curve["name"] for curve in axes["curves"]] == ["curve 0", "curve 1"]
+        assert axes["curves"][1]["y"] == [1.0, None, 6.0, 80.0]
+        assert axes["xs"] == [[0.0, 1.0, 2.0, 3.0]]  # once for both
+        assert axes["x"]["label"] == "t [s]" and axes["y"]["label"] == "y [m]"
+        left, top, right, bottom = axes["box"]
+        scale = np.log10 if logarithmic else np.asarray
+        low, high = scale(axes["y"]["ends"])
+        points = points_of(ElementTree.fromstring(text), COLOURS[0])
+        shown = values[np.isfinite(values)]
+        place = bottom - (scale(shown) - low) / (high - low) * (bottom - top)
+        np.testing.assert_allclose(points[[0, -2, -1], 1], place, atol=0.05)
+        np.testing.assert_allclose(points[[0, -1], 0], [left, right], atol=0.05)
+
+
+def test_every_entry_of_a_legend_switches_what_is_drawn_of_it():
+    t = np.linspace(0, 3, 50)
+    bands = Panel("what", "y [m]")
+    for k in range(2):
+        bands.add(t, np.sin(t + k), f"gain <{k}>", (np.sin(t + k) - 0.1, np.sin(t + k) + 0.1))
+    ones, named = np.ones(3), ["a", "b", "c"]
+    forest = Forest("", "k [N]", named, ones, ones / 2, 2 * ones, np.array([True, True, False]),
+                    [Points("before", 3 * ones)])  # fmt: skip
+    compared = Comparison("", "u", "A", t, np.sin(t), np.cos(t), np.full(50, 0.1), t > 1)
+    for made in (bands, forest, compared):
+        drawn = ElementTree.fromstring(draw(made))
+        names = {element.get("data-curve") for element in drawn.iter()}
+        shaded = {"not used"}  # rows that are left out are no curve
+        assert {name for name, *_ in made.legend} - shaded <= names

@@ -9,7 +9,7 @@ import pytest
 
 from nsaid_mj import recording
 from nsaid_mj.evaluation import FIGURES, observable_line
-from nsaid_mj.reporting.terminal import print_summary
+from nsaid_mj.reporting.report import print_summary
 
 
 def summary(**changes: Any) -> dict[str, Any]:

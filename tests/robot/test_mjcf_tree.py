@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.plants.world.coordinates import joint_map
+from nsaid_mj.plants.world.coordinates import JointMap
 from nsaid_mj.plants.world.quiet import quiet
 from nsaid_mj.robot.mjcf_tree import rigid_tree
 from nsaid_mj.robot.robots import load_robot
@@ -70,7 +70,7 @@ def difference(mj, seed=0):
     for _ in range(4):
         v = rng.uniform(-2, 2, mj.nv)
         if free:
-            joints = joint_map(mj, names)
+            joints = JointMap(mj, names)
             numbers = rng.uniform(-1, 1, mj.nv)
             joints.write(theirs, numbers, v)
             q = np.r_[numbers[:3], pin.Quaternion(pin.exp3(numbers[3:6])).coeffs(), numbers[6:]]

@@ -9,10 +9,10 @@ from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.parameters import Array
 from nsaid_mj.structure.columns import KINDS
 from nsaid_mj.structure.columns.curve import interpolated, odd, polynomial
-from nsaid_mj.structure.evaluation import Evaluation
 from nsaid_mj.structure.forces import BODY_KINDS
 from nsaid_mj.structure.parts import Body, Column, Inertia
 from nsaid_mj.structure.structure import Structure
+from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near
 from tests.support.trees import random_bodies, random_column, random_motion
 

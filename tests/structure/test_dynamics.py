@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.structure.evaluation import Evaluation
+from nsaid_mj.log import Log
 from nsaid_mj.structure.structure import Structure
 from nsaid_mj.structure.transition import step
+from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near
 from tests.support.strategies import seeds
 from tests.support.trees import physical_theta, random_motion, random_structure
@@ -111,8 +112,9 @@ def test_momentum_changes_by_what_the_balance_says(tree):
     n, t = structure.n, np.array([0.0, 0.01])
     qs = np.array([q, system.integrate(q, 0.01 * v)])
     vs, us = np.array([v, v]), np.array([u, u])
-    qm, vm = system.midpoints(True, t, qs, vs)
-    terms = system.balance(3.0, vs, vm, system.along(qs, vs, qm, vm, us))
+    log = Log.unchecked(t, qs, vs, us)
+    qm, vm = system.system.midpoints(log, True)
+    terms = system.system.momentum_balance(3.0, log, qm, vm)
     transport = np.stack([v @ system.W_C(q, v, e) for e in np.eye(n)])
     expected = 3.0 * system.W_M(q, v) + system.F(q, v, u) + transport
     assert_near(terms[0][0], system.W_M(q, v))

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.structure.evaluation import Evaluation
+from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near
 from tests.support.plants import draw_state, plant
 

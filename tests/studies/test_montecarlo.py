@@ -27,7 +27,6 @@ from nsaid_mj.experiment import following
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import MemoryConfig, State, Status
-from nsaid_mj.identifiers.abreast import along
 from nsaid_mj.identifiers.base import Estimates
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
@@ -181,7 +180,7 @@ def test_zero_runs_or_zero_jobs_is_refused(runs, jobs, name):
     assert caught.value.name == name
 
 
-# -- batches: one SIMD lane per identifier -------------------------------------------------------
+# -- identifiers that share a motion -------------------------------------------------------------
 
 FULL = 12  # identifiers that share a motion
 
@@ -217,7 +216,8 @@ def equal(one: tuple[State, Estimates], other: tuple[State, Estimates]) -> bool:
 
 def followed(laws: list[NullspaceIdentifier], log: Log) -> list[tuple[State, Estimates]]:
     """What the identifiers make of a log whose motion they share."""
-    return list(along([(law, law.init(log.at(0))) for law in laws], log, laws[0].motion(log)))
+    motion = laws[0].motion(log)
+    return [law.along(law.init(log.at(0)), log, motion) for law in laws]
 
 
 def alone(law: NullspaceIdentifier, log: Log) -> tuple[State, Estimates]:

@@ -428,7 +428,7 @@ def test_a_failed_run_is_listed_with_its_command_and_exits_with_1(
         "--out",
         tmp_path / "out",
     )
-    assert code == cli.FAILED
+    assert code == cli.NOT_EXPLAINED
     assert "1 of 2 runs have a result" in said.out
     assert "exit code 3" in said.out
     assert f"nsaid run {fates} --excitation.fate=dies --seed={seed_of(0, 0)}" in said.out

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from nsaid_mj.parameters import Array
+from nsaid_mj.structure.general import GeneralSystem
 from nsaid_mj.system import SecondOrderSystem
-from nsaid_mj.systems.general import GeneralSystem
 
 
 class Dense(GeneralSystem):

@@ -14,7 +14,9 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import Mismatch, Plant
 from nsaid_mj.plants.underwater import UnderwaterSheet
-from nsaid_mj.plants.world.body import NED, Vehicle, hidden, vehicle_spec
+from nsaid_mj.plants.world.body import NED, command_inputs, hidden, vehicle_spec
+from nsaid_mj.plants.world.simulated import SimulatedRobot
+from nsaid_mj.resources import vehicle_files
 from tests.support.matrices import skew
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.7, 0.4, -0.5, 0.5, 0.6, -0.4])
@@ -192,14 +194,17 @@ def _spd(rng: np.random.Generator, diagonal: Any, coupling: float) -> Array:
     return np.outer(root, root) * (A + A.T) / 2
 
 
-def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> Vehicle:  # noqa: B008
+def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> SimulatedRobot:  # noqa: B008
     """The plant with these numbers, its centre of gravity where M_RB has it."""
     system = SHEET.blueprint().system
     m, S_c = true.rigid[0, 0], true.rigid[3:, :3] / true.rigid[0, 0]
     centre = np.array([S_c[2, 1], S_c[0, 2], S_c[1, 0]])
-    spec = vehicle_spec("bluerov2", dt, m, centre, true.rigid[3:, 3:] + m * S_c @ S_c)
+    spec = vehicle_spec(
+        vehicle_files("bluerov2"), dt, m, centre, true.rigid[3:, 3:] + m * S_c @ S_c
+    )
+    command_inputs(spec, system.n_u)
     acting = replace(true, rigid=np.zeros((6, 6))).theta()
-    return Vehicle(system, true.theta(), spec, acting, mismatch)
+    return SimulatedRobot(system, true.theta(), acting, spec, ("pose",), mismatch)
 
 
 def ends(p: Plant, commands: list[Array], each: float) -> Array:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from nsaid_mj.parameters import Array
-from nsaid_mj.structure.evaluation import Evaluation
 from nsaid_mj.structure.parts import Body, Inertia
 from nsaid_mj.structure.structure import Structure
+from tests.support.evaluation import Evaluation
 
 SPACE, PLANE = (
     Evaluation(Structure([Body(joint)], [Inertia(0, 0)], [], 10, 0)) for joint in ("free", "planar")

@@ -18,13 +18,13 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants.aerial import QuadrotorSheet
 from nsaid_mj.plants.ground import CarSheet
+from nsaid_mj.plants.scalar_rov import heaving
 from nsaid_mj.plants.space import FreeFlyerSheet
 from nsaid_mj.plants.torpedo import TorpedoSheet
 from nsaid_mj.plants.underwater import UnderwaterSheet
 from nsaid_mj.plants.world.blueprint import VehicleSheet
 from nsaid_mj.structure.columns.curve import odd
 from nsaid_mj.structure.parts import Column
-from nsaid_mj.systems.scalar import ScalarVehicle
 from tests.support.matrices import skew
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -188,7 +188,7 @@ def units(rng: np.random.Generator, k: int) -> Array:
 def random(family: str, rng: np.random.Generator) -> Made:
     """A system of a family: an included vehicle with its actuators elsewhere."""
     if family == "scalar":
-        return Made(ScalarVehicle(np.ones(4)), family, {})
+        return Made(heaving(np.ones(4)).system, family, {})
     points, directions = rng.uniform(-1, 1, (12, 3)), units(rng, 12)
     placed, curve = {"positions": points, "directions": directions}, rng.uniform(-1, 1, 3)
     if family == "car":

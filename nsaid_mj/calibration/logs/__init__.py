@@ -7,6 +7,7 @@ recordings = checked(prepare(tables, mapping, robot), robot)
 
 from .checks import checked as checked
 from .checks import checks as checks
+from .formats import limited_to as limited_to
 from .mapping import Map as Map
 from .mapping import map_of as map_of
 from .mapping import read_map as read_map

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parameters import Array
-from ...systems.optional import pin
+from ...structure.optional import pin
 from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
 from . import signals
@@ -68,7 +68,8 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     measured = [j for j in _measured(recordings, robot) if j not in resting]
     found += _velocities(motion, robot, measured)
     told = {finding.where for finding in found}
-    found += [f for f in _beyond_limits(motion, robot) if f.where not in told]
+    speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
+    found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in told]
     if not robot.weightless and not any(finding.level == "refusal" for finding in found):
         found += _large_commands(motion, recordings, robot)
     return tuple(found)
@@ -218,14 +219,18 @@ def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | Non
 # -- sizes against the model ----------------------------------------------------------------------
 
 
-def _beyond_limits(motion: Motion, robot: RobotModel) -> list[Finding]:
-    """Positions that leave the model's limits, or turn and hurry without limits."""
+def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
+    """Positions that leave the model's limits, or turn and hurry without limits.
+
+    Args:
+        q: (N, n) positions [rad or m].
+        speeds: (n,) large ones of each joint [rad/s or m/s].
+        robot: whose limits they are.
+    """
     found = []
-    speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
     for j, name in enumerate(robot.joints):
-        low, high, fastest = _limits(robot, name)
-        q = motion.q[:, j]
-        least, most = float(q.min()), float(q.max())
+        low, high, fastest = limits(robot, name)
+        least, most = float(q[:, j].min()), float(q[:, j].max())
         data: dict[str, object] = {"range": [least, most], "limits": [low, high]}
         joint = robot.model.joints[robot.model.getJointId(name)]
         slides = joint.shortname().startswith("JointModelP")
@@ -244,11 +249,12 @@ def _beyond_limits(motion: Motion, robot: RobotModel) -> list[Finding]:
         reach += f", beyond the model's {low:.3g} to {high:.3g} {unit}"
         fits = least / DEGREES >= low - 0.05 * width and most / DEGREES <= high + 0.05 * width
         if most - least > 1.5 * width and fits and not slides:
-            remedy = 'If so, state `unit = "deg"` in map.toml; `ratio` if they are motor angles.'
+            remedy = 'If so, state `unit = "deg"` in map.toml; `ratio` if they are motor angles, '
+            remedy += "`points` if they are parts of a range, as LeRobot's -100 to 100."
             text = f"{reach}; as degrees it lies within them"
             found.append(Finding("refusal", "degrees", name, text, remedy, data))
         elif most - least > 1.5 * width:
-            remedy = "State the unit or the gear ratio in map.toml."
+            remedy = "State the unit, the gear ratio or two `points` in map.toml."
             found.append(Finding("refusal", "beyond_limits", name, reach, remedy, data))
         else:
             remedy = "Check offset, sign and the order of joints in map.toml."
@@ -256,7 +262,7 @@ def _beyond_limits(motion: Motion, robot: RobotModel) -> list[Finding]:
     return found
 
 
-def _limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
+def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
     """Lowest and highest position and largest speed of a joint; infinite where there is none."""
     model = robot.model
     joint = model.joints[model.getJointId(name)]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...errors import NsaidError
+from ..findings import Finding, UnusableLog
 
 
-class UnreadableLog(NsaidError):
+class UnreadableLog(UnusableLog):
     """A log file that cannot be read.
 
     Attributes:
@@ -18,7 +19,7 @@ class UnreadableLog(NsaidError):
 
     def __init__(self, path: object, reason: str, remedy: str):
         self.path, self.reason, self.remedy = path, reason, remedy
-        super().__init__(f"{path}: {reason}. {remedy}")
+        super().__init__((Finding("refusal", "unreadable", str(path), reason, remedy),))
 
 
 class MissingExtra(NsaidError):

@@ -5,21 +5,28 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 
+import numpy as np
+
+from ...parameters import Array
 from ..data import RobotModel
-from .matching import candidates
+from .checks import limits
+from .matching import candidates, match_targets, words
 from .tables import Table
 from .units import FACTORS, Quantity, of_name
 
+_WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
 _HEAD = """\
 # Which columns of the log are what. Written by `nsaid inspect`, to be checked and completed by
 # hand; pass it with `--map map.toml`. What is commented out is optional or was not found.
 #
 # unit   of positions: rad, deg, turns, ticks (with counts_per_turn), m, mm
 #        of velocities: rad/s, deg/s, turns/s, rpm, ticks/s, m/s, mm/s
-#        of commands: N·m, mN·m, N, A, mA, V, %, raw
+#        of commands: N·m, mN·m, N, A, mA, V, %, raw; of position targets: as of positions
 # sign   -1 if the column counts against the joint's axis
 # ratio  gear ratio, motor turns per joint turn, if the column is of the motor
 # offset added at last, in SI, to reach the zero of the model
+# points [[value, position], [value, position]] in place of all these: positions [rad or m] that
+#        two values stand for, as of a range from -100 to 100
 # rest   rows with a lower speed [rad/s or m/s] are not used
 """
 
@@ -47,12 +54,69 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
     if robot.system is not None:
         parts.append(_vehicle(robot))
     else:
-        n = len(robot.joints)
-        rows = [[int(i == j) for j in range(n)] for i in range(n)]
-        parts.append(_COUPLING.format(rows=rows))
-        found = candidates(names, robot.joints)
-        parts += [_joint(joint, found) for joint in robot.joints]
+        found, targets = candidates(names, robot.joints), match_targets(names, robot.joints)
+        goals = set(targets.values())
+        measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
+        if targets and len(measured) == 1 and any(f.code == "servo" for f in robot.findings):
+            parts += _servos(tables, robot, measured[0], targets)
+        else:
+            rows = np.eye(len(robot.joints), dtype=int).tolist()
+            parts.append(_COUPLING.format(rows=rows))
+            parts += [_joint(joint, found) for joint in robot.joints]
     return "".join(parts)
+
+
+def _servos(
+    tables: Sequence[Table], robot: RobotModel, measured: dict[str, str], targets: dict[str, str]
+) -> list[str]:
+    """The joints of an arm by position targets; their unit, where names and values tell it."""
+    values = {
+        joint: np.concatenate(
+            [
+                table.channels[name].values
+                for table in tables
+                for name in (measured[joint], targets[joint])
+                if name in table.channels
+            ]
+        )
+        for joint in robot.joints
+    }
+    ends = {joint: limits(robot, joint)[:2] for joint in robot.joints}
+    inside = [_inside(values[joint], *ends[joint]) for joint in robot.joints]
+    arm = np.concatenate([x for joint, x in values.items() if not _is_gripper(joint)])
+    lines = []
+    for joint in robot.joints:
+        low, high = (round(end, 6) for end in ends[joint])
+        if all(inside):
+            choices = ['unit = "rad"']
+        elif np.nanmin(arm) >= 0 and not np.nanmax(arm % 1):
+            choices = ['unit = "ticks", counts_per_turn = 4096, offset = -3.141593']
+        elif _is_gripper(joint):
+            choices = [f"points = [[0, {low}], [100, {high}]]"]
+        elif np.nanmax(np.abs(arm)) > _WHOLE:
+            choices = ['unit = "deg"']
+        else:  # the values fit both
+            choices = ['unit = "deg"', f"points = [[-100, {low}], [100, {high}]]"]
+        lines.append(f"\n[joints.{_key(joint)}]\n")
+        for quantity, name in (("position", measured[joint]), ("command", targets[joint])):
+            stated = of_name(name, FACTORS["position"])[1]
+            for unit in [f'unit = "{stated}"'] if stated else choices:
+                line = f"{quantity} = {{ column = {_quoted(name)}, {unit} }}"
+                several = not stated and len(choices) > 1
+                lines.append(f"# {line}  # choose one\n" if several else f"{line}\n")
+    return lines
+
+
+def _inside(values: Array, low: float, high: float) -> bool:
+    """Whether values are within limits, or are a turn or less where there are none."""
+    margin = 0.05 * (high - low) if np.isfinite(high - low) else 0.0
+    low, high = np.clip([low - margin, high + margin], -2 * np.pi, 2 * np.pi)
+    return bool(np.nanmin(values) >= low and np.nanmax(values) <= high)
+
+
+def _is_gripper(joint: str) -> bool:
+    """Whether a joint is a gripper, whose position LeRobot counts from 0 to 100."""
+    return bool({"gripper", "jaw"} & set(words(joint)))
 
 
 def _channels(tables: Sequence[Table]) -> str:

@@ -15,7 +15,6 @@ from .continuous import with_angles
 from .errors import UnmatchedChannels
 from .layout import Layout, layout
 from .mapping import Map
-from .matching import match_targets
 from .preparation import prepare
 from .tables import Channel, Table
 
@@ -100,11 +99,15 @@ def inspect(
         tables = [with_angles(table, robot) for table in tables]
         names = list(dict.fromkeys(name for table in tables for name in table.channels))
         try:
-            roles = _roles(layout(mapping, robot, names), robot)
-            recordings = prepare(tables, mapping, robot)
-            findings = (*recordings.findings, *checks(recordings, robot))
+            given = _servo_findings(tables, mapping, robot)
+            if given is not None:
+                findings += given
+            else:
+                roles = _roles(layout(mapping, robot, names), robot)
+                recordings = prepare(tables, mapping, robot)
+                findings = (*recordings.findings, *checks(recordings, robot))
         except UnmatchedChannels as error:
-            findings += (_unmatched(error, robot, names),)
+            findings += (_unmatched(error),)
         except UnusableLog as error:
             findings = error.findings
     figures = tuple(
@@ -115,11 +118,23 @@ def inspect(
     return Inspection(tuple(tables), figures, (*findings, *_unmapped(figures)), recordings, robot)
 
 
-def _unmatched(error: UnmatchedChannels, robot: RobotModel, names: Sequence[str]) -> Finding:
-    """What to do about a log without torques or currents."""
-    if any(f.code == "servo" for f in robot.findings) and match_targets(names, robot.joints):
-        text = "the commands are position targets; `nsaid identify` fits the servos to them"
-        return Finding("note", "targets", "", text)
+def _servo_findings(
+    tables: Sequence[Table], mapping: Map | None, robot: RobotModel
+) -> tuple[Finding, ...] | None:
+    """What is noticed about position targets of an arm of servos; None of other logs."""
+    if not any(finding.code == "servo" for finding in robot.findings):
+        return None
+    from ..servos import read_servos
+
+    given = read_servos(robot, tables, mapping)
+    if given is None:
+        return None
+    text = "the commands are position targets; `nsaid identify` fits the servos to them"
+    return (Finding("note", "targets", "", text), *given.findings)
+
+
+def _unmatched(error: UnmatchedChannels) -> Finding:
+    """What to do about channels whose names do not tell."""
     text = f"cannot tell which channels are {', '.join(error.missing)}"
     text += f". {' '.join(error.reasons)}".rstrip(".")
     return Finding(

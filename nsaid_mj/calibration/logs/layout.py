@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from ...errors import InvalidInput
 from ...parameters import Array
 from ..data import RobotModel
 from . import matching
+from .flight import flight_map
 from .mapping import Column, Map, Vehicle, matrix
 from .units import Quantity, si
 
@@ -45,6 +47,7 @@ class Layout(NamedTuple):
         torque: (n_u, n_u) joint commands per motor command; None for a vehicle.
         vehicle: how a pose and twist are given; None for joints, and for a vehicle's own
             coordinates.
+        assumed: what was taken for granted, in words; "" if the map or the names say it all.
     """
 
     positions: tuple[Source, ...]
@@ -53,6 +56,7 @@ class Layout(NamedTuple):
     coupling: Array | None = None
     torque: Array | None = None
     vehicle: Vehicle | None = None
+    assumed: str = ""
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -65,8 +69,11 @@ class Layout(NamedTuple):
         return tuple(si(s.column.unit_as("command")) for s in self.commands)
 
     def q(self, raw: Array) -> Array:
-        """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k)."""
-        offsets = np.array([s.column.offset for s in self.positions])
+        """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k).
+
+        Of a vehicle in space without positions they are 0, see `placed`.
+        """
+        offsets = np.array([s.column.zero for s in self.positions])
         if self.vehicle is None:
             return _mixed(raw, self.coupling) + offsets
         return _pose(self.vehicle, raw + offsets)
@@ -77,6 +84,20 @@ class Layout(NamedTuple):
         if self.vehicle is None:
             return _mixed(raw, self.coupling) + offsets
         return _twist(self.vehicle, raw + offsets, q)
+
+    def placed(self, q: Array, v: Array, rate: float) -> Array:
+        """Poses (N, 7) with positions integrated from the twists v (N, 6), if the log has none.
+
+        Args:
+            q: of `self.q`.
+            v: of `self.v`.
+            rate: rows per second [Hz].
+        """
+        if self.vehicle is None or self.vehicle.position is not None:
+            return q
+        world = Rotation.from_quat(q[:, 3:]).apply(v[:, :3])
+        path = cumulative_trapezoid(world, dx=1 / rate, axis=0, initial=0.0)
+        return np.hstack([path, q[:, 3:]])
 
     @property
     def quaternion(self) -> tuple[str, ...]:
@@ -166,6 +187,9 @@ def _existing(made: Layout, channels: list[str]) -> Layout:
 def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
     """The layout of a vehicle's pose, twist and commands; without a map, that of our own runs."""
     m, n, count = robot.system.m, robot.system.n, len(robot.joints)
+    assumed = ""
+    if mapping.vehicle is None and (standard := flight_map(robot, channels)) is not None:
+        mapping, assumed = standard
     if mapping.vehicle is None:
         names = {
             x: [f"{x}_{k}" for k in range(w)] for x, w in zip("qvu", (m, n, count), strict=True)
@@ -178,37 +202,41 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
     else:
         vehicle = mapping.vehicle
         _check_vehicle(vehicle, m, n)
-        pose = [*vehicle.position, *(vehicle.quaternion or ())]
         twist = [*(vehicle.linear or ()), *(vehicle.angular or ())]
         missing = [name for name in robot.joints if name not in mapping.actuators]
         if missing:
             remedy = f"The actuators are {', '.join(robot.joints)}."
             raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
         parts = [
-            [Column(column=name) for name in pose],
+            [Column(column=name) for name in vehicle.pose],
             [Column(column=name) for name in twist],
             [mapping.actuators[name] for name in robot.joints],
         ]
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
-    made = Layout(
-        tuple(_source("position", c) for c in parts[0]),
-        velocities,
-        tuple(_source("command", c) for c in parts[2]),
-        vehicle=vehicle,
-    )
+    positions = tuple(_source("position", c) for c in parts[0])
+    if vehicle is not None and vehicle.euler is not None:
+        degrees = [Column(column=name, unit="deg") for name in vehicle.euler]
+        positions = (*positions[:-3], *(_source("position", c, angle=True) for c in degrees))
+    commands = tuple(_source("command", c) for c in parts[2])
+    made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
     return _existing(made, channels)
 
 
 def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
     """Whether a map has the parts that a system with such coordinates needs."""
-    remedy = "A body in space needs position, quaternion, linear and angular; in the plane, x, y "
-    remedy += "and heading as position, and surge, sway and yaw rate as linear."
+    remedy = "A body in space needs position, quaternion or euler, linear and angular, and may do "
+    remedy += "without position or without velocities; in the plane, x, y and heading as position, "
+    remedy += "and surge, sway and yaw rate as linear."
     if (m, n) not in ((7, 6), (3, 3)):
         expected = "a single body in space or in the plane"
         raise InvalidInput("map: vehicle", expected, f"{m} positions of the system", remedy)
-    if (vehicle.quaternion is not None) != (m == 7):
-        got = "no quaternion" if m == 7 else "a quaternion"
+    turns = (vehicle.quaternion is not None) + (vehicle.euler is not None)
+    if turns != (m == 7):
+        got = ("no quaternion" if turns == 0 else "both") if m == 7 else "a quaternion"
         raise InvalidInput("map: vehicle", f"the pose of a system of {n} velocities", got, remedy)
+    if vehicle.position is None and (m == 3 or vehicle.linear is None):
+        got = "neither position nor linear velocity" if m == 7 else "no position"
+        raise InvalidInput("map: vehicle", "a motion", got, remedy)
     if m == 7 and (vehicle.linear is None) != (vehicle.angular is None):
         got = "only one of them"
         raise InvalidInput("map: vehicle", "linear and angular velocity, or neither", got, remedy)
@@ -219,11 +247,14 @@ def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
 def _pose(vehicle: Vehicle, raw: Array) -> Array:
     """Poses [p, (x, y, z, w)] (N, 7) or [x, y, ψ] (N, 3) in our axes."""
     ned = vehicle.frame == "NED/FRD"
-    if vehicle.quaternion is None:
+    if vehicle.quaternion is None and vehicle.euler is None:
         x, y, heading = raw.T
         return np.column_stack([y, x, np.pi / 2 - heading]) if ned else raw
-    places = raw[:, :3] @ _NED.T if ned else raw[:, :3]
-    turns = _rotations(vehicle, raw)
+    count = 0 if vehicle.position is None else 3
+    places = raw[:, :count] @ _NED.T if ned and count else raw[:, :count]
+    if not count:
+        places = np.zeros((len(raw), 3))
+    turns = _rotations(vehicle, raw[:, count:])
     if ned:
         turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
     quaternions = turns.as_quat()
@@ -233,14 +264,16 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
 
 
 def _rotations(vehicle: Vehicle, raw: Array) -> Rotation:
-    quaternions = raw[:, 3:7]
-    return Rotation.from_quat(quaternions, scalar_first=vehicle.order == "wxyz")
+    """Turns from the body to the world, from quaternions (N, 4) or roll, pitch and yaw (N, 3)."""
+    if vehicle.quaternion is None:
+        return Rotation.from_euler("ZYX", raw[:, ::-1])
+    return Rotation.from_quat(raw, scalar_first=vehicle.order == "wxyz")
 
 
 def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
     """Twists along the body's axes (N, n), in our axes, at our poses q."""
     ned = vehicle.frame == "NED/FRD"
-    if vehicle.quaternion is None:
+    if raw.shape[1] == 3:
         linear = raw * [1.0, -1.0, -1.0] if ned and vehicle.twist == "body" else raw.copy()
         if vehicle.twist == "world":
             east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T

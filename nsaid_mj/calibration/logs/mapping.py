@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
 from dataclasses import field
@@ -11,7 +12,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ...bounds import Flag, Name, NonNegative, Number, Positive, config, shown
+from ...bounds import LARGEST, Flag, Name, NonNegative, Number, Positive, config, shown
 from ...errors import InvalidInput
 from .units import FACTORS, Quantity, canonical, of_name
 
@@ -49,7 +50,9 @@ TimeUnit = Annotated[
 
 def _number(value: Any) -> Any:
     """A whole number of a TOML file as a float, so that `ratio = 100` needs no point."""
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    if not isinstance(value, int) or isinstance(value, bool):
+        return value
+    return float(value) if abs(value) < LARGEST else math.inf
 
 
 def _not_zero(value: float) -> float:
@@ -58,10 +61,17 @@ def _not_zero(value: float) -> float:
     return value
 
 
+def _two_points(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if len({value for value, _ in points}) < 2 or len({position for _, position in points}) < 2:
+        raise ValueError("two different values and positions, as in [[-100, -1.9], [100, 1.9]]")
+    return points
+
+
 Plain = Annotated[Number, BeforeValidator(_number)]
 Ratio = Annotated[Number, BeforeValidator(_number), AfterValidator(_not_zero)]
 Count = Annotated[Positive, BeforeValidator(_number)]
 Level = Annotated[NonNegative, BeforeValidator(_number)]
+Points = Annotated[tuple[tuple[Plain, Plain], tuple[Plain, Plain]], AfterValidator(_two_points)]
 Three = Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
 Four = Annotated[tuple[Name, ...], Field(min_length=4, max_length=4)]
 
@@ -72,6 +82,7 @@ class Column:
 
     Positions and velocities become `sign · value · unit / ratio + offset`, commands
     `sign · value · unit · ratio + offset`: `ratio` is a gear ratio, motor turns per joint turn.
+    Two `points` of the line from value to position take the place of all these.
 
     Attributes:
         column: name of the column.
@@ -80,6 +91,7 @@ class Column:
         offset: added at last [rad, m, rad/s, m/s, or the command's unit].
         ratio: of the gear between the motor and the joint.
         counts_per_turn: of an encoder, for `ticks` and `ticks/s`.
+        points: two values of the column, each with the position that it stands for [rad or m].
     """
 
     column: Name
@@ -88,6 +100,20 @@ class Column:
     offset: Plain = 0.0
     ratio: Ratio = 1.0
     counts_per_turn: Count | None = None
+    points: Points | None = None
+
+    @property
+    def zero(self) -> float:
+        """What is added to the scaled values: `offset`, or that of the line through `points`."""
+        if self.points is None:
+            return self.offset
+        value, position = self.points[0]
+        return position - self.factor("position") * value
+
+    @property
+    def is_position(self) -> bool:
+        """Whether its unit is one of positions, or `points` tell positions."""
+        return self.points is not None or self.unit in FACTORS["position"]
 
     def unit_as(self, quantity: Quantity) -> str:
         """The unit stated by the map or the column's name; "" if neither states one.
@@ -107,6 +133,9 @@ class Column:
         Raises:
             InvalidInput: the unit is none of such a quantity, or counts per turn are missing.
         """
+        if self.points is not None:
+            (value, position), (other, there) = self.points
+            return (there - position) / (other - value)
         unit = self.unit_as(quantity)
         scale = FACTORS[quantity].get(unit, 1.0)
         if unit.startswith("ticks"):
@@ -185,8 +214,11 @@ class Vehicle:
     """Pose and twist of a vehicle, three or four columns for each part.
 
     Attributes:
-        position: x, y, z [m]; x, y and heading [rad] of a vehicle in the plane.
+        position: x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle
+            in the plane.
         quaternion: from body to world; not used in the plane.
+        euler: roll, pitch and yaw [deg] instead, the turns about x, y' and z'' from the world's
+            axes to the body's, yaw first.
         linear: velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate.
         angular: velocity in the body's axes [rad/s]; None to differentiate the pose.
         order: of the quaternion's columns.
@@ -195,13 +227,24 @@ class Vehicle:
         twist: whether `linear` is given along the body's or the world's axes.
     """
 
-    position: Three
+    position: Three | None = None
     quaternion: Four | None = None
+    euler: Three | None = None
     linear: Three | None = None
     angular: Three | None = None
     order: Literal["xyzw", "wxyz"] = "xyzw"
     frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
     twist: Literal["body", "world"] = "body"
+
+    @property
+    def pose(self) -> tuple[str, ...]:
+        """Columns of the pose."""
+        return (*(self.position or ()), *(self.quaternion or self.euler or ()))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the pose and the twist."""
+        return (*self.pose, *(self.linear or ()), *(self.angular or ()))
 
 
 @config
@@ -245,7 +288,7 @@ def read_map(path: str | os.PathLike[str]) -> Map:
         content = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: no TOML, no UTF-8, 5000 digits
         raise InvalidInput(str(file), "TOML", f"{error}", remedy) from error
     return map_of(content, str(file))
 

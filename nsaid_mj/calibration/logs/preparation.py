@@ -50,6 +50,9 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     tables = [with_angles(table, robot) for table in tables]
     made = layout(mapping, robot, _names(tables))
     findings = [finding for table in tables for finding in table.findings]
+    if made.assumed:
+        remedy = "If that is wrong, give a map.toml; docs/map.md shows one."
+        findings.append(Finding("note", "standard_map", "", made.assumed, remedy))
     recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
     findings += said
     if robot.system is None:
@@ -237,7 +240,7 @@ def _log(grid: Array, found: dict[str, Signal], made: Layout, hold: bool, rate: 
             else:
                 v_raw[:, j] = signals.resample(found[source.column.column], grid)
         v = made.v(v_raw, q)
-    return Log(grid, q, v, u)
+    return Log(grid, made.placed(q, v, rate), v, u)
 
 
 def _trusted(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...errors import printable
 from ...parameters import Array
 from ..findings import Finding
 from . import clocks, formats
 from .errors import UnreadableLog
 from .mapping import Map
+
+_FEW = 0.01  # share of rows with problems beyond which they are a warning
+_SHOWN = 6  # columns named in a message
+_SENTINEL = re.compile(r"-?(?:999+(?:\.9+)?|32768|32767|65535|2147483648|2147483647|1e\+?[1-9]\d+)")
 
 
 class Channel(NamedTuple):
@@ -62,36 +68,43 @@ def read(
         rate: rows per second [Hz] of a file without times.
 
     Raises:
-        UnreadableLog: there is no such file, it is damaged, or the time column cannot be told.
+        UnreadableLog: there is no such file, it is damaged or too large, or the time column cannot
+            be told.
         MissingExtra: the library for its format is not installed.
     """
     file = Path(path).expanduser()
-    groups, findings = [], []
+    findings: list[Finding] = []
+    groups, dropped = [], []
     for columns in formats.read(file):
         findings += _unread(file, columns)
-        groups.append(_timed(file, columns, time, unit, rate, findings))
+        clock, rest = _timed(file, columns, time, unit, rate, findings)
+        groups.append((clock, _numbers(file, rest, findings)))
+        dropped += [*columns.dropped, *_no_numbers(rest)]
+    if dropped:
+        findings.append(_left_out(file, dropped, sum(len(numbers) for _, numbers in groups)))
     origin = min(clock.origin for clock, _ in groups)
     channels: dict[str, Channel] = {}
-    for clock, values in groups:
+    for clock, numbers in groups:
         t = clock.t + (clock.origin - origin) * 1e-9
-        channels |= {name: Channel(t, column) for name, column in values.items()}
+        channels |= {name: Channel(t, column) for name, column in numbers.items()}
     if not channels:
         remedy = "Export positions and commands as numbers, one column for each."
         raise UnreadableLog(file, "there is no column of numbers beside the time", remedy)
-    return Table(file.name, channels, origin, tuple(findings))
+    return Table(printable(file.name), channels, origin, tuple(findings))
 
 
 def read_tables(
     paths: Sequence[str | os.PathLike[str]], mapping: Map | None = None
 ) -> tuple[Table, ...]:
-    """Reads log files; the map may state their time column, its unit or their rate.
+    """Reads log files, and those of folders; the map may state their time column, unit or rate.
 
     Raises:
         UnreadableLog: a file is missing or damaged, or its time column cannot be told.
         MissingExtra: the library for a file's format is not installed.
     """
     time = (mapping or Map()).time
-    return tuple(read(path, time.column, time.unit, time.rate) for path in paths)
+    files = [file for path in paths for file in formats.files(Path(path).expanduser())]
+    return tuple(read(file, time.column, time.unit, time.rate) for file in files)
 
 
 def _timed(
@@ -101,12 +114,12 @@ def _timed(
     unit: str | None,
     rate: float | None,
     findings: list[Finding],
-) -> tuple[clocks.Clock, dict[str, Array]]:
-    """The clock of a group of columns, and its columns of numbers."""
+) -> tuple[clocks.Clock, dict[str, np.ndarray]]:
+    """The clock of a group of columns, and its other columns."""
     if columns.time is not None:
         clock = clocks.read(columns.time, "", "ns")
         assert clock is not None
-        return clock, _numbers(columns.values)
+        return clock, columns.values
     name = time if time in columns.values else clocks.time_column(columns.values)
     clock = clocks.read(columns.values[name], name, unit) if name is not None else None
     if name is None or clock is None or rate is not None:
@@ -117,22 +130,67 @@ def _timed(
                 "Name it in map.toml, as in `[time]` `column = …`, or state `rate = …` there.",
             )
         count = len(next(iter(columns.values.values())))
-        return clocks.Clock(np.arange(count) / rate, 0, "s", False), _numbers(columns.values)
+        return clocks.Clock(np.arange(count) / rate, 0, "s", False), columns.values
     if time is not None and name != time:
         text = f"there is no column {time!r}, which the map calls the time; {name!r} is used"
         findings.append(Finding("warning", "time_column", file.name, text, "Correct map.toml."))
     if clock.unit != "s":
         findings.append(_converted(file, name, clock))
     rest = {other: column for other, column in columns.values.items() if other != name}
-    return clock, _numbers(rest)
+    return clock, rest
 
 
-def _numbers(values: dict[str, np.ndarray]) -> dict[str, Array]:
-    return {
+def _numbers(
+    file: Path, values: dict[str, np.ndarray], findings: list[Finding]
+) -> dict[str, Array]:
+    """The columns of numbers, with NaN for a number that stands for none, such as −9999."""
+    found = {
         name: column.astype(np.float64)
         for name, column in values.items()
         if column.dtype.kind in "fiu"
     }
+    for name, column in found.items():
+        absent = _sentinel(column)
+        if absent is None:
+            continue
+        rows = np.flatnonzero(column == absent)
+        column[rows] = np.nan
+        text = f"{len(rows)} rows hold {absent:g}, far from all others, which was read as no value"
+        data = {"value": absent, "count": len(rows), "rows": (rows[:100] + 1).tolist()}
+        findings.append(Finding("warning", "sentinel", f"{file.name}, {name}", text, data=data))
+    return found
+
+
+def _sentinel(column: Array) -> float | None:
+    """The number of a column that stands for no value.
+
+    It is one by which loggers say so, the smallest or largest of the column, and farther from all
+    others than five times their range.
+    """
+    finite = column[np.isfinite(column)]
+    for extreme in (finite.min(), finite.max()) if len(finite) else ():
+        if not _SENTINEL.fullmatch(f"{extreme:.17g}"):
+            continue
+        others = finite[finite != extreme]
+        if len(others) > 1 and np.abs(others - extreme).min() > 5 * np.ptp(others):
+            return float(extreme)
+    return None
+
+
+def _no_numbers(values: dict[str, np.ndarray]) -> list[tuple[str, str]]:
+    """The columns that are none of numbers, and what they hold instead."""
+    return [
+        (name, f"text such as {str(column[0])[:20]!r}" if column.dtype.kind in "OU" else "dates")
+        for name, column in values.items()
+        if column.dtype.kind not in "fiu"
+    ]
+
+
+def _left_out(file: Path, dropped: list[tuple[str, str]], kept: int) -> Finding:
+    what = "; ".join(f"{name} ({why})" for name, why in dropped[:_SHOWN])
+    what += f"; and {len(dropped) - _SHOWN} more" if len(dropped) > _SHOWN else ""
+    text = f"{len(dropped)} of {len(dropped) + kept} channels were left out: {printable(what)}"
+    return Finding("note", "left_out", file.name, text, data={"columns": dict(dropped)})
 
 
 def _converted(file: Path, name: str, clock: clocks.Clock) -> Finding:
@@ -148,16 +206,19 @@ def _converted(file: Path, name: str, clock: clocks.Clock) -> Finding:
 
 
 def _unread(file: Path, columns: formats.Columns) -> list[Finding]:
-    if not columns.problems:
-        return []
-    rows = [row for row, _ in columns.problems]
-    return [
-        Finding(
-            "note",
-            "malformed_rows",
-            file.name,
-            f"{len(rows)} malformed rows were skipped, the first in row {rows[0]} "
-            f"({columns.problems[0][1]})",
-            data={"count": len(rows), "rows": rows[:100]},
-        )
-    ]
+    """What was skipped of a table's rows, or read otherwise than it stands there."""
+    found = []
+    total = columns.skipped + (len(next(iter(columns.values.values()))) if columns.values else 0)
+    for code, problems, how in (
+        ("malformed_rows", [p for p in columns.problems if p[1] != formats.STRAY], "were skipped"),
+        ("stray_quotes", [p for p in columns.problems if p[1] == formats.STRAY], "lost a quote"),
+    ):
+        if not problems:
+            continue
+        level = "warning" if len(problems) > _FEW * total else "note"
+        text = f"{len(problems)} of {total} rows {how}, the first is row {problems[0][0]} "
+        text += f"({problems[0][1]})"
+        data = {"count": len(problems), "rows": [row for row, _ in problems[:100]]}
+        findings = Finding(level, code, file.name, text, data={**data, "of": total})
+        found.append(findings)
+    return found

@@ -5,9 +5,14 @@ result = identify_servos(given)
 write_servo_mjcf(result, Path("identified.xml"))
 """
 
+from .comparison import HORIZONS as HORIZONS
+from .comparison import IDENTIFIED as IDENTIFIED
+from .comparison import Score as Score
+from .comparison import compare_models as compare_models
 from .export import rollout as rollout
 from .export import write_servo_mjcf as write_servo_mjcf
 from .identify import ServoLogs as ServoLogs
 from .identify import identify_servos as identify_servos
+from .identify import read_servos as read_servos
 from .identify import servo_logs as servo_logs
 from .result import ServoIdentification as ServoIdentification

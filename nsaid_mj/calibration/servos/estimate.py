@@ -10,10 +10,12 @@ from scipy import stats
 
 from ...parameters import Array, Indices
 from ..data import RobotModel
-from .fit import GRAVITY, OutputError, Prior, minimise, undisturbed, weights
-from .logs import ServoLog, coupled
+from ..payloads import Load
+from .fit import GRAVITY, JointFit, OutputError, Prior, Simulated, minimise, undisturbed, weights
+from .logs import ServoLog, weighed, without_armature
 from .simulation import JointLog, simulate
 from .start import start
+from .weighing import Weighed, weigh
 
 _GUESS = np.array([np.nan, np.nan, np.nan, 2e-3, 0.015])  # a [s²] and d [s]; others by regression
 _SPREAD = np.array([3.0, 3.0, 3.0, 0.5, 1.5])
@@ -25,8 +27,10 @@ _NUMERICAL = 0.01  # relative accuracy of the simulation itself, by arms with kn
 _FEWEST = 5  # logs that serve as clusters; fewer are cut into blocks
 _BLOCK = 10.0  # shortest of them [s]
 _BLOCKS = 20  # at most, in one log
+_PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances are worth
+_UNTOLD = 2.0  # standard deviation of ln θ above which a joint tells nothing of the others
 _OFFSET = 2e-3  # standard deviation of the target's zero against the position's [rad or m]
-_DELAYS = np.arange(0.0, 0.31, 0.01)  # of a target that follows perfectly [s]
+DELAYS = np.arange(0.0, 0.31, 0.01)  # of a target that follows perfectly [s]
 
 
 class JointEstimate(NamedTuple):
@@ -42,6 +46,8 @@ class JointEstimate(NamedTuple):
         error: mean absolute residual [rad or m], of the samples in use.
         simple: the same of what needs no model: the target at the delay that suits best, or a
             constant position, whichever is closer.
+        scaled: standard deviation of ln kp under the true masses; that under the file's, if no load
+            was weighed.
     """
 
     x: Array
@@ -51,6 +57,7 @@ class JointEstimate(NamedTuple):
     offset: float
     error: float
     simple: float
+    scaled: float
 
     @property
     def theta(self) -> Array:
@@ -58,65 +65,175 @@ class JointEstimate(NamedTuple):
         return np.exp(self.x)
 
 
+class MassScale(NamedTuple):
+    """What a load says of the common scale.
+
+    Attributes:
+        log: ln s of the true masses over those of the model file.
+        deviation: its standard deviation.
+        quantile: of Student's t.
+        place: (3,) of the load's centre in the frame of the joint that carries it [m].
+        deviations: (3,) of the place [m]; 0 where it was known.
+    """
+
+    log: float
+    deviation: float
+    quantile: float
+    place: Array
+    deviations: Array
+
+
+class Estimate(NamedTuple):
+    """What the logs say of an arm.
+
+    Attributes:
+        joints: of every joint, under the masses of the model file.
+        used: (N,) 1 of samples in use, 0 of masked ones, of the logs in their order.
+        scale: of the masses; None without a load.
+    """
+
+    joints: tuple[JointEstimate, ...]
+    used: Array
+    scale: MassScale | None
+
+
 def estimate(
     robot: RobotModel,
     logs: Sequence[ServoLog],
     kp: Array,
     told: Callable[[str], None] = lambda _: None,
-) -> tuple[tuple[JointEstimate, ...], Array]:
+    load: Load | None = None,
+) -> Estimate:
     """Fits every joint alone, masks windows with foreign forces, and fits again.
 
     Where gravity does not tell kp, it is the geometric mean of the joints where it does, or the
-    model file's if there are none.
+    model file's if there are none. Logs with a load are fitted after the free ones, together.
 
     Args:
         robot: the model.
-        logs: at least one.
+        logs: at least one; free ones come before those with a load.
         kp: (n,) of the model file [N·m/rad or N/m].
         told: called with the name of every stage.
-
-    Returns:
-        The estimate of each joint, and (N,) 1 of samples in use, 0 of masked ones.
+        load: that the loaded logs carry.
     """
-    joints = [[log.joint(j) for log in logs] for j in range(len(kp))]
-    used = np.ones(sum(len(log.t) for log in logs))
+    free = [log for log in logs if not log.loaded]
+    loaded = [log for log in logs if log.loaded]
+    free, fits, priors, used = _free_of_loads(robot, free, len(kp), told)
+    if load is not None:
+        told("weighing the load")
+        rest = np.ones(sum(len(log.t) for log in loaded))
+        found = weigh(robot, [*free, *loaded], load, fits, priors, np.append(used, rest))
+        return _with_load(found, [*free, *loaded], kp)
     cluster = clusters(logs)
+    joints = [[log.joint(j) for log in free] for j in range(len(kp))]
+    parts = list(zip(joints, fits, priors, strict=True))
+    spread = [_covariance(JointFit(own, used), *rest, cluster)[0] for own, *rest in parts]
+    known = np.sqrt([covariance[GRAVITY, GRAVITY] for covariance in spread]) < _KNOWN
+    common = _common(fits, known, kp)
+    for j in np.flatnonzero(~known):
+        mean, deviation = priors[j].mean.copy(), priors[j].deviation.copy()
+        mean[GRAVITY], deviation[GRAVITY] = common[j], 0.0
+        priors[j] = Prior(mean, deviation)
+        fits[j] = minimise(JointFit(joints[j], used), fits[j].x, priors[j])
+    found = []
+    for own, fit, prior, sure in zip(joints, fits, priors, known, strict=True):
+        covariance, offset = _covariance(JointFit(own, used), fit, prior, cluster)
+        change = float(offset[GRAVITY, 0])
+        found.append(_judged(own, fit, bool(sure), used, cluster, covariance, change))
+    return Estimate(_moderated(found, cluster), used, None)
+
+
+def _free_of_loads(
+    robot: RobotModel, logs: list[ServoLog], n: int, told: Callable[[str], None]
+) -> tuple[list[ServoLog], list[OutputError], list[Prior], Array]:
+    """The free logs with the loads of their simulated motion, fits, priors, and samples in use."""
     told("fitting every servo alone")
+    joints = [[log.joint(j) for log in logs] for j in range(n)]
+    used = np.ones(sum(len(log.t) for log in logs))
     priors, fits = [], []
     for own in joints:
         first = np.log(start(own))
         prior = Prior(np.where(np.isnan(_GUESS), first, np.log(_GUESS)), _SPREAD)
         priors.append(prior)
-        fits.append(minimise(own, first, prior, used))
+        fits.append(minimise(JointFit(own, used), first, prior))
     for own, fit in zip(joints, fits, strict=True):
-        used = used * undisturbed(own, fit)
+        used = used * undisturbed(own, fit.residual, fit.sigma)
+    model = without_armature(robot.model)
     for _ in range(_SWEEPS):
         told("fitting all servos together, without foreign forces")
-        logs = [
-            coupled(
-                robot,
-                log,
-                np.column_stack([simulate(log.joint(j), f.theta) for j, f in enumerate(fits)]),
-            )
+        thetas = [np.exp(fit.x) for fit in fits]
+        moved = [
+            np.column_stack([simulate(log.joint(j), theta) for j, theta in enumerate(thetas)])
             for log in logs
         ]
-        joints = [[log.joint(j) for log in logs] for j in range(len(kp))]
+        logs = [weighed(model, log, q) for log, q in zip(logs, moved, strict=True)]
+        joints = [[log.joint(j) for log in logs] for j in range(n)]
         fits = [
-            minimise(own, fit.x, prior, used)
+            minimise(JointFit(own, used), fit.x, prior)
             for own, fit, prior in zip(joints, fits, priors, strict=True)
         ]
-    parts = zip(joints, fits, priors, strict=True)
-    spread = np.array([_covariance(*part, used, cluster)[0][GRAVITY, GRAVITY] for part in parts])
-    known = np.sqrt(spread) < _KNOWN
+    return logs, fits, priors, used
+
+
+def _common(fits: Sequence[OutputError], known: Array, kp: Array) -> Array:
+    """(n,) ln g where gravity does not tell it: the mean of the others', or the model file's."""
     g = [fit.x[GRAVITY] for fit, sure in zip(fits, known, strict=True) if sure]
-    common = np.full(len(kp), np.mean(g)) if g else -np.log(kp)
-    for j in np.flatnonzero(~known):
-        mean, deviation = priors[j].mean.copy(), priors[j].deviation.copy()
-        mean[GRAVITY], deviation[GRAVITY] = common[j], 0.0
-        priors[j] = Prior(mean, deviation)
-        fits[j] = minimise(joints[j], fits[j].x, priors[j], used)
-    parts = zip(joints, fits, priors, known, strict=True)
-    return tuple(_judged(*part, used, cluster) for part in parts), used
+    return np.full(len(kp), np.mean(g)) if g else -np.log(kp)
+
+
+def _with_load(found: Weighed, logs: Sequence[ServoLog], kp: Array) -> Estimate:
+    """The estimate of all joints and of the scale, from their common fit."""
+    n, fit, own = len(kp), found.fit, found.arm.logs(found.fit.x)
+    cluster = clusters(logs)
+    whole, moved = _covariance(found.arm, fit, found.prior, np.tile(cluster, n))
+    pairs = [found.joint(j) for j in range(n)]
+    at = np.arange(n) * len(pairs[0][0].x)
+    known = np.sqrt(np.diag(whole)[at + GRAVITY]) < _KNOWN
+    common, joints, scale = _common([f for f, _ in pairs], known, kp), [], len(fit.x) - 4
+    for j, (one, _) in enumerate(pairs):
+        logs_of, place = [log.joint(j) for log in own], slice(at[j], at[j] + len(one.x))
+        if not known[j]:
+            one.x[GRAVITY] = common[j]
+        apart = np.zeros(len(fit.x))  # ln kp = ln s − ln g = ln m − ln μ − ln g
+        apart[[at[j] + GRAVITY, scale]] = 1.0
+        offset = float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0
+        made = _judged(
+            logs_of, one, bool(known[j]), found.used, cluster, whole[place, place], offset
+        )
+        joints.append(made._replace(scaled=float(np.sqrt(apart @ whole @ apart))))
+    deviation = np.sqrt(np.diag(whole)[scale:])
+    return Estimate(
+        _moderated(joints, cluster),
+        found.used,
+        MassScale(
+            float(found.prior.mean[scale] - fit.x[scale]),
+            float(deviation[0]),
+            joints[0].quantile,
+            fit.x[scale + 1 :],
+            deviation[1:],
+        ),
+    )
+
+
+def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:
+    """Estimates whose variances are no accident of few clusters.
+
+    A variance from five logs is off by a factor of two or more. The servos of an arm are alike, so
+    that what their variances are in the mean is known better: it enters as four further degrees of
+    freedom (Smyth, Statistical Applications in Genetics and Molecular Biology 3(1), 2004), where it
+    is larger. kp is left as it is: gravity differs from joint to joint.
+    """
+    own = np.array([np.diag(joint.covariance) for joint in joints])
+    told = (own > 0) & (own < _UNTOLD**2)
+    mean = np.where(told, own, 0.0).sum(axis=0) / np.maximum(told.sum(axis=0), 1)
+    degrees = float(cluster.max())
+    wider = (degrees * own + _PRIOR_DEGREES * mean) / (degrees + _PRIOR_DEGREES)
+    factor = np.sqrt(np.where(own > 0, np.maximum(wider, own) / np.maximum(own, 1e-300), 1.0))
+    factor[:, GRAVITY] = 1.0
+    return tuple(
+        joint._replace(covariance=joint.covariance * np.outer(f, f))
+        for joint, f in zip(joints, factor, strict=True)
+    )
 
 
 def clusters(logs: Sequence[ServoLog]) -> Indices:
@@ -133,16 +250,16 @@ def clusters(logs: Sequence[ServoLog]) -> Indices:
 
 
 def _covariance(
-    logs: Sequence[JointLog], fit: OutputError, prior: Prior, used: Array, cluster: Indices
-) -> tuple[Array, float]:
-    """(5, 5) of ln θ̂, and the change of ln kp by an offset of the target's zero.
+    simulated: Simulated, fit: OutputError, prior: Prior, cluster: Indices
+) -> tuple[Array, Array]:
+    """(k, k) of the parameters, and their (k, n) change by an offset of each target's zero.
 
     The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
     plus the prior's part A⁻¹ P A⁻¹, plus that of the offset. Residuals of a simulation are
     correlated over seconds, and a motion that the structure misses is missed throughout a log:
     independent residuals would make intervals many times too narrow.
     """
-    weight = weights(logs, fit.residual, used, fit.sigma)
+    weight = weights(simulated, fit.residual, fit.sigma)
     free, P = prior.free, np.diag(prior.deviation[prior.free] ** -2.0)
     weighted = fit.jacobian * weight[:, None]
     H, count = weighted.T @ fit.jacobian + P, int(cluster.max()) + 1
@@ -153,47 +270,41 @@ def _covariance(
         rest = H - weighted[own].T @ fit.jacobian[own]
         shifts.append(np.linalg.solve(rest, weighted[own].T @ fit.residual[own]))
     jackknife = np.cov(np.array(shifts).T, bias=True) * max(count - 1, 1)
-    moved = A @ weighted.T @ _offset_effect(logs, fit)
-    out, offset = np.zeros((len(fit.x), len(fit.x))), np.zeros(len(fit.x))
+    out, offset = np.zeros((len(fit.x), len(fit.x))), simulated.moved(fit.x, _OFFSET)
+    moved = np.zeros((len(fit.x), offset.shape[1]))
+    moved[free] = A @ weighted.T @ offset
     own = _NUMERICAL**2 * np.eye(len(free))
-    out[np.ix_(free, free)] = jackknife + A @ P @ A + np.outer(moved, moved) + own
-    offset[free] = moved
-    return out, float(offset[GRAVITY])
-
-
-def _offset_effect(logs: Sequence[JointLog], fit: OutputError) -> Array:
-    """(N,) change of the simulated positions by an offset of the targets [rad or m]."""
-    moved = [log._replace(target=log.target + _OFFSET) for log in logs]
-    after = [simulate(log, fit.theta) - log.position for log in moved]
-    return np.concatenate(after) - fit.residual
+    out[np.ix_(free, free)] = jackknife + A @ P @ A + own
+    return out + moved @ moved.T, moved
 
 
 def _judged(
     logs: Sequence[JointLog],
     fit: OutputError,
-    prior: Prior,
     gravity: bool,
     used: Array,
     cluster: Indices,
+    covariance: Array,
+    offset: float,
 ) -> JointEstimate:
     """An estimate with its covariance, and what predictions without a model achieve."""
     position = np.concatenate([log.position for log in logs])
     constant = np.abs(position - np.median(position[used > 0])) @ used / used.sum()
-    late = min(_late(logs, used, delay) for delay in _DELAYS)
-    covariance, offset = _covariance(logs, fit, prior, used, cluster)
+    best = min(late(logs, used, delay) for delay in DELAYS)
     return JointEstimate(
         fit.x,
         covariance,
         float(stats.t.ppf(0.975, max(int(cluster.max()), 1))),
-        bool(gravity),
+        gravity,
         offset,
         float(np.abs(fit.residual) @ used / used.sum()),
-        min(late, float(constant)),
+        min(best, float(constant)),
+        float(np.sqrt(covariance[GRAVITY, GRAVITY])),
     )
 
 
-def _late(logs: Sequence[JointLog], used: Array, delay: float) -> float:
-    """Mean absolute error of the target at a delay [rad or m]."""
+def late(logs: Sequence[JointLog], used: Array, delay: float) -> float:
+    """Mean absolute error of the target at a delay [rad or m], of the samples (N,) in use."""
     errors = [
         log.target[np.clip(np.searchsorted(log.t, log.t - delay, side="right") - 1, 0, None)]
         - log.position

@@ -32,7 +32,7 @@ kp, kv, armature and frictionloss are identified; damping is part of kv; forcera
 no saturation was seen. Targets act after the delays below, which this file does not have: shift the
 targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with the first
 targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Biases of the targets: 0.
-{joints} """
+{masses}{joints} """
 
 
 def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
@@ -63,6 +63,11 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
             "solimpfriction": _HARD,
         }
         _set_actuator(actuators[index], servo)
+    for scale in result.scale:
+        if root.find("compiler") is None:
+            root.insert(0, Element("compiler"))
+        total = numbers(scale.value * mj.body_subtreemass[0])
+        root.findall("compiler")[-1].set("settotalmass", total)
     for compiler in root.findall("compiler"):
         _redirect(compiler, source.resolve().parent, path.resolve().parent)
     told = "\n".join(
@@ -70,7 +75,12 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         + ("told by gravity" if s.gravity else "a convention")
         for s in result.servos
     )
-    remark = _REMARK.format(verdict=result.verdict, joints=told).replace("--", "- -")
+    weighed = "".join(
+        f"All masses are {scale.value:.3g} of the original file's, by a weighed load.\n"
+        for scale in result.scale
+    )
+    remark = _REMARK.format(verdict=result.verdict, masses=weighed, joints=told)
+    remark = remark.replace("--", "- -")
     root.insert(0, ElementTree.Comment(remark))
     write_text(path, ElementTree.tostring(root, encoding="unicode") + "\n")
 
@@ -94,7 +104,13 @@ def _redirect(compiler: Element, old: Path, new: Path) -> None:
         compiler.set(directory, Path(os.path.relpath(old / inside, new)).as_posix())
 
 
-def rollout(path: Path, joints: Sequence[str], log: ServoLog, delay: ArrayLike = 0.0) -> Array:
+def rollout(
+    path: Path,
+    joints: Sequence[str],
+    log: ServoLog,
+    delay: ArrayLike | None = 0.0,
+    horizon: float = np.inf,
+) -> Array:
     """(N, n) positions of an MJCF driven open loop by a log's targets, in full MuJoCo.
 
     It starts at rest at the first position; contacts are off. Steps are those of the file, or a
@@ -104,24 +120,32 @@ def rollout(path: Path, joints: Sequence[str], log: ServoLog, delay: ArrayLike =
         path: of the MJCF.
         joints: (n,) names of the joints, in the log's order.
         log: targets, held until the next, and where the motion starts.
-        delay: of the targets [s], one or (n,).
+        delay: of the targets [s], one or (n,); None for those of the file.
+        horizon: time after which the simulation starts again from the measured position and
+            velocity [s]. The row at which it does holds what was predicted for it.
     """
     spec, mj, _ = compile_file(path)
     names = joint_names(mj)
     servos = [actuators_of(mj, names.index(joint))[0] for joint in joints]
-    for i, late in zip(servos, np.broadcast_to(delay, len(servos)), strict=True):
-        spec.actuators[i].delay = late
-        spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
-    mj = spec.compile()
+    if delay is not None:
+        for i, late in zip(servos, np.broadcast_to(delay, len(servos)), strict=True):
+            spec.actuators[i].delay = late
+            spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
+        mj = spec.compile()
     mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     data, where = mujoco.MjData(mj), JointMap(mj, joints)
     where.write(data, log.position[0], np.zeros(len(joints)))
     for u, i in zip(log.target[0], servos, strict=True):
-        mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
-    longest, out = mj.opt.timestep, np.empty_like(log.position)
+        if mj.actuator_history[i, 0]:
+            mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
+    longest, out, begin = mj.opt.timestep, np.empty_like(log.position), log.t[0]
+    velocity = np.gradient(log.position, log.t, axis=0)
     out[0] = log.position[0]
     with quiet():
         for k, interval in enumerate(np.diff(log.t)):
+            if log.t[k] - begin >= horizon - 1e-9:
+                where.write(data, log.position[k], velocity[k])
+                begin = log.t[k]
             steps = math.ceil(interval / longest - 1e-3)
             mj.opt.timestep = interval / steps
             data.ctrl[servos] = log.target[k]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .simulation import JointLog, simulate
 
 NAMES = ("T", "f", "g", "a", "d")
 GRAVITY = NAMES.index("g")
-_STEP = 0.04  # of central differences of ln θ: smooths over samples that stick or slip
+STEP = 0.04  # of central differences of ln θ: smooths over samples that stick or slip
 _ROUNDS, _TRIES = 40, 8  # of the fit; of a step
 _ENOUGH = 1e-5  # relative decrease of the cost at which the fit ends
 _LONGEST = 1.0  # step of ln θ
@@ -22,11 +22,11 @@ _FAR = 6.0  # residual of such a window over the median one
 
 
 class Prior(NamedTuple):
-    """What is known before the log, of ln θ.
+    """What is known before the log.
 
     Attributes:
-        mean: (5,) of ln θ.
-        deviation: (5,) standard deviations; 0 of a parameter that is fixed.
+        mean: (k,) of the parameters x, which are logarithms but for a place.
+        deviation: (k,) standard deviations; 0 of a parameter that is fixed.
     """
 
     mean: Array
@@ -42,10 +42,10 @@ class OutputError(NamedTuple):
     """The residual of a fit.
 
     Attributes:
-        x: (5,) ln θ̂.
+        x: (k,) minimiser; of one joint (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
         residual: (N,) simulated minus measured position [rad or m], all logs in a row.
         sigma: robust rms of the residual [rad or m]; the loss is quadratic up to twice that.
-        jacobian: (N, k) derivatives of the residual by the free ln θ.
+        jacobian: (N, free) derivatives of the residual by the free parameters.
     """
 
     x: Array
@@ -53,46 +53,89 @@ class OutputError(NamedTuple):
     sigma: float
     jacobian: Array
 
-    @property
-    def theta(self) -> Array:
-        """(5,) T [s], f [rad], g [rad/(N·m)], a [s²], d [s]."""
-        return np.exp(self.x)
+
+class Simulated(Protocol):
+    """Open-loop simulations whose parameters are fitted.
+
+    Attributes:
+        used: (N,) 1 of samples that count, 0 of masked ones.
+        spacing: (N,) time that each sample stands for [s].
+    """
+
+    used: Array
+    spacing: Array
+
+    def residual(self, x: Array) -> Array:
+        """(N,) simulated minus measured position."""
+        ...
+
+    def jacobian(self, x: Array, free: Indices) -> Array:
+        """(N, k) central differences of the residual by the free parameters."""
+        ...
+
+    def moved(self, x: Array, offset: float) -> Array:
+        """(N, n) change of the residual by an offset [rad or m] of the targets of each joint."""
+        ...
 
 
-def minimise(logs: Sequence[JointLog], x: Array, prior: Prior, used: Array) -> OutputError:
+class JointFit:
+    """The simulation of one joint.
+
+    Args:
+        logs: of the joint.
+        used: (N,) 1 of samples that count, 0 of masked ones.
+    """
+
+    def __init__(self, logs: Sequence[JointLog], used: Array):
+        self.logs, self.used = logs, used
+        self.spacing = np.concatenate([np.gradient(log.t) for log in logs])
+
+    def residual(self, x: Array) -> Array:
+        """(N,) residual [rad or m] at (5,) ln θ."""
+        theta = np.exp(x)
+        return np.concatenate([simulate(log, theta) - log.position for log in self.logs])
+
+    def moved(self, x: Array, offset: float) -> Array:
+        """(N, 1) change of the residual by an offset of the targets."""
+        logs = [log._replace(target=log.target + offset) for log in self.logs]
+        return (JointFit(logs, self.used).residual(x) - self.residual(x))[:, None]
+
+    def jacobian(self, x: Array, free: Indices) -> Array:
+        """(N, k) derivatives by the free ln θ."""
+        columns = []
+        for i in free:
+            step = np.zeros(len(x))
+            step[i] = STEP
+            columns.append((self.residual(x + step) - self.residual(x - step)) / (2 * STEP))
+        return np.column_stack(columns)
+
+
+def minimise(simulated: Simulated, x: Array, prior: Prior) -> OutputError:
     """Levenberg–Marquardt on Σ soft-L1(residual), each sample weighted by its share of the time.
 
     Args:
-        logs: of one joint.
-        x: (5,) ln θ to start from.
-        prior: of ln θ.
-        used: (N,) 1 of samples that count, 0 of masked ones.
+        simulated: what is fitted.
+        x: (k,) to start from.
+        prior: of x.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
-    residual, damping = _residual(logs, x), 1e-3
+    residual, damping = simulated.residual(x), 1e-3
     for _ in range(3):  # the scale of the loss follows the fit
-        sigma, before = _winsorised(residual[used > 0]), x
-        x, residual, damping = _descend(logs, x, residual, prior, used, sigma, damping)
-        if np.abs(x - before).max() < _STEP:
+        sigma, before = _winsorised(residual[simulated.used > 0]), x
+        x, residual, damping = _descend(simulated, x, residual, prior, sigma, damping)
+        if np.abs(x - before).max() < STEP:
             break
-    return OutputError(x, residual, sigma, _jacobian(logs, x, prior.free))
+    return OutputError(x, residual, sigma, simulated.jacobian(x, prior.free))
 
 
-def weights(logs: Sequence[JointLog], residual: Array, used: Array, sigma: float) -> Array:
-    """(N,) weights of squared residuals [1/rad²]: independent samples over the robust variance."""
-    spacing = np.concatenate([np.gradient(log.t) for log in logs])
-    rows = np.minimum(1.0, EFFECTIVE * spacing) * used
+def weights(simulated: Simulated, residual: Array, sigma: float) -> Array:
+    """(N,) weights of squared residuals: independent samples over the robust variance."""
+    rows = np.minimum(1.0, EFFECTIVE * simulated.spacing) * simulated.used
     return rows / sigma**2 / np.sqrt(1 + (residual / (2 * sigma)) ** 2)
 
 
 def _descend(
-    logs: Sequence[JointLog],
-    x: Array,
-    residual: Array,
-    prior: Prior,
-    used: Array,
-    sigma: float,
-    damping: float,
+    simulated: Simulated, x: Array, residual: Array, prior: Prior, sigma: float, damping: float
 ) -> tuple[Array, Array, float]:
     """x, residual and damping at the minimum of the cost with a given scale of the loss."""
     free = prior.free
@@ -100,13 +143,13 @@ def _descend(
 
     def cost(x: Array, residual: Array) -> float:
         loss = 2 * (2 * sigma) ** 2 * (np.sqrt(1 + (residual / (2 * sigma)) ** 2) - 1)
-        rows = weights(logs, 0 * residual, used, sigma)
+        rows = weights(simulated, 0 * residual, sigma)
         return float(rows @ loss + precision @ (x - prior.mean)[free] ** 2)
 
     value = cost(x, residual)
     for _ in range(_ROUNDS):
-        jacobian = _jacobian(logs, x, free)
-        weighted = jacobian.T * weights(logs, residual, used, sigma)
+        jacobian = simulated.jacobian(x, free)
+        weighted = jacobian.T * weights(simulated, residual, sigma)
         H = weighted @ jacobian + np.diag(precision)
         slope = weighted @ residual + precision * (x - prior.mean)[free]
         gain = 0.0
@@ -114,7 +157,7 @@ def _descend(
             step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), slope)
             trial = x.copy()
             trial[free] += np.clip(step, -_LONGEST, _LONGEST)
-            after = _residual(logs, trial)
+            after = simulated.residual(trial)
             gain = value - cost(trial, after)
             if gain > 0:
                 break
@@ -125,21 +168,6 @@ def _descend(
         if gain < _ENOUGH * value:
             break
     return x, residual, min(damping, 1.0)
-
-
-def _residual(logs: Sequence[JointLog], x: Array) -> Array:
-    theta = np.exp(x)
-    return np.concatenate([simulate(log, theta) - log.position for log in logs])
-
-
-def _jacobian(logs: Sequence[JointLog], x: Array, free: Indices) -> Array:
-    """(N, k) central differences of the residual."""
-    columns = []
-    for i in free:
-        step = np.zeros(len(x))
-        step[i] = _STEP
-        columns.append((_residual(logs, x + step) - _residual(logs, x - step)) / (2 * _STEP))
-    return np.column_stack(columns)
 
 
 def _winsorised(residual: Array) -> float:
@@ -161,17 +189,17 @@ def windows(logs: Sequence[JointLog]) -> Indices:
     return np.concatenate(found)
 
 
-def undisturbed(logs: Sequence[JointLog], fit: OutputError) -> Array:
+def undisturbed(logs: Sequence[JointLog], residual: Array, sigma: float) -> Array:
     """(N,) 1, or 0 in windows whose residual is far above that of others in which the joint moves.
 
     A gripper that rests on a table, or a hand that pushes the arm, shows as such a window.
     """
     window = windows(logs)
     count = np.bincount(window)
-    rms = np.sqrt(np.bincount(window, fit.residual**2) / np.maximum(count, 1))
+    rms = np.sqrt(np.bincount(window, residual**2) / np.maximum(count, 1))
     position = np.concatenate([log.position for log in logs])
     mean = np.bincount(window, position) / np.maximum(count, 1)
     travel = np.bincount(window, np.abs(position - mean[window])) / np.maximum(count, 1)
-    moving = travel > fit.sigma
+    moving = travel > sigma
     usual = np.median(rms[moving]) if moving.any() else np.inf
-    return np.where(rms > max(_FAR * usual, 2 * fit.sigma), 0.0, 1.0)[window]
+    return np.where(rms > max(_FAR * usual, 2 * sigma), 0.0, 1.0)[window]

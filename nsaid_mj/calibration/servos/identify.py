@@ -18,12 +18,13 @@ from ...robot.mjcf_file import compile_file
 from ...robot.mjcf_tree import actuators_of, joint_names
 from ..data import RobotModel
 from ..findings import Finding
-from ..logs import Map, read_map, read_tables
+from ..logs import Map, Table, read_map, read_tables
 from ..models import load_robot_model
+from ..payloads import Load, carrier, check_loads
 from .estimate import estimate
 from .logs import ServoLog, read_servo_logs, servo_map
 from .result import ServoIdentification
-from .words import gravity_notes, parameters, servo, verdict
+from .words import gravity_notes, masses, parameters, servo, verdict, weighed
 
 _MOST = 0.3  # share of masked samples above which the structure is at fault, not foreign forces
 
@@ -36,12 +37,14 @@ class ServoLogs(NamedTuple):
         logs: stretches without gaps.
         kp: (n,) stiffness of the servos in the model file [N·m/rad or N/m].
         findings: what was noticed about file and logs.
+        load: of known mass that the loaded logs carry; None if none does.
     """
 
     robot: RobotModel
     logs: tuple[ServoLog, ...]
     kp: Array
     findings: tuple[Finding, ...]
+    load: Load | None = None
 
 
 def servo_logs(
@@ -50,6 +53,7 @@ def servo_logs(
     mapping: Path | Map | None = None,
     lock: Sequence[str] = (),
     joints: Sequence[str] | None = None,
+    loads: Sequence[Load] = (),
 ) -> ServoLogs | None:
     """Reads an arm and its logs; None if it is no MJCF with servos, or the logs hold no targets.
 
@@ -60,6 +64,7 @@ def servo_logs(
         mapping: map.toml, whose `command` columns are the targets; None to match by name.
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
+        loads: one weighed load, with every log that carries it.
 
     Raises:
         NsaidError: a file cannot be read or used.
@@ -70,22 +75,47 @@ def servo_logs(
     path = packed if packed.is_file() else Path(model)
     if path.suffix.lower() != ".xml" or not path.is_file() or not logs:
         return None
-    robot = load_robot_model(str(path), lock, joints)
-    found = _servos(path, robot.joints) if robot.kind == "mjcf" else None
-    if found is None:
-        return None
-    kp, limits = found
     chosen = read_map(mapping) if isinstance(mapping, Path) else mapping
-    tables = read_tables(logs, chosen)
-    columns = servo_map(tables, chosen, robot.joints)
-    if columns is None:
+    robot = load_robot_model(str(path), lock, joints)
+    return read_servos(robot, read_tables(logs, chosen), chosen, loads)
+
+
+def read_servos(
+    robot: RobotModel,
+    tables: Sequence[Table],
+    mapping: Map | None = None,
+    loads: Sequence[Load] = (),
+) -> ServoLogs | None:
+    """The logs of an arm's servos; None if it has none, or the tables hold no targets.
+
+    Args:
+        robot: the model.
+        tables: of log files.
+        mapping: see `servo_logs`.
+        loads: see `servo_logs`.
+
+    Raises:
+        InvalidInput: a column or joint of the map does not exist, or loads differ.
+        UnusableLog: no stretch lasts two seconds, or positions are in another unit.
+    """
+    found = None
+    if robot.kind == "mjcf" and robot.source is not None:
+        found = servos_in(robot.source, robot.joints)
+    columns = servo_map(tables, mapping, robot.joints) if found is not None else None
+    if found is None or columns is None:
         return None
-    read, findings = read_servo_logs(robot, tables, columns, chosen, limits)
+    check_loads(loads, [table.source for table in tables])
+    kinds, carrying = {load._replace(source="") for load in loads}, {load.source for load in loads}
+    if len(kinds) > 1:
+        remedy = "Give logs of one load, in one place."
+        raise InvalidInput("--load", "one load of a servo arm", f"{len(kinds)} of them", remedy)
+    read, findings = read_servo_logs(robot, tables, columns, mapping, found[1], carrying)
     own = [f for f in robot.findings if f.code != "servo"]
-    return ServoLogs(robot, read, kp, (*own, *findings))
+    in_order = tuple(sorted(read, key=lambda log: log.loaded))  # free ones first
+    return ServoLogs(robot, in_order, found[0], (*own, *findings), next(iter(kinds), None))
 
 
-def _servos(path: Path, joints: Sequence[str]) -> tuple[Array, Array] | None:
+def servos_in(path: Path, joints: Sequence[str]) -> tuple[Array, Array] | None:
     """(n,) kp and (n, 2) limits of the targets; None unless every joint has one position servo."""
     mj = compile_file(path)[1]
     names, kp, limits = joint_names(mj), [], []
@@ -113,19 +143,23 @@ def identify_servos(
         told: called with the name of every stage, for progress.
 
     Raises:
-        InvalidInput: the logs are shorter than ten seconds together.
+        InvalidInput: the logs without a load are shorter than ten seconds together.
     """
     begin = time.perf_counter()
-    length = sum(log.t[-1] - log.t[0] for log in given.logs)
+    length = sum(log.t[-1] - log.t[0] for log in given.logs if not log.loaded)
     if length < 10.0:
         remedy = "Intervals need several motions."
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
-    joints, used = estimate(given.robot, given.logs, given.kp, told)
-    names = given.robot.joints
-    servos = tuple(servo(name, joint) for name, joint in zip(names, joints, strict=True))
+    found = estimate(given.robot, given.logs, given.kp, told, given.load)
+    names, joints, used = given.robot.joints, found.joints, found.used
+    pairs = list(zip(names, joints, strict=True))
+    servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
     explains, sentence, doubts = verdict(servos, joints)
     masked = float(1 - used.mean())
-    notes = (*_masked(given.logs, used), *gravity_notes(servos, joints))
+    notes = [*_masked(given.logs, used), *gravity_notes(servos, joints)]
+    if given.load is not None and found.scale is not None:
+        carrying = names[carrier(given.robot.model, given.load)[0] - 1]
+        notes.append(weighed(given.load, carrying, found.scale))
     return ServoIdentification(
         given.robot,
         explains,
@@ -133,9 +167,10 @@ def identify_servos(
         servos,
         tuple(
             p
-            for k, (name, joint) in enumerate(zip(names, joints, strict=True), 1)
-            for p in parameters(name, k, joint)
+            for k, (name, joint) in enumerate(pairs, 1)
+            for p in parameters(name, k, joint, found.scale)
         ),
+        masses(found.scale),
         masked,
         (*doubts, *notes, *given.findings),
         time.perf_counter() - begin,

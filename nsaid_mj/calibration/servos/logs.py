@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array
-from ...systems.optional import pin
+from ...structure.optional import pin
 from ..data import RobotModel
 from ..findings import Finding, UnusableLog
 from ..links import positions
 from ..logs import Map, signals
+from ..logs.checks import beyond_limits
 from ..logs.cleaning import Recording, clean
 from ..logs.joining import join
 from ..logs.layout import Layout, Source
 from ..logs.mapping import Column, Joint
 from ..logs.matching import candidates, match_targets
 from ..logs.tables import Table
-from ..logs.units import FACTORS
 from .simulation import JointLog
 
 _SHORTEST = 2.0  # shorter stretches between gaps are left out [s]
@@ -38,6 +38,7 @@ class ServoLog(NamedTuple):
         load: (N, n) torque or force that gravity, and the other joints' motion where it is known,
             ask of each joint [N·m or N].
         inertia: (N, n) diagonal of the mass matrix without armatures [kg·m² or kg].
+        loaded: whether the arm carries a weighed load.
     """
 
     source: str
@@ -46,6 +47,7 @@ class ServoLog(NamedTuple):
     position: Array
     load: Array
     inertia: Array
+    loaded: bool = False
 
     def joint(self, j: int) -> JointLog:
         """What the simulation of one joint needs."""
@@ -62,8 +64,8 @@ def servo_map(
     are matched by name, and a log that holds torques or currents as well counts as one of them.
     """
     if mapping is not None and mapping.joints:
-        units = {joint.command.unit for joint in mapping.joints.values()}
-        return dict(mapping.joints) if units <= set(FACTORS["position"]) else None
+        targets = all(joint.command.is_position for joint in mapping.joints.values())
+        return dict(mapping.joints) if targets else None
     channels = list(dict.fromkeys(name for table in tables for name in table.channels))
     found = candidates(channels, joints)
     targets = match_targets(channels, joints)
@@ -90,6 +92,7 @@ def read_servo_logs(
     columns: dict[str, Joint],
     mapping: Map | None,
     limits: Array,
+    carrying: Container[str] = (),
 ) -> tuple[tuple[ServoLog, ...], tuple[Finding, ...]]:
     """The stretches of logs, and what was done to the data.
 
@@ -99,10 +102,11 @@ def read_servo_logs(
         columns: of every joint, see `servo_map`.
         mapping: may hold the files' clocks.
         limits: (n, 2) least and largest target of every servo; ±inf without limit.
+        carrying: names of the files whose arm carries a weighed load.
 
     Raises:
         InvalidInput: a column or joint of the map does not exist.
-        UnusableLog: no stretch lasts two seconds.
+        UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
     made = _layout(columns, robot.joints)
     names = [source.column.column for source in made.sources]
@@ -112,15 +116,21 @@ def read_servo_logs(
             raise InvalidInput("map: column", "a column of the log", name, "Correct map.toml.")
     recordings, findings = join(tables, mapping or Map(), names)
     logs: list[ServoLog] = []
+    model = without_armature(robot.model)
     for recording in recordings:
-        stretches, said = _stretches(robot, recording, made, limits)
-        logs += stretches
+        stretches, said = _stretches(recording, made, limits)
+        logs += [log._replace(loaded=recording.source in carrying) for log in stretches]
         findings += said
     if not logs:
         text = f"no stretch of {_SHORTEST:g} s has all targets and positions"
         refusal = Finding("refusal", "short_log", "", text, "Record a longer log.")
         raise UnusableLog((*findings, refusal))
-    return tuple(logs), tuple(findings)
+    speeds = [np.abs(np.gradient(log.position, log.t, axis=0)) for log in logs]
+    fast = np.quantile(np.concatenate(speeds), 0.95, axis=0)
+    findings += beyond_limits(np.concatenate([log.position for log in logs]), fast, robot)
+    if any(f.level == "refusal" for f in findings):
+        raise UnusableLog(tuple(findings))
+    return tuple(weighed(model, log) for log in logs), tuple(findings)
 
 
 def _layout(columns: dict[str, Joint], joints: Sequence[str]) -> Layout:
@@ -138,9 +148,9 @@ def _layout(columns: dict[str, Joint], joints: Sequence[str]) -> Layout:
 
 
 def _stretches(
-    robot: RobotModel, recording: Recording, made: Layout, limits: Array
+    recording: Recording, made: Layout, limits: Array
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
-    """The stretches of a recording between gaps, at the times of the first position's rows."""
+    """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)
     measured = [found[source.column.column] for source in made.positions]
     wanted = [found[source.column.column] for source in made.commands]
@@ -153,48 +163,45 @@ def _stretches(
     for signal in measured:
         cuts |= set(np.searchsorted(t, signals.gaps(signal)[:, 1]).tolist())
     edges = sorted(cuts)
-    logs = []
+    logs: list[ServoLog] = []
     for first, last in itertools.pairwise(edges):
         own = t[first:last]
         if len(own) < 10 or own[-1] - own[0] < _SHORTEST:
             continue
         q = np.column_stack([np.interp(own, s.t, s.x) for s in measured])
         u = np.column_stack([signals.resample(s, own, hold=True) for s in wanted])
-        q += [source.column.offset for source in made.positions]
-        u += [source.column.offset for source in made.commands]
+        q += [source.column.zero for source in made.positions]
+        u += [source.column.zero for source in made.commands]
         u = np.clip(u, limits[:, 0], limits[:, 1])
-        logs.append(ServoLog(recording.source, own, u, q, *_loads(robot, q)))
+        logs.append(ServoLog(recording.source, own, u, q, np.empty_like(q), np.empty_like(q)))
+    if len(logs) > 1:
+        logs = [log._replace(source=f"{log.source} at {log.t[0]:.0f} s") for log in logs]
     return logs, findings
 
 
-def _loads(robot: RobotModel, q: Array) -> tuple[Array, Array]:
-    """(N, n) gravity and (N, n) diagonal of the mass matrix of the model file's links."""
-    model = _without_armature(robot)
-    data, load, inertia = model.createData(), np.empty_like(q), np.empty_like(q)
-    for k, at in enumerate(positions(model, q)):
-        load[k] = pin.computeGeneralizedGravity(model, data, at)
-        inertia[k] = np.diag(pin.crba(model, data, at))
-    return load, inertia
-
-
-def coupled(robot: RobotModel, log: ServoLog, q: Array) -> ServoLog:
-    """The log with the loads of a simulated motion: gravity, and what joints exert on each other.
+def weighed(model: pin.Model, log: ServoLog, q: Array | None = None) -> ServoLog:
+    """The log with the loads of a model's links.
 
     Args:
-        robot: whose links they are.
+        model: without armatures; the log's payload, if it carries one, is part of a link.
         log: of targets and positions.
-        q: (N, n) simulated positions [rad or m].
+        q: (N, n) positions of a simulated motion [rad or m], with what joints exert on each other;
+            None for the measured ones, at rest.
     """
-    model = _without_armature(robot)
-    v = np.gradient(q, log.t, axis=0)
-    a = np.gradient(v, log.t, axis=0)
-    data, load = model.createData(), -log.inertia * a
+    data, load, inertia = model.createData(), np.empty_like(log.position), log.inertia.copy()
+    for k, at in enumerate(positions(model, log.position)):
+        inertia[k] = np.diag(pin.crba(model, data, at))
+    q = log.position if q is None else q
+    moving = q is not log.position
+    v = np.gradient(q, log.t, axis=0) if moving else np.zeros_like(q)
+    a = np.gradient(v, log.t, axis=0) if moving else v
     for k, at in enumerate(positions(model, q)):
-        load[k] += pin.rnea(model, data, at, v[k], a[k])
-    return log._replace(load=load)
+        load[k] = pin.rnea(model, data, at, v[k], a[k]) - inertia[k] * a[k]
+    return log._replace(load=load, inertia=inertia)
 
 
-def _without_armature(robot: RobotModel) -> pin.Model:
-    model = pin.Model(robot.model)
-    model.armature = np.zeros(model.nv)
-    return model
+def without_armature(model: pin.Model) -> pin.Model:
+    """A copy of a model of links alone."""
+    found = pin.Model(model)
+    found.armature = np.zeros(found.nv)
+    return found

@@ -51,6 +51,8 @@ class ServoIdentification:
         verdict: the same in one sentence, with the figures that carry it.
         servos: of every joint, in the order of `robot.joints`.
         parameters: kp, T = kv/kp, f/kp, delay and armature/kp of every joint, with intervals.
+        scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
+            and friction are those under the true masses.
         masked: share of the samples left out because of foreign forces.
         findings: everything noticed, refusals first.
         seconds: what the identification took [s].
@@ -61,6 +63,7 @@ class ServoIdentification:
     verdict: str
     servos: tuple[Servo, ...]
     parameters: tuple[Parameter, ...]
+    scale: tuple[Parameter, ...]
     masked: float
     findings: tuple[Finding, ...]
     seconds: float
@@ -73,7 +76,7 @@ class ServoIdentification:
             "explains": self.explains,
             "verdict": self.verdict,
             "servos": [asdict(servo) for servo in self.servos],
-            "parameters": [asdict(parameter) for parameter in self.parameters],
+            "parameters": [asdict(parameter) for parameter in (*self.parameters, *self.scale)],
             "masked": self.masked,
             "findings": [asdict(finding) for finding in self.findings],
             "seconds": self.seconds,

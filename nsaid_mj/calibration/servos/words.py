@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..findings import Finding
+from ..payloads import Load
 from ..problem import Explains
 from ..result import Parameter, Status
-from .estimate import JointEstimate
-from .fit import NAMES
+from .estimate import JointEstimate, MassScale
 from .result import Servo
 
 _NEARLY = 0.8  # error over that of a simple prediction above which the model explains nothing
@@ -24,16 +24,20 @@ _LABELS = (
     ("d", "delay of the target", "s"),
 )
 _WIDEST = 3.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 20
+_HEAVIER = "Take a heavier load, or more motions with the arm stretched out."
 _CONVENTION = "a convention: no gravity acts on this joint; only kv/kp, f/kp and armature/kp count"
 
 
-def parameters(name: str, k: int, joint: JointEstimate) -> tuple[Parameter, ...]:
-    """Five parameters of a joint, numbered k, with 95 % intervals."""
+def parameters(
+    name: str, k: int, joint: JointEstimate, scale: MassScale | None
+) -> tuple[Parameter, ...]:
+    """Five parameters of a joint, numbered k, with 95 % intervals; kp under the true masses."""
     found = []
     for i, (short, label, unit) in enumerate(_LABELS):
-        sign = -1.0 if NAMES[i] == "g" else 1.0
-        x = sign * joint.x[i]
-        half = min(joint.quantile * float(np.sqrt(joint.covariance[i, i])), _WIDEST)
+        x, deviation = joint.x[i], float(np.sqrt(joint.covariance[i, i]))
+        if short == "kp":
+            x, deviation = (0.0 if scale is None else scale.log) - x, joint.scaled
+        half = min(joint.quantile * deviation, _WIDEST)
         status: Status = "identified" if half < _TOLD else "only in combination"
         combination = "" if half < _TOLD or short in {"f", "kp"} else _lag(joint)
         if short == "kp" and not joint.gravity:
@@ -59,10 +63,39 @@ def _lag(joint: JointEstimate) -> str:
     )
 
 
-def servo(name: str, joint: JointEstimate) -> Servo:
-    """The joint's servo in MuJoCo's terms."""
+def servo(name: str, joint: JointEstimate, scale: MassScale | None) -> Servo:
+    """The joint's servo in MuJoCo's terms, under the true masses."""
     T, f, g, a, d = (float(value) for value in joint.theta)
+    g /= 1.0 if scale is None else float(np.exp(scale.log))
     return Servo(name, 1 / g, T / g, a / g, f / g, d, joint.gravity, joint.error, joint.simple)
+
+
+def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
+    """The true masses over those of the model file, if a load was weighed."""
+    if scale is None:
+        return ()
+    half = min(scale.quantile * scale.deviation, _WIDEST)
+    value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
+    status: Status = "identified" if half < _TOLD else "only in combination"
+    words = "" if half < _TOLD else "the load hardly shows; only ratios of kp, friction and masses"
+    label = "masses over those of the model file"
+    return (Parameter("mass_scale", label, "scale", "1", value, low, high, 1.0, status, words),)
+
+
+def weighed(load: Load, joint: str, scale: MassScale) -> Finding:
+    """What a load says of the common scale, and where it was."""
+    (one,) = masses(scale)
+    place = ", ".join(
+        f"{1e3 * x:.0f} ± {1e3 * scale.quantile * d:.0f}"
+        for x, d in zip(scale.place, scale.deviations, strict=True)
+    )
+    text = (
+        f"the load of {load.mass:g} kg says that all masses, kp, kv, armatures and frictions are "
+        f"{one.value:.3g} (95 %: {one.low:.3g} to {one.high:.3g}) of those under the model file's "
+        f"masses; its centre is at ({place}) mm in the frame of joint {joint}"
+    )
+    level, remedy = ("note", "") if one.status == "identified" else ("warning", _HEAVIER)
+    return Finding(level, "weighed", "", text, remedy, {"place": scale.place.tolist()})
 
 
 def verdict(

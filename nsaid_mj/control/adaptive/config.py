@@ -8,21 +8,17 @@ import numpy as np
 
 from ...bounds import NonNegative, Positive, PositiveShare, Tones, config
 from ...parameters import Array
+from ...structure.joints import JointTree
+from ...structure.single_body import SingleBody
 from ...system import SecondOrderSystem
-from ...systems.joints import JointTree
-from ...systems.multibody import MotorTree
-from ...systems.vehicle import SingleBody
-from ...systems.vehicle_manipulator import VehicleManipulator
 from ..driver import DriverConfig
 from ..signals import FourierTrajectory
 from .actuation import Actuation
-from .composite import CompositeTracking
-from .computed_torque import ComputedTorque
-from .conventional import ConventionalTracking
 from .design import mean_inertia, rehearse, stiffness
-from .nullspace import NullspaceTracking
-from .reference import JointReference, PoseReference, Reference
-from .tracker import Tracker, TrackingLaw
+from .estimate import Estimate
+from .laws import TrackingLaw, conventional, nullspace
+from .reference import Reference
+from .tracker import Tracker
 
 Law = Literal["nullspace", "conventional", "computed_torque", "composite"]
 
@@ -87,37 +83,32 @@ class AdaptiveTracking(DriverConfig):
     ) -> TrackingLaw:
         damping = self.damping * mean_inertia(system, prior)
         if self.law == "computed_torque":
-            return ComputedTorque(prior, self.damping)
+            return TrackingLaw(Estimate(prior), decay=self.damping)
         if self.law == "composite":
-            return CompositeTracking(prior, damping)
+            return TrackingLaw(Estimate(prior), damping, informed=True)
         period = 1 / self.fundamental
         rehearsal = rehearse(system, prior, reference, actuation, period)
         shape = stiffness(rehearsal, system.space.scale, damping, self.floor)
-        known = system.space, prior, rehearsal, shape, self.adaptation
+        known = system.space, prior, rehearsal, shape, self.adaptation, damping
         if self.law == "conventional":
-            return ConventionalTracking(*known, damping)
-        return NullspaceTracking(*known, self.barrier, damping)
+            return conventional(*known)
+        return nullspace(*known, self.barrier)
 
     def _reference(self, system: SecondOrderSystem, rng: np.random.Generator) -> Reference:
         base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])
         base = base[: system.group]
-        low, high = (
-            (bound[system.group :] for bound in system.limits)
-            if isinstance(system, JointTree)
-            else (np.zeros(0), np.zeros(0))
-        )
-        centre, half = 0.5 * (low + high), 0.5 * self.reach * (high - low)
-        fastest = 2 * np.pi * self.fundamental * self.harmonics * np.maximum(base, 1e-9)
-        path = FourierTrajectory(
-            np.r_[-base, centre - half],
-            np.r_[base, centre + half],
-            np.r_[fastest, np.full(len(low), self.speed)],
-            self.fundamental,
-            self.harmonics,
+        tree = isinstance(system, JointTree)
+        limits = system.limits if tree else (np.zeros(system.group), np.zeros(system.group))
+        low, high = (bound[system.group :] for bound in limits)
+        path = FourierTrajectory.within(
+            (low, high),
+            self.reach,
+            np.full(len(low), self.speed),
+            (self.fundamental, self.harmonics),
             rng,
+            (base, 2 * np.pi * self.fundamental * self.harmonics * np.maximum(base, 1e-9)),
         )
-        kind = PoseReference if system.group else JointReference
-        return kind(system, path, self.rate)
+        return Reference(system, path, self.rate)
 
 
 def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
@@ -128,10 +119,11 @@ def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
     one = np.ones(system.n_u)
     if isinstance(system, SingleBody) and system.columns("nozzle"):
         return 0.0 * one, one, 0.4 * one  # nozzles only push
-    if isinstance(system, VehicleManipulator):
-        return *system.command_limits, 0.0 * one
-    if isinstance(system, MotorTree):
+    if isinstance(system, JointTree):
+        low, high = system.command_limits
+        if system.mounts is not None:  # of thrusters
+            return low, high, 0.0 * one
         rated = np.asarray(system.model.effortLimit)[system.group :] / system.scales.gain
-        most = np.where((rated > 0) & np.isfinite(rated), rated, system.scales.command)
+        most = np.where((rated > 0) & np.isfinite(rated), rated, high)
         return -most, most, 0.0 * one
     return -one, one, 0.0 * one

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-
 import numpy as np
 
 from ...identifiers.metric import CHARTS, Metric, adapt, chart, enter, hold, leave, sound
@@ -12,91 +10,48 @@ from ...numerics.linalg import copy_into
 from ...parameters import Array
 
 
-class Estimate(ABC):
-    """θ̂ of a controller.
-
-    Attributes:
-        theta: (p,) θ̂.
-        metric: in which it is adapted; None if it is not.
-    """
-
-    theta: Array
-    metric: Metric | None = None
-
-    @abstractmethod
-    def reset(self) -> None:
-        """Returns to the prior."""
-
-    @abstractmethod
-    def learn(self, slope: Array, step: float) -> None:
-        """Integrates the adaptation over the time between two samples.
-
-        Args:
-            slope: (p,) −Wᵀ s half-way between them.
-            step: time between them [s].
-        """
-
-    @abstractmethod
-    def inform(self, theta: Array) -> None:
-        """Offers an identifier's estimate (p,)."""
-
-
-class Adapted(Estimate):
-    """θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s, in the metric's chart.
+class Estimate:
+    """θ̂ of a controller: adapted by θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s in a metric's chart, or not at all.
 
     The slope −Wᵀ s does not depend on θ̂. It is taken half-way between two samples and held in
     Heun's method, with an error of third order in the time between them.
 
     Args:
-        metric: ∇²ψ.
         prior: (p,) θ̂(0).
+        metric: ∇²ψ; None if no motion changes θ̂.
+
+    Attributes:
+        theta: (p,) θ̂; what listens to an identifier overwrites it.
+        metric: as given.
     """
 
-    def __init__(self, metric: Metric, prior: Array):
-        self.metric = metric
-        self._law, self._prior = metric.law(np.zeros(1)), np.array(prior, dtype=np.float64)
-        self._work = workspace(self._law, len(prior))
+    def __init__(self, prior: Array, metric: Metric | None = None):
+        self.metric, self._prior = metric, np.array(prior, dtype=np.float64)
+        if metric is not None:
+            self._law = metric.law(np.zeros(1))
+            self._work = workspace(self._law, len(self._prior))
         self.reset()
 
     def reset(self) -> None:
         """Returns to the prior."""
         self.theta = self._prior.copy()
-        self._eta = np.empty(len(self.theta))
-        begin(self._law, self._work, self.theta, self._eta)
+        if self.metric is not None:
+            self._eta = np.empty(len(self.theta))
+            begin(self._law, self._work, self.theta, self._eta)
 
     def learn(self, slope: Array, step: float) -> None:
-        """Descends for `step` seconds; stays where it is if that leaves the metric's domain."""
-        theta = np.empty(len(self.theta))
-        if descend(self._law, self._work, slope, step, self._eta, self.theta, theta):
-            self.theta = theta
+        """Integrates the adaptation over the time between two samples.
 
-    def inform(self, theta: Array) -> None:
-        """Makes no use of an identifier's estimate."""
+        θ̂ stays where it is if that leaves the metric's domain.
 
-
-class Constant(Estimate):
-    """θ̂ that no motion changes; an identifier's estimate replaces it where one is used.
-
-    Args:
-        prior: (p,) θ̂(0).
-        listens: whether an identifier's estimate is used.
-    """
-
-    def __init__(self, prior: Array, listens: bool):
-        self._prior, self._listens = np.array(prior, dtype=np.float64), listens
-        self.reset()
-
-    def reset(self) -> None:
-        """Returns to the prior."""
-        self.theta = self._prior.copy()
-
-    def learn(self, slope: Array, step: float) -> None:
-        """Learns nothing by itself."""
-
-    def inform(self, theta: Array) -> None:
-        """Takes over an identifier's estimate, if it listens."""
-        if self._listens:
-            self.theta = np.array(theta, dtype=np.float64)
+        Args:
+            slope: (p,) −Wᵀ s half-way between them.
+            step: time between them [s].
+        """
+        if self.metric is not None:
+            theta = np.empty(len(self.theta))
+            if descend(self._law, self._work, slope, step, self._eta, self.theta, theta):
+                self.theta = theta
 
 
 @kernel(None, *CHARTS)

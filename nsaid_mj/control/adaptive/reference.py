@@ -7,8 +7,6 @@ v_r along the motion and needs no acceleration.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-
 import numpy as np
 
 from ...numerics.kernels import kernel
@@ -18,52 +16,16 @@ from ...system import SecondOrderSystem
 from ..signals import FourierTrajectory
 
 
-class Reference(ABC):
-    """A desired motion of all n velocities' coordinates."""
-
-    @abstractmethod
-    def desired(self, t: float) -> tuple[Array, Array]:
-        """(n,) position numbers and (n,) velocities at time t [s]."""
-
-    @abstractmethod
-    def __call__(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """(n,) v_r and (n,) v̇_r at time t [s] and a measured state q (m,), v (n,)."""
-
-
-class JointReference(Reference):
-    """The joints of an arm on a fixed base: v_r = q̇_d + Λ (q_d − q).
-
-    Args:
-        system: the arm.
-        trajectory: of the n joints.
-        rate: Λ [1/s].
-    """
-
-    def __init__(self, system: SecondOrderSystem, trajectory: FourierTrajectory, rate: float):
-        self._system, self._trajectory, self._rate = system, trajectory, rate
-
-    def desired(self, t: float) -> tuple[Array, Array]:
-        """(n,) position numbers and (n,) velocities at time t [s]."""
-        position, velocity, _ = self._trajectory(t)
-        return position, velocity
-
-    def __call__(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """(n,) v_r and (n,) v̇_r."""
-        position, velocity, acceleration = self._trajectory(t)
-        error = self._system.difference(q, self._system.position(position))
-        return velocity + self._rate * error, acceleration + self._rate * (velocity - v)
-
-
-class PoseReference(Reference):
-    """The pose of a body in space, and the joints it carries.
+class Reference:
+    """The pose of a body in space, and the joints it carries; or the joints of an arm alone.
 
     The body's frame is desired at p_d with roll, pitch and yaw (Z-Y-X), all Fourier series in world
     axes. With R the attitude and q_e the vector part of the quaternion of Rᵀ R_d, in body axes
 
-        v_r = [Rᵀ (ṗ_d + Λ (p_d − p)), Rᵀ R_d ω_d + 2 Λ q_e, joints as in `JointReference`].
+        v_r = [Rᵀ (ṗ_d + Λ (p_d − p)), Rᵀ R_d ω_d + 2 Λ q_e, q̇_d + Λ (q_d − q)].
 
     Args:
-        system: a body in space, with or without joints.
+        system: an arm on a fixed base, or a body in space with or without joints.
         trajectory: of x, y, z [m], roll, pitch, yaw [rad] and the joints.
         rate: Λ [1/s].
     """
@@ -75,21 +37,23 @@ class PoseReference(Reference):
         """(n,) position numbers and (n,) velocities at time t [s]."""
         position, velocity, acceleration = self._trajectory(t)
         numbers, twist = position.copy(), velocity.copy()
-        attitude, turning, _ = attitude_of(position[3:6], velocity[3:6], acceleration[3:6])
-        numbers[3:6] = rotation_vector(attitude)
-        twist[:3], twist[3:6] = unrotate(attitude, velocity[:3]), turning
+        if self._system.group:
+            attitude, turning, _ = attitude_of(position[3:6], velocity[3:6], acceleration[3:6])
+            numbers[3:6] = rotation_vector(attitude)
+            twist[:3], twist[3:6] = unrotate(attitude, velocity[:3]), turning
         return numbers, twist
 
     def __call__(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """(n,) v_r and (n,) v̇_r."""
-        motion = np.column_stack(self._trajectory(t))
+        """(n,) v_r and (n,) v̇_r at time t [s] and a measured state q (m,), v (n,)."""
+        motion, first = np.column_stack(self._trajectory(t)), self._system.group
         v_r, a_r = np.empty(len(v)), np.empty(len(v))
-        follow_pose(motion, q, v, self._rate, v_r, a_r)
-        if len(v) > 6:
-            numbers = np.concatenate([np.zeros(6), motion[6:, 0]])
-            error = self._system.difference(q, self._system.position(numbers))[6:]
-            v_r[6:] = motion[6:, 1] + self._rate * error
-            a_r[6:] = motion[6:, 2] + self._rate * (motion[6:, 1] - v[6:])
+        if first:
+            follow_pose(motion, q, v, self._rate, v_r, a_r)
+        if len(v) > first:
+            numbers, rates = np.r_[np.zeros(first), motion[first:, 0]], motion[first:, 1]
+            error = self._system.difference(q, self._system.position(numbers))[first:]
+            v_r[first:] = rates + self._rate * error
+            a_r[first:] = motion[first:, 2] + self._rate * (rates - v[first:])
         return v_r, a_r
 
 
@@ -127,7 +91,7 @@ def attitude_of(angles, rates, accelerations):
 
 @kernel()
 def follow_pose(motion, q, v, rate, v_r, a_r):
-    """Writes the first six entries of v_r and v̇_r; see `PoseReference`.
+    """Writes the first six entries of v_r and v̇_r; see `Reference`.
 
     Args:
         motion: (n, 3) positions and angles, velocities, accelerations of the desired motion.

@@ -8,9 +8,6 @@ samples as measured, and the command that was really held.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import NamedTuple
-
 import numpy as np
 
 from ...identifiers.metric import Metric
@@ -19,38 +16,8 @@ from ...parameters import Array
 from ...system import SecondOrderSystem
 from ..driver import InformedDriver
 from .actuation import Actuation
-from .estimate import Estimate
+from .laws import TrackingLaw
 from .reference import Reference
-
-
-class Demand(NamedTuple):
-    """What a command must achieve: W(t, x, w, a, u) θ̂ = pull.
-
-    Attributes:
-        w: (n,) velocity that C multiplies.
-        a: (n,) acceleration.
-        pull: (n,) generalised force.
-    """
-
-    w: Array
-    a: Array
-    pull: Array
-
-
-class TrackingLaw(ABC):
-    """A tracking law: its estimate, and what it demands of a command.
-
-    Attributes:
-        estimate: θ̂ and its adaptation.
-        informed: whether it uses an identifier's estimate.
-    """
-
-    estimate: Estimate
-    informed: bool = False
-
-    @abstractmethod
-    def demand(self, v: Array, v_r: Array, a_r: Array) -> Demand:
-        """The demand at a measured velocity v (n,), for v_r (n,) and v̇_r (n,)."""
 
 
 class Tracker(InformedDriver):
@@ -75,12 +42,8 @@ class Tracker(InformedDriver):
         law: TrackingLaw,
         period: float,
     ):
-        self._system, self.reference, self._actuation, self._law = (
-            system,
-            reference,
-            actuation,
-            law,
-        )
+        self._system, self._actuation, self._law = system, actuation, law
+        self.reference = reference
         self.period = period if law.informed else np.inf
         self._idle = np.zeros(system.n_u)
 
@@ -131,8 +94,9 @@ class Tracker(InformedDriver):
         self._law.estimate.learn(W.T @ (v_r - v_m), t - last.t)
 
     def inform(self, theta_hat: Array) -> None:
-        """Offers the law an identifier's estimate."""
-        self._law.estimate.inform(theta_hat)
+        """Takes over an identifier's estimate, if the law uses one."""
+        if self._law.informed:
+            self._law.estimate.theta = np.array(theta_hat, dtype=np.float64)
 
     def compiled(self, t: Array) -> None:
         """None: only `command` evaluates the law."""

@@ -6,19 +6,22 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
 
 from ...bounds import Name, Share, config
+from ...errors import InvalidInput
 from ...parameters import Array, Block
-from ...systems.inertial import of_a_body
-from ...systems.vehicle import Operation, SingleBody, Term
-from .body import BODY, Inertia, Vehicle, hidden, vehicle_spec
+from ...resources import VehicleFiles, vehicle_files
+from ...structure.blocks import of_a_body
+from ...structure.single_body import Operation, SingleBody, Term
+from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
 from .mismatch import Mismatch
 from .plant import ParametricPlantConfig, Plant
 from .sheet import Sheet
+from .simulated import SimulatedRobot
 
 _NOTHING = np.zeros((6, 6))
 
@@ -118,9 +121,9 @@ class Blueprint:
             share = eigh(M[at], (self.rigid + self.added)[at], eigvals_only=True)[0]
             rigid = share * self.rigid
             acting[:size] = self._parameters(M - rigid)
-        if self.system.n == 3:  # in the plane only yaw matters
+        if self.system.n < 6:  # in the plane only yaw matters, along the vertical no turn
             rigid = rigid.copy()
-            np.fill_diagonal(rigid[3:, 3:], rigid[5, 5])
+            np.fill_diagonal(rigid[3:, 3:], rigid[5, 5] or rigid[0, 0])
         return Inertia.of_matrix(rigid), acting
 
     @cached_property
@@ -133,6 +136,47 @@ class Blueprint:
         return np.array([M[i, j] / self._tensor[i, j, k] for k, (i, j) in enumerate(places)])
 
 
+def simulated(
+    blueprint: Blueprint,
+    files: VehicleFiles,
+    config: ParametricPlantConfig,
+    dt: float,
+    theta: Array | None,
+) -> Plant:
+    """A vehicle of one body with the true parameters θ (p,), or the published ones.
+
+    See `Blueprint.split` for how M is divided into rigid-body and added mass.
+
+    Args:
+        blueprint: the vehicle as published.
+        files: the vehicle's, for its shapes.
+        config: for its mismatch and faults.
+        dt: time step [s].
+        theta: the true θ; None for the published values.
+    """
+    theta, system = blueprint.theta if theta is None else theta, blueprint.system
+    body, acting = blueprint.split(theta)
+    spec = vehicle_spec(files, dt, *body, blueprint.size, system.n)
+    spec.option.gravity = [0, 0, -blueprint.gravity]
+    command_inputs(spec, system.n_u)
+    if config.mismatch.fluid == "ellipsoid" and blueprint.fluid is not None:
+        blueprint.fluid.apply(spec, config.mismatch)
+        for name in blueprint.fluid.replaced:
+            acting[system.space[name]] = 0.0
+    try:
+        made = SimulatedRobot(system, theta, acting, spec, JOINTS[system.n], config.mismatch)
+    except InvalidInput:
+        raise
+    except ValueError as error:
+        raise InvalidInput(
+            f"vehicle {spec.modelname}",
+            "a body that MuJoCo can simulate",
+            error,
+            "Check mass and inertia in its vehicle.toml.",
+        ) from error
+    return made.failing(config.faults, config)
+
+
 @config
 class VehiclePlant(ParametricPlantConfig, ABC):
     """A vehicle of one body, made from a data sheet.
@@ -142,36 +186,23 @@ class VehiclePlant(ParametricPlantConfig, ABC):
         spread: largest relative deviation of the true parameters from the published values.
     """
 
-    sheet: ClassVar[type[VehicleSheet]]
     vehicle: Name
     spread: Share = 0.2
 
+    @property
     @abstractmethod
-    def blueprint(self) -> Blueprint:
-        """What its data sheet says."""
+    def sheet(self) -> type[VehicleSheet]:
+        """The type of its data sheet, an attribute of the class."""
 
     def build(self, dt: float, seed: int) -> Plant:
         """Draws the hidden parameters and makes the plant."""
-        blueprint = self.blueprint()
+        blueprint = self.sheet.of(self.vehicle).blueprint()
         return self.simulating(dt, blueprint.drawn(self.spread, np.random.default_rng(seed)))
 
     def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones.
-
-        See `Blueprint.split` for how M is divided into rigid-body and added mass.
-        """
-        blueprint = self.blueprint()
-        theta = blueprint.theta if theta is None else theta
-        system = blueprint.system
-        body, acting = blueprint.split(theta)
-        spec = vehicle_spec(self.vehicle, dt, *body, blueprint.size, planar=system.n == 3)
-        spec.option.gravity = [0, 0, -blueprint.gravity]
-        if self.mismatch.fluid == "ellipsoid" and blueprint.fluid is not None:
-            blueprint.fluid.apply(spec, self.mismatch)
-            for name in blueprint.fluid.replaced:
-                acting[system.space[name]] = 0.0
-        vehicle = Vehicle(system, theta, spec, acting, self.mismatch)
-        return vehicle.failing(self.faults, self)
+        """Makes the plant with the true parameters θ (p,), or the published ones."""
+        files, blueprint = vehicle_files(self.vehicle), self.sheet.of(self.vehicle).blueprint()
+        return simulated(blueprint, files, self, dt, theta)
 
 
 class VehicleSheet(Sheet, ABC):

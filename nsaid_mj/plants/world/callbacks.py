@@ -22,6 +22,7 @@ from typing import Any
 
 import mujoco
 from llvmlite import binding as llvm
+from llvmlite import ir
 from numba import cfunc, types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -32,9 +33,6 @@ WORDS = 1 << 15
 
 ARRAYS = types.CPointer(types.CPointer(types.float64))
 """A C structure viewed as an array of pointers to arrays of float64."""
-
-CALLBACK = types.void(types.voidptr, ARRAYS)
-"""The signature of MuJoCo's callbacks, f(mjModel*, mjData*)."""
 
 _LIBRARY = re.compile(r"libmujoco\.so\.[\d.]+|libmujoco\.[\d.]+\.dylib|mujoco\.dll")
 
@@ -84,33 +82,58 @@ def c_function(name: str, *parameters: Any) -> Any:
     return types.ExternalFunction(name, types.void(*parameters))
 
 
-def _array_at(_: Any, kind: Any, address: Any, shape: Any) -> Any:
-    """In compiled code, the C-contiguous array of a type and shape at an address.
+def _made(context: Any, builder: Any, kind: Any, address: Any, sizes: Any) -> Any:
+    """Code that makes a C-contiguous array of a type at an address.
 
     It is `carray` for functions that count no references to arrays, as `carray` does.
     """
-    made = kind.instance_type
+    array = arrayobj.make_array(kind)(context, builder)
+    step = context.get_constant(types.intp, 8)
+    strides = [step]
+    for size in sizes[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], size))
+    arrayobj.populate_array(
+        array,
+        data=builder.inttoptr(address, context.get_data_type(kind.dtype).as_pointer()),
+        shape=sizes,
+        strides=strides,
+        itemsize=step,
+        meminfo=None,
+    )
+    return array._getvalue()
+
+
+def _array_at(_: Any, kind: Any, address: Any, shape: Any) -> Any:
+    """In compiled code, the array of a type and shape at an address."""
 
     def view(context: Any, builder: Any, _: Any, given: Any) -> Any:
-        array = arrayobj.make_array(made)(context, builder)
-        sizes, step = cgutils.unpack_tuple(builder, given[2]), context.get_constant(types.intp, 8)
-        strides = [step]
-        for size in sizes[:0:-1]:
-            strides.insert(0, builder.mul(strides[0], size))
-        arrayobj.populate_array(
-            array,
-            data=builder.inttoptr(given[1], context.get_data_type(made.dtype).as_pointer()),
-            shape=sizes,
-            strides=strides,
-            itemsize=step,
-            meminfo=None,
-        )
-        return array._getvalue()
+        sizes = cgutils.unpack_tuple(builder, given[2])
+        return _made(context, builder, kind.instance_type, given[1], sizes)
 
-    return made(kind, address, shape), view
+    return kind.instance_type(kind, address, shape), view
+
+
+def _part(_: Any, kind: Any, user: Any, layout: Any, k: Any) -> Any:  # noqa: ARG001, as called
+    """In compiled code, part k of float64 userdata at an address, as an array of a type.
+
+    From word `layout` on, the userdata hold three numbers of every part: the word at which it
+    begins, and its numbers of rows and columns.
+    """
+    word, made = ir.IntType(64), kind.instance_type
+
+    def view(context: Any, builder: Any, _: Any, given: Any) -> Any:
+        numbers = builder.inttoptr(given[1], ir.DoubleType().as_pointer())
+        first = builder.add(given[2], builder.mul(given[3], word(3)))
+        places = [builder.gep(numbers, [builder.add(first, word(i))]) for i in range(3)]
+        at, *sizes = (builder.fptosi(builder.load(place), word) for place in places)
+        address = builder.add(given[1], builder.mul(at, word(8)))
+        return _made(context, builder, made, address, sizes[: made.ndim])
+
+    return made(kind, types.uintp, types.int64, types.int64), view
 
 
 array_at: Any = intrinsic(_array_at)
+part: Any = intrinsic(_part)
 
 
 @cache

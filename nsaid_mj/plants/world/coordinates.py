@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 
 from ...numerics.kernels import i8, kernel, table, vector, void
-from ...numerics.spatial import cross, quaternion_of, rotate, rotation, unrotate
+from ...numerics.spatial import cross, quaternion_of, rotate, rotation
 from ...parameters import Array, Indices
 
 
@@ -28,24 +28,6 @@ class Reading(NamedTuple):
     group: int
     free: Indices
     joints: Indices
-
-
-def reading_of(
-    qpos: Indices, dof: Indices, circular: Sequence[bool] = (), free: Sequence[int] = ()
-) -> Reading:
-    """The `Reading` of 1-DOF joints, possibly after a free joint.
-
-    Args:
-        qpos: (k,) indices of the joints in qpos.
-        dof: (k,) indices of the joints in qvel.
-        circular: for each joint, whether q holds its cosine and sine; empty if none does.
-        free: indices of the free joint in qpos and qvel; empty if there is none.
-    """
-    circles = np.array(circular or np.zeros(len(qpos)), dtype=int)
-    places = (7 if free else 0) + np.cumsum(1 + circles) - (1 + circles)
-    joints = np.column_stack([qpos, dof, places, circles])
-    places = np.array(free or (-1, -1), dtype=np.int64)
-    return Reading(6 if free else 0, places, np.ascontiguousarray(joints, dtype=np.int64))
 
 
 READING = types.NamedTuple((i8, i8[::1], table), Reading)
@@ -85,7 +67,7 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
 
 @kernel(void(READING, vector, vector), inner=True)
 def write_position(reading, numbers, q):
-    """Writes q (m,) from position numbers (n,), as `JointTree` and `StructuredSystem` define it."""
+    """Writes q (m,) from position numbers (n,), as `StructuredKinematics` defines it."""
     first = 0
     if reading.group == 6:
         x, y, z = numbers[3], numbers[4], numbers[5]
@@ -105,204 +87,113 @@ def write_position(reading, numbers, q):
 
 
 class JointMap:
-    """Maps joint positions in Pinocchio's order to and from MuJoCo's qpos and qvel, by joint name.
+    """Maps position numbers and velocities to and from MuJoCo's qpos and qvel, by joint name.
 
-    For 1-DOF joints: a position number is an angle [rad] or a displacement [m] in both engines.
-    MuJoCo orders bodies depth first; Pinocchio need not.
+    MuJoCo orders bodies depth first, which Pinocchio need not; its quaternion is w, x, y, z, and a
+    free joint's linear velocity is in world axes, as is that of a body in the plane. With R the
+    base's axes in the world and T = blkdiag(Rᵀ, 1), the system's v is T q̇, and its v̇ is
+    T q̈ − [ω × v_base, 0]; on a fixed base T = 1. A joint's position number is its angle [rad] or
+    displacement [m] in both.
 
     Args:
         model: MuJoCo's model.
-        names: of the joints, in Pinocchio's order.
+        names: of the joints in the system's order; the first may be a free joint.
+        circular: for each 1-DOF joint, whether q holds its cosine and sine; empty if none does.
+        planar: whether the joints are those along x, along y and about z of a body in the plane.
 
     Attributes:
-        qpos: (n,) index of every joint in qpos.
-        dof: (n,) index of every joint in qvel.
-        motors: (n,) indices in qvel of the 1-DOF joints, here `dof`.
+        reading: index maps for compiled code.
+        qpos: (k,) index in qpos of every 1-DOF joint.
+        motors: (k,) index in qvel of every 1-DOF joint.
+        dof: (n,) indices in qvel, a free joint's first.
     """
 
-    def __init__(self, model: Any, names: Sequence[str]):
+    def __init__(
+        self,
+        model: Any,
+        names: Sequence[str],
+        circular: Sequence[bool] = (),
+        planar: bool = False,
+    ):
         joints = [model.joint(name) for name in names]
-        self.qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
-        self.dof = np.array([joint.dofadr[0] for joint in joints], dtype=int)
-        self.motors = self.dof
-
-    def reading(self, circular: Sequence[bool] = ()) -> Reading:
-        """The index map for compiled code; `circular` marks joints with cosine and sine in q."""
-        return reading_of(self.qpos, self.dof, circular)
-
-    def read(self, data: Any) -> tuple[Array, Array]:
-        """(n,) joint positions [rad or m] and (n,) joint velocities [rad/s or m/s]."""
-        return data.qpos[self.qpos], data.qvel[self.dof]
-
-    def write(self, data: Any, coordinates: Array, velocity: Array) -> None:
-        """Sets qpos and qvel from joint positions (n,) and velocities (n,)."""
-        data.qpos[self.qpos] = coordinates
-        data.qvel[self.dof] = velocity
-
-    def mass_matrix(self, model: Any, data: Any) -> Array:
-        """(n, n) MuJoCo's M at its current state, in Pinocchio's order."""
-        full = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, full)
-        return full[np.ix_(self.dof, self.dof)]
-
-    def bias(self, model: Any, data: Any) -> Array:
-        """(n,) MuJoCo's Coriolis, centrifugal and gravity forces, in Pinocchio's order."""
-        return data.qfrc_bias[self.dof]
-
-    def acceleration(self, data: Any) -> Array:
-        """(n,) MuJoCo's current joint accelerations, in Pinocchio's order."""
-        return data.qacc[self.dof]
-
-
-def pose_of(qpos: Array) -> Array:
-    """(7,) pose [p, x, y, z, w] from a free joint's qpos [p, w, x, y, z]."""
-    return np.array([*qpos[:3], *qpos[4:7], qpos[3]])
-
-
-class PoseMap:
-    """Maps position numbers [p, rotation vector] and body twist of a free joint to and from MuJoCo.
-
-    MuJoCo's quaternion is w, x, y, z, and its linear velocity is in world axes.
-
-    Args:
-        model: MuJoCo's model.
-        joint: name of the free joint.
-    """
-
-    def __init__(self, model: Any, joint: str):
-        at, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
-        self.qpos, self.dof = slice(at, at + 7), slice(dof, dof + 6)
-        nowhere = np.zeros(0, dtype=int)
-        self.reading = reading_of(nowhere, nowhere, free=(at, dof))
-
-    def read(self, data: Any) -> tuple[Array, Array]:
-        """(6,) position numbers and (6,) body twist."""
-        numbers, twist = np.empty((2, 6))
-        read_coordinates(self.reading, data.qpos, data.qvel, numbers, twist)
-        return numbers, twist
-
-    def write(self, data: Any, numbers: Array, twist: Array) -> None:
-        """Sets qpos and qvel from position numbers (6,) and a body twist (6,)."""
-        x, y, z, w = attitude = quaternion_of(np.asarray(numbers[3:], dtype=np.float64))
-        data.qpos[self.qpos] = [*numbers[:3], w, x, y, z]
-        data.qvel[self.dof] = [*rotate(attitude, np.asarray(twist[:3], float)), *twist[3:]]
-
-    def acceleration(self, data: Any) -> Array:
-        """(6,) time derivative of the body twist, from MuJoCo's current qacc."""
-        attitude = pose_of(data.qpos[self.qpos])[3:]
-        qvel, qacc = data.qvel[self.dof], data.qacc[self.dof]
-        linear = unrotate(attitude, qacc[:3]) - np.cross(qvel[3:], unrotate(attitude, qvel[:3]))
-        return np.concatenate([linear, qacc[3:]])
-
-
-class FloatingMap:
-    """Maps position numbers and velocities of a floating base with joints to and from MuJoCo.
-
-    With T = blkdiag(Rᵀ, 1), the system's v is T q̇ and its v̇ is T q̈ + [−ω × Rᵀ v_world, 0].
-
-    Args:
-        model: MuJoCo's model.
-        base: name of the free joint.
-        names: of the 1-DOF joints, in Pinocchio's order.
-
-    Attributes:
-        dof: (n,) indices in qvel, base first.
-        motors: (n − 6,) index in qvel of every 1-DOF joint.
-    """
-
-    def __init__(self, model: Any, base: str, names: Sequence[str]):
-        self.base, self.joints = PoseMap(model, base), JointMap(model, names)
-        self.motors = self.joints.motors
-        self.dof = np.concatenate([np.r_[self.base.dof], self.motors])
-        self._reading = self.reading()
-
-    def reading(self, circular: Sequence[bool] = ()) -> Reading:
-        """The index map for compiled code; `circular` marks joints with cosine and sine in q."""
-        free = self.base.qpos.start, self.base.dof.start
-        return reading_of(self.joints.qpos, self.joints.dof, circular, free)
+        free = joints[0].type[0] == mujoco.mjtJoint.mjJNT_FREE
+        at = (joints[0].qposadr[0], joints[0].dofadr[0]) if free else (-1, -1)
+        alone = joints[1:] if free else joints
+        self.qpos = np.array([joint.qposadr[0] for joint in alone], dtype=int)
+        self.motors = np.array([joint.dofadr[0] for joint in alone], dtype=int)
+        self.dof = np.r_[at[1] + np.arange(6 if free else 0), self.motors].astype(int)
+        circles = np.array(circular or np.zeros(len(alone)), dtype=int)
+        places = (7 if free else 0) + np.cumsum(1 + circles) - (1 + circles)
+        rows = np.column_stack([self.qpos, self.motors, places, circles]).astype(np.int64)
+        group = 6 if free else 3 if planar else 0
+        self.reading = Reading(group, np.array(at, dtype=np.int64), np.ascontiguousarray(rows))
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) velocities."""
         numbers, velocity = np.empty((2, len(self.dof)))
-        read_coordinates(self._reading, data.qpos, data.qvel, numbers, velocity)
+        read_coordinates(self.reading, data.qpos, data.qvel, numbers, velocity)
         return numbers, velocity
 
     def write(self, data: Any, numbers: Array, velocity: Array) -> None:
         """Sets qpos and qvel from position numbers (n,) and velocities (n,)."""
-        self.base.write(data, numbers[:6], velocity[:6])
-        self.joints.write(data, numbers[6:], velocity[6:])
+        at, rates = self.reading.free[0], np.array(velocity, dtype=np.float64)
+        first = 6 if at >= 0 else 0
+        if first:
+            x, y, z, w = quaternion_of(np.asarray(numbers[3:6], dtype=np.float64))
+            data.qpos[at : at + 7] = [*numbers[:3], w, x, y, z]
+        data.qpos[self.qpos] = numbers[first:]
+        R = self._axes(data)
+        rates[: len(R)] = R @ rates[: len(R)]
+        data.qvel[self.dof] = rates
+
+    def place(self, data: Any, q: Array) -> None:
+        """Sets qpos from the system's position q (m,)."""
+        at = self.reading.free[0]
+        if at >= 0:
+            data.qpos[at : at + 7] = [*q[:3], q[6], *q[3:6]]
+        for joint, _, to, circle in self.reading.joints:
+            data.qpos[joint] = np.arctan2(q[to + 1], q[to]) if circle else q[to]
 
     def mass_matrix(self, model: Any, data: Any) -> Array:
         """(n, n) T M Tᵀ, MuJoCo's M at its current state, for the system's v."""
         full = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, full)
-        half = self._into_body(data, full[np.ix_(self.dof, self.dof)])
-        return self._into_body(data, half.T)
+        half = self._into_base(data, full[np.ix_(self.dof, self.dof)])
+        return self._into_base(data, half.T)
 
     def bias(self, model: Any, data: Any) -> Array:
         """(n,) MuJoCo's Coriolis, centrifugal and gravity forces, for the system's v."""
-        _, velocity = self.base.read(data)
-        turning = np.zeros(len(self.dof))
-        turning[:3] = np.cross(velocity[3:], velocity[:3])
-        own = self._into_body(data, data.qfrc_bias[self.dof])
-        return own + self.mass_matrix(model, data) @ turning
+        own = self._into_base(data, data.qfrc_bias[self.dof])
+        return own + self.mass_matrix(model, data) @ self._turning(data)
 
     def acceleration(self, data: Any) -> Array:
         """(n,) time derivative of the system's v, from MuJoCo's current qacc."""
-        return np.concatenate([self.base.acceleration(data), self.joints.acceleration(data)])
+        return self._into_base(data, data.qacc[self.dof]) - self._turning(data)
 
-    def _into_body(self, data: Any, rows: Array) -> Array:
+    def _axes(self, data: Any) -> Array:
+        """(s, s) R; s is 3, 2 in the plane, 0 on a fixed base."""
+        if self.reading.group == 6:
+            at = self.reading.free[0]
+            return rotation(np.roll(data.qpos[at + 3 : at + 7], -1))
+        if self.reading.group == 3:
+            c, s = np.cos(data.qpos[self.qpos[2]]), np.sin(data.qpos[self.qpos[2]])
+            return np.array([[c, -s], [s, c]])
+        return np.zeros((0, 0))
+
+    def _into_base(self, data: Any, rows: Array) -> Array:
         """T times rows (n, ...)."""
-        attitude = pose_of(data.qpos[self.base.qpos])[3:]
-        turned = rows.copy()
-        turned[:3] = rotation(attitude).T @ rows[:3]
+        R, turned = self._axes(data), rows.copy()
+        turned[: len(R)] = R.T @ rows[: len(R)]
         return turned
 
-
-def joint_map(model: Any, names: Sequence[str]) -> JointMap | FloatingMap:
-    """The coordinate map of a tree with joints of these names; the first may be a free joint."""
-    if model.joint(names[0]).type[0] == mujoco.mjtJoint.mjJNT_FREE:
-        return FloatingMap(model, names[0], names[1:])
-    return JointMap(model, names)
-
-
-class PlanarMap:
-    """Maps x, y, ψ and body twist u, v, r of a planar body on two slides and a hinge.
-
-    Args:
-        model: MuJoCo's model.
-        joints: names of the joints along x, along y and about z.
-    """
-
-    def __init__(self, model: Any, joints: tuple[str, str, str] = ("x", "y", "yaw")):
-        self.qpos = np.array([model.joint(name).qposadr[0] for name in joints])
-        self.dof = np.array([model.joint(name).dofadr[0] for name in joints])
-        self.reading = reading_of(self.qpos, self.dof)._replace(group=3)
-
-    def read(self, data: Any) -> tuple[Array, Array]:
-        """(3,) x, y [m], ψ [rad] and (3,) body twist u, v [m/s], r [rad/s]."""
-        numbers, twist = np.empty((2, 3))
-        read_coordinates(self.reading, data.qpos, data.qvel, numbers, twist)
-        return numbers, twist
-
-    def write(self, data: Any, numbers: Array, twist: Array) -> None:
-        """Sets qpos and qvel from x, y, ψ (3,) and a body twist (3,)."""
-        c, s = np.cos(numbers[2]), np.sin(numbers[2])
-        u, v, r = twist
-        data.qpos[self.qpos], data.qvel[self.dof] = numbers, [c * u - s * v, s * u + c * v, r]
-
-    def acceleration(self, data: Any) -> Array:
-        """(3,) time derivative of the body twist, from MuJoCo's current qacc."""
-        yaw = data.qpos[self.qpos[2]]
-        u, v, r = self._into_body(yaw, data.qvel[self.dof])
-        return self._into_body(yaw, data.qacc[self.dof]) - r * np.array([-v, u, 0.0])
-
-    @staticmethod
-    def _into_body(yaw: float, rates: Array) -> Array:
-        """(3,) rates along x and y in the world and about z, turned into body axes."""
-        c, s = np.cos(yaw), np.sin(yaw)
-        x, y, r = rates
-        return np.array([c * x + s * y, c * y - s * x, r])
+    def _turning(self, data: Any) -> Array:
+        """(n,) [ω × v_base, 0]."""
+        v, found = self._into_base(data, data.qvel[self.dof]), np.zeros(len(self.dof))
+        if self.reading.group == 6:
+            found[:3] = np.cross(v[3:6], v[:3])
+        elif self.reading.group == 3:
+            found[:2] = -v[2] * v[1], v[2] * v[0]
+        return found
 
 
 class LevelMap:
@@ -317,21 +208,22 @@ class LevelMap:
     """
 
     def __init__(self, model: Any, joint: str):
-        self.pose = PoseMap(model, joint)
+        at, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
+        self._pose, self._twist = slice(at, at + 7), slice(dof, dof + 6)
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(3,) x, y [m], ψ [rad] and (3,) velocities along and across the heading [m/s], ψ̇."""
-        pose, qvel = data.qpos[self.pose.qpos], data.qvel[self.pose.dof]
+        pose, qvel = data.qpos[self._pose], data.qvel[self._twist]
         return _seen_from_above(pose, qvel)
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
         """Sets x, y, ψ (3,) and a horizontal twist (3,), at the same height, level."""
         c, s = np.cos(numbers[2] / 2), np.sin(numbers[2] / 2)
-        height = data.qpos[self.pose.qpos][2]
-        data.qpos[self.pose.qpos] = [*numbers[:2], height, c, 0.0, 0.0, s]
+        height = data.qpos[self._pose][2]
+        data.qpos[self._pose] = [*numbers[:2], height, c, 0.0, 0.0, s]
         c, s = np.cos(numbers[2]), np.sin(numbers[2])
         u, v, r = twist
-        data.qvel[self.pose.dof] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]
+        data.qvel[self._twist] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]
 
 
 @kernel()

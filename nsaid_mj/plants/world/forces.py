@@ -20,7 +20,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
@@ -38,12 +38,22 @@ from ...structure.arrays import (
 )  # fmt: skip
 from ...structure.columns import KINDS, joint
 from ...structure.columns.joint import force_alone
-from ...structure.compiled import FAST, kernel, matrix, table, vector, void
+from ...structure.compiled import (
+    STRUCTURE,
+    WORKSPACE,
+    f8,
+    helper,
+    kernel,
+    matrix,
+    table,
+    vector,
+    void,
+)
 from ...structure.forces import add_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations
 from ...structure.structure import Structure
-from .callbacks import WORDS, array_at, c_function, field_offsets
+from .callbacks import WORDS, array_at, c_function, field_offsets, part
 from .coordinates import Reading
 
 _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
@@ -172,7 +182,10 @@ class _Memory(NamedTuple):
     on_ground: Array
 
 
-@njit(cache=True, **FAST)
+_MEMORY = types.NamedTuple((vector,) * 6 + (matrix,) * 2 + (vector,) * 2, _Memory)
+
+
+@helper(void(vector, vector, vector, f8))
 def _into_base(d, R, v, sign):
     """Adds the flow times a sign to the base's velocity in v (n,), and turns it into its axes."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -182,7 +195,7 @@ def _into_base(d, R, v, sign):
         v[i] = R[i] * x + R[3 + i] * y + R[6 + i] * z
 
 
-@njit(cache=True, **FAST)
+@helper(void(vector, vector, vector))
 def _into_world(d, R, x):
     """Turns the base's linear part of a force x (n,) from its axes into the world's."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -192,12 +205,12 @@ def _into_world(d, R, x):
             x[i] = R[3 * i] * a + R[3 * i + 1] * b + R[3 * i + 2] * c
 
 
-@njit(cache=True, **FAST)
+@helper(void(vector, table, vector, vector, _MEMORY))
 def _read(d, dofs, qpos, qvel, own):
     """Writes q, both velocities and the base's axes, from MuJoCo's state."""
     q, v, R, free = own.q, own.v, own.R, 6 if d[_GROUP] == 6 else 0
     if free:
-        at = int(d[_POSE])
+        at = np.int64(d[_POSE])
         for i in range(3):
             q[i], q[3 + i] = qpos[at + i], qpos[at + 4 + i]
         q[6] = qpos[at + 3]
@@ -215,7 +228,7 @@ def _read(d, dofs, qpos, qvel, own):
     _into_base(d, R, own.ground, 0.0)
 
 
-@njit(cache=True, **FAST)
+@helper(void(vector, table, WORKSPACE, _MEMORY))
 def _push(d, dofs, work, own):
     """Overwrites F θ − C_A v_r by M q̈ + bias, both of the base in the world's axes.
 
@@ -253,53 +266,7 @@ def _push(d, dofs, work, own):
         force[i] = L[0, i]
 
 
-@njit(inline="always")
-def _at(kind, d, address, k):
-    """Part k of the userdata d at an address, as an array in one dimension."""
-    at = address + 8 * int(d[_LAYOUT + 3 * k])
-    return array_at(kind, at, (int(d[_LAYOUT + 3 * k + 1]),))
-
-
-@njit(inline="always")
-def _rows(kind, d, address, k):
-    """Part k as an array in two dimensions."""
-    at = address + 8 * int(d[_LAYOUT + 3 * k])
-    return array_at(kind, at, (int(d[_LAYOUT + 3 * k + 1]), int(d[_LAYOUT + 3 * k + 2])))
-
-
-@njit(inline="always")
-def _structure(d, a):
-    """The structure."""
-    return StructureArrays(
-        _rows(table, d, a, 0), _at(vector, d, a, 1), _at(vector, d, a, 2), _rows(table, d, a, 3),
-        _rows(table, d, a, 4), _at(vector, d, a, 5), _rows(table, d, a, 6),
-        _rows(table, d, a, 7), _at(vector, d, a, 8), _rows(table, d, a, 9),
-    )  # fmt: skip
-
-
-@njit(inline="always")
-def _workspace(d, a):
-    """The memory of a stage."""
-    k = _WORK
-    return Workspace(
-        _at(vector, d, a, k), _at(vector, d, a, k + 1), _rows(matrix, d, a, k + 2),
-        _rows(matrix, d, a, k + 3), _rows(matrix, d, a, k + 4), _at(vector, d, a, k + 5),
-    )  # fmt: skip
-
-
-@njit(inline="always")
-def _memory(d, a):
-    """The callback's own memory."""
-    k = _OWN
-    return _Memory(
-        _at(vector, d, a, k), _at(vector, d, a, k + 1), _at(vector, d, a, k + 2),
-        _at(vector, d, a, k + 3), _at(vector, d, a, k + 4), _at(vector, d, a, k + 5),
-        _rows(matrix, d, a, k + 6), _rows(matrix, d, a, k + 7), _at(vector, d, a, k + 8),
-        _at(vector, d, a, k + 9),
-    )  # fmt: skip
-
-
-@njit(**FAST, forceinline=True)
+@helper(void(vector, STRUCTURE, WORKSPACE, _MEMORY, table, vector, vector, vector, vector))
 def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     _read(d, dofs, qpos, qvel, own)
@@ -316,7 +283,7 @@ def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
 
 
-@njit(**FAST, forceinline=True)
+@helper(void(table, table, vector, table, vector, vector, vector, vector, vector))
 def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
     """Adds the forces on joints, where none depends on where the bodies are."""
     for k in range(columns.shape[0]):
@@ -330,7 +297,7 @@ def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
         passive[dofs[i, 0]] += gain * force
 
 
-@njit(**FAST, forceinline=True)
+@helper(void(vector, WORKSPACE, _MEMORY, table, vector))
 def _end(d, work, own, dofs, passive):
     """Adds the forces in the world's axes to MuJoCo's."""
     if d[_ADDED] > 0:
@@ -356,21 +323,52 @@ def column_forces() -> Any:
         d = array_at(vector, user, (WORDS,))
         if d[_LAGGED] > 0:
             commands = arrays[at_act]
-        u = array_at(vector, commands, (int(d[_COMMANDS]),))
+        u = array_at(vector, commands, (np.int64(d[_COMMANDS]),))
         qpos = array_at(vector, arrays[at_q], (WORDS,))
         qvel = array_at(vector, arrays[at_v], (WORDS,))
         pushed = array_at(vector, arrays[at_force], (WORDS,))
-        dofs, theta = _rows(table, d, user, _DOFS), _at(vector, d, user, _THETA)
-        structure = _structure(d, user)
+        dofs, theta = part(table, user, _LAYOUT, _DOFS), part(vector, user, _LAYOUT, _THETA)
+        bodies, columns = part(table, user, _LAYOUT, 0), part(table, user, _LAYOUT, 7)
+        constants = part(vector, user, _LAYOUT, 8)
         if d[_PLACED] == 0:
-            bodies, columns, constants = structure.bodies, structure.columns, structure.constants
             _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, pushed)
             return
-        work, own = _workspace(d, user), _memory(d, user)
+        structure = StructureArrays(
+            bodies,
+            part(vector, user, _LAYOUT, 1),
+            part(vector, user, _LAYOUT, 2),
+            part(table, user, _LAYOUT, 3),
+            part(table, user, _LAYOUT, 4),
+            part(vector, user, _LAYOUT, 5),
+            part(table, user, _LAYOUT, 6),
+            columns,
+            constants,
+            part(table, user, _LAYOUT, 9),
+        )
+        work = Workspace(
+            part(vector, user, _LAYOUT, _WORK),
+            part(vector, user, _LAYOUT, _WORK + 1),
+            part(matrix, user, _LAYOUT, _WORK + 2),
+            part(matrix, user, _LAYOUT, _WORK + 3),
+            part(matrix, user, _LAYOUT, _WORK + 4),
+            part(vector, user, _LAYOUT, _WORK + 5),
+        )
+        own = _Memory(
+            part(vector, user, _LAYOUT, _OWN),
+            part(vector, user, _LAYOUT, _OWN + 1),
+            part(vector, user, _LAYOUT, _OWN + 2),
+            part(vector, user, _LAYOUT, _OWN + 3),
+            part(vector, user, _LAYOUT, _OWN + 4),
+            part(vector, user, _LAYOUT, _OWN + 5),
+            part(matrix, user, _LAYOUT, _OWN + 6),
+            part(matrix, user, _LAYOUT, _OWN + 7),
+            part(vector, user, _LAYOUT, _OWN + 8),
+            part(vector, user, _LAYOUT, _OWN + 9),
+        )
         _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
         if d[_ADDED] > 0:
-            _full_m(model, data, user + 8 * int(d[_LAYOUT + 3 * (_OWN + 6)]))
-            _rne(model, data, np.int32(0), user + 8 * int(d[_LAYOUT + 3 * (_OWN + 5)]))
+            _full_m(model, data, user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 6)]))
+            _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))
         _end(d, work, own, dofs, pushed)
 
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback())

@@ -56,13 +56,16 @@ class Mismatch(Config):
 
         Args:
             plant: the kind of plant, for the message.
-            fields: names of the effects.
+            fields: names of the effects; `level` stands for a flow that is not level.
 
         Raises:
             InvalidInput: one of `fields` is on.
         """
         for name in fields:
-            if getattr(self, name) != getattr(Mismatch(), name):
+            if name == "level" and self.flow[2]:
+                expected = f"a level wind, for {plant}"
+                raise InvalidInput("mismatch.flow", expected, self.flow, "Make the third one 0.")
+            if name != "level" and getattr(self, name) != getattr(Mismatch(), name):
                 raise InvalidInput(
                     f"mismatch.{name}",
                     f"the default, for {plant}",

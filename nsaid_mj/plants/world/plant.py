@@ -7,19 +7,20 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import model_validator
 
 from ...bounds import Config, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
 from ...robot.shapes import VisualMesh
+from ...structure.sensing import displaced
 from ...system import SecondOrderSystem
-from ...systems.sensing import displaced
 from .callbacks import installed
 from .coordinates import Reading
 from .faults import Faults
@@ -43,12 +44,21 @@ class PlantConfig(Config, ABC):
         mismatch: effects that the identifier's structure does not model.
         faults: of actuators, sensors or the plant during the run, such as `loss 0.4 of 2 at 5 s;
             payload 1 kg at 10 s until 15 s`.
+        _refuses: what the plant is called, and the effects of `mismatch` that it does not have; of
+            a plant in the plane, `level` for a vertical flow.
     """
 
     _path = "plant"
+    _refuses: ClassVar[tuple[str, ...]] = ()
 
     mismatch: Mismatch = field(default_factory=Mismatch, kw_only=True)
     faults: Faults = field(default=(), kw_only=True)
+
+    @model_validator(mode="after")
+    def _check_mismatch(self) -> Self:
+        if self._refuses:
+            self.mismatch.refuse(*self._refuses)
+        return self
 
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:

@@ -92,7 +92,7 @@ class Sheet(Table):
         path = vehicle_files(vehicle).sheet
         try:
             content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, 5000 digits
             raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
         except OSError as error:
             raise InvalidInput(
@@ -167,15 +167,27 @@ def check_inertia(moments: Sequence[float]) -> None:
         )
 
 
-def check_unit_vectors(key: str, vectors: Array) -> None:
-    """Checks that the rows of `vectors` (k, 3) have length 1.
+def check_directions(table: str, item: str, positions: Array, directions: Array) -> None:
+    """Checks that every position of a table has its unit vector.
+
+    Args:
+        table: the key of the table.
+        item: what is placed, for the message.
+        positions: (k, 3).
+        directions: (k, 3).
 
     Raises:
-        InvalidInput: the length of a row is not 1; the message names `key`.
+        InvalidInput: there are more or fewer, or one is no unit vector.
     """
-    lengths = np.linalg.norm(vectors, axis=1)
-    for row, length in zip(vectors, lengths, strict=True):
+    if len(positions) != len(directions):
+        raise InvalidInput(
+            f"{table}.directions",
+            f"one for each of {len(positions)} positions",
+            len(directions),
+            f"Give every {item} its position and its direction.",
+        )
+    lengths = np.linalg.norm(directions, axis=1)
+    for row, length in zip(directions, lengths, strict=True):
         if not abs(length - 1) < 1e-6:
-            raise InvalidInput(
-                key, "unit vectors", row.tolist(), f"Divide it by its length, {length:.6g}."
-            )
+            remedy = f"Divide it by its length, {length:.6g}."
+            raise InvalidInput(f"{table}.directions", "unit vectors", row.tolist(), remedy)

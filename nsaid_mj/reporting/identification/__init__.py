@@ -1,9 +1,8 @@
 """Report on an identification: report.html and the summary on the terminal."""
 
-from .report import FILE as FILE
+from .report import brief_alarms as brief_alarms
 from .report import page as page
-from .report import write as write_report
-from .terminal import print_findings as print_findings
-from .terminal import print_identification as print_identification
+from .report import print_identification as print_identification
+from .report import write_report as write_report
 
-__all__ = ["FILE", "page", "print_findings", "print_identification", "write_report"]
+__all__ = ["brief_alarms", "page", "print_identification", "write_report"]

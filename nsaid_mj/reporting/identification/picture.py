@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,9 +10,9 @@ from ...calibration import words
 from ...calibration.links import positions
 from ...calibration.result import Identification
 from ...parameters import Array
-from ...systems.joints import bones
+from ...structure.joints import bones
+from ..pages import Figure as PageFigure
 from ..palette import BAD, COLOURS, GRID, INK
-from ..panels import template_figure
 from ..plots import style, svg
 
 _WIDTH = 4.3  # [inch]
@@ -30,7 +28,7 @@ _UP = np.array(
 _COLOURS = {"good": COLOURS[3], "fair": COLOURS[5], "poor": BAD}
 
 
-def picture(result: Identification) -> dict[str, Any] | None:
+def picture(result: Identification) -> PageFigure | None:
     """The robot in the first pose of its log; None if its model has no joints to draw."""
     model, segment = result.robot.model, result.recordings.segments[0]
     if model is None or model.njoints < 2 or not np.isfinite(segment.log.q[0]).all():
@@ -71,7 +69,7 @@ def picture(result: Identification) -> dict[str, Any] | None:
             )
             if kind in marks.values()
         ]
-        return template_figure("Robot in its first logged pose", svg(figure, "robot"), legend)
+        return PageFigure("Robot in its first logged pose", svg(figure, "robot"), legend)
 
 
 def _floor(segments: Array, size: float) -> Array:

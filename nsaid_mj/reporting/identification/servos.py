@@ -1,22 +1,30 @@
-"""The summary of identified servos on the terminal."""
+"""Identified servos as a page, and on the terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
+from ... import __version__
 from ...calibration import words
 from ...calibration.result import Parameter
-from ...calibration.servos import ServoIdentification
-from .terminal import print_findings
+from ...calibration.servos import Score, ServoIdentification
+from .. import pages
+from ..pages import Cell, Page, Panel, Section, Table, Text
+from ..terminal import print_page, print_panels
+from .report import brief_alarms
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3}  # factor to the unit in the head
-_HEADS = ("kv/kp\nms", "f/kp\nmrad", "kp\n", "delay\nms")
+_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "error [mrad]", "simple [mrad]")
 _PER_SERVO = 5  # parameters
+
+
+def write_servos(result: ServoIdentification, folder: Path, command: str = "") -> Path:
+    """Writes report.html into a folder, atomically, and returns its path."""
+    return pages.write(_page(result, [command] if command else []), folder)
 
 
 def print_servos(result: ServoIdentification, console: Console, files: Sequence[Path] = ()) -> None:
@@ -27,34 +35,64 @@ def print_servos(result: ServoIdentification, console: Console, files: Sequence[
         console: to print on.
         files: paths of the files written, which are listed last.
     """
-    mark = words.EXPLAINS[result.explains]
-    console.print(f"[bold {mark.colour}]{mark.glyph} {escape(result.verdict)}[/]", soft_wrap=True)
-    print_findings(result.findings, console)
-    table = Table(box=None, pad_edge=False, padding=(0, 1), header_style="dim")
-    table.add_column("\n\n servo", no_wrap=True)
-    for head in (*_HEADS, "error\nmrad", "simple\nmrad"):
-        table.add_column("\n" + head, justify="right", no_wrap=True)
+    page = _page(result, list(map(str, files)))
+    narrow = [Table([head.replace(" [", "\n[") for head in panel.heads], panel.lines)
+              if isinstance(panel, Table) else panel
+              for panel in page.sections[0].panels]  # fmt: skip
+    brief = Page(
+        "", page.verdict, alarms=page.alarms, sections=[Section("", narrow)],
+        commands=page.commands,
+    )  # fmt: skip
+    print_page(brief, console)
+
+
+def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
+    lines: list[list[Cell]] = []
     for k, servo in enumerate(result.servos):
         own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
-        cells = [_cell(p) for p in own if _kind(p) in _SHOWN]
-        errors = (f"{servo.error * 1e3:.1f}", f"{servo.simple * 1e3:.1f}")
-        table.add_row(f" {escape(servo.name)}", *cells, *errors)
-    console.print(table)
+        cells = [_cell(p) for p in own if p.name.partition("_")[0] in _SHOWN]
+        lines.append([servo.name, *cells, f"{servo.error * 1e3:.1f}", f"{servo.simple * 1e3:.1f}"])
+    panels: list[Panel] = [Table(_HEADS, lines)]
     if any(parameter.combination for parameter in result.parameters):
-        console.print("\n  ~ only in combination with others; identification.json says which.")
-    console.print("  error: of the open-loop simulation; simple: of the late target or a constant.")
-    for k, path in enumerate(files):
-        console.print(f"{'' if k else chr(10)}  {path}", soft_wrap=True, markup=False)
+        panels.append(Text("~ only in combination with others; identification.json says which.",
+                           note=True))  # fmt: skip
+    panels.append(Text("error: of the open-loop simulation; simple: of the late target or a "
+                       "constant.", note=True))  # fmt: skip
+    return Page(
+        heading=result.robot.name,
+        verdict=words.EXPLAINS[result.explains]._replace(text=result.verdict),
+        eyebrow="identification of position servos from logs",
+        lead=f"{pages.count(len(result.servos), 'servo')}, each with its 95 % intervals.",
+        alarms=brief_alarms(result.findings),
+        sections=[Section("Servos", panels)],
+        commands=commands,
+        versions={"nsaid-mj": __version__},
+    )
 
 
-def _kind(parameter: Parameter) -> str:
-    """Which of a servo's parameters it is, such as "kp" of kp_2."""
-    return parameter.name.partition("_")[0]
+def print_scores(scores: Sequence[Score], console: Console) -> None:
+    """Prints how far models depart from logs: means over all joints.
+
+    Args:
+        scores: of `compare_models`.
+        console: to print on.
+    """
+    heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "time\n[s]")
+    lines: list[list[Cell]] = []
+    for score in scores:
+        numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
+        cells = ["–" if np.isnan(x) else f"{x:.2f}" for x in numbers]
+        lines.append([score.model, *cells, f"{score.seconds:.1f}"])
+    print_panels([Table(heads, lines)], console)
+    console.print()
+    note = "Mean absolute errors of open-loop simulations that start again after this time; "
+    note += "identified: each half of the logs is predicted from the other."
+    print_panels([Text(note)], console)
 
 
 def _cell(parameter: Parameter) -> str:
     """A value with its interval, or marked where only a combination is identified."""
-    scale = _SHOWN[_kind(parameter)]
+    scale = _SHOWN[parameter.name.partition("_")[0]]
     if parameter.status != "identified":
         return f"~ {scale * parameter.value:.3g}"
     half = 50 * (parameter.high - parameter.low) / parameter.value

@@ -17,12 +17,30 @@ KP = np.array([14.0, 15.0, 12.0, 11.0, 9.0, 8.0])  # [N·m/rad]
 T = np.array([0.06, 0.05, 0.07, 0.055, 0.06, 0.05])  # kv/kp [s]
 F = np.array([0.012, 0.03, 0.035, 0.015, 0.012, 0.006])  # friction/kp [rad]
 ARMATURE, DELAY, SKEW, STEP = 0.02, 0.015, 3e-4, 5e-4  # [kg·m², s, s, s]
+PLACE = (0.01, 0.0, -0.09)  # of a load, in the gripper's frame [m]
 TICK = 2 * np.pi / 4096
 
 
-def arm():
-    """MuJoCo's model with the true servos; the delay is applied by `log`."""
+def arm(heavier=1.0, load=0.0):
+    """MuJoCo's model with the true servos; the delay is applied by `log`.
+
+    Args:
+        heavier: the true masses over those of the file.
+        load: mass of a ball in the gripper [kg].
+    """
     spec = mujoco.MjSpec.from_file(str(MODEL))
+    for body in spec.bodies[1:]:
+        body.mass *= heavier
+        body.fullinertia *= heavier
+        body.inertia *= heavier
+    if load:
+        spec.body("gripper").add_body(
+            pos=PLACE,
+            ipos=[0, 0, 0],
+            mass=load,
+            inertia=[0.4 * load * 0.03**2] * 3,
+            explicitinertial=True,
+        )
     spec.option.timestep = STEP
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     for k, servo in enumerate(spec.actuators):
@@ -54,7 +72,7 @@ def targets(rng, t, speed=2.5):
     return np.round(found / TICK) * TICK
 
 
-def log(seed, seconds=40.0, speed=2.5, push=None):
+def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0):
     """(N,) times, (N, 6) targets and (N, 6) positions of one log.
 
     Args:
@@ -62,8 +80,10 @@ def log(seed, seconds=40.0, speed=2.5, push=None):
         seconds: length.
         speed: of the fastest moves [rad/s].
         push: begin [s], end [s] and torque [N·m] of a foreign force on the shoulder's lift.
+        heavier: the true masses over those of the file.
+        load: mass of a ball in the gripper [kg].
     """
-    rng, mj = np.random.default_rng(seed), arm()
+    rng, mj = np.random.default_rng(seed), arm(heavier, load)
     t = np.arange(0, seconds, 0.02) + rng.uniform(-2e-3, 2e-3, round(seconds / 0.02))
     t -= t[0]
     u = targets(rng, t, speed)

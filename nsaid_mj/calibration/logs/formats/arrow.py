@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +11,9 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from ..errors import UnreadableLog
-from . import Columns
+from . import Columns, check_size
 
+LIBRARY = "Arrow"
 _PARQUET, _FILE, _STREAM = b"PAR1", b"ARROW1", b"\xff\xff\xff\xff"
 
 
@@ -23,47 +26,81 @@ def read(path: Path) -> list[Columns]:
     """The columns of a table; a column of lists becomes one column for each entry.
 
     Raises:
-        UnreadableLog: it is damaged or empty.
+        UnreadableLog: it is empty or beyond the limit.
     """
-    try:
-        table = _table(path)
-    except (pa.ArrowException, OSError) as error:
-        raise UnreadableLog(path, f"unreadable ({error})", "Write the file again.") from error
+    table = table_of(path)
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
-    values: dict[str, np.ndarray] = {}
-    for name in table.column_names:
-        values |= _flat(name, table.column(name))
-    return [Columns(values)]
+    values, dropped = {}, []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        found = flat(name, column)
+        values |= found
+        if not found:
+            dropped.append((name, "lists of several lengths, or of no numbers"))
+    return [Columns(values, dropped=tuple(dropped))]
 
 
-def _table(path: Path) -> pa.Table:
+def table_of(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """The table of a file, read batch by batch.
+
+    Args:
+        path: of the file.
+        columns: that are read of a Parquet file; None for all.
+
+    Raises:
+        UnreadableLog: it is beyond the limit.
+    """
+    batches, size = [], 0
+    for batch in _batches(path, columns):
+        size += batch.nbytes
+        check_size(path, size)
+        batches.append(batch)
+    return pa.Table.from_batches(batches) if batches else pa.table({})
+
+
+def _batches(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBatch]:
+    """The record batches of a file, one after the other."""
     with path.open("rb") as stream:
         head = stream.read(6)
     if head.startswith(_PARQUET):
-        return pa.parquet.read_table(path)
-    with pa.memory_map(str(path)) as source:
-        opened = pa.ipc.open_file if head.startswith(_FILE) else pa.ipc.open_stream
-        return opened(source).read_all()
+        with pa.parquet.ParquetFile(path) as file:
+            about = file.metadata
+            groups = map(about.row_group, range(about.num_row_groups))
+            chunks = [g.column(k) for g in groups for k in range(about.num_columns)]
+            check_size(path, sum(8 * chunk.num_values for chunk in chunks))
+            yield from file.iter_batches(columns=columns, use_threads=False)
+        return
+    with pa.OSFile(str(path)) as source:
+        if head.startswith(_FILE):
+            file = pa.ipc.open_file(source)
+            yield from map(file.get_batch, range(file.num_record_batches))
+        else:
+            yield from pa.ipc.open_stream(source)
 
 
-def _flat(name: str, column: pa.ChunkedArray) -> dict[str, np.ndarray]:
-    """A column by name; lists of one length become `name_0`, `name_1` and so on."""
-    if pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type):
-        rows = column.to_pylist()
-        widths = {len(row) for row in rows if row is not None}
-        if len(widths) != 1:
-            return {}
-        width = widths.pop()
-        dense = np.array([[np.nan] * width if row is None else row for row in rows], np.float64)
-        return {f"{name}_{k}": dense[:, k] for k in range(width)}
-    return {name: numpy_column(column)}
+def flat(name: str, column: pa.ChunkedArray, entries: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """A column by name; lists of one length become `name_0`, `name_1` …, or the given entries."""
+    if not (pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type)):
+        return {name: numpy_column(column)}
+    rows = column.to_pylist()
+    widths = {len(row) for row in rows if row is not None}
+    inner = column.type.value_type
+    if len(widths) != 1 or not (pa.types.is_floating(inner) or pa.types.is_integer(inner)):
+        return {}
+    width = widths.pop()
+    dense = np.array([[np.nan] * width if row is None else row for row in rows], np.float64)
+    names = entries if len(entries) == width else [f"{name}_{k}" for k in range(width)]
+    return dict(zip(names, dense.T, strict=True))
 
 
-def numpy_column(column: pa.ChunkedArray) -> np.ndarray:
+def numpy_column(column: pa.ChunkedArray, decimal: str = ".") -> np.ndarray:
     """A column as float64 with NaN for nulls, int64, datetime64[ns] or strings.
 
     Text in which most fields are numbers counts as numbers; its other fields become NaN.
+
+    Args:
+        column: of a table.
+        decimal: mark of numbers in text, "." or ","; the other one groups thousands.
     """
     kind = column.type
     if pa.types.is_timestamp(kind):
@@ -82,12 +119,17 @@ def numpy_column(column: pa.ChunkedArray) -> np.ndarray:
     if pa.types.is_boolean(kind) or pa.types.is_null(kind):
         return np.array([np.nan if x is None else float(x) for x in column.to_pylist()])
     texts = np.array([str(x) if x is not None else "" for x in column.to_pylist()], dtype=object)
-    numbers = np.array([_number(text) for text in texts])
+    numbers = np.array([_number(text, decimal) for text in texts])
     return numbers if np.isfinite(numbers).mean() > 0.5 else texts
 
 
-def _number(text: str) -> float:
+def _number(text: str, decimal: str) -> float:
+    other = "," if decimal == "." else "."
+    if other in text:
+        if not re.fullmatch(rf"[+-]?\d{{1,3}}(\{other}\d{{3}})+(\{decimal}\d*)?", text.strip()):
+            return np.nan
+        text = text.replace(other, "")
     try:
-        return float(text)
+        return np.nan if "_" in text else float(text.replace(decimal, "."))
     except ValueError:
         return np.nan

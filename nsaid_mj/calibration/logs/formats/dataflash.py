@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..errors import MissingExtra, UnreadableLog
-from . import Columns
+from . import Columns, check_size
+
+LIBRARY = "pymavlink"
 
 _HEAD = b"\xa3\x95\x80"  # the first message declares the format of formats
 
@@ -26,16 +27,30 @@ def read(path: Path) -> list[Columns]:
 
     Raises:
         MissingExtra: `pymavlink` is not installed.
-        UnreadableLog: the file is damaged or has no message with a time.
+        UnreadableLog: the file is beyond the limit or has no message with a time.
     """
     try:
         from pymavlink.DFReader import DFReader_binary
     except ImportError as error:
         raise MissingExtra(path, "dataflash") from error
-    try:
-        rows = _rows(DFReader_binary(str(path), zero_time_base=True))
-    except Exception as error:  # pymavlink raises bare exceptions on damaged files
-        raise UnreadableLog(path, f"unreadable log ({error})", "Copy the log again.") from error
+    check_size(path, path.stat().st_size)
+    rows: dict[tuple[str, tuple[str, ...]], list[list[float]]] = defaultdict(list)
+    unread: dict[str, str] = {}
+    reader, numbers_read = DFReader_binary(str(path), zero_time_base=True), 0
+    while (message := reader.recv_msg()) is not None:
+        values = message.to_dict()
+        kind = values.pop("mavpackettype")
+        if "TimeUS" not in values:
+            if kind != "FMT":  # the declarations of the others
+                unread[kind] = "messages without a time"
+            continue
+        instance = values.get("I", values.get("C", 0))
+        name = f"{kind}_{instance}" if isinstance(instance, int) and instance else kind
+        numbers = {k: x for k, x in values.items() if isinstance(x, int | float)}
+        unread |= {f"{name}/{k}": "text" for k in values.keys() - numbers.keys()}
+        rows[name, tuple(numbers)].append(list(numbers.values()))
+        numbers_read += len(numbers)
+        check_size(path, 8 * numbers_read)
     found = []
     for (name, fields), table in rows.items():
         dense = dict(zip(fields, np.array(table, np.float64).T, strict=True))
@@ -44,19 +59,4 @@ def read(path: Path) -> list[Columns]:
             found.append(Columns({f"{name}/{k}": x for k, x in dense.items()}, time))
     if not found:
         raise UnreadableLog(path, "no message has a time", "Record the log again.")
-    return found
-
-
-def _rows(reader: Any) -> dict[tuple[str, tuple[str, ...]], list[list[float]]]:
-    """The numbers of all messages by kind and fields."""
-    rows = defaultdict(list)
-    while (message := reader.recv_msg()) is not None:
-        values = message.to_dict()
-        kind = values.pop("mavpackettype")
-        if "TimeUS" not in values:
-            continue
-        instance = values.get("I", values.get("C", 0))
-        name = f"{kind}_{instance}" if isinstance(instance, int) and instance else kind
-        numbers = {k: x for k, x in values.items() if isinstance(x, int | float)}
-        rows[name, tuple(numbers)].append(list(numbers.values()))
-    return rows
+    return [found[0]._replace(dropped=tuple(unread.items())), *found[1:]]

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UnreadableLog
-from . import Columns
+from . import Columns, check_size
+
+LIBRARY = "NumPy"
 
 
 def recognises(_path: Path, head: bytes) -> bool:
@@ -20,34 +22,39 @@ def read(path: Path) -> list[Columns]:
     """Arrays grouped by their length; column k of an array (N, width) is called `name_k`.
 
     Raises:
-        UnreadableLog: it is no archive of NumPy arrays, or has none of numbers.
+        UnreadableLog: it is beyond the limit, or has no array of numbers.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: _loaded(archive, name) for name in archive.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise UnreadableLog(path, f"unreadable ({error})", "Write it with np.savez.") from error
+    with zipfile.ZipFile(path) as archive:
+        check_size(path, sum(member.file_size for member in archive.infolist()))
     groups: dict[int, dict[str, np.ndarray]] = {}
-    for name, array in arrays.items():
-        if array is None or array.ndim not in (1, 2) or array.dtype.kind not in "fiubM":
-            continue
-        group = groups.setdefault(len(array), {})
-        if array.ndim == 1 or array.shape[1] == 1:
-            group[name] = _plain(array.reshape(-1))
-        else:
-            group |= {f"{name}_{k}": _plain(array[:, k]) for k in range(array.shape[1])}
-    groups = {length: group for length, group in groups.items() if length > 1}
+    dropped = []
+    with np.load(path, allow_pickle=False) as archive:
+        for name in archive.files:
+            array = _loaded(archive, name)
+            if array is None or array.ndim not in (1, 2) or array.dtype.kind not in "fiubM":
+                what = "objects" if array is None else f"{array.dtype} of shape {array.shape}"
+                dropped.append((name, f"{what}, no columns of numbers"))
+            elif len(array) < 2:
+                dropped.append((name, "a single row"))
+            elif array.ndim == 1 or array.shape[1] == 1:
+                groups.setdefault(len(array), {})[name] = _plain(array.reshape(-1))
+            else:
+                columns = {f"{name}_{k}": _plain(column) for k, column in enumerate(array.T)}
+                groups.setdefault(len(array), {}).update(columns)
     if not groups:
         raise UnreadableLog(path, "there is no array of numbers", "Write (N,) or (N, k) arrays.")
-    return [Columns(group) for group in groups.values()]
+    first, *others = groups.values()
+    return [Columns(first, dropped=tuple(dropped)), *map(Columns, others)]
 
 
 def _loaded(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:
     """An array of the archive; None if it holds pickled objects, such as strings of names."""
     try:
         return archive[name]
-    except ValueError:
-        return None
+    except ValueError as error:
+        if "allow_pickle" in str(error):
+            return None
+        raise
 
 
 def _plain(column: np.ndarray) -> np.ndarray:

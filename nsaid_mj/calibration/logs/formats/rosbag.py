@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import MissingExtra, UnreadableLog
-from . import Columns
+from . import Columns, check_size
+
+LIBRARY = "rosbags"
 
 _HEADS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 _VECTOR = ("x", "y", "z")
@@ -35,35 +37,35 @@ def read(path: Path) -> list[Columns]:
 
     Raises:
         MissingExtra: `rosbags` is not installed.
-        UnreadableLog: the bag is damaged or has no message of these types.
+        UnreadableLog: the bag is beyond the limit or has no message of these types.
     """
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise MissingExtra(path, "ros") from error
     times: dict[str, list[int]] = defaultdict(list)
     rows: dict[str, list[dict[str, float]]] = defaultdict(list)
-    try:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader([path], default_typestore=store) as reader:
-            known = [c for c in reader.connections if c.msgtype in _PARTS]
-            types = sorted({c.msgtype for c in reader.connections})
-            for connection, received, raw in reader.messages(known):
-                message: Any = reader.deserialize(raw, connection.msgtype)
-                topic = connection.topic.strip("/")
-                time = _stamp(message) or received
-                for part, values in _PARTS[connection.msgtype](message):
-                    times[f"{topic}/{part}"].append(time)
-                    rows[f"{topic}/{part}"].append(
-                        {f"{topic}/{name}": value for name, value in values.items()}
-                    )
-    except (AnyReaderError, OSError) as error:
-        raise UnreadableLog(path, f"unreadable bag ({error})", "Copy the bag again.") from error
+    store, numbers = get_typestore(Stores.ROS2_HUMBLE), 0
+    with AnyReader([path], default_typestore=store) as reader:
+        known = [c for c in reader.connections if c.msgtype in _PARTS]
+        others = {c.topic: c.msgtype for c in reader.connections if c.msgtype not in _PARTS}
+        for connection, received, raw in reader.messages(known):
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            topic = connection.topic.strip("/")
+            time = _stamp(message) or received
+            for part, values in _PARTS[connection.msgtype](message):
+                times[f"{topic}/{part}"].append(time)
+                rows[f"{topic}/{part}"].append({f"{topic}/{k}": x for k, x in values.items()})
+                numbers += 1 + len(values)
+            check_size(path, 8 * numbers)
     if not rows:
-        remedy = f"Record sensor_msgs/JointState or nav_msgs/Odometry; it has {', '.join(types)}."
+        types = ", ".join(sorted(set(others.values())))
+        remedy = f"Record sensor_msgs/JointState or nav_msgs/Odometry; it has {types}."
         raise UnreadableLog(path, "the bag has no message of joints or odometry", remedy)
-    return [_columns(times[part], rows[part]) for part in rows]
+    found = [_columns(times[part], rows[part]) for part in rows]
+    dropped = tuple((topic, f"a topic of {kind}") for topic, kind in others.items())
+    return [found[0]._replace(dropped=dropped), *found[1:]]
 
 
 def _columns(times: list[int], rows: list[dict[str, float]]) -> Columns:

@@ -9,7 +9,9 @@ import numpy as np
 from ....errors import BadRun
 from ....experiment.record import FILE, Record
 from ..errors import UnreadableLog
-from . import Columns
+from . import Columns, check_size
+
+LIBRARY = "Arrow"
 
 
 def recognises(path: Path, _head: bytes) -> bool:
@@ -21,8 +23,10 @@ def read(path: Path) -> list[Columns]:
     """The columns `t`, `q_0` …, `v_0` …, `u_0` … of a run.
 
     Raises:
-        UnreadableLog: the record is damaged or empty.
+        UnreadableLog: the record is damaged, empty, or beyond the limit.
     """
+    file = path / FILE if path.is_dir() else path
+    check_size(file, file.stat().st_size)
     try:
         record = Record.read(path)
     except BadRun as error:

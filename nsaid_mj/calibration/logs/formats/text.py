@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
-import io
 import re
-import zlib
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
@@ -15,15 +14,24 @@ import pyarrow as pa
 import pyarrow.csv
 
 from ..errors import UnreadableLog
-from . import Columns
+from . import STRAY, Columns, check_size
 from .arrow import numpy_column
 
-_NULLS = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "none", "-", "--"]
+LIBRARY = "the reader of text tables"
+_NULLS = ["", "NaN", "nan", "-nan", "NA", "N/A", "null", "NULL", "None", "none", "-", "--"]
+_NULLS += ["#N/A", "#NA", "#NV", "#VALUE!", "#DIV/0!", "#REF!", "#NUM!", "1.#QNAN", "-1.#IND"]
 _COMMENT = re.compile(rb"^[ \t]*(?:#|%|//)")
 _COMMENT_LINES = re.compile(rb"^[ \t]*(?:#|%|//).*\r?\n?", re.MULTILINE)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf(?:inity)?", re.IGNORECASE)
 _DATE = re.compile(r"\d{4}-\d\d-\d\d.*|\d\d:\d\d(?::\d\d.*)?")
-_SAMPLE = 50  # lines by which the dialect is recognised
+_MARKED = re.compile(  # a number with points or commas that fills a field
+    rb"(?:^|(?<=[;\t\" ]))[+-]?(\d+[.,][\d.,]*|[.,]\d[\d.,]*)(?:[eE][+-]?\d+)?(?=[;\t\" \r]|$)",
+    re.MULTILINE,
+)
+_SAMPLE = 50  # lines by which the dialect is recognised, and fewer of more characters than this
+_SAMPLE_SIZE = 200_000
+_BLOCK = 1 << 20  # bytes that are unpacked at a time
+_MOST_MALFORMED = 0.5  # share of rows beyond which a file is no table
 
 
 class Dialect(NamedTuple):
@@ -51,14 +59,10 @@ def read(path: Path) -> list[Columns]:
     """The columns of a text file.
 
     Raises:
-        UnreadableLog: it is damaged, or is no table of at least one row.
+        UnreadableLog: it is beyond the limit, is no table of at least one row, or does not tell
+            whether points or commas are its decimal marks.
     """
-    try:
-        data = path.read_bytes()
-        text = gzip.decompress(data) if data.startswith(b"\x1f\x8b") else data
-    except (OSError, EOFError, zlib.error) as error:
-        raise UnreadableLog(path, f"unreadable ({error})", "Copy the file again.") from error
-    text = text.removeprefix(b"\xef\xbb\xbf")
+    text = _unpacked(path).removeprefix(b"\xef\xbb\xbf")
     comments = [line for line in text[:65536].splitlines() if _COMMENT.match(line)]
     if comments:
         text = _COMMENT_LINES.sub(b"", text)
@@ -66,11 +70,81 @@ def read(path: Path) -> list[Columns]:
     lines = [line for line in text[: 1 << 20].decode(encoding, "replace").splitlines() if line]
     if not lines or not lines[0].strip():
         raise UnreadableLog(path, "the file has no rows", "Record the log again.")
-    dialect = dialect_of(lines[:_SAMPLE], [c.decode(encoding, "replace") for c in comments])
+    lines = lines[: max(5, min(_SAMPLE, _SAMPLE_SIZE // len(lines[0])))]
+    dialect = dialect_of(lines, [c.decode(encoding, "replace") for c in comments])
+    check_size(path, 8 * text.count(b"\n") * len(dialect.names))
+    problems = []
+    if b'"' in text:
+        text, problems = _without_stray_quotes(text, int(dialect.header))
+    if dialect.delimiter != ",":
+        dialect = dialect._replace(decimal=_decimal(path, text))
     if dialect.delimiter == " ":
         text = re.sub(rb"^[ \t]+|[ \t]+(?=\r?$)", b"", text, flags=re.MULTILINE)
         text = re.sub(rb"[ \t]+", b" ", text)
-    return [_parsed(path, text, dialect, encoding)]
+    return [_parsed(path, text, dialect, encoding, problems)]
+
+
+def _unpacked(path: Path) -> bytes:
+    """The bytes of a file, or those that a gzip file holds.
+
+    A gzip file is unpacked twice, first block by block, so that one beyond the limit takes no
+    memory.
+    """
+    with path.open("rb") as stream:
+        packed = stream.read(2) == b"\x1f\x8b"
+    if not packed:
+        check_size(path, path.stat().st_size)
+        return path.read_bytes()
+    with gzip.open(path) as stream:
+        size = 0
+        while block := stream.read(_BLOCK):
+            size += len(block)
+            check_size(path, size)
+    with gzip.open(path) as stream:
+        return stream.read()
+
+
+def _without_stray_quotes(text: bytes, headers: int) -> tuple[bytes, list[tuple[int, str]]]:
+    """A text in which no field reaches beyond its line.
+
+    A line with an odd number of quotes would swallow the lines after it; it loses its quotes.
+
+    Returns:
+        The text, and the rows that have lost their quotes.
+    """
+    lines, found, row = text.split(b"\n"), [], -headers
+    for k, line in enumerate(lines):
+        row += bool(line.strip())
+        if line.count(b'"') % 2:
+            lines[k] = line.replace(b'"', b"")
+            found.append((row, STRAY))
+    return (b"\n".join(lines) if found else text), found
+
+
+def _decimal(path: Path, text: bytes) -> str:
+    """The decimal mark of a text whose delimiter is no comma.
+
+    Raises:
+        UnreadableLog: all that it has are fields like `1,234` and `1.234`.
+    """
+    if b"," not in text:
+        return "."
+    seen: dict[bytes, str] = {}
+    for found in _MARKED.finditer(text):
+        number = found[1]
+        last = max(number.rfind(b"."), number.rfind(b","))
+        mark = number[last : last + 1]
+        other = b"," if mark == b"." else b"."
+        whole, part = number[:last], number[last + 1 :]
+        if mark in whole:  # 1,234,567: a mark that is repeated groups thousands
+            return other.decode()
+        if other in whole or len(part) != 3 or not 1 <= len(whole) <= 3 or whole.startswith(b"0"):
+            return mark.decode()
+        seen[mark] = found[0].decode()
+    if len(seen) > 1:
+        reason = f"{' and '.join(seen.values())} do not tell which mark is the decimal one"
+        raise UnreadableLog(path, reason, "Export the log without marks between thousands.")
+    return "," if b"," in seen else "."
 
 
 def dialect_of(lines: list[str], comments: list[str]) -> Dialect:
@@ -104,11 +178,14 @@ def dialect_of(lines: list[str], comments: list[str]) -> Dialect:
 
 def split(line: str, delimiter: str) -> list[str]:
     """The fields of a line, without quotes and blanks around them."""
-    blank = r"[ \t]+" if delimiter == " " else rf"[ \t]*{re.escape(delimiter)}[ \t]*"
-    if delimiter == "\t":
-        blank = r" *\t *"
-    outside = rf'{blank}(?=(?:[^"]*"[^"]*")*[^"]*$)'
-    return [field.strip().strip('"').strip() for field in re.split(outside, line.strip(" \r\n"))]
+    line = line.strip(" \r\n")
+    if delimiter == " ":
+        line = re.sub("[ \t]+", " ", line).strip()
+    if '"' in line:
+        (fields,) = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    else:
+        fields = line.split(delimiter)
+    return [field.strip().strip('"').strip() for field in fields]
 
 
 def _delimiter(lines: list[str]) -> str:
@@ -130,55 +207,65 @@ def _value(field: str) -> bool:
 def _unique(names: list[str]) -> list[str]:
     """Names with `.1`, `.2` … appended to repeated ones."""
     seen: Counter[str] = Counter()
-    found = []
+    found: dict[str, None] = {}
     for name in names:
-        found.append(f"{name}.{seen[name]}" if seen[name] else name)
-        seen[name] += 1
-    return found
+        new = name
+        while new in found:
+            seen[name] += 1
+            new = f"{name}.{seen[name]}"
+        found[new] = None
+    return list(found)
 
 
 def _encoding(text: bytes) -> str:
     try:
-        text[: 1 << 16].decode("utf-8")
-    except UnicodeDecodeError as error:
-        return "utf-8" if error.start > (1 << 16) - 4 else "latin-1"
+        text.decode("utf-8")
+    except UnicodeDecodeError:
+        return "latin-1"
     return "utf-8"
 
 
-def _parsed(path: Path, text: bytes, dialect: Dialect, encoding: str) -> Columns:
+def _parsed(
+    path: Path, text: bytes, dialect: Dialect, encoding: str, problems: list[tuple[int, str]]
+) -> Columns:
     bad: list[tuple[int, str]] = []
+    first = 1 + int(dialect.header)
 
     def skip(row: pa.csv.InvalidRow) -> str:
-        bad.append((row.number or 0, f"{row.actual_columns} fields"))
+        bad.append(((row.number or 0) - first + 1, f"{row.actual_columns} fields"))
         return "skip"
 
-    try:
-        table = pa.csv.read_csv(
-            io.BytesIO(text),
-            # one block, so that a column's type follows from all its rows; row numbers need one
-            # thread
-            pa.csv.ReadOptions(
-                use_threads=False,
-                block_size=min(len(text) + 1, 2**31 - 1),
-                column_names=dialect.names,
-                skip_rows=int(dialect.header),
-                encoding=encoding,
-            ),
-            pa.csv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=skip),
-            pa.csv.ConvertOptions(
-                null_values=_NULLS,
-                strings_can_be_null=True,
-                decimal_point=dialect.decimal,
-            ),
-        )
-    except pa.ArrowInvalid as error:
-        raise UnreadableLog(path, f"not a table ({error})", "Export it as CSV again.") from error
+    table = pa.csv.read_csv(
+        pa.BufferReader(text),
+        # one block, so that a column's type follows from all its rows; row numbers need one thread
+        pa.csv.ReadOptions(
+            use_threads=False,
+            block_size=min(len(text) + 1, 2**31 - 1),
+            column_names=dialect.names,
+            skip_rows=int(dialect.header),
+            encoding=encoding,
+        ),
+        pa.csv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=skip),
+        pa.csv.ConvertOptions(
+            null_values=_NULLS, strings_can_be_null=True, decimal_point=dialect.decimal
+        ),
+    )
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
-    values = {name: numpy_column(table.column(name)) for name in table.column_names}
-    kept = {name: column for name, column in values.items() if not _index(name, column)}
-    first = 1 + int(dialect.header)
-    return Columns(kept, None, tuple((row - first + 1, why) for row, why in bad))
+    if len(bad) > _MOST_MALFORMED * (len(bad) + table.num_rows):
+        reason = f"{len(bad)} of {len(bad) + table.num_rows} rows have not {len(dialect.names)} "
+        reason += f"fields, the first row {bad[0][0]} with {bad[0][1]}"
+        raise UnreadableLog(path, reason, "Export the log as one table.")
+    names = zip(table.column_names, table.columns, strict=True)
+    values = {name: numpy_column(column, dialect.decimal) for name, column in names}
+    index = tuple(
+        (name, "it has no name, and is empty or counts the rows")
+        for name, column in values.items()
+        if _index(name, column)
+    )
+    for name, _ in index:
+        del values[name]
+    return Columns(values, None, tuple(sorted([*problems, *bad])), index, len(bad))
 
 
 def _index(name: str, column: np.ndarray) -> bool:

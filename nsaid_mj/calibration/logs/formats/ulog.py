@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import MissingExtra, UnreadableLog
-from . import Columns
+from . import Columns, check_size
+
+LIBRARY = "pyulog"
 
 _HEAD = b"ULog\x01\x12\x35"
 
@@ -25,17 +26,14 @@ def read(path: Path) -> list[Columns]:
 
     Raises:
         MissingExtra: `pyulog` is not installed.
-        UnreadableLog: the file is damaged or has no data.
+        UnreadableLog: the file is beyond the limit or has no data.
     """
     try:
         from pyulog import ULog
-        from pyulog.exceptions import ULogException
     except ImportError as error:
         raise MissingExtra(path, "ulog") from error
-    try:
-        log = ULog(str(path))
-    except (ULogException, ValueError, LookupError, struct.error) as error:
-        raise UnreadableLog(path, f"unreadable ULog ({error})", "Copy the log again.") from error
+    check_size(path, path.stat().st_size)
+    log = ULog(str(path))
     found = []
     for topic in log.data_list:
         name = f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name
@@ -50,4 +48,8 @@ def read(path: Path) -> list[Columns]:
             found.append(Columns(values, times.astype(np.int64) * 1000))
     if not found:
         raise UnreadableLog(path, "the log has no data", "Record the log again.")
-    return found
+    dropped = []
+    if log.file_corruption:
+        dropped.append((LIBRARY, "a part of the file is damaged and was skipped"))
+    dropped += [("logger", f"{d.duration} ms were not recorded") for d in log.dropouts]
+    return [found[0]._replace(dropped=tuple(dropped)), *found[1:]]

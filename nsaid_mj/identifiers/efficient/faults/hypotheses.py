@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ....parameters import Array, Indices, ParameterSpace
+from ....structure.payload import carrier, point_mass, submerged
+from ....structure.sensing import sensor_labels, sensor_units
 from ....system import SecondOrderSystem, gains_by_command
-from ....systems.payload import carrier, point_mass, submerged
-from ....systems.sensing import sensor_labels, sensor_units
 from ...cone.barrier import Cone, cone_of, gradient_and_hessian
 from ..kalman import SMALL
 from .evidence import Jump

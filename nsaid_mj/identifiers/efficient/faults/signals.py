@@ -9,8 +9,8 @@ import numpy as np
 
 from ....log import Log
 from ....parameters import Array
+from ....structure.sensing import displaced
 from ....system import SecondOrderSystem, gains_by_command
-from ....systems.sensing import displaced
 from ...faults import FaultEvent
 from .hypotheses import Hypothesis
 

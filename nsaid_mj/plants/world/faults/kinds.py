@@ -17,8 +17,8 @@ from pydantic import Field, model_validator
 from ....bounds import Config, Name, NonNegative, Number, Positive, config
 from ....errors import InvalidInput, UnknownName
 from ....parameters import Array, Indices
+from ....structure.payload import carrier, point_mass
 from ....system import SecondOrderSystem, gains_by_command
-from ....systems.payload import carrier, point_mass
 
 Index = Annotated[int, Field(strict=True, ge=1, le=1000)]
 Sensor = Literal["position", "velocity"]
@@ -289,7 +289,7 @@ class Bias(Fault):
         return np.zeros(0, dtype=np.intp)
 
     def biases(self, n: int) -> Array:
-        """(2, n) errors of positions, see `systems.sensing`, and velocities."""
+        """(2, n) errors of positions, see `structure.sensing`, and velocities."""
         found = np.zeros((2, n))
         found[int(self.sensor == "velocity"), self.channel - 1] = self.by
         return found

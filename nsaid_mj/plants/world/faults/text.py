@@ -121,8 +121,3 @@ def fault_text(fault: Fault) -> str:
                     words.append(str(getattr(fault, "channel")))  # noqa: B009 (of this kind only)
             return " ".join(words)
     return type(fault).__name__
-
-
-def faults_text(faults: Sequence[Fault]) -> str:
-    """Faults as one text."""
-    return "; ".join(map(fault_text, faults))

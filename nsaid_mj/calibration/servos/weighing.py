@@ -1,0 +1,174 @@
+"""All joints of an arm together with a weighed load: what it says of the common scale.
+
+Masses of the model file that are all s times too large leave every motion the same, with kp, kv,
+armature and friction s times too large. The file's arm therefore fits its logs, and a load of known
+mass m looks to it as μ = m/s: μ and the load's place are fitted with the joints' own parameters to
+all logs, free and loaded ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from ...parameters import Array, Indices
+from ..data import RobotModel
+from ..payloads import Load, carrier, with_mass
+from .fit import STEP, OutputError, Prior, minimise, undisturbed
+from .logs import ServoLog, weighed, without_armature
+from .simulation import simulate
+
+_OWN = 5  # parameters of a joint
+_UNSURE = 1.0  # standard deviation of ln s before the log
+_REACH = 0.15  # of each coordinate of a load whose place is not known [m]
+_SHIFT = 5e-3  # of central differences of the place [m]
+
+
+class Arm:
+    """Simulations of all joints, each in units of its own residual.
+
+    The parameters x are (n, 5) ln θ of the joints in a row, ln μ, and the load's place (3,) in the
+    frame of the joint that carries it [m].
+
+    Args:
+        robot: the model.
+        logs: free and loaded ones.
+        load: of the loaded ones.
+        sigma: (n,) robust rms of each joint's residual [rad or m].
+        used: (N,) 1 of samples that count.
+        motions: (N, n) simulated positions of each loaded log, at which it is weighed; None for the
+            measured ones.
+    """
+
+    def __init__(
+        self, robot: RobotModel, logs: Sequence[ServoLog], load: Load, sigma: Array, used: Array,
+        motions: Sequence[Array] | None = None,
+    ):  # fmt: skip
+        self.joint = carrier(robot.model, load)[0]
+        self._model, self._logs, self._motions = without_armature(robot.model), logs, motions
+        self.sigma, self.used = sigma, np.tile(used, len(sigma))
+        self._weighed: tuple[Array, Sequence[ServoLog]] = np.full(4, np.nan), ()
+
+    @cached_property
+    def spacing(self) -> Array:
+        """(n N,) time that each sample stands for [s]."""
+        own = np.concatenate([np.gradient(log.t) for log in self._logs])
+        return np.tile(own, len(self.sigma))
+
+    def logs(self, x: Array) -> Sequence[ServoLog]:
+        """The logs, loaded ones with the loads that μ and the place in x make."""
+        if not np.array_equal(x[-4:], self._weighed[0]):
+            heavy = with_mass(self._model, self.joint, float(np.exp(x[-4])), x[-3:])
+            own = iter(self._motions or ())
+            logs = [
+                weighed(heavy, log, next(own, None)) if log.loaded else log for log in self._logs
+            ]
+            self._weighed = x[-4:].copy(), logs
+        return self._weighed[1]
+
+    def positions(self, x: Array, offset: float = 0.0) -> list[Array]:
+        """(N, n) simulated positions of every log [rad or m], with all targets moved."""
+        theta, found = np.exp(x[:-4]).reshape(-1, _OWN), []
+        for log in self.logs(x):
+            joints = [log._replace(target=log.target + offset).joint(j) for j in range(len(theta))]
+            each = zip(joints, theta, strict=True)
+            found.append(np.column_stack([simulate(joint, own) for joint, own in each]))
+        return found
+
+    def residual(self, x: Array, offset: float = 0.0) -> Array:
+        """(n N,) residuals over `sigma`, joint after joint; with all targets moved."""
+        found = zip(self.positions(x, offset), self._logs, strict=True)
+        apart = np.concatenate([q - log.position for q, log in found])
+        return (apart / self.sigma).T.ravel()
+
+    def moved(self, x: Array, offset: float) -> Array:
+        """(n N, n) change of the residual by an offset [rad or m] of the targets of each joint."""
+        change = self.residual(x, offset) - self.residual(x)
+        return scipy.linalg.block_diag(*change.reshape(len(self.sigma), -1)).T
+
+    def jacobian(self, x: Array, free: Indices) -> Array:
+        """(n N, k) central differences; a joint's own parameters change its own rows alone."""
+        n = len(self.sigma)
+        count = len(self.used) // n
+        columns = np.zeros((n, count, len(x)))
+        for i in range(_OWN):
+            own = np.arange(i, _OWN * n, _OWN)
+            change = self._difference(x, own, STEP)
+            columns[np.arange(n), :, own] = change
+        for i in range(len(x) - 4, len(x)):
+            step = STEP if i == len(x) - 4 else _SHIFT
+            columns[:, :, i] = self._difference(x, np.array([i]), step)
+        return columns.reshape(n * count, -1)[:, free]
+
+    def _difference(self, x: Array, at: Indices, step: float) -> Array:
+        """(n, N) change of the residuals by a step of some parameters, over it."""
+        delta = np.zeros(len(x))
+        delta[at] = step
+        change = (self.residual(x + delta) - self.residual(x - delta)) / (2 * step)
+        return change.reshape(len(self.sigma), -1)
+
+
+class Weighed(NamedTuple):
+    """An arm that was fitted with its load.
+
+    Attributes:
+        arm: the simulations at the minimum.
+        fit: the minimiser and its residual, see `Arm`.
+        prior: of its parameters.
+        used: (N,) 1 of samples in use.
+    """
+
+    arm: Arm
+    fit: OutputError
+    prior: Prior
+    used: Array
+
+    def joint(self, j: int) -> tuple[OutputError, Prior]:
+        """The fit of one joint [rad or m], without derivatives, and its prior."""
+        own, sigma = slice(_OWN * j, _OWN * (j + 1)), self.arm.sigma[j]
+        residual = self.fit.residual.reshape(len(self.arm.sigma), -1)[j] * sigma
+        fit = OutputError(self.fit.x[own].copy(), residual, sigma, np.zeros((len(residual), 0)))
+        return fit, Prior(self.prior.mean[own], self.prior.deviation[own])
+
+
+def weigh(
+    robot: RobotModel,
+    logs: Sequence[ServoLog],
+    load: Load,
+    fits: Sequence[OutputError],
+    priors: Sequence[Prior],
+    used: Array,
+) -> Weighed:
+    """Fits all joints and the load to free and loaded logs.
+
+    Args:
+        robot: the model.
+        logs: all, free ones with the loads of their simulated motion.
+        load: of the loaded ones.
+        fits: of the joints to the free logs.
+        priors: of the joints' parameters.
+        used: (N,) 1 of samples that count, of all logs.
+    """
+    _, centre, known = carrier(robot.model, load)
+    mean = np.concatenate([p.mean for p in priors] + [[np.log(load.mass)], centre])
+    place = np.full(3, 0.0 if known else _REACH)
+    prior = Prior(mean, np.concatenate([p.deviation for p in priors] + [[_UNSURE], place]))
+    x = np.concatenate([f.x for f in fits] + [mean[-4:]])
+    sigma = np.array([f.sigma for f in fits])
+    moved: list[Array] | None = None
+    for last in (False, False, True):
+        arm = Arm(robot, logs, load, sigma, used, moved)
+        fit = minimise(arm, x, prior)
+        if last:
+            break
+        found, x = arm.positions(fit.x), fit.x
+        if moved is not None:  # before, the joints' effects on each other are missing
+            for j, residual in enumerate(fit.residual.reshape(len(sigma), -1)):
+                joint = [log.joint(j) for log in logs]
+                used = used * undisturbed(joint, sigma[j] * residual, float(sigma[j]))
+        moved = [q for q, log in zip(found, logs, strict=True) if log.loaded]
+    return Weighed(arm, fit, prior, used)

@@ -1,0 +1,102 @@
+"""The tracking laws: what each demands of a command, and how its estimate follows.
+
+The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJRR 6(3), 1987) in the
+cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...identifiers.cone.law import ConeMetric
+from ...identifiers.metric import ConstantMetric
+from ...parameters import Array, ParameterSpace
+from .design import Rehearsal, loop_frequency
+from .estimate import Estimate
+
+
+class Demand(NamedTuple):
+    """What a command must achieve: W(t, x, w, a, u) θ̂ = pull.
+
+    Attributes:
+        w: (n,) velocity that C multiplies.
+        a: (n,) acceleration.
+        pull: (n,) generalised force.
+    """
+
+    w: Array
+    a: Array
+    pull: Array
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingLaw:
+    """A tracking law.
+
+    Attributes:
+        estimate: θ̂ and its adaptation.
+        damping: (n,) K_d of W(t, x, v_r, v̇_r, u) θ̂ = K_d s; None for computed torque.
+        decay: κ of computed torque, W(t, x, v, v̇_r − κ s, u) θ̂₀ = 0: under θ̂₀, ṡ = −κ s [1/s].
+        informed: whether it uses an identifier's estimate.
+    """
+
+    estimate: Estimate
+    damping: Array | None = None
+    decay: float = 0.0
+    informed: bool = False
+
+    def demand(self, v: Array, v_r: Array, a_r: Array) -> Demand:
+        """The demand at a measured velocity v (n,), for v_r (n,) and v̇_r (n,)."""
+        s = v - v_r
+        if self.damping is None:
+            return Demand(v, a_r - self.decay * s, 0.0 * v)
+        return Demand(v_r, a_r, self.damping * s)
+
+
+def conventional(
+    space: ParameterSpace,
+    prior: Array,
+    rehearsal: Rehearsal,
+    shape: Array,
+    frequency: float,
+    damping: Array,
+) -> TrackingLaw:
+    """θ̂̇ = −Γ Wᵀ s of the plant; the gains are the prior's.
+
+    Args:
+        space: of the parameters.
+        prior: (p,) θ̂(0); its gains are taken as known.
+        rehearsal: the prior's dynamics along the desired motion.
+        shape: (p,) diagonal of Γ⁻¹ at γ = 1.
+        frequency: of the adaptation's loop [rad/s]; it sets γ.
+        damping: (n,) K_d.
+    """
+    known = np.isin(np.arange(len(space)), space.actuators)
+    unit = np.where(known, 0.0, 1 / shape)
+    gain = (frequency / loop_frequency(rehearsal, np.diag(unit))) ** 2
+    return TrackingLaw(Estimate(prior, ConstantMetric(gain * unit, known)), damping)
+
+
+def nullspace(
+    space: ParameterSpace,
+    prior: Array,
+    rehearsal: Rehearsal,
+    shape: Array,
+    frequency: float,
+    damping: Array,
+    barrier: float,
+) -> TrackingLaw:
+    """θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s, of plant and actuators together.
+
+    V = ½ sᵀ M s + D_ψ(θ‖θ̂) has V̇ = −sᵀ K_d s, and the gains that u is divided by stay positive;
+    see docs/theory.md. ψ(θ) = ½ θᵀ Γ⁻¹ θ + μ b(θ), with μ = `barrier` in units of Γ⁻¹ at the scale;
+    the other arguments are those of `conventional`, with the prior inside the cone.
+    """
+    mu = barrier * float(np.median(shape * space.scale**2))
+    unit = ConeMetric(space, 1 / shape, prior, mu)
+    mobility = np.asarray(np.linalg.inv(mu * unit.mirror(prior)[1]), dtype=np.float64)
+    gain = (frequency / loop_frequency(rehearsal, mobility)) ** 2
+    return TrackingLaw(Estimate(prior, ConeMetric(space, gain / shape, prior, mu / gain)), damping)

@@ -1,0 +1,146 @@
+"""Rotorcraft that carry an arm (5): rotors of unknown thrust and torque, in still air."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from ..bounds import Name, Share, config
+from ..errors import UnknownName
+from ..parameters import Array, Block
+from ..resources import numbers
+from ..robot.robots import Robot, load_robot
+from ..robot.tree import RobotVisuals, tree_spec
+from ..structure.joints import Carrier, JointScales, JointTree, link_blocks
+from ..structure.multibody import CompiledMultibody
+from ..structure.optional import pin
+from ..structure.parts import Column, Inertia, columns_at
+from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
+from .world.body import command_inputs, guessed, hidden
+from .world.plant import ParametricPlantConfig, Plant
+from .world.simulated import SimulatedRobot
+
+_TORQUE = "rotor torque gain"
+
+
+@config
+class FlyingArmPlant(ParametricPlantConfig):
+    """A flying robot of example-robot-data; rotor parameters and sources in assets/flying_arm.
+
+    Attributes:
+        robot: `borinot`, a hexarotor with an arm, or `iris`, a quadrotor without one.
+        spread: largest relative deviation of the true joint friction, rotor inertia, motor gains
+            and thrusts from the nominal values; a quarter of it for the rotors' torques, because
+            yaw authority is small.
+    """
+
+    _refuses: ClassVar[tuple[str, ...]] = ("a flying arm in still air", "flow", "fluid")
+
+    robot: Name = "borinot"
+    spread: Share = 0.2
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden parameters and makes the plant.
+
+        Raises:
+            UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
+        """
+        robot, system, theta = self._published()
+        rng, space = np.random.default_rng(seed), system.space
+        names = ("rotor inertia", "rotor thrust gain", _TORQUE, "viscous friction")
+        for name in (*names, "Coulomb friction", "motor gain"):
+            if name in {block.name for block in space.blocks}:
+                spread = self.spread / (4 if name == _TORQUE else 1)
+                theta[space[name]] = hidden(theta[space[name]], spread, rng)
+        return self._plant(dt, robot, system, theta)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the robot with the true parameters θ (p,), or the published ones."""
+        robot, system, nominal = self._published()
+        return self._plant(dt, robot, system, nominal if theta is None else theta)
+
+    def _published(self) -> tuple[Robot, JointTree, Array]:
+        """The description, the structure, and the published or nominal θ (p,)."""
+        known = numbers("flying_arm")
+        if self.robot not in known:
+            remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
+            raise UnknownName("flying robot", self.robot, known, remedy)
+        robot, d = load_robot(self.robot, "free"), known[self.robot]
+        spins = np.array(d["spins"], dtype=float)
+        gains = np.array([d["thrust"], d["torque"]])
+        system = flying_arm(
+            robot.model,
+            nominal_scales(robot.model, ArmPlant()),
+            guessed(gains),
+            np.array(d["speed"]),
+            ArmPlant().friction_speed,
+            np.array(d["positions"]),
+            spins,
+        )
+        theta = published_theta(robot.model, system)
+        theta[-2 * len(spins) :] = np.repeat(gains, len(spins))
+        return robot, system, theta
+
+    def _plant(self, dt: float, robot: Robot, system: JointTree, theta: Array) -> Plant:
+        model, acting = true_model(robot.model, theta), theta.copy()
+        spec, names = tree_spec(model, dt), list(model.names)[1:]
+        give_rotors(spec, system, theta)
+        acting[~np.isin(np.arange(system.p), [c.parameter for c in system.structure.columns])] = 0.0
+        command_inputs(spec, system.n_u, names[0])
+        looks = RobotVisuals(robot)
+        made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
+        return made.failing(self.faults, self)
+
+
+def flying_arm(
+    model: pin.Model,
+    joints: JointScales,
+    gains: Array,
+    speed: Array,
+    friction_speed: float,
+    positions: Array,
+    spins: Array,
+) -> CompiledMultibody:
+    """A base with rotors, with or without an arm.
+
+    θ = [base (10), links (10 k), joints, rotor thrust gains, rotor torque gains]. The command
+    u ∈ [0, 1] of a rotor is its speed relative to its maximum: its thrust along z is gain·u², and
+    its torque on the base about z spin·gain·u².
+
+    Args:
+        model: Pinocchio's, its root a free flyer; its inertias are discarded.
+        joints: guesses of base, links and joints.
+        gains: (2,) guesses of a rotor's thrust [N] and torque [N·m] at full speed.
+        speed: (6,) the base's velocities of operation [m/s, rad/s].
+        friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
+        positions: (r, 3) of the rotors on the base [m].
+        spins: (r,) ±1, the sense of the torque on the base about z.
+    """
+    count, up = len(positions), np.array([0.0, 0.0, 1.0])
+    blocks = [
+        Block(
+            f"rotor {letter} gain",
+            tuple(f"{letter}_{i + 1}" for i in range(count)),
+            (unit,) * count,
+            np.full(count, scale),
+            "positive",
+            actuator=True,
+            labels=tuple(f"{letter} of rotor {i + 1}" for i in range(count)),
+        )
+        for letter, unit, scale in zip(("thrust", "torque"), ("N", "N·m"), gains, strict=True)
+    ]
+    turning = [
+        Column("rotor_torque", count + i, body=0, input=i, direction=spin * up)
+        for i, spin in enumerate(spins)
+    ]
+    carrier = Carrier(
+        [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
+        link_blocks(model, joints),
+        blocks,
+        [*columns_at("rotor", positions, np.tile(up, (count, 1))), *turning],
+        (np.full(count, 0.1), np.ones(count)),
+        np.vstack([positions, np.full((count, 3), np.nan)]),  # a torque acts at no point
+        speed,
+    )
+    return CompiledMultibody(model, joints, np.full(len(joints.gain), friction_speed), carrier)

@@ -1,0 +1,291 @@
+"""Underwater vehicles that carry an arm (6): added mass, drag and buoyancy of base and links."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ..bounds import Share, config
+from ..parameters import Array, Block
+from ..resources import numbers, vehicle_files
+from ..robot.tree import set_inertias, tree_spec
+from ..structure.blocks import GRAVITY
+from ..structure.joints import Carrier, JointScales, JointTree, body_names, link_blocks
+from ..structure.multibody import CompiledMultibody
+from ..structure.optional import pin
+from ..structure.parts import Column, Inertia, cylinder, full
+from .arm import extent, give_rotors
+from .underwater import UnderwaterSheet
+from .world.blueprint import Blueprint
+from .world.body import command_inputs, guessed, hidden, vehicle_spec
+from .world.plant import ParametricPlantConfig, Plant
+from .world.simulated import SimulatedRobot
+
+BASE = "base"
+"""Name of the free joint and of the base body."""
+STRIPS = 4
+"""Points of Gauss-Legendre quadrature along a link's axis."""
+
+_LINK_COLOR, _JOINT_COLOR = [0.85, 0.55, 0.15, 1.0], [0.20, 0.22, 0.25, 1.0]
+_UNSURE = (
+    "linear drag", "quadratic drag", "net weight", "righting moment", "thruster gain",
+    "added mass", "link drag", "link buoyancy", "viscous friction", "Coulomb friction",
+    "motor gain", "rotor inertia",
+)  # fmt: skip
+
+
+@config
+class UvmsPlant(ParametricPlantConfig):
+    """A BlueROV2 Heavy with a Reach Alpha 5; parameters and sources in assets/uvms.
+
+    No hydrodynamics of the arm are published; those used here are of cylinders.
+
+    Attributes:
+        spread: largest relative deviation of the true drags, weight, buoyancies, righting moment,
+            links' added mass, friction, rotor inertias and gains from the nominal values.
+    """
+
+    _refuses: ClassVar[tuple[str, ...]] = ("a vehicle with an arm", "fluid")
+
+    spread: Share = 0.2
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden parameters and makes the plant."""
+        system, _, theta = uvms()
+        rng, space = np.random.default_rng(seed), system.space
+        for name in _UNSURE:
+            theta[space[name]] = hidden(theta[space[name]], self.spread, rng)
+        return self.simulating(dt, theta)
+
+    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
+        """Makes the plant with the true parameters θ (p,), or the published ones.
+
+        See `Blueprint.split` for how M of the base is divided into rigid-body and added mass.
+        """
+        system, base, published = uvms()
+        arm, space, theta = numbers("uvms"), system.space, published if theta is None else theta
+        body, added = base.split(theta[:21])
+        rigid = body.matrix()
+        links = slice(21, 21 + 10 * len(arm["links"]))
+        model = uvms_model(rigid, arm)
+        set_inertias(model, theta[links], 2)
+        spec, acting = tree_spec(model, dt), theta.copy()
+        give_rotors(spec, system, theta)
+        acting[:21], acting[links] = added, 0.0
+        acting[space["rotor inertia"]] = 0.0
+        acting[space["net weight"]] -= rigid[0, 0] * GRAVITY  # MuJoCo's bodies have weight
+        _add_visual_geoms(spec, arm)
+        command_inputs(spec, system.n_u, BASE)
+        names = list(model.names)[1:]
+        made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch)
+        return made.failing(self.faults, self)
+
+
+def uvms() -> tuple[JointTree, Blueprint, Array]:
+    """The structure of the vehicle with its arm, its base alone, and the published θ (p,)."""
+    arm, base = numbers("uvms"), UnderwaterSheet.of("bluerov2").blueprint()
+    d, k = arm["joints"], len(arm["links"])
+    model = uvms_model(base.rigid, arm)
+    joints, links = _joint_guesses(model, arm), published_links(arm)
+    system = underwater_manipulator(model, joints, base, links, d["friction_speed"])
+    bodies = [body.toDynamicParameters() for body in list(model.inertias)[2:]]
+    split = base.system.space["thruster gain"].start
+    theta = np.concatenate(
+        [
+            base.theta[:21],
+            *bodies,
+            links.added,
+            *(np.full(k, d[name]) for name in ("rotor", "viscous", "coulomb", "gain")),
+            base.theta[21:split],
+            links.drag,
+            links.buoyancy,
+            base.theta[split:],
+        ]
+    )
+    return system, base, theta
+
+
+class Cylinders(NamedTuple):
+    """The k links in water as slender cylinders, in the links' own axes.
+
+    Attributes:
+        centres: (k, 3) [m].
+        axes: (k, 3) unit vectors.
+        lengths: (k,) [m].
+        added: (k,) added mass of a link that moves across its axis [kg].
+        drag: (k,) quadratic drag across the axis, for each metre of it [N·s²/m³].
+        buoyancy: (k,) [N].
+    """
+
+    centres: Array
+    axes: Array
+    lengths: Array
+    added: Array
+    drag: Array
+    buoyancy: Array
+
+
+def published_links(arm: dict[str, Any]) -> Cylinders:
+    """The links' cylinders, from the numbers of assets/uvms."""
+    shapes, water = [link["cylinder"] for link in arm["links"]], arm["water_density"]
+    start, end = (np.array([shape[key] for shape in shapes]) for key in ("start", "end"))
+    lengths = np.linalg.norm(end - start, axis=1)
+    axes = (end - start) / lengths[:, None]
+    radius = np.array([shape["radius"] for shape in shapes])
+    displaced = water * np.pi * radius**2 * lengths
+    drag = 0.5 * water * arm["drag_coefficient"] * 2 * radius
+    return Cylinders((start + end) / 2, axes, lengths, displaced, drag, GRAVITY * displaced)
+
+
+def underwater_manipulator(
+    model: pin.Model,
+    joints: JointScales,
+    base: Blueprint,
+    links: Cylinders,
+    friction_speed: float,
+) -> CompiledMultibody:
+    """An underwater vehicle with an arm in water.
+
+    θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
+    (6), quadratic drag (6), net weight, righting moments (3), links' drag (k), links' buoyancy (k),
+    thrust]. A link is a cylinder about its axis e. Its added mass m_A is distributed evenly along
+    the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
+    −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
+
+    Args:
+        model: Pinocchio's, its root a free flyer; its inertias are discarded.
+        joints: guesses of the links and joints; the base's mass and length are not used.
+        base: the vehicle without its arm.
+        links: in water; an engineer's guesses are of the order of these.
+        friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
+    """
+    vehicle, names = base.system, body_names(model)[1:]
+    assert vehicle.mounts is not None
+    k, own = len(names), len(base.body)
+    mass, linear, quadratic, weight, righting, thrust = vehicle.space.blocks
+    added = _per_link("added mass", "added", "kg", links.added, names)
+    drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag, names)
+    buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy, names)
+    inertias, forces = [Inertia(0, 0, full())], vehicle.structure.columns
+    columns = [c.shifted(-own) for c in forces if c.kind != "thruster"]
+    for i, (centre, axis, length) in enumerate(zip(*links[:3], strict=True)):
+        inertias += [
+            Inertia(1 + i, 21 + 10 * i),
+            Inertia(1 + i, 21 + 10 * k + i, cylinder(centre, axis, length)),
+        ]
+        points = strips(centre, axis, length)
+        columns += [
+            Column("strip_drag", 16 + i, body=1 + i, axis=axis, strips=points),
+            Column("buoyancy", 16 + k + i, body=1 + i, point=centre),
+        ]
+    columns += [c.shifted(2 * k - own) for c in vehicle.columns("thruster")]
+    carrier = Carrier(
+        inertias,
+        [mass, *link_blocks(model, joints)[1:], added],
+        [linear, quadratic, weight, righting, drag, buoyancy, thrust],
+        columns,
+        vehicle.operation.command,
+        vehicle.mounts,
+        vehicle.operation.velocity[1],
+    )
+    return CompiledMultibody(model, joints, np.full(k, friction_speed), carrier)
+
+
+def _per_link(name: str, letter: str, unit: str, value: Array, links: list[str]) -> Block:
+    k = len(value)
+    names = tuple(f"{letter}_{i + 1}" for i in range(k))
+    labels = tuple(f"{name.removeprefix('link ')} of {link}" for link in links)
+    return Block(name, names, (unit,) * k, guessed(value), "positive", labels=labels)
+
+
+def strips(centre: Array, axis: Array, length: float) -> Array:
+    """(s, 4) points along a link's axis, in its frame, and the lengths that they stand for [m]."""
+    nodes, weights = np.polynomial.legendre.leggauss(STRIPS)
+    half = 0.5 * length
+    return np.column_stack([centre + np.outer(half * nodes, axis), half * weights])
+
+
+def uvms_model(rigid: Array, arm: dict[str, Any]) -> pin.Model:
+    """Pinocchio's model of an underwater base with an arm, with the published inertias.
+
+    Args:
+        rigid: (6, 6) the base's rigid-body mass, its centre at the origin.
+        arm: numbers of assets/uvms.
+    """
+    model = pin.Model()
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), BASE)
+    body = pin.Inertia(rigid[0, 0], np.zeros(3), rigid[3:, 3:])
+    model.appendBodyToJoint(root, body, pin.SE3.Identity())
+    parent, place = root, _placement(arm["mount"]["position"], arm["mount"]["angles"])
+    for i, link in enumerate(arm["links"]):
+        place = place * _placement(link["origin"], link["angles"])
+        low, high = link["limits"]
+        parent = model.addJoint(
+            parent,
+            pin.JointModelRevoluteUnaligned(np.array(link["axis"])),
+            place,
+            f"joint {i + 1}",
+            np.array([np.inf]),
+            np.array([arm["joints"]["speed"]]),
+            np.array([low]),
+            np.array([high]),
+        )
+        inertia = pin.Inertia(link["mass"], np.array(link["centre"]), np.diag(link["inertia"]))
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+        place = pin.SE3.Identity()
+    return model
+
+
+def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
+    """Scales of the arm's joints and links, guessed from its data sheet."""
+    d, k = arm["joints"], len(arm["links"])
+    bodies = list(model.inertias)[1:]
+    return JointScales(
+        mass=guessed(np.array([inertia.mass for inertia in bodies])),
+        length=guessed(np.array([extent(inertia) for inertia in bodies])),
+        viscous=np.full(k, d["viscous"]),
+        coulomb=np.full(k, d["coulomb"]),
+        gain=np.full(k, d["gain"]),
+        speed=np.full(k, d["speed"]),
+        command=np.full(k, 0.5),
+        rotor=np.full(k, d["rotor"]),
+    )
+
+
+def _add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
+    """Adds visual geoms without mass: the BlueROV2's to the base, cylinders to the links."""
+    hull = vehicle_spec(vehicle_files("bluerov2"), 1.0, 1.0, np.zeros(3), np.eye(3)).compile()
+    for i in range(hull.ngeom):
+        spec.body(BASE).add_geom(
+            name=hull.geom(i).name,
+            type=hull.geom_type[i],
+            size=hull.geom_size[i],
+            pos=hull.geom_pos[i],
+            quat=hull.geom_quat[i],
+            rgba=hull.geom_rgba[i],
+            mass=0.0,
+        )
+    for i, link in enumerate(arm["links"]):
+        shape, body = link["cylinder"], spec.body(f"joint {i + 1}")
+        body.add_geom(
+            name=f"link {i + 1}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            fromto=[*shape["start"], *shape["end"]],
+            size=[shape["radius"], 0, 0],
+            rgba=_LINK_COLOR,
+            mass=0.0,
+        )
+        body.add_geom(
+            name=f"joint {i + 1}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[1.15 * shape["radius"], 0, 0],
+            rgba=_JOINT_COLOR,
+            mass=0.0,
+        )
+
+
+def _placement(position: list[float], angles: list[float]) -> pin.SE3:
+    """The pose with this position [m] and these roll, pitch and yaw angles [rad]."""
+    return pin.SE3(pin.rpy.rpyToMatrix(*angles), np.array(position))

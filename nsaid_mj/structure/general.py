@@ -1,0 +1,112 @@
+"""Systems defined only by W_M, W_C, F and their kinematics for one sample."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..log import Log, Middle
+from ..numerics.interpolation import half_way
+from ..numerics.linalg import evaluate
+from ..parameters import Array
+from ..system import SecondOrderSystem, Stage
+from .motion_types import TensorMotion, force_regressors
+
+DIFFERENCE = 1e-5
+"""Step of central differences along v [s·(1 + |v|)]."""
+
+TENSOR_NUMBERS = 1_000_000
+"""Numbers in the tensors of M and C that are in memory at once: they fit the processor's cache."""
+
+
+class SampledSystem(SecondOrderSystem):
+    """A system whose regressors all follow from `_W_M`, `_W_C` and `_F` for one sample."""
+
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
+
+    def _mass_tensor(self, q: Array) -> Array:
+        return np.stack([self._W_M(q, e) for e in np.eye(self.n)])
+
+    def _transport(self, q: Array, v: Array) -> Array:
+        step = DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))  # Ṁ v to about 1e-10
+        ahead, behind = self.integrate(q, step * v), self.integrate(q, -step * v)
+        return (self._W_M(ahead, v) - self._W_M(behind, v)) / (2 * step) - self._W_C(q, v, v)
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """(N, n, p) F for N samples."""
+        return np.stack([self._F(*row) for row in zip(t.tolist(), q, v, u, strict=True)])
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Terms of the filtered momentum balance, sample by sample."""
+        return balance_by_sample(self, leak, log, q, v)
+
+
+class GeneralSystem(SampledSystem):
+    """A system that derives everything else from `_W_M`, `_W_C`, `_F` and its kinematics.
+
+    A subclass supplies these three regressors, `integrate`, `difference`, `J`, `random_state`, and
+    the attributes of `SecondOrderSystem`. Position coordinates are the position itself.
+    """
+
+    @cached_property
+    def motion_steps(self) -> int:
+        """Time steps whose motion is in memory at once: a step has 4 tensors (n, n, p)."""
+        return max(1, TENSOR_NUMBERS // (4 * self.n**2 * self.p))
+
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
+        W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
+        return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples."""
+        return midpoints_by_sample(self, log, hermite)
+
+    def motion(self, log: Log, hermite: bool) -> TensorMotion:
+        """The tensors of M, C and F along a log."""
+        middle = self.midpoints(log, hermite)
+        n, p, steps = self.n, self.p, len(log.t) - 1
+        M, C = np.empty((2 * steps + 1, n, n, p)), np.empty((2 * steps + 1, n, n, p))
+        for first, q, v in ((0, log.q, log.v), (1, *middle)):
+            for k in range(len(q)):
+                M[first + 2 * k] = self._mass_tensor(q[k])
+                C[first + 2 * k] = [self._W_C(q[k], v[k], e) for e in np.eye(n)]
+        return TensorMotion(log.t, log.v, middle.v, M, C, force_regressors(self, log, middle))
+
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) a copy of the position coordinates (..., n), which are the position."""
+        return np.array(coordinates, dtype=np.float64)
+
+
+# -- any system, from its regressors for one sample ------------------------------------------------
+
+
+def midpoints_by_sample(system: SecondOrderSystem, log: Log, hermite: bool) -> Middle:
+    """The states half-way between a log's samples; see `numerics.interpolation.half_way`."""
+    qm, vm = np.empty((len(log.t) - 1, system.m)), np.empty((len(log.t) - 1, system.n))
+    for k, dt in enumerate(np.diff(log.t)):
+        dq = system.difference(log.q[k], log.q[k + 1])
+        half, vm[k] = half_way(dq, log.v[k], log.v[k + 1], dt, hermite, system.group)
+        qm[k] = system.integrate(log.q[k], half)
+    return Middle(qm, vm)
+
+
+def balance_by_sample(
+    system: SecondOrderSystem, leak: float, log: Log, q: Array, v: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The four arrays of `SecondOrderSystem.momentum_balance`, sample by sample."""
+    t, held = log.t, log.u[:-1]
+    momenta = np.stack([system._W_M(*row) for row in zip(log.q, log.v, strict=True)])
+    drive = leak * momenta
+    drive += np.stack([system._transport(*row) for row in zip(log.q, log.v, strict=True)])
+    half = system.forces(0.5 * (t[:-1] + t[1:]), q, v, held)
+    half += np.stack(
+        [leak * system._W_M(*row) + system._transport(*row) for row in zip(q, v, strict=True)]
+    )
+    start = drive[:-1] + system.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+    end = drive[1:] + system.forces(t[1:], log.q[1:], log.v[1:], held)
+    return momenta, start, half, end

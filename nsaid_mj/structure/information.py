@@ -1,0 +1,119 @@
+"""What a motion tells about θ, compiled: information, accelerations' regressors, joint torques.
+
+The information is that of a Kalman filter of (q, v, θ) with exact dynamics, split into a filter of
+(q, v) alone and the sensitivity Ψ = ∂x̂/∂θ_⊥ of its estimate (B. Friedland, Treatment of bias in
+recursive filtering, IEEE TAC 14, 1969):
+
+    P̄ = F_x P F_xᵀ,    Ψ̄ = F_x Ψ + F_c B S Z,    S_k = P̄ + R,
+    J ← J + Ψ̄ᵀ S_k⁻¹ Ψ̄,    Ψ ← R S_k⁻¹ Ψ̄,    P ← R S_k⁻¹ P̄,
+
+where F_x, F_c and B are those of `transition.step` and θ_⊥ = Zᵀ θ/scale. Memory is that of
+`arrays.memory_of`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..numerics.kernels import kernel
+from ..numerics.linalg import cholesky
+from .forces import ALL, write_forces
+from .kinematics import place
+from .slopes import linearise
+from .stage import require
+from .transition import step
+
+_BLOCK = 16  # samples whose rows enter J together: one product of matrices instead of many
+
+
+@kernel()
+def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q, v, u, J):
+    """Adds the information of a motion about θ_⊥ to J.
+
+    Args:
+        structure: of the system.
+        work: memory.
+        slopes: memory.
+        theta: (p,) at which the system is linearised.
+        scale: (p,) of θ.
+        basis: (p, d) Z, orthonormal.
+        R0: (2n,) variances of the state at the first sample.
+        R: (2n,) variances of the noise at all others.
+        t: (N,) times [s].
+        q: (N, m) positions.
+        v: (N, n) velocities.
+        u: (N, n_u) commands.
+        J: (d, d) information; added to.
+
+    Returns:
+        Whether M and S were positive definite throughout.
+    """
+    n, m, p, d = v.shape[1], q.shape[1], scale.shape[0], basis.shape[1]
+    size = 2 * n
+    theta, scale, B = theta.copy(), scale.copy(), np.empty((n, p))
+    at, q1, v1, F = np.empty(m), np.empty(m), np.empty(n), np.empty((size, 3 * n))
+    P, L, inverse = np.diag(R0), np.zeros((size, size)), np.zeros((size, size))
+    psi, rows = np.zeros((size, d)), np.zeros((_BLOCK * size, d))
+    filled = 0
+    for k in range(1, t.shape[0]):
+        dt, before = t[k] - t[k - 1], (q[k - 1], v[k - 1], u[k - 1])
+        pivot = step(structure, *before, dt, theta, scale, work, slopes, at, q1, v1, F, B, B[:0])
+        if not pivot > 0.0:
+            return False
+        F_x, F_c = F[:, :size].copy(), F[:, size:].copy()
+        psi = np.dot(F_x, psi) + np.dot(F_c, np.dot(B, basis))
+        P = np.dot(np.dot(F_x, P), F_x.T)
+        S = 0.5 * (P + P.T)
+        for i in range(size):
+            S[i, i] += R[i]
+        if not cholesky(S, L) > 0.0:
+            return False
+        inverse[:] = 0.0
+        for i in range(size):  # L⁻¹
+            inverse[i, i] = 1.0
+            for j in range(i):
+                for r in range(j + 1):
+                    inverse[i, r] -= L[i, j] * inverse[j, r]
+            for r in range(i + 1):
+                inverse[i, r] /= L[i, i]
+        white = np.dot(inverse, psi)
+        rows[filled : filled + size] = white
+        filled += size
+        if filled == rows.shape[0]:
+            J += np.dot(rows.T, rows)
+            filled = 0
+        back = inverse.T.copy()
+        for i in range(size):
+            for j in range(size):
+                back[i, j] *= R[i]  # R L⁻ᵀ
+        psi = np.dot(back, white)
+        P = np.dot(back, np.dot(inverse, P))
+    rows[filled:] = 0.0
+    J += np.dot(rows.T, rows)
+    return True
+
+
+@kernel()
+def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
+    """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
+    theta, scale, a = theta.copy(), scale.copy(), np.empty(v.shape[1])
+    for k in range(rows.shape[0]):
+        if (
+            not linearise(
+        at = q[k], v[k], u[k], theta, scale
+        if not linearise(structure, *at, work, slopes, a, rows[k], v[k, :0]) > 0.0:
+            )
+            > 0.0
+        ):
+            return False
+    return True
+
+
+@kernel()
+def torques_along(structure, work, slopes, theta, q, v, a, torque):
+    """Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,)."""
+    still, own = np.zeros(v.shape[1]), theta.copy()
+    for k in range(q.shape[0]):
+        place(structure, q[k], v[k], slopes.state)
+        write_forces(structure, slopes.state, q[k], v[k], still, ALL, work.scratch, slopes.F)
+        require(structure, slopes.state, slopes.F, v[k], a[k], own, work, torque[k])

@@ -1,0 +1,347 @@
+"""Robots of joints on a fixed or floating base, from Pinocchio's models.
+
+A joint's coordinate is its angle [rad] or travel [m]. There is one position coordinate for each
+velocity: for a free-flyer root, the base's position [m] and rotation vector [rad], and then
+one coordinate per joint. q is Pinocchio's: the base's pose [p, quaternion] (7,), then an angle, a
+travel, or (cos, sin) for each joint. v is the base's twist [v, ω] in its own axes, then the joints'
+rates.
+
+θ = ten inertial parameters of every link, the floating base first if there is one; then, for every
+joint, rotor inertia (if modelled), viscous and Coulomb friction, motor gain; then what a vehicle
+adds. Link inertias are about the joint-frame origin in joint axes, in Pinocchio's order: m, m·c
+(3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ..parameters import Array, Block, ParameterSpace
+from .blocks import link_block
+from .optional import pin
+from .parts import Body, Column, Inertia, Rotor
+from .structure import Structure
+from .structured import StructuredKinematics
+
+Actuator = Literal["motor", "servo"]
+"""What a joint's command is: a motor's torque over its gain, or a servo's target."""
+_GAINS = {
+    "motor": ("motor gain", "gain", ("N·m/unit", "N/unit")),
+    "servo": ("servo gain", "kp", ("N·m/rad", "N/m")),
+}
+"""Block of θ, letter and units of the gains of each kind of actuator."""
+_UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
+_PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
+_BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
+
+
+@dataclass(frozen=True)
+class JointScales:
+    """Data-sheet guesses for the b bodies and k joints of a robot.
+
+    Attributes:
+        mass: (b,) masses of the bodies, a floating base first [kg].
+        length: (b,) sizes of the bodies [m].
+        viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
+        coulomb: (k,) Coulomb friction [N·m or N].
+        gain: (k,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
+        speed: (k,) speeds of operation [rad/s or m/s].
+        command: (k,) commands of operation [units of command].
+        rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
+        actuator: whether a command is a motor's, or the position target of a servo.
+    """
+
+    mass: Array
+    length: Array
+    viscous: Array
+    coulomb: Array
+    gain: Array
+    speed: Array
+    command: Array
+    rotor: Array | None = None
+    actuator: Actuator = "motor"
+
+
+class Carrier(NamedTuple):
+    """What a vehicle adds to the tree of joints that it carries.
+
+    Attributes:
+        inertias: of all bodies.
+        bodies: blocks of these inertias, which come first in θ.
+        blocks: fluid forces and thrusters' gains, which come last.
+        columns: of `blocks`; their parameters count from the first block's, and their commands from
+            the first thruster's.
+        commands: (t,), (t,) range of the thrusters' commands of operation.
+        mounts: (·, 3) point on the base where the force of every actuator parameter in `blocks`
+            acts [m], NaN if it exerts no force.
+        speed: (6,) the base's velocities of operation [m/s, rad/s].
+    """
+
+    inertias: list[Inertia]
+    bodies: list[Block]
+    blocks: list[Block]
+    columns: list[Column]
+    commands: tuple[Array, Array]
+    mounts: Array
+    speed: Array
+
+
+class JointTree(StructuredKinematics):
+    """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
+
+    With position servos, whose commands are targets, the last term is diag(k) (u − q). Friction is
+    `viscous·v + coulomb·tanh(v/friction_speed)`. The root may be a free flyer, that of a vehicle
+    with thrusters too (4–6); the joints' commands come first. Subclasses supply the regressors.
+
+    C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
+    C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
+    the Lie bracket of the base's twists, 0 where the base is fixed: rates of joints commute.
+
+    Args:
+        model: kinematics and gravity; its inertias are discarded.
+        scales: data-sheet guesses, which become the scale of θ.
+        friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
+        carrier: the vehicle at the root; None if all actuators are on joints.
+
+    Attributes:
+        model: Pinocchio's model without any inertia.
+        joints: the 1-DOF joints, in order.
+        joint_names: their names in the model.
+        body_names: names of the moving bodies' links, the base first where it floats.
+        bodies: number of moving bodies: one for each joint, and the base where it floats.
+        scales: as given.
+        friction_speed: as given.
+        command_limits: (n_u,), (n_u,) range of the commands of operation; of servos, about the
+            position.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        scales: JointScales,
+        friction_speed: Array,
+        carrier: Carrier | None = None,
+    ):
+        model, bodies = without_inertia(model), bodies_of(model)
+        if carrier is None:
+            rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
+            nothing, still = np.zeros(0), np.full(6 if floats(model) else 0, _BASE_SPEED)
+            carrier = Carrier(
+                rigid, link_blocks(model, scales), [], [], (nothing, nothing), nothing, still
+            )
+            mounts = None
+        else:
+            nowhere = np.full((len(scales.gain), 3), np.nan)
+            mounts = np.vstack([nowhere, carrier.mounts])
+        blocks, speed = joint_blocks(model, scales), np.array(friction_speed, dtype=np.float64)
+        space = ParameterSpace((*carrier.bodies, *blocks, *carrier.blocks))
+        start = sum(map(len, carrier.bodies))
+        first, rotating = start + sum(map(len, blocks)), scales.rotor is not None
+        rotors, columns = joint_parts(model, start, rotating, speed, scales.actuator)
+        columns += [column.shifted(first, len(speed)) for column in carrier.columns]
+        low, high = carrier.commands
+        self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
+        structure = Structure(
+            bodies,
+            carrier.inertias,
+            columns,
+            len(space),
+            len(self.command_limits[0]),
+            rotors,
+            model.gravity.linear.copy(),
+        )
+        super().__init__(structure, space, mounts)
+        self.model, self.joints = model, moving_joints(model)
+        self.joint_names, self.body_names = joint_names(model), body_names(model)
+        self.bodies, self.scales, self.friction_speed = len(bodies), scales, speed
+        self._speed = np.concatenate([carrier.speed, scales.speed])
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """(n,), (n,) range of the position coordinates; ±π where the model has no limits."""
+        high = _UNLIMITED * np.ones(self.n)
+        high[: self.group] = ([_PLACE] * 3 + [_TURN] * 3)[: self.group]
+        low = -high
+        for joint in self.joints:
+            if joint.nq == 1:
+                a = self.model.lowerPositionLimit[joint.idx_q]
+                b = self.model.upperPositionLimit[joint.idx_q]
+                if np.isfinite([a, b]).all() and a < b:
+                    low[joint.idx_v], high[joint.idx_v] = max(a, -10.0), min(b, 10.0)
+        return low, high
+
+    def angles(self, q: Array) -> Array:
+        """(..., k) the joints' angles [rad] or travels [m] at q (..., m)."""
+        columns = [
+            np.arctan2(q[..., j.idx_q + 1], q[..., j.idx_q]) if j.nq == 2 else q[..., j.idx_q]
+            for j in self.joints
+        ]
+        return np.stack(columns, axis=-1) if columns else np.zeros((*q.shape[:-1], 0))
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws a pose and a configuration within the limits, speeds and commands of operation."""
+        q = self.position(rng.uniform(*self.limits))
+        v = self._speed * rng.uniform(-1, 1, self.n)
+        low, high = self.command_limits
+        u = 0.5 * (low + high) + 0.5 * (high - low) * rng.uniform(-1, 1, self.n_u)
+        return q, v, u if self.scales.actuator == "motor" else self.angles(q) + u
+
+
+def without_inertia(model: pin.Model) -> pin.Model:
+    """A copy of a model without inertias: structure only, no true value."""
+    model = pin.Model(model)
+    for i in range(model.njoints):
+        model.inertias[i] = pin.Inertia.Zero()
+    model.armature[:] = 0.0
+    return model
+
+
+def moving_joints(model: pin.Model) -> list[pin.JointModel]:
+    """The 1-DOF joints, in order."""
+    return list(model.joints)[2 if floats(model) else 1 :]
+
+
+def joint_names(model: pin.Model) -> list[str]:
+    """Names of the 1-DOF joints."""
+    return list(model.names)[2 if floats(model) else 1 :]
+
+
+def slides(joint: pin.JointModel) -> bool:
+    """Whether a joint is prismatic."""
+    return bool(joint.shortname().startswith("JointModelP"))
+
+
+def bodies_of(model: pin.Model) -> list[Body]:
+    """The bodies of a Pinocchio model of 1-DOF joints, whose root may be a free flyer."""
+    data, bodies = model.createData(), []
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for joint, name in zip(list(model.joints)[1:], body_names(model), strict=True):
+        if joint.nv == 6:
+            bodies.append(Body("free", name=name))
+            continue
+        place = model.jointPlacements[joint.id]
+        jacobian = pin.getJointJacobian(model, data, joint.id, pin.ReferenceFrame.LOCAL)
+        twist = jacobian.reshape(6, -1)[:, joint.idx_v]  # of one joint it is (6,)
+        turns = bool(np.linalg.norm(twist[3:]) > 0.5)
+        bodies.append(
+            Body(
+                ("circle" if joint.nq == 2 else "hinge") if turns else "slide",
+                int(model.parents[joint.id]) - 1,
+                twist[3:] if turns else twist[:3],
+                place.rotation.copy(),
+                place.translation.copy(),
+                name,
+            )
+        )
+    return bodies
+
+
+def joint_parts(
+    model: pin.Model,
+    start: int,
+    rotors: bool,
+    friction_speed: Array,
+    actuator: Actuator = "motor",
+) -> tuple[list[Rotor], list[Column]]:
+    """What a motor or servo on every joint adds to a structure.
+
+    Args:
+        model: with k 1-DOF joints.
+        start: index in θ of the first of rotor inertias (k, if modelled), viscous friction (k),
+            Coulomb friction (k) and gains (k).
+        rotors: whether rotor inertias are modelled.
+        friction_speed: (k,) speeds at which Coulomb friction saturates [rad/s or m/s].
+        actuator: kind of all actuators.
+    """
+    k = len(friction_speed)
+    first = model.nv - k
+    rotating = [Rotor(first + i, start + i) for i in range(k if rotors else 0)]
+    start += len(rotating)
+    columns = [Column("viscous", start + i, dof=first + i) for i in range(k)]
+    start += k
+    columns += [
+        Column("coulomb", start + i, dof=first + i, speed=speed)
+        for i, speed in enumerate(friction_speed)
+    ]
+    start += k
+    columns += [Column(actuator, start + i, dof=first + i, input=i) for i in range(k)]
+    return rotating, columns
+
+
+def body_names(model: pin.Model) -> list[str]:
+    """Names of the links that the joints move, the base's first where the root is a free flyer.
+
+    A link that the model does not name is called by its number.
+    """
+    links = model.njoints - 1
+    names = ["universe", *(["base"] if floats(model) else ())]
+    names += [f"link {i + 1}" for i in range(links - (len(names) - 1))]
+    for frame in reversed(list(model.frames)):  # the first of several links welded together counts
+        if frame.type == pin.FrameType.BODY:
+            names[frame.parentJoint] = frame.name
+    return names[1:]
+
+
+def floats(model: pin.Model) -> bool:
+    """Whether the root of a Pinocchio model is a free flyer."""
+    return model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
+
+
+def bones(model: pin.Model, positions: Array) -> Array:
+    """(k, bones, 2, 3) line segments that sketch a robot at positions (k, m) [m].
+
+    They connect each joint with its parent's, and with frames that are fixed to it, such as a tool.
+    A floating base has no parent.
+    """
+    data = model.createData()
+    frames = [f for f in model.frames if not np.allclose(f.placement.translation, 0)]
+    joints = range(2 if floats(model) else 1, model.njoints)
+    found = []
+    for q in positions:
+        pin.forwardKinematics(model, data, q)
+        origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
+        segments = [(origin[i], origin[model.parents[i]]) for i in joints]
+        segments += [
+            (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
+            for f in frames
+        ]
+        found.append(segments)
+    return np.array(found)
+
+
+# -- blocks of θ -----------------------------------------------------------------------------------
+
+
+def joint_blocks(model: pin.Model, s: JointScales) -> list[Block]:
+    """Blocks of the joints, if any: rotor inertia if modelled, friction, motor gain."""
+    sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
+    rows = [
+        ("rotor inertia", "rotor", ("kg·m²", "kg"), s.rotor),
+        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous),
+        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb),
+        (*_GAINS[s.actuator], s.gain),
+    ]
+    return [
+        Block(
+            name,
+            tuple(f"{letter}_{i + 1}" for i in range(len(sliding))),
+            tuple(units[slides] for slides in sliding),
+            scale,
+            "positive",
+            actuator=name == _GAINS[s.actuator][0],
+            labels=tuple(f"{name.removeprefix('motor ')} of {joint}" for joint in names),
+        )
+        for name, letter, units, scale in rows
+        if scale is not None and sliding
+    ]
+
+
+def link_blocks(model: pin.Model, s: JointScales) -> list[Block]:
+    """The inertial parameters of every body; a floating base is number 0."""
+    guesses = zip(body_names(model), s.mass, s.length, strict=True)
+    first = 0 if floats(model) else 1
+    return [link_block(first + i, name, mass, size) for i, (name, mass, size) in enumerate(guesses)]

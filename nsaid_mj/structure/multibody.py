@@ -1,0 +1,164 @@
+"""Trees of joints with the structure's regressors, and with Pinocchio's, the reference."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+
+import numpy as np
+
+from ..errors import EnginesDisagree
+from ..log import Log
+from ..numerics.spatial import bracket
+from ..parameters import Array
+from .general import SampledSystem
+from .joints import Carrier, JointScales, JointTree
+from .motion_types import RegressorMotion
+from .optional import pin
+from .structured import StructuredSystem
+
+AGREEMENT = 1e-10
+"""Largest accepted difference from Pinocchio, relative to the largest entry."""
+_SAMPLES = 20  # random states at which both are compared
+_REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+
+
+class CompiledMultibody(JointTree, StructuredSystem):
+    """A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
+
+    Those of a robot without thrusters are compared with Pinocchio's `computeJointTorqueRegressor`,
+    `crba` and `nonLinearEffects` when the system is made. Its arguments are those of `JointTree`.
+
+    Raises:
+        EnginesDisagree: the structure and Pinocchio differ by more than `AGREEMENT`.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        scales: JointScales,
+        friction_speed: Array,
+        carrier: Carrier | None = None,
+    ):
+        super().__init__(model, scales, friction_speed, carrier)
+        if carrier is None:
+            check_consistency(self)
+
+
+def check_consistency(system: CompiledMultibody) -> None:
+    """Compares the regressors of a structure with Pinocchio's at random states.
+
+    The comparison covers the torque regressor of the links and, under random physical inertias, the
+    mass matrix and the bias forces.
+
+    Raises:
+        EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
+    """
+    rng, model = np.random.default_rng(0), pin.Model(system.model)
+    links = 10 * system.bodies
+    theta = np.zeros(system.p)
+    for i in range(1, model.njoints):
+        model.inertias[i] = pin.Inertia.Zero()
+        model.inertias[i].mass = rng.uniform(0.5, 2.0)
+        model.inertias[i].lever = rng.uniform(-0.3, 0.3, 3)
+        moments = rng.uniform(0.05, 0.1, 3)
+        model.inertias[i].inertia = np.diag(moments)
+        theta[10 * (i - 1) : 10 * i] = model.inertias[i].toDynamicParameters()
+    data = model.createData()
+    still = np.zeros(system.n)
+    for _ in range(_SAMPLES):
+        q, v, _ = system.random_state(rng)
+        a, u = rng.uniform(-1, 1, system.n), np.zeros(system.n_u)
+        regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
+        mass = pin.crba(model, data, q)
+        bias = pin.nonLinearEffects(model, data, q, v)
+        ours = system._W(0.0, q, v, v, a, u)[:, :links]
+        ours_bias = system._W(0.0, q, v, v, still, u)[:, :links]
+        for quantity, own, theirs in (
+            ("torque regressor", ours, regressor.reshape(system.n, links)),
+            ("mass matrix", system._mass_tensor(q) @ theta, np.triu(mass) + np.triu(mass, 1).T),
+            ("bias force", ours_bias @ theta[:links], bias),
+        ):
+            apart = float(np.max(np.abs(own - theirs)) / max(np.max(np.abs(theirs)), 1e-300))
+            if not apart <= AGREEMENT:
+                worst = int(np.argmax(np.max(np.abs(own - theirs).reshape(system.n, -1), axis=1)))
+                joint = max(j.id for j in list(model.joints)[1:] if j.idx_v <= worst)
+                raise EnginesDisagree(
+                    model.name,
+                    f"joint {model.names[joint]}",
+                    quantity,
+                    apart,
+                    AGREEMENT,
+                    ("The compiled structure", "Pinocchio"),
+                    "Take --backend pinocchio.",
+                )
+
+
+class Multibody(JointTree, SampledSystem):
+    """A `JointTree` whose regressors are Pinocchio's: the reference, several times slower.
+
+    Its arguments are those of `JointTree`, without a vehicle.
+    """
+
+    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
+        super().__init__(model, scales, friction_speed)
+        light = pin.Model(self.model)
+        light.gravity.setZero()
+        self._heavy, self._weightless = ((own, own.createData()) for own in (self.model, light))
+        self._zero, self._links = np.zeros(self.n), 10 * self.bodies
+
+    def _torques(self, q: Array, v: Array, a: Array, heavy: bool = False) -> Array:
+        """(n, 10 b) Pinocchio's regressor, with gravity if `heavy`; the next call overwrites it."""
+        model, data = self._heavy if heavy else self._weightless
+        return np.atleast_2d(pin.computeJointTorqueRegressor(model, data, q, v, a))
+
+    def _links_only(self, links: Array) -> Array:
+        """(n, p) of the links' columns (n, 10 b)."""
+        return np.hstack([links, np.zeros((self.n, self.p - self._links))])
+
+    def _W_M(self, q: Array, a: Array) -> Array:
+        W = self._links_only(self._torques(q, self._zero, a))
+        for rotor in self.structure.rotors:
+            W[rotor.dof, rotor.parameter] = a[rotor.dof]
+        return W
+
+    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
+        W = self._torques(q, 0.5 * (v + w), 0.5 * bracket(self.group, v, w)).copy()
+        return self._links_only(W - self._torques(q, 0.5 * (v - w), self._zero))
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        F = self._links_only(-self._torques(q, self._zero, self._zero, heavy=True))
+        rate, joint = v[self.group :], np.arange(self.n_u)
+        viscous, coulomb, gain = self.p - self.n_u * np.array([3, 2, 1])
+        F[self.group + joint, viscous + joint] = -rate
+        F[self.group + joint, coulomb + joint] = -np.tanh(rate / self.friction_speed)
+        servos = self.scales.actuator == "servo"
+        F[self.group + joint, gain + joint] = u - self.angles(q) if servos else u
+        return F
+
+    def motion(self, log: Log, hermite: bool) -> RegressorMotion:
+        """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio.
+
+        Only one thread at a time may follow it: its stages pass through the same three arrays.
+        """
+        own, qm = self._own_motion(log, hermite)
+        qs, vs, vm = log.q, own.v, own.vm
+        v_hat, a_hat, leading = np.empty(self.n), np.empty(self.n), np.empty(self._links)
+        own_data = self.model.createData(), self._weightless[0].createData()
+        torques = pin.computeJointTorqueRegressor
+
+        def write(at: int, k: int) -> None:
+            leading.fill(np.nan)  # in case Pinocchio raises: an exception ends here
+            row = k - 1 + at // 2
+            q, v = (qm[k - 1], vm[k - 1]) if at == 1 else (qs[row], vs[row])
+            a = a_hat + 0.5 * bracket(self.group, v, v_hat) if self.group else a_hat
+            dv = v_hat - v  # (37)
+            weighted = torques(self.model, own_data[0], q, 0.5 * (v + v_hat), a)
+            turning = torques(self._weightless[0], own_data[1], q, 0.5 * dv, self._zero)
+            np.subtract(dv @ np.atleast_2d(weighted), dv @ np.atleast_2d(turning), out=leading)
+
+        function = _REGRESSOR(write)
+        weakref.finalize(own.states, bool, function)  # it lives as long as the motion
+        address = ctypes.cast(function, ctypes.c_void_p).value
+        assert address is not None
+        return RegressorMotion(own.t, own.v, own.vm, own, v_hat, a_hat, leading, address)

@@ -1,0 +1,64 @@
+"""What the sensors of a system measure, in words, and how a constant error changes it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..parameters import Array
+from ..system import SecondOrderSystem
+from .joints import JointTree
+from .single_body import SingleBody
+
+_TWIST = {
+    6: ("surge", "sway", "heave", "roll", "pitch", "yaw"),
+    3: ("surge", "sway", "yaw"),
+}  # components of a body's twist, by its dimension
+_POSE = {
+    6: ("x", "y", "z", "roll", "pitch", "yaw"),
+    3: ("x", "y", "yaw"),
+}  # of its pose
+
+
+def velocity_labels(system: SecondOrderSystem) -> list[str]:
+    """A name for each velocity: surge, sway …, then the robot's own names of its joints."""
+    twist = list(_TWIST.get(system.group, ()))
+    rest = system.n - len(twist)
+    if isinstance(system, SingleBody) and system.n == 1:
+        return ["heave"]
+    names = system.joint_names if isinstance(system, JointTree) else []
+    if len(names) != rest:
+        names = [f"velocity {i}" for i in range(1, rest + 1)]
+    return twist + names
+
+
+def sensor_labels(system: SecondOrderSystem) -> list[str]:
+    """A name for each sensor of position, then for each of velocity."""
+    rates = velocity_labels(system)
+    pose = list(_POSE.get(system.group, ()))
+    places = pose + rates[len(pose) :]
+    return [f"position of {a}" for a in places] + [f"velocity of {a}" for a in rates]
+
+
+def sensor_units(system: SecondOrderSystem) -> list[str]:
+    """The unit of each sensor of position, then of each of velocity."""
+    rates = list(system.velocity_units)
+    return [unit.removesuffix("/s") for unit in rates] + rates
+
+
+def displaced(system: SecondOrderSystem, q: Array, by: Array) -> Array:
+    """(m,) the position q as a sensor with a constant error reads it.
+
+    Args:
+        system: whose position it is.
+        q: (m,) position.
+        by: (n,) the error: of a place along world axes [m], of an attitude about the body's own
+            axes [rad], as of a sensor that is mounted at an angle, and of a joint's position.
+    """
+    if not by.any():
+        return q
+    places, turn = {6: 3, 3: 2}.get(system.group, 0), by.copy()
+    if places:
+        shift = np.zeros(system.n)
+        shift[:places] = system.J(q)[:places, :places].T @ by[:places]
+        q, turn[:places] = system.integrate(q, shift), 0.0
+    return system.integrate(q, turn)

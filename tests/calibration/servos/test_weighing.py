@@ -1,0 +1,82 @@
+"""A load of 200 g tells a servo arm's masses, stiffness and friction, whatever the file has."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.payloads import Load
+from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
+from nsaid_mj.errors import InvalidInput
+
+from .simulated import KP, MODEL, PLACE, arm, log, write
+
+HEAVIER, MASS = 1.3, 0.2
+GRAVITY = (1, 2, 3)
+
+
+def test_the_simulated_arm_is_heavier_and_carries_the_load():
+    plain, heavy = arm(), arm(HEAVIER, MASS)
+    assert heavy.body_subtreemass[0] == pytest.approx(HEAVIER * plain.body_subtreemass[0] + MASS)
+    moments = heavy.body_inertia[1:7] / plain.body_inertia[1:7]
+    np.testing.assert_allclose(moments[moments < 2], HEAVIER, rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("load")
+    loads = {"free_0.csv": 0.0, "free_1.csv": 0.0, "loaded_0.csv": MASS, "loaded_1.csv": MASS}
+    return [
+        write(folder / name, *log(20 + k, heavier=HEAVIER, load=load))
+        for k, (name, load) in enumerate(loads.items())
+    ]
+
+
+LOADS = [Load("loaded_0.csv", MASS, "gripper"), Load("loaded_1.csv", MASS, "gripper")]
+
+
+@pytest.fixture(scope="module")
+def result(files):
+    given = servo_logs(MODEL, files, loads=LOADS)
+    assert given is not None
+    return identify_servos(given)
+
+
+def test_the_scale_is_found_and_covered(result):
+    (scale,) = result.scale
+    assert scale.value == pytest.approx(HEAVIER, rel=0.03)
+    assert scale.low <= HEAVIER <= scale.high and scale.high / scale.low < 1.15
+
+
+def test_stiffness_is_that_of_the_servos_and_not_of_the_file_s_masses(result):
+    for k in GRAVITY:
+        kp = result.parameters[5 * k + 2]
+        assert result.servos[k].kp == pytest.approx(KP[k], rel=0.05)
+        assert kp.low <= KP[k] <= kp.high and kp.status == "identified"
+
+
+def test_the_place_of_the_load_is_told(result):
+    (found,) = [f for f in result.findings if f.code == "weighed"]
+    np.testing.assert_allclose(found.data["place"], PLACE, atol=0.015)
+
+
+def test_the_exported_file_has_the_true_masses(result, tmp_path):
+    write_servo_mjcf(result, tmp_path / "identified.xml")
+    mj = mujoco.MjModel.from_xml_path(str(tmp_path / "identified.xml"))
+    true = arm(HEAVIER).body_mass
+    np.testing.assert_allclose(mj.body_mass, true, rtol=0.03)
+    assert "by a weighed load" in (tmp_path / "identified.xml").read_text()
+
+
+def test_without_a_load_the_file_s_masses_are_the_scale(files):
+    given = servo_logs(MODEL, files[:2])
+    assert given is not None
+    found = identify_servos(given)
+    assert found.scale == ()
+    for k in GRAVITY:
+        assert found.servos[k].kp == pytest.approx(KP[k] / HEAVIER, rel=0.05)
+
+
+def test_two_different_loads_are_refused(files):
+    loads = [LOADS[0], Load("loaded_1.csv", 0.3, "gripper")]
+    with pytest.raises(InvalidInput, match="one load"):
+        servo_logs(MODEL, files, loads=loads)

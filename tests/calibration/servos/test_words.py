@@ -1,0 +1,142 @@
+"""What is said of servos: every doubt is told where it is due, and only there."""
+
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.payloads import Load
+from nsaid_mj.calibration.servos import identify_servos, servo_logs
+from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
+from nsaid_mj.calibration.servos.words import (
+    gravity_notes,
+    masses,
+    parameters,
+    servo,
+    verdict,
+    weighed,
+)
+
+from .simulated import ARMATURE, DELAY, KP, MODEL, T, log, write
+
+THETA = np.array([0.06, 0.02, 0.08, 2e-3, 0.015])
+
+
+def joint(deviations=(0.05,) * 5, *, gravity=True, offset=0.0, error=2e-3, simple=20e-3):
+    """A servo of kp 12.5 N·m/rad whose ln θ have the given standard deviations."""
+    covariance = np.diag(np.square(deviations))
+    scaled = float(deviations[2])
+    return JointEstimate(
+        np.log(THETA), covariance, 2.0, gravity, offset, error, simple, scaled
+    )  # fmt: skip
+
+
+def status(joint, name, scale=None):
+    (found,) = [p for p in parameters("elbow", 1, joint, scale) if p.name == f"{name}_1"]
+    return found.status
+
+
+def test_kp_is_a_convention_where_no_gravity_acts_and_only_there():
+    known, free = joint(), joint(gravity=False)
+    assert status(known, "kp") == "identified"
+    assert status(free, "kp") == "only in combination"
+    assert status(free, "f") == "identified"  # f/kp needs no gravity
+    servos = [servo("lift", known, None), servo("pan", free, None)]
+    (note,) = gravity_notes(servos, [known, free])
+    assert note.code == "kp_convention" and note.where == "pan"
+    assert gravity_notes(servos[:1], [known]) == ()
+
+
+@pytest.mark.parametrize("offset,told", [(0.05, True), (-0.05, True), (0.01, False)])
+def test_an_offset_that_kp_could_be_is_told_if_it_matters(offset, told):
+    one = joint(offset=offset)
+    notes = gravity_notes([servo("elbow", one, None)], [one])
+    assert [n.code for n in notes] == ["offset_trade"] * told
+
+
+@pytest.mark.parametrize("name,at", [("T", 0), ("a", 3), ("d", 4)])
+def test_damping_armature_and_delay_are_a_lag_where_the_motion_is_slow(name, at):
+    wide = np.full(5, 0.05)
+    wide[at] = 0.6
+    found = {p.name: p for p in parameters("elbow", 1, joint(wide), None)}
+    assert found[f"{name}_1"].status == "only in combination"
+    assert "kv/kp + delay: 75 ms" in found[f"{name}_1"].combination
+    others = [p for p in found.values() if p.name != f"{name}_1"]
+    assert {p.status for p in others} == {"identified"} and not any(p.combination for p in others)
+
+
+def test_the_lag_is_as_sure_as_the_sum_of_its_parts():
+    one = joint()
+    T_, d = THETA[0], THETA[4]
+    covariance = one.covariance.copy()
+    slope = np.array([1 / T_, -1 / d])  # a shorter damping for a longer delay
+    covariance[np.ix_([0, 4], [0, 4])] += (0.02**2) * np.outer(slope, slope)
+    (own, *_) = parameters("elbow", 1, one._replace(covariance=covariance), None)
+    assert own.status == "only in combination"
+    assert own.combination.endswith("75 ms ± 6")
+
+
+@pytest.mark.parametrize(
+    "errors,explains", [((0.5, 0.5), "yes"), ((0.5, 0.9), "partly"), ((0.9, 0.9), "no")]
+)
+def test_a_model_that_a_late_target_equals_explains_nothing(errors, explains):
+    joints = [joint(error=20e-3 * e) for e in errors]
+    servos = [servo(name, one, None) for name, one in zip("ab", joints, strict=True)]
+    found, sentence, findings = verdict(servos, joints)
+    assert found == explains
+    poor = [name for name, e in zip("ab", errors, strict=True) if e > 0.8]
+    assert [f.where for f in findings if f.code == "no_better_than_simple"] == poor
+    assert ("does not explain" in sentence) == (explains == "no")
+
+
+def test_a_joint_that_hardly_moves_is_not_judged():
+    joints = [joint(), joint(error=0.9e-3, simple=0.9e-3)]
+    servos = [servo(name, one, None) for name, one in zip("ab", joints, strict=True)]
+    found, _, findings = verdict(servos, joints)
+    assert found == "yes" and [(f.code, f.where) for f in findings] == [("hardly_moved", "b")]
+
+
+@pytest.mark.parametrize("deviation,level", [(0.03, "note"), (0.4, "warning")])
+def test_a_load_that_hardly_shows_is_told(deviation, level):
+    scale = MassScale(np.log(1.3), deviation, 2.0, np.array([0.01, 0, -0.09]), np.full(3, 0.01))
+    finding = weighed(Load("a.csv", 0.2), "wrist_roll", scale)
+    assert finding.level == level and "10 ± 20, 0 ± 20, -90 ± 20" in finding.text
+    (one,) = masses(scale)
+    assert (one.status == "identified") == (level == "note")
+    assert one.low < 1.3 < one.high and masses(None) == ()
+
+
+def test_a_scale_multiplies_forces_and_leaves_times_alone():
+    scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.zeros(3))
+    plain, heavy = servo("a", joint(), None), servo("a", joint(), scale)
+    for name in ("kp", "kv", "armature", "friction"):
+        assert getattr(heavy, name) == pytest.approx(1.3 * getattr(plain, name))
+    assert heavy.delay == plain.delay
+    kp = parameters("a", 1, joint()._replace(scaled=0.1), scale)[2]
+    assert kp.value == pytest.approx(1.3 * 12.5)
+    assert np.log(kp.high / kp.value) == pytest.approx(0.2)
+
+
+def test_a_variance_that_is_small_by_accident_is_widened_and_none_is_narrowed():
+    small, usual, untold = joint((0.02,) * 5), joint((0.2,) * 5), joint((5.0,) * 5)
+    few, many = np.arange(5), np.arange(40)
+    for cluster, least, most in ((few, 0.08, 0.2), (many, 0.02, 0.08)):
+        found = _moderated([small, usual, usual, untold], cluster)
+        deviations = [np.sqrt(np.diag(one.covariance)) for one in found]
+        assert least < deviations[0][0] < most
+        np.testing.assert_allclose(deviations[1], 0.2, rtol=1e-9)  # above the mean
+        np.testing.assert_allclose(deviations[3], 5.0, rtol=1e-9)
+        assert deviations[0][2] == pytest.approx(0.02)  # of kp: its own
+        assert np.linalg.eigvalsh(found[0].covariance)[0] > 0
+
+
+def test_a_slow_motion_tells_the_lag_and_no_armature(tmp_path):
+    path = write(tmp_path / "slow.csv", *log(5, 24.0, speed=0.3))
+    given = servo_logs(MODEL, [path])
+    assert given is not None
+    result = identify_servos(given)
+    for k in (1, 2, 3):
+        _, _, _, a, d = result.parameters[5 * k : 5 * k + 5]
+        assert a.status == d.status == "only in combination"
+        assert a.low < ARMATURE / KP[k] < a.high
+        text = a.combination.partition("delay: ")[2]
+        lag, half = (float(x.replace("ms", "")) for x in text.split("±"))
+        assert abs(lag - 1e3 * (T[k] + DELAY)) < max(half, 5.0)

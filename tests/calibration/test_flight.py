@@ -1,0 +1,165 @@
+"""Flight logs of PX4 and ArduPilot, without a map: curve, lag and delay of the rotors are found."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nsaid_mj.calibration.data import RobotModel
+from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.logs import prepare, read_tables
+from nsaid_mj.calibration.models import load_robot_model
+from nsaid_mj.calibration.vehicles import Drive
+from nsaid_mj.errors import InvalidInput
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.log import Log
+from nsaid_mj.plants.world.mismatch import Mismatch
+from tests.support.flight_logs import Topics, write_dataflash, write_ulog
+
+DELAY, LAG = 0.02, 0.03
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+FRD = np.diag([1.0, -1.0, -1.0])
+MOTORS = [1, 3, 0, 2]  # rotor of motors 1 to 4: front right, rear left, front left, rear right
+
+
+class Flight(NamedTuple):
+    """What the hummingbird did, whose rotors lag in MuJoCo and get commands late; its true θ."""
+
+    log: Log
+    truth: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    scenario = replace(load("hummingbird"), duration=20.0, sensors="ideal", seed=3)
+    plant = replace(scenario.plant, mismatch=Mismatch(lag=LAG, delay=DELAY))
+    setup = Setup.of(replace(scenario, plant=plant))
+    with setup.plant.running():
+        return Flight(setup.simulate(), setup.plant.truth)
+
+
+@pytest.fixture(scope="module")
+def quadrotor() -> RobotModel:
+    return load_robot_model("hummingbird")
+
+
+def commands(log: Log, mix: float) -> np.ndarray:
+    """(N, 4) commands of motors 1 to 4 for which the rotors' speeds are those of a log."""
+    thrust = log.u[:, MOTORS] ** 2  # = mix u² + (1 − mix) u
+    if mix == 0:
+        return thrust
+    half = (1 - mix) / (2 * mix)
+    return np.sqrt(half**2 + thrust / mix) - half
+
+
+def topics(flight: Flight, mix: float = 0.0) -> Topics:
+    """The flight as PX4 logs it: each topic at its own rate, noisy, without a position."""
+    log, rng = flight.log, np.random.default_rng(0)
+    turn = Rotation.from_quat(log.q[:, 3:])
+    attitude = Rotation.from_matrix(NED.T @ (turn.as_matrix() @ FRD))
+    attitude = attitude * Rotation.from_rotvec(1e-3 * rng.normal(size=(len(log.t), 3)))
+    velocity = turn.apply(log.v[:, :3]) @ NED.T + 0.02 * rng.normal(size=(len(log.t), 3))
+    rates = log.v[:, 3:] @ FRD + 0.01 * rng.normal(size=(len(log.t), 3))
+    every = slice(None, None, 2)
+    quaternions = attitude.as_quat(scalar_first=True)
+    return {
+        "vehicle_attitude": ({"q": quaternions[every]}, log.t[every] + 1),
+        "vehicle_angular_velocity": ({"xyz": rates}, log.t + 1),
+        "vehicle_local_position": (
+            dict(zip(("vx", "vy", "vz"), velocity[every].T, strict=True)),
+            log.t[every] + 1,
+        ),
+        "actuator_motors": ({"control": commands(log, mix)}, log.t + 1),
+    }
+
+
+OTHERS = [pytest.param(mix, marks=pytest.mark.slow) for mix in (0.0, 1.0)]
+
+
+@pytest.mark.parametrize("mix", [0.6, *OTHERS])
+def test_thrust_ratios_of_a_px4_log_without_position_map_or_known_curve(flight, tmp_path, mix):
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight, mix))
+    found = identify("hummingbird", log)
+    data = {finding.code: finding.data for finding in found.findings}
+    assert "standard_map" in data
+    assert data.get("curve", {"mix": 1.0})["mix"] == pytest.approx(mix, abs=0.02)
+    assert data["lag"]["seconds"] == pytest.approx(LAG, abs=0.002)
+    assert found.joints[0].delay == pytest.approx(DELAY, abs=0.002)  # held for 2.5 ms
+    at = [i for i, p in enumerate(found.parameters) if p.name.startswith("thrust_")]
+    thrust = np.array([found.parameters[i].value for i in at]) / flight.truth[at]
+    assert np.abs(thrust / thrust.mean() - 1).max() <= 0.02
+    assert found.explains != "no"
+
+
+def test_a_dataflash_log_needs_no_map(flight, tmp_path):
+    turned = {name: columns for name, (columns, _) in topics(flight).items()}
+    attitude, stamps = turned["vehicle_attitude"]["q"], flight.log.t + 1
+    yaw, pitch, roll = Rotation.from_quat(attitude, scalar_first=True).as_euler("ZYX").T
+    pulses = 1000 + 1000 * turned["actuator_motors"]["control"]
+    names = zip(("vx", "vy", "vz"), ("VN", "VE", "VD"), strict=True)
+    kinds = {
+        "ATT": (
+            {"Roll": np.degrees(roll), "Pitch": np.degrees(pitch), "Yaw": np.degrees(yaw) % 360},
+            stamps[::2],
+        ),
+        "XKF1": (
+            {new: turned["vehicle_local_position"][old] for old, new in names},
+            stamps[::2],
+        ),
+        "IMU": (
+            dict(zip(("GyrX", "GyrY", "GyrZ"), turned["vehicle_angular_velocity"]["xyz"].T,
+                     strict=True)),
+            stamps,
+        ),
+        "RCOU": ({f"C{i + 1}": pulse for i, pulse in enumerate(pulses.T)}, stamps),
+    }  # fmt: skip
+    log = write_dataflash(tmp_path / "flight.bin", kinds)
+    quadrotor = load_robot_model("hummingbird")
+    (segment,) = prepare(read_tables([log]), None, quadrotor).segments
+    at = np.searchsorted(flight.log.t, segment.log.t + flight.log.t[0] - 1e-6)
+    error = Rotation.from_quat(segment.log.q[:, 3:]).inv() * Rotation.from_quat(
+        flight.log.q[at, 3:]
+    )
+    assert np.max(error.magnitude()) < 0.02
+    np.testing.assert_allclose(segment.log.v, flight.log.v[at], atol=0.15)
+    thrust = flight.log.u[at] ** 2
+    assert np.abs(segment.log.u - thrust).mean(axis=0).max() < 1e-3  # commands are low-passed
+
+
+def test_a_position_is_integrated_where_a_log_has_none(flight, tmp_path, quadrotor):
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight))
+    (segment,) = prepare(read_tables([log]), None, quadrotor).segments
+    assert np.allclose(segment.log.q[0, :3], 0)
+    moved = segment.log.q[-1, :3] - (flight.log.q[-1, :3] - flight.log.q[0, :3])
+    assert np.abs(moved).max() < 0.1  # of noise .02 m/s
+
+
+@pytest.mark.parametrize("missing", ["actuator_motors", "vehicle_attitude"])
+def test_a_log_without_a_standard_topic_asks_for_a_map(flight, tmp_path, quadrotor, missing):
+    some = {name: topic for name, topic in topics(flight).items() if name != missing}
+    log = write_ulog(tmp_path / "flight.ulg", some)
+    with pytest.raises(InvalidInput, match=r"map\.toml"):
+        prepare(read_tables([log]), None, quadrotor)
+
+
+def test_an_underwater_vehicle_is_not_taken_for_a_quadrotor(flight, tmp_path):
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight))
+    with pytest.raises(InvalidInput, match=r"map\.toml"):
+        prepare(read_tables([log]), None, load_robot_model("bluerov2"))
+
+
+@pytest.mark.parametrize("mix", [0.0, 0.4, 1.0])
+def test_a_held_command_gives_the_thrust_of_its_curve(mix):
+    u = np.tile([[0.2, -0.5, 1.0]], (400, 1))
+    for lag in (0.0, 0.03):
+        thrust = np.sign(u) * Drive(mix, lag).speeds(u, 200.0) ** 2
+        np.testing.assert_allclose(thrust, mix * u * np.abs(u) + (1 - mix) * u, atol=1e-12)
+
+
+def test_a_lag_answers_a_ramp_as_its_equation_does():
+    t = np.arange(2000) / 1000
+    found = Drive(1.0, 0.05).speeds(t[:, None], 1000.0)[:, 0]
+    np.testing.assert_allclose(found, t - 0.05 * (1 - np.exp(-t / 0.05)), atol=1e-9)

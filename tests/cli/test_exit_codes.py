@@ -1,0 +1,201 @@
+"""One table of exit codes: every command ends with what its verdict says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import nsaid_mj.cli
+from nsaid_mj.calibration.findings import Finding, UnusableLog
+from nsaid_mj.cli import commands
+from nsaid_mj.cli.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
+from nsaid_mj.errors import NsaidError
+from nsaid_mj.evaluation.words import Mark
+from nsaid_mj.identifiers import Status
+from nsaid_mj.studies.compare import PRIOR, Cell
+from nsaid_mj.studies.sweep_results import Sweep
+from tests.support.faulty import shell
+from tests.support.identification import identification
+
+ROOT = Path(nsaid_mj.cli.__file__).parents[2]
+Patch = pytest.MonkeyPatch
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: Patch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def put(patch: Patch, name: str, value: Any) -> None:
+    patch.setattr(f"nsaid_mj.{name}", lambda *_, **__: value)
+
+
+def run_of(patch: Patch, verdict: str, status: Status = Status.completed) -> None:
+    result = SimpleNamespace(ending=SimpleNamespace(status=status), folder=Path("out"))
+    output = SimpleNamespace(json=False, quiet=True)
+    put(patch, "cli.commands._carry_out", ("rov", result, {"verdict": verdict}, output))
+
+
+@pytest.mark.parametrize(("kind", "code"), [("good", 0), ("fair", 0), ("poor", 1), ("weak", 0)])
+def test_a_verdict_that_is_poor_is_not_explained(kind: str, code: int) -> None:
+    assert code_of(Mark("", kind)) == code
+    assert code_of(Mark("", kind), complete=False) == NOT_EXPLAINED
+    assert code_of(None) == EXPLAINED
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code"),
+    [
+        ("converged: 0.1 % from the true set", EXPLAINED),
+        ("still converging: 8 % from the true set", EXPLAINED),
+        ("not converging: 90 % from the true set", NOT_EXPLAINED),
+        ("the motion contradicts this structure: look for a delay", NOT_EXPLAINED),
+        ("ended early: diverged at t = 1 s", NOT_EXPLAINED),
+    ],
+)
+def test_run(verdict: str, code: int, monkeypatch: Patch) -> None:
+    run_of(monkeypatch, verdict)
+    assert shell("run", "scalar_rov")[0] == code
+    run_of(monkeypatch, verdict, Status.interrupted)
+    assert shell("run", "scalar_rov")[0] == 130
+
+
+@pytest.mark.parametrize(("fails", "code"), [(False, EXPLAINED), (True, NOT_EXPLAINED)])
+def test_verify(fails: bool, code: int, monkeypatch: Patch) -> None:
+    put(monkeypatch, "evaluation.verify.verify_folder", (None, []))
+    put(monkeypatch, "evaluation.verify.failed", fails)
+    assert shell("verify", "--run", "out", "--quiet")[0] == code
+
+
+@pytest.mark.parametrize(
+    ("failures", "code"), [(("", ""), EXPLAINED), (("", "lost"), EXPLAINED), (("lost", "lost"), 1)]
+)
+def test_compare(failures: tuple[str, str], code: int, monkeypatch: Patch) -> None:
+    cells = [Cell(PRIOR, 0, 0.0, 1.0, 0.3, 0.1, None, 0.0)]
+    cells += [
+        Cell(name, 0, 0.0, 1.0, failure=why) if why else Cell(name, 0, 0.0, 1.0, 0.1, 0.1, 0.1, 1.0)
+        for name, why in zip(("ols", "tls"), failures, strict=True)
+    ]
+    put(monkeypatch, "studies.compare.run", cells)
+    assert shell("compare", "scalar_rov", "--quiet")[0] == code
+
+
+def rows(*converged: float | None, failure: str | None = None) -> list[dict[str, Any]]:
+    found = [
+        {"run": k, "draw": k, "seed": k, "failure": None, "status": "completed",
+         "theta_perp_ratio": 0.1, "time_to_converge": t} for k, t in enumerate(converged)
+    ]  # fmt: skip
+    return found + ([{"run": 9, "draw": 9, "seed": 9, "failure": failure}] if failure else [])
+
+
+@pytest.mark.parametrize(
+    ("found", "code"),
+    [
+        (rows(1.0, 2.0), EXPLAINED),
+        (rows(1.0, None), EXPLAINED),
+        (rows(None, None, 1.0), NOT_EXPLAINED),
+        (rows(1.0, 2.0, failure="exit code 3"), NOT_EXPLAINED),
+    ],
+)
+def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
+    manifest = {"vary": {}, "runs": len(found), "script": "scalar_rov", "arguments": []}
+    put(monkeypatch, "studies.sweep.run", Sweep(Path("out"), manifest, found))
+    put(monkeypatch, "studies.sweep.varied", {})
+    code_, said = shell("sweep", "scalar_rov", "--vary", "law=paper", "--quiet")
+    assert (code_, said.err) == (code, "")
+
+
+@pytest.mark.parametrize(("gone", "code"), [([], EXPLAINED), ([{"run": 1}], NOT_EXPLAINED)])
+def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
+    put(monkeypatch, "studies.montecarlo.run", None)
+    put(monkeypatch, "studies.montecarlo.lost", gone)
+    assert shell("montecarlo", "scalar_rov", "--quiet")[0] == code
+
+
+@pytest.mark.parametrize(
+    ("status", "code"), [("completed", EXPLAINED), ("diverged", NOT_EXPLAINED)]
+)
+def test_track(status: str, code: int, monkeypatch: Patch) -> None:
+    done = [SimpleNamespace(figures={"status": each}) for each in ("completed", status)]
+    put(monkeypatch, "studies.tracking_run.run", done)
+    assert shell("track", "ur5_track", "--quiet")[0] == code
+
+
+@pytest.mark.parametrize(("kind", "code"), [("good", 0), ("fair", 0), ("poor", 1)])
+def test_excite(kind: str, code: int, monkeypatch: Patch) -> None:
+    for name in ("design.design", "design.prediction.predict", "design.harmonics.ranks",
+                 "design.files.scenario_of", "design.files.document", "design.trial.tried",
+                 "recording.design.record", "reporting.design.write_page"):  # fmt: skip
+        put(monkeypatch, name, SimpleNamespace(limits=None))
+    put(monkeypatch, "design.files.write", [])
+    put(monkeypatch, "design.Experiment.of", None)
+    put(monkeypatch, "reporting.design.verdict_of", Mark("", kind))
+    assert shell("excite", "scalar_rov", "--quiet", "--out", "out")[0] == code
+
+
+@pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1)])
+def test_identify(explains: str, code: int, monkeypatch: Patch) -> None:
+    result = identification(("one",), explains=explains)
+    put(monkeypatch, "cli.servos.servos_of", None)
+    put(monkeypatch, "calibration.identify.identify", result)
+    put(monkeypatch, "cli.identifying.write", (result, []))
+    assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
+    put(monkeypatch, "cli.servos.servos_of", object())
+    put(monkeypatch, "cli.servos.identify_given", (result, []))
+    assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
+
+
+def refused(level: Any, code: str) -> tuple[Finding, ...]:
+    return (Finding(level, code, "elbow", "something is wrong"),)
+
+
+@pytest.mark.parametrize(
+    ("findings", "code"),
+    [
+        (refused("refusal", "dead_channel"), UNUSABLE),
+        (refused("warning", "unmatched"), UNUSABLE),
+        (refused("warning", "low_rate"), EXPLAINED),
+        (refused("note", "targets"), EXPLAINED),
+    ],
+)
+def test_inspect_ends_as_identify_does(
+    findings: tuple[Finding, ...], code: int, monkeypatch: Patch
+) -> None:
+    found = SimpleNamespace(findings=findings, channels=(), robot=None)
+    put(monkeypatch, "calibration.logs.read_tables", ())
+    put(monkeypatch, "calibration.logs.inspection.inspect", found)
+    put(monkeypatch, "reporting.inspection.draw", Path("inspection.png"))
+    assert shell("inspect", "a.csv", "--out", "out")[0] == code
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise UnusableLog(findings)
+
+    if findings[0].level == "refusal":
+        put(monkeypatch, "cli.servos.servos_of", None)
+        monkeypatch.setattr("nsaid_mj.calibration.identify.identify", refuse)
+        said = shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")
+        assert said[0] == code and "something is wrong" in said[1].err
+
+
+@pytest.mark.parametrize("words", ["list", "--version", "--help"])
+def test_what_judges_nothing_ends_well(words: str) -> None:
+    assert shell(words)[0] == EXPLAINED
+
+
+def test_an_error_of_ours_is_unusable_input(monkeypatch: Patch) -> None:
+    def fail(*_: Any) -> None:
+        raise NsaidError("this cannot be used")
+
+    monkeypatch.setattr(commands, "_run", fail)
+    assert shell("run", "scalar_rov")[0] == UNUSABLE
+
+
+def test_the_documentation_has_the_table() -> None:
+    text = (ROOT / "docs/usage.md").read_text(encoding="utf-8")
+    from nsaid_mj.cli import exit_codes
+
+    table = [line for line in (exit_codes.__doc__ or "").splitlines() if line.startswith("|")]
+    assert all(line in text for line in table)

@@ -1,0 +1,89 @@
+"""A run's folder whose files are damaged, or of another program, ends in a typed error."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from nsaid_mj import Record, run
+from nsaid_mj.errors import NsaidError
+from nsaid_mj.evaluation.verify import verify_folder
+from nsaid_mj.reporting import finish
+from tests.support.faulty import ROV
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "read": Record.read,
+    "rebuild": finish.rebuild,
+    "verify": verify_folder,
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run") / "out"
+    finish.finish(run(ROV, folder))
+    return folder
+
+
+@pytest.fixture
+def out(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "out"))
+
+
+def rewritten(folder: Path, change: Callable[[pa.Table], pa.Table]) -> None:
+    """Changes the table of a record."""
+    file = folder / "record.arrow"
+    with pa.ipc.open_stream(file.read_bytes()) as stream:
+        table = change(stream.read_all())
+    with pa.ipc.new_stream(str(file), table.schema) as stream:
+        stream.write_table(table)
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("column", ["t", "q", "v", "u", "v_hat", "theta_hat", "pe"])
+def test_a_record_without_one_of_its_columns_is_refused(reader, column, out):
+    rewritten(out, lambda table: table.drop_columns([column]))
+    if reader == "read" and column not in "tqvu":
+        READERS[reader](out)
+        return
+    with pytest.raises(NsaidError):
+        READERS[reader](out)
+
+
+@pytest.mark.parametrize("column", ["q", "theta_hat"])
+def test_a_record_of_another_width_is_refused(column, out):
+    def wider(table: pa.Table) -> pa.Table:
+        rows = [row + row for row in table.column(column).to_pylist()]
+        kind = pa.list_(pa.float64(), len(rows[0]))
+        index = table.column_names.index(column)
+        return table.set_column(index, column, pa.array(rows, kind))
+
+    rewritten(out, wider)
+    with pytest.raises(NsaidError, match="not that of its scenario"):
+        finish.rebuild(out)
+
+
+@pytest.mark.parametrize("metadata", [{}, {"scenario": 3}, [], 3, {"scenario": "{}"}])
+@pytest.mark.parametrize("reader", ["rebuild", "verify"])
+def test_metadata_that_are_no_runs_are_refused(metadata, reader, out):
+    given = {"nsaid": json.dumps(metadata)}
+    rewritten(out, lambda table: table.replace_schema_metadata(given))
+    with pytest.raises(NsaidError):
+        READERS[reader](out)
+
+
+@pytest.mark.parametrize("key", ["status", "status_time", "rivals", "wall_s", "scenario_hash"])
+@pytest.mark.parametrize("value", [None, [], {}, "x", -1, [["x"]]])
+def test_a_summary_of_another_program_is_ignored(key: str, value: Any, out: Path):
+    file = out / "summary.json"
+    summary = json.loads(file.read_text(encoding="utf-8"))
+    file.write_text(json.dumps(summary | {key: value}), encoding="utf-8")
+    again = finish.reopen(out, Record.read(out))
+    finish._recall_ending(again)
+    assert again.ending.status.words == "completed"
