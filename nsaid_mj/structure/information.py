@@ -66,6 +66,38 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
         S = 0.5 * (P + P.T)
         for i in range(size):
             S[i, i] += R[i]
+        if not cholesky(S, L) > 0.0:
+            return False
+        inverse[:] = 0.0
+        for i in range(size):  # L⁻¹
+            inverse[i, i] = 1.0
+            for j in range(i):
+                for r in range(j + 1):
+                    inverse[i, r] -= L[i, j] * inverse[j, r]
+            for r in range(i + 1):
+                inverse[i, r] /= L[i, i]
+        white = np.dot(inverse, psi)
+        rows[filled : filled + size] = white
+        filled += size
+        if filled == rows.shape[0]:
+            J += np.dot(rows.T, rows)
+            filled = 0
+        back = inverse.T.copy()
+        for i in range(size):
+            for j in range(size):
+                back[i, j] *= R[i]  # R L⁻ᵀ
+        psi = np.dot(back, white)
+        P = np.dot(back, np.dot(inverse, P))
+    rows[filled:] = 0.0
+    J += np.dot(rows.T, rows)
+    return True
+
+
+@kernel()
+def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
+    """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
+    theta, scale, a = theta.copy(), scale.copy(), np.empty(v.shape[1])
+    for k in range(rows.shape[0]):
         at = q[k], v[k], u[k], theta, scale
         if not linearise(structure, *at, work, slopes, a, rows[k], v[k, :0]) > 0.0:
             return False
