@@ -4,6 +4,9 @@ from .calibration.data import RobotModel as RobotModel
 from .calibration.findings import UnusableLog as UnusableLog
 from .calibration.identify import identify as identify
 from .calibration.live_robot import LiveRobot as LiveRobot
+from .calibration.log_robot import LoggedArm as LoggedArm
+from .calibration.log_robot import LoggedVehicle as LoggedVehicle
+from .calibration.log_robot import LogRobot as LogRobot
 from .calibration.models import load_robot_model as load_robot_model
 from .calibration.result import Identification as Identification
 from .cli import main as main

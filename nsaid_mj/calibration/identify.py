@@ -16,6 +16,7 @@ from .calibrate import calibrate
 from .data import Recordings, RobotModel
 from .findings import UnusableLog
 from .joints import BASIC, COLUMNS
+from .law import LAWS, with_law
 from .logs import Map, checked, prepare, read_map, read_tables
 from .logs.errors import UnreadableLog
 from .models import load_robot_model
@@ -42,7 +43,8 @@ def identify(
     columns: Sequence[str] | None = None,
     delay: float | Sequence[float] | None = None,
     cutoff: float | None = None,
-    online: bool = False,
+    law: str = "batch",
+    folder: PathLike | None = None,
     told: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies plant and actuator parameters of a robot from logs of its motion.
@@ -65,7 +67,9 @@ def identify(
             log.
         delay: of the commands [s], one or one per command; None to search within ±0.2 s.
         cutoff: of the low-pass filter of all rows [Hz]; None for the motion's bandwidth.
-        online: whether to keep the estimate along the log.
+        law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` follow
+            the log besides, sample by sample, with the columns, delays and prior of the fit.
+        folder: of the record of such a law; None keeps no files.
         told: called with the name of every stage, for progress.
 
     Returns:
@@ -75,6 +79,8 @@ def identify(
         UnusableLog: a fault of the log, such as a reversed or dead channel; it lists all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
+    if law not in LAWS:
+        raise UnknownName("law", law, LAWS)
     told("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
     logs, mapping = _files(model, _listed(logs), mapping)
@@ -91,7 +97,10 @@ def identify(
         _cutoff(cutoff),
         _loads(loads, robot),
     )
-    return calibrate(robot, recordings, validation, options, known=known, online=online, told=told)
+    found = calibrate(robot, recordings, validation, options, known=known, told=told)
+    if law == "batch":
+        return found
+    return with_law(found, law, None if folder is None else Path(folder), told)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:

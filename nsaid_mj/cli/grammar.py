@@ -165,7 +165,8 @@ class Identify:
             viscous and Coulomb friction: load, quadratic, cubic, offset; "" for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
-        online: also keep the estimate along the log.
+        law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which follow the
+            log besides, sample by sample, and are compared with it.
         limit: of what a log file may become when it is unpacked [GB].
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.
@@ -186,7 +187,7 @@ class Identify:
     columns: str = "auto"
     delay: str = "auto"
     cutoff: float | None = None
-    online: bool = False
+    law: str = "batch"
     limit: float = 4.0
     out: Path | None = None
     force: bool = False

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from ..parameters import Array
     from ..reporting.progress import Progress
 
+_NO_TORQUE = (
+    "The other laws identify a motion from forces; a servo's log has none, and its velocity is too "
+    "coarse between two rows. "
+)
+
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they are of targets and positions, else None."""
@@ -51,10 +56,11 @@ def identify_given(
     from ..calibration.servos import identify_servos, write_servo_mjcf
 
     plain = Identify()
-    for name in ("known", "columns", "delay", "cutoff", "online"):
+    for name in ("known", "columns", "delay", "cutoff", "law"):
         if getattr(chosen, name) != getattr(plain, name):
             expected = "no such option with logs of targets and positions"
-            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), "Leave it out.")
+            why = _NO_TORQUE if name == "law" else ""
+            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), f"{why}Leave it out.")
     own = replace(chosen, map=chosen.validate_map or chosen.map)
     others = servos_of(model, chosen.validate, own) if chosen.validate else None
     result = identify_servos(given, progress.say)

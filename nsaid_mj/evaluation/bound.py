@@ -49,7 +49,8 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
     scale = np.array(system.space.scale)
     cone = cone_of(system.space)
-    law = Law(system.forward, cone, scale, margin_of(cone, scale), _ROUNDING, 1, np.zeros(system.p))
+    margin, none = margin_of(cone, scale), np.zeros(0)
+    law = Law(system.forward, cone, scale, margin, _ROUNDING, 1, np.zeros(system.p), none)
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
     prior = basis @ (basis.T @ truth.prior_covariance @ basis) @ basis.T

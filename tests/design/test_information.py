@@ -30,7 +30,7 @@ def test_the_information_equals_the_covariance_of_the_filter(experiment):
     system, log = experiment.system, motion(experiment)
     scale = np.array(system.space.scale)
     cone, constant = cone_of(system.space), np.zeros(system.p)
-    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, constant)
+    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, constant, np.zeros(0))
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     basis = experiment.bases[0]
     prior = PRIOR**2 * basis @ basis.T

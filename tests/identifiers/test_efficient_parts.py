@@ -62,7 +62,9 @@ def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Fi
     kalman = filter_at(np.zeros(N), np.zeros(N), theta, joint[2 * N :, 2 * N :].copy())
     kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
     cone, walks = cone_of(space), np.full(P, walk)
-    return kalman, Law(NO_STRUCTURE, cone, scale, margin_of(cone, scale), gamma, 10, walks)
+    return kalman, Law(
+        NO_STRUCTURE, cone, scale, margin_of(cone, scale), gamma, 10, walks, np.zeros(0)
+    )
 
 
 @pytest.mark.parametrize(("size", "share"), [(0.01, 1.0), (0.01, 0.25), (30.0, 1.0)])
@@ -146,7 +148,16 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
     system, truth = made.system, made.truth
     space, n = system.space, system.n
     cone, scale = cone_of(space), np.array(space.scale)
-    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.3, 10, np.zeros(system.p))
+    law = Law(
+        system.forward,
+        cone,
+        scale,
+        margin_of(cone, scale),
+        0.3,
+        10,
+        np.zeros(system.p),
+        np.zeros(0),
+    )
     for seed in range(30):
         rng = np.random.default_rng(seed)
         q, v, u = system.random_state(rng)
@@ -284,7 +295,7 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     )  # fmt: skip
     log = Log(np.array([0.0, 0.01]), *np.zeros((3, 2, 1)))
     trials = Trials(each, None, None, log, 10)  # type: ignore[arg-type]
-    law: Any = Law(0, None, None, None, 0.0, 10, None)  # type: ignore[arg-type]
+    law: Any = Law(0, None, None, None, 0.0, 10, None, None)  # type: ignore[arg-type]
     assert trying.verdict(law, trials, 0.11) is None
     late = trying.verdict(law, trials, 1.2)
     assert late is not None and late.trial is each[0]

@@ -30,6 +30,9 @@ class Law(NamedTuple):
         gamma: γ.
         window: samples over which innovations are tested.
         walk: (p,) variance that θ, relative to itself, gains in a second [1/s]; 0 where constant.
+        unexplained: (n,) density of the noise of the commands of motors, one on every velocity,
+            whose gains are the last parameters [units of command, squared, times s]; (0,) if there
+            is none.
     """
 
     structure: StructureArrays
@@ -39,6 +42,7 @@ class Law(NamedTuple):
     gamma: float
     window: int
     walk: Array
+    unexplained: Array
 
 
 class Filter(NamedTuple):
@@ -145,6 +149,7 @@ class Memory(NamedTuple):
         before: (p,) θ̂ before the step.
         trial: (p,) anything.
         factor: (p, p) anything.
+        seen: (3, n) velocities of joints' columns, see `transition.step`.
     """
 
     stage: Workspace
@@ -172,6 +177,7 @@ class Memory(NamedTuple):
     before: Array
     trial: Array
     factor: Array
+    seen: Array
 
     @staticmethod
     def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:
@@ -179,7 +185,7 @@ class Memory(NamedTuple):
         sizes = (
             m, m, n, (2 * n, 3 * n), (3 * n, 2 * n), (n, p), (3 * n, p), (p, 3 * n), (3 * n, n),
             (n, 3 * n), (3 * n, 3 * n), (2 * n, 3 * n), *((2 * n, 2 * n),) * 3, (2 * n, p),
-            2 * n, 2 * n, 2 * n, p, p, p, (p, p),
+            2 * n, 2 * n, 2 * n, p, p, p, (p, p), (3, n),
         )  # fmt: skip
         return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
 
@@ -195,11 +201,12 @@ def memory_for(structure: StructureArrays, *sizes: int) -> Memory:
     return _OWN.memory
 
 
-LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector), Law)
+LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector, vector), Law)
 FILTER = types.NamedTuple(
     (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector), Filter
 )
 ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
 MEMORIES = types.NamedTuple(
-    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 13, *(vector,) * 6, matrix), Memory
+    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 13, *(vector,) * 6, matrix, matrix),
+    Memory,
 )

@@ -1,7 +1,7 @@
 """An extended Kalman filter of position, velocity and parameters, compiled.
 
     x̄ = RK4(x̂, u held; θ̂),    F = [Φ Γ; 0 1],
-    P̄ = F P Fᵀ + γ² diag(diag(Γ P_θθ Γᵀ)),
+    P̄ = F P Fᵀ + γ² diag(diag(Γ P_θθ Γᵀ)) + F_c M̂⁻¹ D M̂⁻¹ F_cᵀ/dt,
     S = P̄_xx + R,    L Lᵀ = S,    e = L⁻¹ y,    y = (difference(q̄, q), v − v̄),
     θ̂ ← θ̂ + share scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,
     P ← P̄ − P̄ Hᵀ S⁻¹ H P̄,    P_θθ with the factor share (2 − share).
@@ -17,6 +17,12 @@ along; see `steps`.
 This is (44, 45) with K and Γ replaced by the gains that the data's own information implies. Both q
 and v are measured, so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for
 the error of linearisation about θ̂: a share of what the uncertainty of θ does in a step.
+
+D = diag(d k̂²) stands for forces that the structure does not have, as white noise of density d of
+the motors' commands: stated as forces, it would grow relative to a motor whose k̂, friction and
+inertia sink together, and hold them there. With it joints' friction is that of the measured
+velocity, as in (44): next to such forces its noise does not matter, while a step in which friction
+reverses is neither linear nor stable.
 """
 
 from __future__ import annotations
@@ -24,7 +30,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from ...numerics.linalg import cholesky, multiply, subtract_square, transpose
+from ...numerics.linalg import cholesky, multiply, solve_many, subtract_square, transpose
 from ...parameters import Array
 from ...quotient.cone import inside
 from ...structure.compiled import f8, i8, kernel, matrix, vector, void
@@ -116,6 +122,25 @@ def keep_above_rounding(P, L):
             P[i, i] += _FLOOR * largest
 
 
+@kernel(void(vector, f8, vector, matrix, matrix, matrix), inner=True)
+def _add_unexplained(density, dt, theta, L, spread, rows):
+    """Adds M̂⁻¹ D M̂⁻¹/dt to the covariance of c, the last n columns of `rows` (n, 3n).
+
+    L is the factor that `solve_positive` left; `spread` (2n, 2n) is workspace.
+    """
+    n, gains = density.shape[0], theta[theta.shape[0] - density.shape[0] :]
+    columns = spread[:n]
+    for i in range(n):
+        for j in range(columns.shape[1]):
+            columns[i, j] = 1.0 if i == j else 0.0
+    solve_many(L, columns)
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                own = density[k] * gains[k] * gains[k] / dt
+                rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
+
+
 @kernel(void(LAW, f8, FILTER, MEMORIES), inner=True)
 def _predict(law, dt, filter, memory):
     """Writes P̄, without R, from the derivatives F and B of `transition`."""
@@ -136,6 +161,8 @@ def _predict(law, dt, filter, memory):
             both[i, j] = Pxx[i, j]
         for j in range(n):
             both[size + j, i] = with_c[i, j]
+    if law.unexplained.shape[0]:
+        _add_unexplained(law.unexplained, dt, filter.theta, memory.stage.L, memory.S, both[size:])
     multiply(F, with_theta, Pxt)
     multiply(F, both, memory.moved)
     multiply(memory.moved, memory.F_T, Pxx)
@@ -260,6 +287,13 @@ def _begin_window(filter, factor):
         tally[i] = 0.0
 
 
+@kernel(void(vector, vector, matrix), inner=True)
+def _see(before, after, seen):
+    """Writes the velocities (3, n) of a step: measured at both ends, and half-way."""
+    for i in range(before.shape[0]):
+        seen[0, i], seen[1, i], seen[2, i] = before[i], 0.5 * (before[i] + after[i]), after[i]
+
+
 @kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES), inner=True)
 def _move(law, filter, dt, q, v, u, memory):
     """Carries state and covariance through a step, and writes the step and the innovation y.
@@ -270,6 +304,7 @@ def _move(law, filter, dt, q, v, u, memory):
     pivot = transition(
         law.structure, q, v, u, dt, filter.theta, law.scale, memory.stage, memory.slopes,
         memory.at, memory.q1, memory.v1, memory.F, memory.B,
+        memory.seen if law.unexplained.shape[0] > 0 else memory.seen[:0],
     )  # fmt: skip
     if pivot > 0.0:
         _predict(law, dt, filter, memory)
@@ -293,6 +328,7 @@ def _follow_row(law, filter, k, t, q, v, u, along, memory):
         if filter.noise.seen[0] >= _WARM_UP + 3:
             restart_state(filter, q[k], v[k], memory.R)
         return BEGINNING
+    _see(v[k - 1], v[k], memory.seen)
     pivot = _move(law, filter, t[k] - t[k - 1], filter.q, filter.v, u[k - 1], memory)
     if not pivot > 0.0:
         return CONTRADICTED
@@ -366,6 +402,7 @@ def _cover(law, filter, R, t, q, v, u, memory):
     for i in range(R.shape[0]):
         memory.R[i] = R[i]
     for k in range(1, t.shape[0]):
+        _see(v[k - 1], v[k], memory.seen)
         if not _move(law, filter, t[k] - t[k - 1], q[k - 1], v[k - 1], u[k - 1], memory) > 0.0:
             return k - 1
         for i in range(R.shape[0]):
