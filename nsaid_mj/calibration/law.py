@@ -160,7 +160,7 @@ def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
     return NullspaceAID(
         law=law,  # pyright: ignore[reportArgumentType]  # one of `LAWS`
         gain=_SLOW if law in ("memory", "efficient") else 1.0,
-        memory=MemoryConfig(interval=_INTERVAL, surprise=0.0),
+        memory=MemoryConfig(interval=_INTERVAL),
         efficient=EfficientConfig(unexplained=unexplained),
     )
 
