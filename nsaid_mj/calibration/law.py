@@ -152,7 +152,7 @@ def law_logs(
 
 
 def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
-    """A law for a structure that is not exact: no exact gain change is looked for in its misfit.
+    """A law for a structure that is not exact.
 
     Between the steps of the memory the flow (45) follows what the structure does not explain, and
     is slowed down.
