@@ -155,6 +155,7 @@ class Identify:
             ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
         map: TOML file that says which columns are what; `nsaid inspect` writes a first one.
+        validate_map: the same of the logs of --validate; by default --map.
         known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
         load: a weighed load that one of several logs carries, such as loaded.csv:0.25kg@gripper; it
             fixes the scale of masses, gains and friction. Repeat it for more logs.
@@ -164,7 +165,8 @@ class Identify:
             viscous and Coulomb friction: load, quadratic, cubic, offset; "" for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
-        online: also keep the estimate along the log.
+        law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which follow the
+            log besides, sample by sample, and are compared with it.
         limit: of what a log file may become when it is unpacked [GB].
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.
@@ -177,6 +179,7 @@ class Identify:
     log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
     validate: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
     map: Path | None = None
+    validate_map: Path | None = None
     known: UseAppendAction[tuple[Annotated[str, arg(metavar="NAME=VALUE")], ...]] = ()
     load: UseAppendAction[tuple[Annotated[str, arg(metavar="FILE:MASSkg@LINK")], ...]] = ()
     lock: str = ""
@@ -184,7 +187,7 @@ class Identify:
     columns: str = "auto"
     delay: str = "auto"
     cutoff: float | None = None
-    online: bool = False
+    law: str = "batch"
     limit: float = 4.0
     out: Path | None = None
     force: bool = False

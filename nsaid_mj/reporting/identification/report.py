@@ -104,7 +104,8 @@ def _page(result: Identification, command: str) -> Page:
             Text("Inertias are about the origin of the link's joint frame, in its axes. C1, C2 …: "
                  "the combination above that the log determines instead.", note=True),
         ]),
-        Section("Estimates along the log", _some(figures_of(figures.histories(result)))),
+        Section(f"Law {result.law.name} along the log" if result.law else "",
+                _law(result, figures_of(figures.histories(result)))),
         Section(f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}", [
             Figures(correlations), Text(_CORRELATIONS, note=True),
         ] if correlations else []),
@@ -152,6 +153,7 @@ def print_identification(
             alarms=brief_alarms(result.findings),
             sections=[
                 Section("", [_quality(result, brief=True), *_brief_gains(gains), *_kinds(result)]),
+                Section("", _law_tables(result)),
                 *(Section("", [Text(line)]) for line in last),
             ],
             commands=list(map(str, files)),
@@ -290,6 +292,34 @@ def _frictions(figures: Sequence[pages.Figure]) -> list[pages.Panel]:
     note = Text("Lines are 95 % intervals; ◇ is the value before the log, a guess from the model "
                 "and the motion. The numbers are in the tables below.", note=True)  # fmt: skip
     return [Figures(figures), note] if figures else []
+
+
+def _law(result: Identification, figures: Sequence[pages.Figure]) -> list[pages.Panel]:
+    """Gains and predictions of a law that followed the log, beside the batch fit's."""
+    along = result.law
+    if along is None:
+        return []
+    note = (
+        "The law has seen the log once, sample by sample, with columns, delays and prior of the "
+        "batch fit. Gains are over their geometric mean, as no motion tells the common scale; they "
+        "agree where both intervals meet. NRMSE: the last fifth of the log under the estimate "
+        "before it. v̂ − v and all of θ̂ are on the page of the law's own run, "
+        f"{along.name}/report.html beside this one."
+    )
+    return [*_law_tables(result), *_some(figures), Text(note, note=True)]
+
+
+def _law_tables(result: Identification) -> list[Table]:
+    """Gains of a law, and its prediction of the log's last fifth."""
+    along = result.law
+    if along is None:
+        return []
+    law, limits = f"law {along.name}", "95 % interval"
+    heads = ["gains over their mean", law, limits, "batch fit", limits, "agree"]
+    gains = [Table(heads, words.law_gains(along), (0, 5), most=_LINES)] if along.gains else []
+    rows = zip(result.joints, along.last, along.batch_last, strict=True)
+    lines = [[joint.name, words.nrmse(own), words.nrmse(fit)] for joint, own, fit in rows]
+    return [*gains, Table(["NRMSE of the last fifth", law, "batch fit"], lines, most=_LINES)]
 
 
 def _unknown(result: Identification) -> list[pages.Panel]:
