@@ -152,7 +152,7 @@ def law_logs(
 
 
 def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
-    """A law for a structure that is not exact: no exact gain change is looked for in its misfit.
+    """A law for a structure that is not exact.
 
     Between the steps of the memory the flow (45) follows what the structure does not explain, and
     is slowed down.
@@ -160,7 +160,7 @@ def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
     return NullspaceAID(
         law=law,  # pyright: ignore[reportArgumentType]  # one of `LAWS`
         gain=_SLOW if law in ("memory", "efficient") else 1.0,
-        memory=MemoryConfig(interval=_INTERVAL, surprise=0.0),
+        memory=MemoryConfig(interval=_INTERVAL),
         efficient=EfficientConfig(unexplained=unexplained),
     )
 

@@ -179,7 +179,7 @@ class ImplicitMemory:
         efforts = remembered.effort * theta
         scale = np.mean(efforts / (efforts @ theta)[:, None], axis=0)
         root -= np.outer(theta, scale @ root)  # at a fixed scale: θ = 0 would explain all data
-        return root
+        return np.asarray(root, dtype=np.float64)
 
     def _cost(self, before: Array, after: Array) -> float:
         """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
