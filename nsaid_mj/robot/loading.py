@@ -112,7 +112,7 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
     path, packed = Path(name).expanduser(), {**packed_robots(), **packed_folders()}
     if name in packed:
         return RobotFile(packed[name], named=True)
-    if path.is_dir():
+    if path.is_dir() and name not in example_robots():  # a folder hides no robot of its name
         reason = "no such file, but a folder without a vehicle.toml"
         raise BadRobot(name or ".", "", reason, REMEDY)
     if path.is_file():
