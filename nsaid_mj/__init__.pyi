@@ -4,6 +4,9 @@ from .calibration.data import RobotModel as RobotModel
 from .calibration.findings import UnusableLog as UnusableLog
 from .calibration.identify import identify as identify
 from .calibration.live_robot import LiveRobot as LiveRobot
+from .calibration.log_robot import LoggedArm as LoggedArm
+from .calibration.log_robot import LoggedVehicle as LoggedVehicle
+from .calibration.log_robot import LogRobot as LogRobot
 from .calibration.models import load_robot_model as load_robot_model
 from .calibration.result import Identification as Identification
 from .cli import main as main
@@ -31,9 +34,9 @@ from .identifiers import EfficientConfig as EfficientConfig
 from .identifiers import MemoryConfig as MemoryConfig
 from .identifiers import NullspaceAID as NullspaceAID
 from .identifiers import Status as Status
-from .identifiers.cone.law import cone_identifier as cone_identifier
 from .identifiers.efficient.law import efficient_identifier as efficient_identifier
-from .identifiers.memory.law import memory_identifier as memory_identifier
+from .identifiers.in_cone import cone_identifier as cone_identifier
+from .identifiers.in_cone import memory_identifier as memory_identifier
 from .identifiers.nullspace_aid import NullspaceIdentifier as NullspaceIdentifier
 from .identifiers.nullspace_aid import paper_identifier as paper_identifier
 from .log import Log as Log

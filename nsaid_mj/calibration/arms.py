@@ -70,7 +70,7 @@ def structured_arm(
         other.reweigh(links)
         return other.problem(choice, gain, spread)
 
-    links = None
+    links = file_links(rows.robot.model)
     problem, faults = problem_of(choice), fit_checks(rows, choice)
     faults = [*doubts, *faults]
     if not _refused(faults):
@@ -114,6 +114,8 @@ def structured_arm(
         ),
         (*notes, *slow, *faults),
         chosen.cutoff,
+        links,
+        choice.delay,
         lambda theta: arm_suspects(rows, choice, problem, theta),
     )
 

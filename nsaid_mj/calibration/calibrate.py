@@ -14,6 +14,7 @@ from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
+from .law_result import Fitted
 from .least_squares import least_squares
 from .payloads import check_loads, payloads
 from .precision import inflation, precision, tempered
@@ -26,7 +27,6 @@ from .structure import Options
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
-_ONLINE = 0.5  # seconds between the steps of an estimate along the log
 _DEFAULT = Options()
 _LEVELS = ("refusal", "warning", "note")
 
@@ -38,7 +38,6 @@ def calibrate(
     options: Options = _DEFAULT,
     *,
     known: Mapping[str, float] | None = None,
-    online: bool = False,
     findings: tuple[Finding, ...] = (),
     told: Callable[[str], None] = lambda _: None,
 ) -> Identification:
@@ -50,7 +49,6 @@ def calibrate(
         validation: a log that takes no part in the fit; None to hold out parts of the training.
         options: of the structure.
         known: values of parameters by name or label [SI].
-        online: whether to record the estimate along the log.
         findings: what was noticed before.
         told: called with the name of every stage, for progress.
 
@@ -121,7 +119,7 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    explains, sentence = scale.judged(*with_doubts(*verdict(joints), found))
+    explains, sentence = scale.judged(*with_doubts(*verdict(joints, robot.system is None), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
     return Identification(
@@ -141,9 +139,10 @@ def calibrate(
         nearest_friction(problem, fit.theta),
         _curves(problem, fit.theta),
         None if checked is None else _curves(checked, fit.theta),
-        _along(problem, share) if online else None,
+        None,
         made.cutoff,
         time.perf_counter() - begin,
+        Fitted(made, problem, exact, share, options.coupled),
     )
 
 
@@ -226,26 +225,6 @@ def _start(problem: Problem, fit: Fit, other: Problem) -> Array:
         if name in index:
             start[i] = fit.theta[index[name]]
     return start
-
-
-def _along(problem: Problem, share: Array) -> tuple[Array, Array]:
-    """Times (K,) and estimates (K, p) along the log: steps on all rows so far, from the last θ̂.
-
-    Rows arrive in the order of time; the last estimate minimises the same J as the batch does.
-    """
-    ends = np.flatnonzero(np.diff(np.floor(problem.t / _ONLINE), append=np.inf)) + 1
-    theta, start, total = problem.prior, 0, None
-    moving = problem.usable.any(axis=0)
-    times, estimates = [], []
-    for end in ends:
-        part = tempered(problem.select(np.arange(start, end)), share)
-        total = part if total is None else total + part
-        start = end
-        if (total.counts > 0)[moving].all():
-            theta = minimise(problem, total, theta).theta
-        times.append(problem.t[end - 1])
-        estimates.append(theta)
-    return np.array(times), np.array(estimates)
 
 
 def _curves(problem: Problem, theta: Array) -> Curves:

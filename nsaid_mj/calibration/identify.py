@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,11 @@ from ..parameters import Array
 from ..resources import asset
 from .calibrate import calibrate
 from .data import Recordings, RobotModel
+from .findings import UnusableLog
 from .joints import BASIC, COLUMNS
+from .law import LAWS, with_law
 from .logs import Map, checked, prepare, read_map, read_tables
+from .logs.errors import UnreadableLog
 from .models import load_robot_model
 from .payloads import Load, load_of
 from .result import Identification
@@ -31,6 +35,7 @@ def identify(
     *,
     validate: PathLike | Sequence[PathLike] = (),
     mapping: PathLike | Map | None = None,
+    validate_mapping: PathLike | Map | None = None,
     known: Mapping[str, float] | None = None,
     loads: Sequence[str | Load] = (),
     lock: Sequence[str] = (),
@@ -38,7 +43,8 @@ def identify(
     columns: Sequence[str] | None = None,
     delay: float | Sequence[float] | None = None,
     cutoff: float | None = None,
-    online: bool = False,
+    law: str = "batch",
+    folder: PathLike | None = None,
     told: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies plant and actuator parameters of a robot from logs of its motion.
@@ -51,6 +57,7 @@ def identify(
         validate: files that take no part in the fit; the estimate is judged on them.
         mapping: which columns of the logs are what; the path of a map.toml, or None to match
             columns with the model's joints by name.
+        validate_mapping: the same of `validate`; None for `mapping`.
         known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
         loads: weighed ones, such as "loaded.csv:0.25kg@gripper", which fix the common scale.
         lock: joints that do not move.
@@ -60,7 +67,9 @@ def identify(
             log.
         delay: of the commands [s], one or one per command; None to search within ±0.2 s.
         cutoff: of the low-pass filter of all rows [Hz]; None for the motion's bandwidth.
-        online: whether to keep the estimate along the log.
+        law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` follow
+            the log besides, sample by sample, with the columns, delays and prior of the fit.
+        folder: of the record of such a law; None keeps no files.
         told: called with the name of every stage, for progress.
 
     Returns:
@@ -70,14 +79,17 @@ def identify(
         UnusableLog: a fault of the log, such as a reversed or dead channel; it lists all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
+    if law not in LAWS:
+        raise UnknownName("law", law, LAWS)
     told("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
     logs, mapping = _files(model, _listed(logs), mapping)
-    chosen = read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
+    chosen = _read_map(mapping)
     told("reading the log")
     recordings = _recordings(logs, chosen, robot)
     others = _listed(validate)
-    validation = _recordings(others, chosen, robot) if others else None
+    own = chosen if validate_mapping is None else _read_map(validate_mapping)
+    validation = _validation(others, own, robot) if others else None
     options = Options(
         _columns(columns, robot),
         _coupled(chosen),
@@ -85,7 +97,10 @@ def identify(
         _cutoff(cutoff),
         _loads(loads, robot),
     )
-    return calibrate(robot, recordings, validation, options, known=known, online=online, told=told)
+    found = calibrate(robot, recordings, validation, options, known=known, told=told)
+    if law == "batch":
+        return found
+    return with_law(found, law, None if folder is None else Path(folder), told)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
@@ -107,6 +122,24 @@ def _files(
         if packed.is_file():
             return [packed], asset(model, "map.toml") if mapping is None else mapping
     raise InvalidInput("log", "one or more files", "none", "Give `--log FILE`.")
+
+
+def _read_map(mapping: PathLike | Map | None) -> Map | None:
+    return read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
+
+
+def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
+    """The recordings of validation logs; what is wrong with them is said to be of those files."""
+    try:
+        return _recordings(files, mapping, robot)
+    except UnreadableLog:  # names its file
+        raise
+    except UnusableLog as error:
+        names = f"validation log {', '.join(file.name for file in files)}"
+        found = (
+            replace(f, where=", ".join(filter(None, (names, f.where)))) for f in error.findings
+        )
+        raise UnusableLog(tuple(found)) from error
 
 
 def _recordings(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..bounds import Name, Positive, config
-from ..errors import InvalidInput
-from ..experiment.loop import Cost, Ending, Robot, Run, columns
-from ..experiment.record import Record
-from ..experiment.scenario import Scenario
-from ..experiment.setup import told
-from ..identifiers import Identifier, Status
+from ..experiment.loop import Robot
 from ..identifiers.cone.prior import drawn_inside
 from ..parameters import Array
-from ..plants import PlantConfig
 from ..plants.arm import ArmPlant, nominal_scales
 from ..structure.multibody import CompiledMultibody
 from .data import RobotModel
 from .links import file_links
+from .measured import MeasuredRobot
 from .models import load_robot_model
 
 _FRICTION_SPEED = 0.05  # s of tanh(v/s) of Coulomb friction [rad/s or m/s]
@@ -30,8 +23,8 @@ _ACCELERATION = 300.0  # of a motor's rotor alone under this force [rad/s² or m
 
 
 @config
-class LiveRobot(PlantConfig):
-    """A robot whose measurements arrive from outside. Nobody knows its true parameters.
+class LiveRobot(MeasuredRobot):
+    """A robot whose measurements arrive while it moves.
 
     Attributes:
         robot: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle.
@@ -45,15 +38,6 @@ class LiveRobot(PlantConfig):
     lock: tuple[Name, ...] = ()
     joints: tuple[Name, ...] = ()
     gain: Positive | None = None
-
-    def build(self, dt: float, seed: int) -> Any:
-        """Refuses: there is nothing to simulate.
-
-        Raises:
-            InvalidInput: always.
-        """
-        remedy = "`nsaid run arm --robot` and the vehicles of `nsaid list` are simulated."
-        raise InvalidInput("plant", "a simulated plant", "a robot that is measured", remedy)
 
     def known(self) -> Robot:
         """Structure, prior and looks from the model file.
@@ -103,31 +87,3 @@ def _guessed(model: RobotModel) -> tuple[Array, Array, Array]:
         np.where(own > 0, own, other) for own, other in zip(given, guess, strict=True)
     )
     return rotor, viscous, coulomb
-
-
-def live_identifiers(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
-    """The scenario's own identifier, for a robot that is not simulated."""
-    config, levels = told(scenario.identifier, scenario), scenario.noise.levels
-    return {"": config.build(robot.system, robot.prior, scenario.dt, levels)}
-
-
-def reopen_live(folder: Path, record: Record) -> Run | None:
-    """Rebuilds the run of a live robot from its record; None if its robot was simulated."""
-    scenario = Scenario.from_json(record.scenario(folder))
-    if not isinstance(scenario.plant, LiveRobot):
-        return None
-    robot = scenario.plant.known()
-    system = robot.system
-    record.check(folder, columns(system.n, system.m, system.n_u, system.p, []))
-    return Run(
-        scenario=scenario,
-        folder=folder,
-        record=record,
-        system=system,
-        prior=robot.prior,
-        identifiers=live_identifiers(scenario, robot),
-        statuses={"": Status.completed},
-        ending=Ending(Status.completed, float(record["t"][-1])),
-        cost=Cost(steps=len(record)),
-        looks=robot.looks,
-    )

@@ -24,8 +24,7 @@ from ..parameters import Array
 from .findings import Finding
 from .fit import cost_of, gramians
 from .precision import Precision
-from .problem import Problem
-from .result import Explains
+from .problem import Explains, Problem
 
 _BLOCKS = 20  # of the log, for the variance of the scores
 _CHANCE = 0.01  # of any suspect entering by chance

@@ -12,10 +12,10 @@ import numpy as np
 from ..parameters import Array, Indices
 from .data import Recordings, RobotModel
 from .findings import Finding
-from .problem import Mask
+from .law_result import AlongLog, Fitted
+from .problem import Explains, Mask
 
 Status = Literal["identified", "only in combination", "not excited", "below the noise", "known"]
-Explains = Literal["yes", "partly", "no"]
 
 
 @dataclass(frozen=True)
@@ -143,9 +143,10 @@ class Identification:
             joint, for model files that hold no other; empty for a vehicle.
         curves: of the training logs.
         validation: of the validation log; None without one.
-        history: rows (t, θ̂) of the estimate along the log, for `--online`; None otherwise.
+        law: that followed the log besides; None if the batch fit is alone.
         cutoff: of the rows' filter [Hz].
         seconds: what the identification took [s].
+        fitted: what was fitted, for laws that follow the log.
     """
 
     robot: RobotModel
@@ -164,9 +165,10 @@ class Identification:
     friction: tuple[Array, Array]
     curves: Curves
     validation: Curves | None
-    history: tuple[Array, Array] | None
+    law: AlongLog | None
     cutoff: float
     seconds: float
+    fitted: Fitted
 
     def of(self, block: str) -> list[Parameter]:
         """The parameters of a kind, such as "motor gain"."""
@@ -187,6 +189,7 @@ class Identification:
             "cutoff": self.cutoff,
             "rate": self.recordings.rate,
             "seconds": self.seconds,
+            **({"law": self.law.summary()} if self.law else {}),
         }
 
     def text(self) -> str:

@@ -18,8 +18,7 @@ from ..evaluation.confidence import INTERVAL
 from ..parameters import Array
 from .findings import Finding
 from .precision import Precision, combinations
-from .problem import Problem
-from .result import Explains
+from .problem import Explains, Problem
 from .statements import in_words
 
 _SURE = 0.15  # standard deviation of the scale's logarithm below which a known value fixes it: that

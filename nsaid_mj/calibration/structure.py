@@ -62,6 +62,8 @@ class Structured(NamedTuple):
         velocities: the choice for every velocity.
         findings: what was tried and noticed.
         cutoff: of the rows' filter [Hz].
+        links: (10 k,) parameters of the links whose weight loads the friction of an arm's joints.
+        delays: (k,) of the commands [s].
         suspects: effects outside the structure, at a (p,) θ̂, that the residuals may follow.
     """
 
@@ -73,4 +75,6 @@ class Structured(NamedTuple):
     velocities: tuple[Velocity, ...]
     findings: tuple[Finding, ...]
     cutoff: float
+    links: Array
+    delays: Array
     suspects: Callable[[Array], list[Suspect]] = lambda _: []

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..parameters import Array
-from .result import Curves, Identification
+from .data import Recordings
+from .result import Curves
 
 _BETWEEN = 1.0  # time between two logs on the common axis [s]
 _NEAR = 10.0  # a log that begins this soon after the one before it keeps its own times [s]
@@ -46,10 +47,10 @@ def shifts(spans: Sequence[Span]) -> Array:
     return np.array(found)
 
 
-def training_shifts(result: Identification) -> Array:
-    """(S,) shifts of the segments of the training logs."""
+def recording_shifts(recordings: Recordings) -> Array:
+    """(S,) shifts of the segments of recordings."""
     return shifts(
-        [Span(s.source, float(s.log.t[0]), float(s.log.t[-1])) for s in result.recordings.segments]
+        [Span(s.source, float(s.log.t[0]), float(s.log.t[-1])) for s in recordings.segments]
     )
 
 
@@ -62,19 +63,3 @@ def own_shifts(curves: Curves) -> Array:
         start, last = (float(t[0]), float(t[-1])) if len(t) else (last, last)
         spans.append(Span("", start, last))
     return shifts(spans)
-
-
-def history_times(result: Identification) -> Array:
-    """(K,) times of the estimates along the log on the common axis; empty if there are none.
-
-    Each time is found among the rows of the fit, of which it is one, in their order.
-    """
-    if result.history is None:
-        return np.zeros(0)
-    curves, shift, found, row = result.curves, training_shifts(result), [], 0
-    for t in result.history[0]:
-        later = np.flatnonzero(curves.t[row:] == t)
-        row += int(later[0]) if len(later) else 0
-        inside = row < len(curves.segment)
-        found.append(t + (shift[int(curves.segment[row])] if inside else 0.0))
-    return np.array(found)

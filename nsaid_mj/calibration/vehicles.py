@@ -81,7 +81,7 @@ class VehicleRows:
         self.robot, self.system, self._filter = robot, robot.system, chosen
         self._parts = []
         for number, segment in enumerate(recordings.segments):
-            motion = _motion(self.system, segment, chosen)
+            motion = motion_of(self.system, segment, chosen)
             centres = chosen.centres(len(motion[0]))
             if len(centres):
                 self._parts.append((number, segment, motion, centres))
@@ -192,7 +192,7 @@ def velocity_names(robot: RobotModel) -> tuple[str, ...]:
     return twist + rest
 
 
-def _motion(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, Array, Array]:
+def motion_of(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, Array, Array]:
     """Times, q, v, v̇ of the smoothed motion at the regressors' rate."""
     log = smoothed(system, segment.log, chosen.smoothing)
     a = np.gradient(log.v, 1 / chosen.rate, axis=0)
@@ -268,6 +268,8 @@ def structured_vehicle(
         tuple(Velocity(n, tuple(sorted(columns)), np.nan, common) for n in velocity_names(robot)),
         tuple(findings),
         chosen.cutoff,
+        np.zeros(0),
+        delay,
         lambda theta: list(command_suspects(problem.Y[:, :, at] * theta[at], labels)),
     )
 

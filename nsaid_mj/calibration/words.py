@@ -6,7 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 
-from ..evaluation.words import ABSENT, STATUSES, Mark, number
+from ..evaluation.words import ABSENT, STATUSES, Mark, estimate, number
+from .law_result import AlongLog
 from .result import Identification, JointFit, Parameter
 
 EXPLAINS = {
@@ -41,6 +42,24 @@ def relative(parameter: Parameter) -> str:
     if parameter.relative is None:
         return ABSENT
     return f"±{number(float(f'{100 * parameter.relative:.2g}'))} %"
+
+
+def law_gains(along: AlongLog) -> list[list[str]]:
+    """Gains of a law over their mean, beside the batch fit's, with intervals, and agreement."""
+    lines = []
+    for gain in along.gains:
+        line = [gain.label]
+        for value, half in ((gain.law, gain.half), (gain.batch, gain.batch_half)):
+            known = math.isfinite(half)
+            factor = math.exp(min(half, 20.0))
+            own = (
+                estimate(value, value / factor, value * factor)
+                if known
+                else (number(value), ABSENT)
+            )
+            line += own
+        lines.append([*line, "no" if gain.apart else "yes" if math.isfinite(gain.half) else ABSENT])
+    return lines
 
 
 def is_gain(parameter: Parameter) -> bool:

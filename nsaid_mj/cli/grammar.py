@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Union
 
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
@@ -146,8 +146,7 @@ class Identify:
     log cannot tell, a report, a recording, and the model file with identified values. `nsaid
     identify tx40` does it with a packed log of a real arm. Logs of position targets instead of
     torques, of an MJCF with position servos, yield kp, kv, armature, friction and delay of every
-    servo, and the MJCF with them; `nsaid identify so101` has such a log. The exit code is 1 if the
-    structure does not explain the log, 2 if the log cannot be used.
+    servo, and the MJCF with them; `nsaid identify so101` has such a log.
 
     Attributes:
         packed: a packed robot with a log: tx40 or so101.
@@ -156,6 +155,7 @@ class Identify:
             ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
         map: TOML file that says which columns are what; `nsaid inspect` writes a first one.
+        validate_map: the same of the logs of --validate; by default --map.
         known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
         load: a weighed load that one of several logs carries, such as loaded.csv:0.25kg@gripper; it
             fixes the scale of masses, gains and friction. Repeat it for more logs.
@@ -165,7 +165,8 @@ class Identify:
             viscous and Coulomb friction: load, quadratic, cubic, offset; "" for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
-        online: also keep the estimate along the log.
+        law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which follow the
+            log besides, sample by sample, and are compared with it.
         limit: of what a log file may become when it is unpacked [GB].
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.
@@ -178,6 +179,7 @@ class Identify:
     log: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
     validate: Annotated[tuple[Path, ...], arg(metavar="FILE…")] = ()
     map: Path | None = None
+    validate_map: Path | None = None
     known: UseAppendAction[tuple[Annotated[str, arg(metavar="NAME=VALUE")], ...]] = ()
     load: UseAppendAction[tuple[Annotated[str, arg(metavar="FILE:MASSkg@LINK")], ...]] = ()
     lock: str = ""
@@ -185,7 +187,7 @@ class Identify:
     columns: str = "auto"
     delay: str = "auto"
     cutoff: float | None = None
-    online: bool = False
+    law: str = "batch"
     limit: float = 4.0
     out: Path | None = None
     force: bool = False
@@ -198,7 +200,7 @@ class Inspect:
     """Show what a log holds, before `nsaid identify`.
 
     Prints rate, gaps, range, noise and steps of every channel, and what was noticed; draws the
-    channels, and writes a first map.toml to be completed by hand. The exit code is 1 if `nsaid
+    channels, and writes a first map.toml to be completed by hand. Ends with 2 if `nsaid
     identify` would refuse the log.
 
     Attributes:
@@ -225,7 +227,7 @@ class Inspect:
 
 @dataclass(frozen=True)
 class Excite:
-    """Design the motion of an experiment, and say beforehand what it will tell.
+    """Design an experiment, and predict what it will tell.
 
     `nsaid excite NAME` designs for a scenario's robot or vehicle, `nsaid excite --model arm.urdf`
     for a robot or vehicle of your own. Writes the motion as CSV, a scenario to run it in MuJoCo, a
@@ -313,7 +315,7 @@ class Live:
 
 @dataclass(frozen=True)
 class List:
-    """List the scenarios, and the robots for `nsaid run arm --robot`."""
+    """List scenarios, and robots for `nsaid run arm --robot`."""
 
 
 @dataclass(frozen=True)
@@ -331,8 +333,7 @@ class Verify:
     """Check the paper's statements on a run.
 
     `nsaid verify NAME_OR_FILE` takes the flags of `nsaid run` and runs the scenario first;
-    `nsaid verify --run FOLDER` reads the record of an earlier run. The exit code is 1 if a
-    statement fails.
+    `nsaid verify --run FOLDER` reads the record of an earlier run.
 
     Attributes:
         run: folder of the run to check.
@@ -359,11 +360,11 @@ class Compare(Comparison):
 
 @dataclass(frozen=True)
 class Sweep(Sweeping):
-    """Run a scenario many times, with varied fields and drawn seeds.
+    """Run a scenario many times, with varied fields and seeds.
 
     Runs every combination of the varied fields with every seed, in parallel. An interrupted sweep
     is resumed by the same command. The scenario's fields are flags too (`nsaid sweep NAME --help`);
-    --seed is the master seed that all others are drawn from. The exit code is 1 if a run is lost.
+    --seed is the master seed that all others are drawn from.
     """
 
     scenario: ScenarioName = field(kw_only=True)
@@ -371,7 +372,7 @@ class Sweep(Sweeping):
 
 @dataclass(frozen=True)
 class MonteCarlo(Drawing):
-    """Identify from many priors, on one motion or on many plants, in one process.
+    """Identify from many priors, on one motion or many plants.
 
     Simulates first, then identifies in parallel threads, and prints quantiles of the final figures.
     An interrupted study is resumed by the same command. The scenario's fields are flags too
@@ -420,32 +421,36 @@ class View:
     rebuild: bool = False
 
 
-Command = (
-    Annotated[List, subcommand("list")]
-    | Annotated[Identify, subcommand("identify")]
-    | Annotated[Live, subcommand("live")]
-    | Annotated[Inspect, subcommand("inspect")]
-    | Annotated[Excite, subcommand("excite")]
-    | Annotated[Run, subcommand("run")]
-    | Annotated[Verify, subcommand("verify")]
-    | Annotated[Compare, subcommand("compare")]
-    | Annotated[Sweep, subcommand("sweep")]
-    | Annotated[MonteCarlo, subcommand("montecarlo")]
-    | Annotated[Track, subcommand("track")]
-    | Annotated[Report, subcommand("report")]
-    | Annotated[View, subcommand("view")]
-)
+COMMANDS: dict[str, type] = {
+    "list": List, "identify": Identify, "live": Live, "inspect": Inspect, "excite": Excite,
+    "run": Run, "verify": Verify, "compare": Compare, "sweep": Sweep, "montecarlo": MonteCarlo,
+    "track": Track, "report": Report, "view": View,
+}  # fmt: skip
+"""The options of every command, by its name."""
 
 
-def parse(arguments: Sequence[str]) -> Command:
-    """Parses a command line without fields of a scenario."""
+def parse(arguments: Sequence[str]) -> Any:
+    """Parses a command line without fields of a scenario; returns the options of its command.
+
+    Without a command, the help has one line for each.
+    """
+    named = any(argument in COMMANDS for argument in arguments[:1])
+    choices = [
+        Annotated[kind, subcommand(name, description=None if named else _first_line(kind))]
+        for name, kind in COMMANDS.items()
+    ]
     return tyro.cli(
-        Command,  # type: ignore[arg-type]  # a union is no type to pyright
+        Union[tuple(choices)],  # type: ignore[arg-type]  # noqa: UP007 (made of a dictionary)
         prog="nsaid",
         description="Identifies the dynamics of a robot, plant and actuators together, from its "
         "motion.\n\n"
-        "`nsaid run NAME --help` lists all fields of a scenario; `nsaid --version` prints the "
-        "version.",
+        "`nsaid COMMAND --help` explains a command, `nsaid run NAME --help` lists all fields of a "
+        "scenario; `nsaid --version` prints the version. Exit codes: 0 explained, 1 not explained, "
+        "2 unusable input.",
         args=list(arguments),
         config=(tyro.conf.FlagCreatePairsOff,),
     )
+
+
+def _first_line(kind: type) -> str:
+    return (kind.__doc__ or "").partition("\n")[0]

@@ -31,7 +31,7 @@ def identify_log(chosen: Identify) -> int:
     from ..calibration.logs import limited_to
 
     with (
-        reading(model, *chosen.log, *chosen.validate, chosen.map),
+        reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
         locked(folder),
         limited_to(chosen.limit * 1e9),
     ):
@@ -74,6 +74,7 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 chosen.log,
                 validate=chosen.validate,
                 mapping=chosen.map,
+                validate_mapping=chosen.validate_map,
                 known=dict(_known(text) for text in chosen.known),
                 loads=chosen.load,
                 lock=_names(chosen.lock),
@@ -81,7 +82,8 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 columns=None if chosen.columns == "auto" else _names(chosen.columns),
                 delay=None if chosen.delay == "auto" else _numbers("--delay", chosen.delay),
                 cutoff=chosen.cutoff,
-                online=chosen.online,
+                law=chosen.law,
+                folder=folder / chosen.law,
                 told=progress.say,
             )
         except UnusableLog as error:
@@ -97,7 +99,8 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
         from ..reporting.identification import print_identification
 
         print_identification(result, Console(), files)
-    return code_of(EXPLAINS[result.explains])
+    ended = result.law is not None and not result.law.completed
+    return max(code_of(EXPLAINS[result.explains]), int(ended))
 
 
 def write(
@@ -125,6 +128,11 @@ def write(
         told("writing the recording")
         files.append(folder / "identification.rrd")
         recording.record(result, files[-1])
+    if result.law is not None:
+        from ..reporting.finish import finish
+
+        finish(result.law.run, told)
+        files.append(result.law.run.folder / "report.html")
     return result, [folder / RESULT, *files]
 
 

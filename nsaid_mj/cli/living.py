@@ -23,16 +23,17 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     from ..calibration.live_robot import LiveRobot
+    from ..calibration.measured import measured_scenario
     from ..reporting.progress import Progress
     from ..reporting.report import mark_of, print_summary
-    from ..streaming.session import Session, concluded, live_scenario
+    from ..streaming.session import Session, concluded
     from ..streaming.stream import bound
 
     name = Path(chosen.model).stem
     robot = LiveRobot(robot=chosen.model, lock=_names(chosen.lock), joints=_names(chosen.joints),
                       gain=chosen.gain)  # fmt: skip
     noise = chosen.position_noise, chosen.velocity_noise
-    scenario = live_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
+    scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
     quiet = chosen.quiet or chosen.json
     with folder_for(f"{name}-live", scenario, chosen.out, chosen.force) as folder:
         with Progress(name, quiet=quiet) as progress:
@@ -45,7 +46,7 @@ def follow_robot(chosen: Live) -> int:
         if chosen.json:
             widths = {"q": system.m, "v": system.n, "u": system.n_u}
             head = {"names": space.names, "units": space.units, "widths": widths}
-            print(json.dumps(head | {"folder": str(folder)}), flush=True)
+            print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
         elif not quiet:
             where = "standard input" if chosen.udp is None else f"UDP port {chosen.udp}"
             print(f"{name}: waiting for samples from {where}", file=sys.stderr)
@@ -61,7 +62,8 @@ def follow_robot(chosen: Live) -> int:
         with Progress(name, quiet=quiet) as progress:
             summary = concluded(run, progress.say, command)
     if chosen.json:
-        print(json.dumps(without_nonfinite({"summary": summary}), ensure_ascii=False))
+        plain = without_nonfinite({"summary": summary})
+        print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
         print_summary(f"{name} live", summary, folder)
     return code_of(mark_of(summary))

@@ -126,17 +126,32 @@ def known(
     covariance, prior = (_within(part, basis, space.scale) for part in confidence[:2])
     variance, vectors = scipy.linalg.eigh(covariance)
     before = np.einsum("ik,ij,jk->k", vectors, prior, vectors)
-    k = space.actuators
-    share = np.eye(len(k)) - 1 / len(k)
-    gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0 is a failed actuator's
-    relative = confidence.covariance[np.ix_(k, k)] / np.outer(gains, gains)
     return Known(
         (basis @ vectors).T,
         np.sqrt(np.maximum(variance, 0.0)) / size,
         variance > _BELOW**2 * before,
-        np.sqrt(np.maximum(np.diag(share @ relative @ share), 0.0)),
+        gain_deviations(confidence, theta_hat, space),
         confidence.blocks,
     )
+
+
+def gain_deviations(
+    confidence: Confidence | None, theta_hat: Array, space: ParameterSpace
+) -> Array:
+    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown.
+
+    Args:
+        confidence: the identifier's covariance, if it states one.
+        theta_hat: (p,) the estimate.
+        space: names and scale of θ.
+    """
+    k = space.actuators
+    if confidence is None:
+        return np.full(len(k), np.inf)
+    share = np.eye(len(k)) - 1 / len(k)
+    gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0 is a failed actuator's
+    relative = confidence.covariance[np.ix_(k, k)] / np.outer(gains, gains)
+    return np.sqrt(np.maximum(np.diag(share @ relative @ share), 0.0))
 
 
 def _within(covariance: Array, basis: Array, scale: Array) -> Array:

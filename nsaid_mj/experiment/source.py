@@ -1,9 +1,10 @@
-"""Where a run's measurements come from: a simulated plant, or anything else that gives segments."""
+"""Where a run's measurements come from: a simulated plant, logs, or anything else."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -100,6 +101,43 @@ class Simulation(Source):
 
     def _sound(self, log: Log) -> Segment:
         return Segment(log, end=ended(self.plant, log.at(-1)))
+
+
+class Logs(Source):
+    """Logs that were recorded before, one after another; between two of them there is a gap.
+
+    Args:
+        logs: at one rate, on one clock, of two rows or more each.
+    """
+
+    def __init__(self, logs: Sequence[Log]):
+        self._logs, self._log, self._row = logs, 0, 0
+
+    def running(self) -> AbstractContextManager[None]:
+        """Nothing to open."""
+        return nullcontext()
+
+    def begin(self) -> Segment:
+        """The first row."""
+        self._log = self._row = 0
+        return Segment(self._logs[0].first(1))
+
+    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
+        """The next rows of a log, or the first ones of the log after it."""
+        resumed = self._row == len(self._logs[self._log].t) - 1
+        if resumed:
+            self._log, self._row = self._log + 1, 0
+        log, first = self._logs[self._log], self._row
+        self._row = min(first + steps - resumed, len(log.t) - 1)
+        over = self._row == len(log.t) - 1 and self._log == len(self._logs) - 1
+        end = (Status.completed, "") if over else None
+        return Segment(log.part(first, self._row + 1), resumed, end)
+
+    def stop(self) -> None:
+        """Nothing: logs do not wait."""
+
+    def inform(self, k: int, theta_hat: Array) -> None:
+        """Nothing: a log was recorded before."""
 
 
 def informing_steps(driver: Driver, dt: float) -> float:

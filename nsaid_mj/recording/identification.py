@@ -11,7 +11,8 @@ from ..calibration import words
 from ..calibration.links import positions
 from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification
-from ..calibration.timeline import history_times, own_shifts, training_shifts
+from ..calibration.timeline import own_shifts, recording_shifts
+from ..evaluation.confidence import INTERVAL
 from ..parameters import Array
 from ..structure.joints import JointScales
 from ..structure.multibody import Multibody
@@ -43,7 +44,7 @@ def record(result: Identification, file: Path) -> Path:
         some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
         camera = scene.camera(q[some], v[some])
     history = _history(result)
-    commands = [_commands(result, result.curves, training_shifts(result), "")]
+    commands = [_commands(result, result.curves, recording_shifts(result.recordings), "")]
     if result.validation is not None:
         checked = result.validation
         commands.append(_commands(result, checked, own_shifts(checked), "validation/"))
@@ -58,7 +59,7 @@ def record(result: Identification, file: Path) -> Path:
             scene.log_poses(rec, t, q)
 
     documents = {"result": verdict_text(result), "parameters": parameters_text(result)}
-    series = [*commands, (history_times(result), [c for _, c in history])] if history else commands
+    series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
     return write(Content(result.robot.name, layout, documents, series, draw), file)
 
 
@@ -75,7 +76,7 @@ def _scene(result: Identification) -> Scene | None:
 
 def _motion(result: Identification) -> tuple[Array, Array, Array]:
     """Times, positions and velocities of all segments, at the frames that are drawn."""
-    shifts = training_shifts(result)
+    shifts = recording_shifts(result.recordings)
     segments = result.recordings.segments
     total = sum(float(s.log.t[-1] - s.log.t[0]) for s in segments)
     rate = min(_RATE, _FRAMES / max(total, 1e-9))
@@ -128,26 +129,33 @@ def _commands(
 
 
 def _history(result: Identification) -> list[tuple[str, Curves]]:
-    """(block, curves) of gains and frictions along the log, with the final 95 % interval."""
-    if result.history is None or len(result.history[0]) == 0:
+    """(block, curves) of a law's gains and frictions along the log, with the gains' intervals.
+
+    Those of gains are of their ratios to the mean of all, as no motion tells the common scale.
+    """
+    if result.law is None:
         return []
-    t, theta = result.history
+    theta = result.law.theta
     found: list[tuple[str, Curves]] = []
     groups: dict[str, list[int]] = {}
     inertial = words.links(result.parameters)
     for k, parameter in enumerate(result.parameters):
         if parameter.block not in inertial:
             groups.setdefault(parameter.block, []).append(k)
+    half = INTERVAL * result.law.deviation
+    gains = {int(k): i for i, k in enumerate(result.law.actuators)}
     for block, members in groups.items():
         for color, k in enumerate(members):
             p = result.parameters[k]
             entity = path("estimate", block, p.label)
             name = f"{p.label} [{p.unit}]"
-            ends = np.tile([p.low, p.high], (len(t), 1))
             found.append(
                 (block, Curves(f"{entity}/value", [name], theta[:, k : k + 1], color=color))
             )
-            if words.is_gain(p):
+            if k in gains and np.isfinite(half).any():
+                own = half[:, gains[k], None] * np.abs(theta[:, k : k + 1])
+                ends = theta[:, k : k + 1] + np.hstack([-own, own])
+                ends[~np.isfinite(ends)] = np.nan
                 limits = ["lower end of the interval", "upper end"]
                 interval = Curves(f"{entity}/interval", limits, ends, pale=True, color=10)
                 found.append((block, interval))

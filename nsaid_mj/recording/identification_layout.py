@@ -106,7 +106,7 @@ def _columns(views: int) -> int:
 
 
 def _title(label: str, unit: str) -> str:
-    return f"{label} [{unit}] and its 95 % interval at the end"
+    return f"{label} [{unit}] and its 95 % interval, the common scale aside"
 
 
 def _error(value: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import evaluation, recording
 from ..bounds import LARGEST
-from ..calibration.live_robot import reopen_live
+from ..calibration.reopening import reopen_measured
 from ..errors import BadRun
 from ..evaluation.verify import ROWS, verify
 from ..experiment.loop import Cost, Ending, Run, reopen
@@ -94,7 +94,7 @@ def rebuild(folder: Path) -> dict[str, Any]:
     record = Record.read(folder)
     if len(record) < 2:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
-    run = reopen_live(folder, record) or reopen(folder, record)
+    run = reopen_measured(folder, record) or reopen(folder, record)
     _recall_ending(run)
     with Progress(folder.name) as progress:
         try:

@@ -15,10 +15,11 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ..calibration.live_robot import LiveRobot
+from ..calibration.measured import measured_scenario
 from ..errors import BadRun, InvalidInput
 from .estimate import Estimate, Names
 from .samples import sample_of
-from .session import Session, live_scenario
+from .session import Session
 
 _START = "from nsaid_mj.cli.commands import run_from_shell; run_from_shell()"
 _REMEDY = "See the message above; what was recorded is in the folder."
@@ -65,7 +66,7 @@ def live(
         InvalidInput: a value is wrong.
     """
     robot = LiveRobot(robot=str(model), lock=tuple(lock), joints=tuple(joints), gain=gain)
-    scenario = live_scenario(robot, law, rate, noise, prior_error)
+    scenario = measured_scenario(robot, law, rate, noise, prior_error)
     session = Session(scenario, frame)  # raises here what would end the process
     flags = ["--model", str(model), "--law", law, "--rate", repr(float(rate)), "--frame", frame]
     flags += ["--position-noise", repr(noise[0]), "--velocity-noise", repr(noise[1])]

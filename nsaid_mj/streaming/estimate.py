@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bounds import without_nonfinite
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.misfit import running_misfit
-from ..identifiers import Identifier, State
+from ..identifiers import State
 from ..parameters import Array, ParameterSpace
 
 
@@ -64,7 +65,8 @@ class Estimate:
         gains = [[g.value, *_finite(g.low, g.high)] for g in self.gains]
         found: dict[str, Any] = {"t": self.t, "samples": self.samples}
         found |= {"theta": self.theta_hat.tolist(), "gains": gains}
-        return json.dumps(found | {"misfit": self.misfit, "faults": self.faults})
+        found |= {"misfit": self.misfit, "faults": self.faults}
+        return json.dumps(without_nonfinite(found), allow_nan=False)
 
     @staticmethod
     def of_line(found: dict[str, Any], space: Names) -> Estimate:
@@ -90,19 +92,6 @@ class Names(NamedTuple):
     def of(space: ParameterSpace) -> Names:
         """Those of a space."""
         return Names(tuple(space.names), tuple(space.units), tuple(map(int, space.actuators)))
-
-
-def gain_deviations(identifier: Identifier, state: State) -> Array:
-    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown."""
-    k = identifier.system.space.actuators
-    stated = identifier.confidence(state)
-    if stated is None:
-        return np.full(len(k), np.inf)
-    gains = state.theta_hat[k]
-    gains = np.where(gains == 0, identifier.system.space.scale[k], gains)
-    share = np.eye(len(k)) - 1 / len(k)
-    relative = share @ (stated.covariance[np.ix_(k, k)] / np.outer(gains, gains)) @ share
-    return np.sqrt(np.maximum(np.diag(relative), 0.0))
 
 
 def estimate_of(space: Names, state: State, samples: int, deviation: Array) -> Estimate:

@@ -12,51 +12,20 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from ..calibration.live_robot import LiveRobot, live_identifiers
-from ..errors import InvalidInput
+from ..calibration.measured import MeasuredRobot, identifiers_of
+from ..evaluation.confidence import gain_deviations
 from ..experiment.loop import Observer, Robot, Run, followed
-from ..experiment.scenario import MOST_STEPS, Scenario
-from ..identifiers import Identifier, NullspaceAID, State
+from ..experiment.scenario import Scenario
+from ..identifiers import Identifier, State
 from ..log import Measurement
 from ..numerics.threads import single_threaded
-from ..plants import SensorNoise
 from ..reporting.finish import finish
-from .estimate import Estimate, Names, estimate_of, gain_deviations
+from .estimate import Estimate, Names, estimate_of
 from .samples import Cleaner, Counts
 from .stream import Stream
 
 _INTERVALS = 0.05  # time between two computations of the gains' intervals [s]
 _WARM, _LEAST = 2.0, 60  # length of the motion for warming up [s], and its fewest samples
-
-
-def live_scenario(
-    robot: LiveRobot, law: str, rate: float, noise: tuple[float, float], error: float
-) -> Scenario:
-    """The scenario of a live run: everything about it but the samples.
-
-    Args:
-        robot: the robot.
-        law: name of the law.
-        rate: samples per second [Hz].
-        noise: standard deviations of positions [rad or m] and velocities [rad/s or m/s].
-        error: largest relative error of the prior.
-
-    Raises:
-        InvalidInput: a value is out of range.
-    """
-    if not 0.1 <= rate <= 1e5:
-        raise InvalidInput("rate", "0.1 to 1e5 samples per second", rate, "Give it in Hz.")
-    return Scenario(
-        plant=robot,
-        identifier=NullspaceAID(law=law),  # pyright: ignore[reportArgumentType]  # checked there
-        prior="nominal",
-        initial_error=error,
-        duration=MOST_STEPS / rate,
-        held_out=1 / rate,
-        dt=1 / rate,
-        sensors="noisy",
-        noise=SensorNoise(*noise),
-    )
 
 
 class Estimates(Observer):
@@ -94,7 +63,9 @@ class Estimates(Observer):
             return
         self._next = measurement.t + self._every * (1 - 1e-9)
         if measurement.t >= self._stated + _INTERVALS:
-            self._deviation = gain_deviations(self._identifier, states[""])
+            state, space = states[""], self._identifier.system.space
+            stated = self._identifier.confidence(state)
+            self._deviation = gain_deviations(stated, state.theta_hat, space)
             self._stated = measurement.t
         self._show(estimate_of(self._space, states[""], self._counts.used, self._deviation))
 
@@ -106,7 +77,7 @@ class Session:
     """A robot whose samples are about to come.
 
     Args:
-        scenario: of `live_scenario`.
+        scenario: of `measured_scenario`.
         frame: axes of the samples.
 
     Attributes:
@@ -118,9 +89,9 @@ class Session:
     """
 
     def __init__(self, scenario: Scenario, frame: str = "ENU/FLU"):
-        assert isinstance(scenario.plant, LiveRobot)
+        assert isinstance(scenario.plant, MeasuredRobot)
         self.scenario, self.robot = scenario, scenario.plant.known()
-        self.identifiers = live_identifiers(scenario, self.robot)
+        self.identifiers = identifiers_of(scenario, self.robot)
         self._frame, self.cleaner = frame, Cleaner(self.robot.system, 1 / scenario.dt, frame)
 
     def warm_up(self) -> None:

@@ -60,7 +60,8 @@ class StructureArrays(NamedTuple):
         bodies: (b, BODY) see `PARENT` and following.
         joints: (b · JOINT,) see `COSINE` and following.
         gravity: (3,) in the world's axes [m/s²].
-        rotors: (r, 2) rows [velocity, parameter]: inertia of what turns with a joint alone.
+        rotors: (r, 3) rows [velocity, velocity, parameter]: entry of M of what turns with one joint
+            alone, or with two.
         entries: (e, 3) rows [i, j, parameter], i ≤ j: entry of a body's 6×6 inertia in its axes.
         values: (e,) the entry is value · θ.
         terms: (k, 4) the entries of one parameter on a body that moves in the common frame, see

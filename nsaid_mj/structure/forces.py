@@ -106,7 +106,9 @@ def forces_inline(structure, state, q, v, u, which, x, F):
                 F[to] = follow_curve(c, own, command)
             else:
                 angle = coordinate(bodies, b, q)
-                F[to] = joint_force(kind, c, own, bodies, b, state, ground, angle, rate, command, x)
+                F[to] = joint_force(
+                    kind, c, own, bodies, b, state, ground, angle, rate, v, command, x
+                )
                 seen = -1
             continue
         if b != seen:
@@ -172,7 +174,7 @@ def add_forces(structure, state, on_ground, q, v, u, theta, x, force):
             i = bodies[b, AT_V]
             angle = coordinate(bodies, b, q)
             force[i] += gain * joint_force(
-                kind, c, own, bodies, b, state, ground, angle, v[i], command, x
+                kind, c, own, bodies, b, state, ground, angle, v[i], v, command, x
             )
             continue
         if seen < 0:

@@ -57,7 +57,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
     filled = 0
     for k in range(1, t.shape[0]):
         dt, before = t[k] - t[k - 1], (q[k - 1], v[k - 1], u[k - 1])
-        pivot = step(structure, *before, dt, theta, scale, work, slopes, at, q1, v1, F, B)
+        pivot = step(structure, *before, dt, theta, scale, work, slopes, at, q1, v1, F, B, B[:0])
         if not pivot > 0.0:
             return False
         F_x, F_c = F[:, :size].copy(), F[:, size:].copy()
@@ -98,7 +98,8 @@ def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
     """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
     theta, scale, a = theta.copy(), scale.copy(), np.empty(v.shape[1])
     for k in range(rows.shape[0]):
-        if not linearise(structure, q[k], v[k], u[k], theta, scale, work, slopes, a, rows[k]) > 0.0:
+        at = q[k], v[k], u[k], theta, scale
+        if not linearise(structure, *at, work, slopes, a, rows[k], v[k, :0]) > 0.0:
             return False
     return True
 

@@ -129,8 +129,10 @@ def _write_balance(structure, state, v, leak, x, momentum, drive):
                     add_weight(x, _S, _G, drive, j, bodies[b, TEN])
             ancestor = bodies[ancestor, PARENT]
     for r in range(rotors.shape[0]):
-        i, k = rotors[r, 0], rotors[r, 1]
-        momentum[i, k] += v[i]
+        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
+        momentum[i, k] += v[j]
+        if i != j:
+            momentum[j, k] += v[i]
     for i in range(v.shape[0]):
         for k in range(momentum.shape[1]):
             drive[i, k] += leak * momentum[i, k]

@@ -67,10 +67,13 @@ class Rotor:
     Attributes:
         dof: number of the velocity.
         parameter: index in θ [kg·m² or kg].
+        other: number of another velocity, if this is the entry of M by which both share a rotor;
+            −1 if the rotor turns with one joint alone.
     """
 
     dof: int
     parameter: int
+    other: int = -1
 
 
 @dataclass(frozen=True, eq=False, init=False)

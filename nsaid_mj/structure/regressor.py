@@ -88,7 +88,10 @@ def write_regressor(structure, state, w, a, weight, F, work, W):
                 _add_row(structure, b, state, axes + j * FRAME, j, x, W)
             ancestor = bodies[ancestor, PARENT]
     for r in range(rotors.shape[0]):
-        W[rotors[r, 0], rotors[r, 1]] += a[rotors[r, 0]]
+        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
+        W[i, k] += a[j]
+        if i != j:
+            W[j, k] += a[i]
     for z in range(nonzeros.shape[0]):
         W[nonzeros[z, 0], nonzeros[z, 1]] -= F[z]
 

@@ -65,11 +65,12 @@ from .arrays import (
 )  # fmt: skip
 from .columns.fluid import F as WRENCH
 from .columns.joint import LOAD as LOAD_FRICTION
-from .columns.joint import coordinate, joint_force
+from .columns.joint import SHARED_VISCOUS, coordinate, joint_force, slope_by_other
 from .compiled import (
     SLOPES,
     STRUCTURE,
     WORKSPACE,
+    boolean,
     f8,
     helper,
     index,
@@ -306,27 +307,30 @@ def _gather(structure, x, inertia, slopes):
                 body[parent * SLOPE + i] += body[at + i]
 
 
-@helper(void(STRUCTURE, vector, vector, vector, vector, vector, SLOPES))
-def _add_joints(structure, q, v, u, theta, x, slopes):
-    """Adds the derivatives of joints' columns by their own position and velocity."""
+@helper(void(STRUCTURE, vector, vector, vector, vector, vector, SLOPES, boolean))
+def _add_joints(structure, q, v, u, theta, x, slopes, held):
+    """Adds the derivatives of joints' columns by their own position and, unless held, velocity."""
     bodies, columns, c, n = structure.bodies, structure.columns, structure.constants, v.shape[0]
     state, A, ground = slopes.state, slopes.by_state, (bodies.shape[0] + n) * FRAME
     for k in range(columns.shape[0]):
         kind, b, at = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
-        if kind >= BODY_KINDS or columns[k, READS] == NOTHING:
+        fast = columns[k, READS] == SPEED
+        if kind >= BODY_KINDS or columns[k, READS] == NOTHING or (fast and held):
             continue
-        j, gain, fast = bodies[b, AT_V], theta[columns[k, PARAMETER]], columns[k, READS] == SPEED
+        j, gain = bodies[b, AT_V], theta[columns[k, PARAMETER]]
         command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
         angle, rate = coordinate(bodies, b, q), v[j]
         step = STEP * (1.0 + abs(rate)) if fast else STEP
-        here = joint_force(kind, c, at, bodies, b, state, ground, angle, rate, command, x)
+        here = joint_force(kind, c, at, bodies, b, state, ground, angle, rate, v, command, x)
+        if kind >= SHARED_VISCOUS:
+            A[j, n + int(c[at])] -= gain * slope_by_other(kind, c, at, here)
         angle, rate = (angle, rate + step) if fast else (angle + step, rate)
-        there = joint_force(kind, c, at, bodies, b, state, ground, angle, rate, command, x)
+        there = joint_force(kind, c, at, bodies, b, state, ground, angle, rate, v, command, x)
         A[j, n + j if fast else j] -= gain * (there - here) / step
 
 
-@routine(void(STRUCTURE, vector, vector, vector, WORKSPACE, SLOPES))
-def _add_loads(structure, q, v, theta, work, slopes):
+@routine(void(STRUCTURE, vector, vector, vector, vector, WORKSPACE, SLOPES))
+def _add_loads(structure, q, v, rates, theta, work, slopes):
     """Adds the derivatives of load-dependent friction by all positions; overwrites the state.
 
     That is the only kind of a joint that depends on other joints' positions.
@@ -342,9 +346,9 @@ def _add_loads(structure, q, v, theta, work, slopes):
                 way[j] = STEP if i == j else 0.0
             integrate(bodies, q, way, moved, x)
             place(structure, moved, v, slopes.state)
-            rate = v[bodies[b, AT_V]]
+            rate = rates[bodies[b, AT_V]]
             force = joint_force(
-                LOAD_FRICTION, c, at, bodies, b, slopes.state, ground, 0.0, rate, 0.0, x
+                LOAD_FRICTION, c, at, bodies, b, slopes.state, ground, 0.0, rate, rates, 0.0, x
             )
             if i < 0:
                 here = force
@@ -353,10 +357,12 @@ def _add_loads(structure, q, v, theta, work, slopes):
 
 
 @kernel(
-    f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix),
+    f8(
+        STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix, vector
+    ),
     inner=True,
-)
-def linearise(structure, q, v, u, theta, scale, work, slopes, a, B):
+)  # fmt: skip
+def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
     """Writes v̇ and its derivatives; returns M's smallest pivot, > 0 if it succeeded.
 
     Args:
@@ -370,11 +376,14 @@ def linearise(structure, q, v, u, theta, scale, work, slopes, a, B):
         slopes: memory; `by_state` (n, 2n) receives ∂v̇/∂q and ∂v̇/∂v.
         a: (n,) v̇ of (29) with C v; written.
         B: (n, p) ∂v̇/∂(θ/scale) = −M⁻¹ W diag(scale); written.
+        rates: (n,) velocities at which joints' columns are held; (0,) to evaluate them at v.
     """
     state, x, bodies = slopes.state, work.scratch, structure.bodies
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
+    held = rates.shape[0] > 0
+    at_joints = rates if held else v
     place(structure, q, v, state)
-    write_forces(structure, state, q, v, u, ALL, x, slopes.F)
+    write_forces(structure, state, q, at_joints, u, ALL, x, slopes.F)
     pivot = accelerate(structure, state, slopes.F, v, theta, work, a)
     if not pivot > 0.0:
         return pivot
@@ -391,8 +400,8 @@ def linearise(structure, q, v, u, theta, scale, work, slopes, a, B):
             _add_rigid(structure, b, state, ground, theta, work.motion, x, slopes.bodies, own)
         _write_axes(structure, b, state, ground, work.motion, slopes.axes)
     _gather(structure, x, work.inertia, slopes)
-    _add_joints(structure, q, v, u, theta, x, slopes)
-    _add_loads(structure, q, v, theta, work, slopes)
+    _add_joints(structure, q, at_joints, u, theta, x, slopes, held)
+    _add_loads(structure, q, v, at_joints, theta, work, slopes)
     for i in range(v.shape[0]):
         for j in range(2 * v.shape[0]):
             slopes.by_state[i, j] = -slopes.by_state[i, j]

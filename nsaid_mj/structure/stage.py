@@ -232,9 +232,11 @@ def _write_equations(structure, state, w, theta, work, force):
     accumulate(bodies, state, 0, w, work.motion, VELOCITY)
     accumulate(bodies, state, RATE, w, work.motion, DRIFT)
     _load(structure, state, ground, theta, work)
+    for r in range(rotors.shape[0]):  # joints on different branches have no other entry of M
+        work.M[rotors[r, 0], rotors[r, 1]] = 0.0
     _gather(bodies, state, work, force)
     for r in range(rotors.shape[0]):
-        work.M[rotors[r, 0], rotors[r, 0]] += theta[rotors[r, 1]]
+        work.M[rotors[r, 0], rotors[r, 1]] += theta[rotors[r, 2]]
     for i in range(force.shape[0]):
         force[i] = -force[i]
 
@@ -353,8 +355,10 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
         if bodies[b, LAST] > bodies[b, FIRST]:
             _add_square_gradient(structure, b, state, ground, motion, own, x, gradient)
     for r in range(rotors.shape[0]):
-        i = rotors[r, 0]
-        gradient[rotors[r, 1]] += a[i] * (w[i] - v[i])
+        i, j = rotors[r, 0], rotors[r, 1]
+        gradient[rotors[r, 2]] += a[j] * (w[i] - v[i])
+        if i != j:
+            gradient[rotors[r, 2]] += a[i] * (w[j] - v[j])
     for z in range(nonzeros.shape[0]):
         i = nonzeros[z, 0]
         gradient[nonzeros[z, 1]] -= F[z] * (w[i] - v[i])

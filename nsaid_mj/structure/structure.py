@@ -65,6 +65,7 @@ class Structure:
             )  # fmt: skip
         for number, rotor in enumerate(self.rotors):
             _within(f"rotors[{number}].dof", rotor.dof, self.n)
+            _within(f"rotors[{number}].other", rotor.other, self.n, first=-1)
             _within(f"rotors[{number}].parameter", rotor.parameter, self.p)
         for number, column in enumerate(self.columns):
             self._check_column(f"columns[{number}]", column)
@@ -130,7 +131,7 @@ class Structure:
             self._bodies(ranges),
             np.concatenate([_joint(body) for body in self.bodies]),
             np.array(self.gravity, dtype=np.float64),
-            _integers([(r.dof, r.parameter) for r in self.rotors], 2),
+            _integers([(*_pair(rotor), rotor.parameter) for rotor in self.rotors], 3),
             entries,
             values,
             terms,
@@ -253,6 +254,8 @@ class Structure:
         if unknown := set(column.constants) - set(kind.constants):
             raise UnknownName(f"constant of {kind.name}", unknown.pop(), kind.constants)
         packed(kind, column)
+        if "other" in column.constants:
+            _within(f"{what}.other", int(np.asarray(column.constants["other"])), self.n)
 
 
 def packed(kind: Kind, column: Column) -> list[float]:
@@ -313,9 +316,15 @@ def _joint(body: Body) -> Array:
     return row
 
 
-def _within(name: str, value: int, end: int) -> None:
-    if not 0 <= value < end:
-        raise InvalidInput(name, f"0 … {end - 1}", value, "Indices count from 0.")
+def _pair(rotor: Rotor) -> tuple[int, int]:
+    """The velocities of a rotor's entry of M, in its lower triangle."""
+    other = rotor.dof if rotor.other < 0 else rotor.other
+    return max(rotor.dof, other), min(rotor.dof, other)
+
+
+def _within(name: str, value: int, end: int, first: int = 0) -> None:
+    if not first <= value < end:
+        raise InvalidInput(name, f"{first} … {end - 1}", value, "Indices count from 0.")
 
 
 def _twice(numbers: list[int]) -> list[int]:

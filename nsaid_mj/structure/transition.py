@@ -97,10 +97,11 @@ def _write_flow(group, dt, v, A, rates, x, F):
         vector,
         matrix,
         matrix,
+        matrix,
     ),
     inner=True,
 )
-def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B):
+def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, seen):
     """Writes the state after a step with the command held, and its derivatives.
 
     Args:
@@ -118,6 +119,9 @@ def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B):
         v1: (n,) velocity at the end; written.
         F: (2n, 3n) derivatives of the end by (q, v) at the start and c; written.
         B: (n, p) those of c by θ/scale; written.
+        seen: (3, n) velocities at the start, half-way and at the end at which joints' columns, such
+            as friction that is stiff in the step, are held; (0, n) to evaluate them where the step
+            is.
 
     Returns:
         M's smallest pivot, > 0 if it succeeded.
@@ -130,12 +134,14 @@ def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B):
         at[i] = q[i]
     for stage in range(4):
         speed, a = rows[SPEED], rows[FORCE]
+        rates = seen[(stage + 1) // 2] if seen.shape[0] > 0 else speed
         if stage == 2:
-            pivot = linearise(structure, at, speed, u, theta, scale, work, slopes, a, B)
+            own = rates if seen.shape[0] > 0 else rates[:0]
+            pivot = linearise(structure, at, speed, u, theta, scale, work, slopes, a, B, own)
             _write_flow(group, dt, speed, slopes.by_state, slopes.flow, x, F)
         else:
             place(structure, at, speed, slopes.state)
-            write_forces(structure, slopes.state, at, speed, u, ALL, x, slopes.F)
+            write_forces(structure, slopes.state, at, rates, u, ALL, x, slopes.F)
             pivot = accelerate(structure, slopes.state, slopes.F, speed, theta, work, a)
         lowest = min(lowest, pivot)
         if not pivot > 0.0:

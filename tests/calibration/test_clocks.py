@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.logs import clocks
+from nsaid_mj.calibration.logs.tables import read as read_table
 
 T = np.cumsum(np.r_[0.0, 0.002 + 1e-4 * np.sin(np.arange(500))])
 EPOCH = 1_700_000_000
@@ -54,3 +55,29 @@ def test_the_time_is_found_as_a_first_column_that_increases():
     steps = np.arange(10.0)
     assert clocks.time_column({"column_1": steps, "column_2": steps**2}) == "column_1"
     assert clocks.time_column({"column_1": np.sin(steps), "column_2": steps}) is None
+
+
+@pytest.mark.parametrize(
+    ("seconds", "nanoseconds"),
+    [
+        ("header.stamp.sec", "header.stamp.nanosec"),
+        ("stamp_secs", "stamp_nsecs"),
+        ("sec", "nsec"),
+        ("t_s", "t_ns"),
+    ],
+)
+def test_a_stamp_in_two_columns_is_one_time(tmp_path, seconds, nanoseconds):
+    whole = 1_700_000_000_900_000_000 + 50_000_000 * np.arange(20)
+    rows = [f"{x // 10**9},{x % 10**9},{k}" for k, x in enumerate(whole.tolist())]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([f"{seconds},{nanoseconds},q1", *rows]), encoding="utf-8")
+    table = read_table(path)
+    assert list(table.channels) == ["q1"] and table.origin == whole[0]
+    np.testing.assert_allclose(table.channels["q1"].t, 0.05 * np.arange(20), atol=1e-9)
+
+
+def test_columns_that_only_look_like_a_stamp_in_two_parts_stay(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = [f"{0.01 * k:.2f},{k * 7_000_000_000},{k}" for k in range(20)]
+    path.write_text("\n".join(["t_s,t_ns,q1", *rows]), encoding="utf-8")
+    assert set(read_table(path).channels) == {"t_ns", "q1"}

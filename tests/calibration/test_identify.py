@@ -72,16 +72,6 @@ def test_free_gains_of_the_real_arm_hold_in_their_intervals_or_are_flagged(tx40)
         assert gain.value == pytest.approx(np.mean([g.value for g in gains[:3]]), rel=0.1)
 
 
-@pytest.mark.slow
-def test_the_estimate_along_the_real_log_ends_where_the_batch_does(tx40):
-    along = identify("tx40", online=True)
-    assert along.history is not None
-    times, estimates = along.history
-    assert (np.diff(times) > 0).all()
-    gains = [i for i, p in enumerate(along.parameters) if p.block == "motor gain"]
-    np.testing.assert_allclose(estimates[-1, gains], along.theta[gains], rtol=0.02)
-
-
 def test_the_same_log_gives_the_same_bits(tx40):
     np.testing.assert_array_equal(identify("tx40").theta, tx40.theta)
 

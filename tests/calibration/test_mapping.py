@@ -226,3 +226,13 @@ def test_numbers_and_nesting_beyond_measure_are_refused(tmp_path, text):
     (tmp_path / "map.toml").write_text(text, encoding="utf-8")
     with pytest.raises(InvalidInput):
         read_map(tmp_path / "map.toml")
+
+
+def test_a_robots_only_joint_needs_no_name_in_its_columns():
+    found = matching.match(["time", "position", "velocity", "torque", "temperature"], ["hinge"])
+    joint = found.joints["hinge"]
+    assert joint.velocity is not None
+    columns = joint.position.column, joint.velocity.column, joint.command.column
+    assert columns == ("position", "velocity", "torque")
+    with pytest.raises(UnmatchedChannels):
+        matching.match(["position", "velocity", "torque"], ["hinge", "knee"])

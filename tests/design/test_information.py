@@ -8,10 +8,11 @@ import pytest
 from nsaid_mj.design import Experiment
 from nsaid_mj.design.information import PRIOR, gramian, predicted
 from nsaid_mj.experiment.library import load
-from nsaid_mj.identifiers.cone.barrier import cone_of
-from nsaid_mj.identifiers.efficient.kalman import Law, covariance_along, filter_at
+from nsaid_mj.identifiers.efficient.filter import Law, filter_at
+from nsaid_mj.identifiers.efficient.kalman import covariance_along
 from nsaid_mj.identifiers.efficient.steps import margin_of
 from nsaid_mj.log import Log
+from nsaid_mj.quotient.cone import cone_of
 
 
 @pytest.fixture(scope="module", params=["double_pendulum", "bluerov2"])
@@ -29,7 +30,7 @@ def test_the_information_equals_the_covariance_of_the_filter(experiment):
     system, log = experiment.system, motion(experiment)
     scale = np.array(system.space.scale)
     cone, constant = cone_of(system.space), np.zeros(system.p)
-    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, constant)
+    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, constant, np.zeros(0))
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     basis = experiment.bases[0]
     prior = PRIOR**2 * basis @ basis.T

@@ -12,7 +12,7 @@ import pytest
 from nsaid_mj import BlueROV2Plant
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import Identification
-from nsaid_mj.calibration.timeline import Span, history_times, shifts
+from nsaid_mj.calibration.timeline import Span, shifts
 from nsaid_mj.log import Log
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
@@ -24,7 +24,7 @@ from tests.support.recordings import entities_of
 
 @pytest.fixture(scope="module")
 def result() -> Identification:
-    return identification(validated=True, online=True)
+    return identification(validated=True, law=True)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def evil() -> Identification:
     "result",
     [
         identification(("only",), segments=1),
-        identification(tuple(f"joint_{k}" for k in range(30)), online=True, explains="no"),
+        identification(tuple(f"joint_{k}" for k in range(30)), law=True, explains="no"),
         identification(vehicle=True, explains="partly"),
         identification(held_out=np.nan),
         evil(),
@@ -119,14 +119,6 @@ def test_a_vehicle_is_drawn_by_its_meshes(tmp_path: Path) -> None:
 def test_logs_follow_one_another() -> None:
     spans = [Span("a", 5.0, 9.0), Span("a", 12.0, 20.0), Span("b", 0.0, 4.0), Span("b", 6.0, 7.0)]
     assert shifts(spans).tolist() == [0.0, 0.0, 21.0, 21.0]
-
-
-def test_estimates_along_several_logs_are_in_order(result: Identification) -> None:
-    t = history_times(result)
-    assert result.history is not None
-    assert (np.diff(result.history[0]) < 0).any()  # the second log has its own clock
-    assert (np.diff(t) > 0).all()
-    assert np.isclose(t[-1], 2 * 3.98 + 1.0)
 
 
 def test_a_log_that_continues_another_keeps_its_times() -> None:

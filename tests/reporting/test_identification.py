@@ -28,7 +28,7 @@ NOTE = Finding("note", "cut", "log 0.csv", "rows 3 to 9 were left out")
 
 @pytest.fixture(scope="module")
 def result() -> Identification:
-    return identification(validated=True, online=True, findings=(WARNING, NOTE))
+    return identification(validated=True, law=True, findings=(WARNING, NOTE))
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_the_page_needs_no_other_file(text: str) -> None:
 def test_names_are_escaped() -> None:
     evil = "<script>alert(1)</script>"
     finding = Finding("warning", "x", evil, f"{evil} [bold]", evil)
-    result = identification((evil, "two"), findings=(finding,), validated=True, online=True)
+    result = identification((evil, "two"), findings=(finding,), validated=True, law=True)
     text = page(result)
     assert "<script" not in unscripted(text)
     assert evil in unescape(text)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import nsaid_mj
 from nsaid_mj.calibration.live_robot import LiveRobot
+from nsaid_mj.calibration.measured import measured_scenario
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import Record
@@ -18,7 +19,7 @@ from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
 from nsaid_mj.reporting.finish import finish, rebuild
 from nsaid_mj.streaming.samples import Cleaner, turned
-from nsaid_mj.streaming.session import Session, live_scenario
+from nsaid_mj.streaming.session import Session
 
 RATE = 100.0
 BLUEROV = LiveRobot(robot="bluerov2")
@@ -34,7 +35,7 @@ def log() -> Log:
 
 
 def session(law: str = "efficient", frame: str = "ENU/FLU") -> Session:
-    return Session(live_scenario(BLUEROV, law, RATE, (1e-4, 5e-3), 0.3), frame)
+    return Session(measured_scenario(BLUEROV, law, RATE, (1e-4, 5e-3), 0.3), frame)
 
 
 def line(t: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> bytes:

@@ -114,15 +114,16 @@ FORCES = {
         {"speed": 0.4, "stribeck": 0.9},
         lambda q, v, u: -np.tanh(v / 0.4) * np.exp(-((v / 0.9) ** 2)),
     ),
-    "offset": ({}, lambda q, v, u: 1.0),
+    "offset": ({"force": -0.7}, lambda q, v, u: -0.7),
     "spring": ({"rest": 0.2}, lambda q, v, u: 0.2 - q),
     "motor": ({"curve": BENT}, lambda q, v, u: np.interp(u, [-1, 0, 2], [-3, 0.5, 4.5])),
     "servo": ({"limit": 0.9}, lambda q, v, u: np.clip(u - q, -0.9, 0.9)),
 }  # fmt: skip
+OF_SEVERAL_JOINTS = {"load", "shared_viscous", "shared_coulomb"}
 
 
 def test_every_kind_has_a_formula_here():
-    assert set(KINDS) == set(WRENCHES) | set(FORCES) | {"load"}
+    assert set(KINDS) == set(WRENCHES) | set(FORCES) | OF_SEVERAL_JOINTS
     assert len({kind.number for kind in KINDS.values()}) == len(KINDS)
 
 
@@ -162,6 +163,24 @@ def test_a_force_of_a_joint_is_its_formula(kind, joint, seed):
     expected = formula(angle, v[1], u[1])
     assert expected != 0
     assert_near(found, np.array([0.0, expected]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_shared_motor_brakes_both_of_its_joints(seed):
+    """The power of friction of a motor that turns by v₁ − v₂ is that of both joints' columns."""
+    rng = np.random.default_rng(seed)
+    places = [(1, 2), (2, 1)]
+    columns = [Column("shared_viscous", 0, dof=i, other=j) for i, j in places]
+    columns += [
+        Column("shared_coulomb", 1, dof=i, other=j, sign=-1.0, speed=0.4) for i, j in places
+    ]
+    structure = Structure([Body("hinge"), Body("hinge", 0), Body("slide", 1)], [], columns, 2, 0)
+    q, v, _, _, u = random_motion(structure, rng)
+    F = Evaluation(structure).F(q, v, u)
+    slip = v[1] - v[2]
+    assert_near(F[:, 0], np.array([0.0, -v[2], -v[1]]))
+    assert v @ F[:, 1] == pytest.approx(-slip * np.tanh(slip / 0.4))
+    assert F[0, 1] == 0 and F[1, 1] == pytest.approx(-np.tanh(slip / 0.4))
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2])
@@ -264,6 +283,7 @@ def test_curves_continue_oddly_and_tables_end_flat():
         (Column("thruster", 0, body=0, input=0, point=P[:2], direction=D), InvalidInput),
         (Column("motor", 0, dof=0, input=0, curve=[3.0, 1.0]), InvalidInput),
         (Column("coulomb", 0, dof=0, speed=np.nan), InvalidInput),
+        (Column("shared_viscous", 0, dof=0, other=1), InvalidInput),
         (Column("coulomb", 0, dof=0, sped=1.0), UnknownName),
         (Column("viscos", 0, dof=0), UnknownName),
     ],
@@ -294,4 +314,7 @@ def test_two_rigid_bodies_on_one_body_are_refused():
 
 
 def test_kinds_below_the_limit_are_of_joints():
-    assert {k.name for k in KINDS.values() if k.number < BODY_KINDS} == {*FORCES, "load"}
+    assert {k.name for k in KINDS.values() if k.number < BODY_KINDS} == {
+        *FORCES,
+        *OF_SEVERAL_JOINTS,
+    }

@@ -147,7 +147,7 @@ def test_a_step_is_of_fifth_order_and_its_derivatives_of_third(base):
             q1, v1, at = np.zeros(structure.m), np.zeros(n), np.zeros(structure.m)
             pivot = step(
                 structure.arrays, q, v, u, dt / parts, theta, np.ones(structure.p), work, slopes,
-                at, q1, v1, F, B,
+                at, q1, v1, F, B, np.zeros((0, n)),
             )  # fmt: skip
             assert pivot > 0
             q, v = q1, v1

@@ -27,12 +27,16 @@ class Stepper:
         self.structure = self.system.forward
         n, m, p = self.system.n, self.system.m, self.system.p
         self.memory, self.at = memory_of(self.structure, n), np.empty(m)
+        self.none = np.zeros((0, n))
         self.end = np.empty(m), np.empty(n), np.empty((2 * n, 3 * n)), np.empty((n, p))
 
     def __call__(self, q, v, u, dt, theta):
         """(m,), (n,) the end, and (2n, 2n+p) its derivatives; copies."""
         size, start = 2 * len(v), (q, v, u, dt, np.array(theta), np.array(self.scale))
-        pivot, (F, B) = step(self.structure, *start, *self.memory, self.at, *self.end), self.end[2:]
+        pivot, (F, B) = (
+            step(self.structure, *start, *self.memory, self.at, *self.end, self.none),
+            self.end[2:],
+        )
         assert pivot > 0
         F = np.hstack([F[:, :size], F[:, size:] @ B])
         return self.end[0].copy(), self.end[1].copy(), F

@@ -58,9 +58,9 @@ def good(kind: str) -> bytes:
             write_bag(path, {"bag": "ros1", "db3": "ros2"}.get(kind, kind), values["t"])
             path = path if kind == "bag" else next(path.glob(f"*.{kind}"))
         elif kind == "ulg":
-            write_ulog(path, "arm_state", rest, values["t"] + 5)
+            write_ulog(path, {"arm_state": (rest, values["t"] + 5)})
         elif kind == "bin":
-            write_dataflash(path, "ARM", rest, values["t"] + 5)
+            write_dataflash(path, {"ARM": (rest, values["t"] + 5)})
         else:
             write_record(path, values["t"])
         return path.read_bytes()

@@ -79,5 +79,5 @@ class Evaluation:
         """v̇ (n,), its derivatives by q and v (n, 2n), and those by θ/scale (n, p)."""
         s = self.structure
         slopes, a, B = s.slopes(), np.zeros(s.n), np.zeros((s.n, s.p))
-        linearise(s.arrays, q, v, u, theta, scale, s.workspace(), slopes, a, B)
+        linearise(s.arrays, q, v, u, theta, scale, s.workspace(), slopes, a, B, v[:0])
         return a, slopes.by_state, B

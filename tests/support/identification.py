@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pinocchio as pin
 
 from nsaid_mj.calibration.data import Recordings, RobotModel, Segment
 from nsaid_mj.calibration.findings import Finding
+from nsaid_mj.calibration.law_result import AlongLog, Gain
 from nsaid_mj.calibration.result import (
     Combination,
     Curves,
@@ -15,6 +18,7 @@ from nsaid_mj.calibration.result import (
     Parameter,
     Status,
 )
+from nsaid_mj.experiment.loop import Ending
 from nsaid_mj.log import Log
 
 INERTIAL = ("mass", "m·cx", "m·cy", "m·cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -44,7 +48,7 @@ def identification(
     explains: str = "yes",
     held_out: float = 0.05,
     validated: bool = False,
-    online: bool = False,
+    law: bool = False,
     vehicle: bool = False,
     segments: int = 2,
     findings: tuple[Finding, ...] = (),
@@ -56,7 +60,7 @@ def identification(
         explains: the verdict.
         held_out: NRMSE of every joint.
         validated: whether there is a validation log.
-        online: whether there is an estimate along the log.
+        law: whether a law has followed the log besides.
         vehicle: whether the robot is a vehicle, without a tree of joints.
         segments: number of logs, all starting at 0 s.
         findings: what was noticed.
@@ -85,8 +89,14 @@ def identification(
         np.tile(u, (segments, 1)) + 0.02,
         np.abs(np.tile(u, (segments, 1))) > 0.1,
     )
-    rows = np.linspace(0, len(curves.t) - 1, 8).astype(int)
-    history = (curves.t[rows], np.linspace(0.5, 1, 8)[:, None] * theta)
+    gains = np.arange(len(theta) - n, len(theta))
+    along = AlongLog(
+        "efficient", SimpleNamespace(ending=Ending()),  # type: ignore[arg-type]  # what pages read
+        gains, np.linspace(0, 4, 8), np.linspace(0.5, 1, 8)[:, None] * theta,
+        np.full((8, n), 0.1),
+        tuple(Gain(parameters[k].label, 1.1, 0.2, 1.0, 0.1) for k in gains),
+        np.full(n, 0.05), np.full(n, 0.04), "some", 1.0,
+    )  # fmt: skip
     joints = tuple(
         JointFit(name, 0.04, held_out, 0.06, 0.07 if validated else None,
                  0.08 if validated else None, ("coulomb", "rotor", "viscous"), 0.05, 0.012)
@@ -99,7 +109,8 @@ def identification(
         "the known mass_1 = 2", "One number would help: `--known gain_1=…`.", findings,
         theta, 0.1 * np.abs(theta), np.diag(0.01 * theta**2) + 1e-4 * np.outer(theta, theta),
         (np.ones(n), np.ones(n)),
-        curves, curves if validated else None, history if online else None, 8.0, 1.5,
+        curves, curves if validated else None, along if law else None, 8.0, 1.5,
+        None,  # type: ignore[arg-type]  # nothing was fitted
     )  # fmt: skip
 
 

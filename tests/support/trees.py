@@ -56,6 +56,8 @@ def random_column(
             constants[name] = rows
         elif name in ("direction", "axis"):
             constants[name] = unit(rng)
+        elif name == "other":  # a velocity before this joint's, or its own
+            constants[name] = rng.integers(0, where["dof"] + 1)
         else:
             constants[name] = rng.uniform(0.3, 1.0, size)
     return Column(kind, parameter, **where, **constants)
@@ -84,6 +86,9 @@ def random_structure(seed: int, base: str = "held", count: int = 5) -> Structure
     for dof in dofs[::2]:
         rotors.append(Rotor(dof, p))
         p += 1
+    if len(dofs) > 2:
+        rotors += [Rotor(dofs[0], p, dofs[2])]
+        p += 1
     for name, kind in KINDS.items():
         where: dict[str, int] = {"input": int(rng.integers(0, 3))} if kind.commanded else {}
         if kind.number >= BODY_KINDS:
@@ -100,6 +105,8 @@ def random_structure(seed: int, base: str = "held", count: int = 5) -> Structure
 def physical_theta(structure: Structure, rng: np.random.Generator) -> Array:
     """(p,) parameters under which M is positive definite."""
     theta = rng.uniform(0.5, 1.5, structure.p)
+    for rotor in structure.rotors:
+        theta[rotor.parameter] *= 0.2 if rotor.other >= 0 else 1.0
     for inertia in structure.inertias:
         at = inertia.start
         if inertia.tensor is None:

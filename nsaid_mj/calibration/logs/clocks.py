@@ -14,6 +14,10 @@ _CORE = {"t", "time", "timestamp", "timestamps", "stamp", "datetime", "date", "c
 _AROUND = {"header", "system", "robot", "elapsed", "rel", "relative", "log", "sample", "utc", "ros"}
 _EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}  # times since 1970, from 2001 to 2033
 
+_LATEST = 9 * 10**9  # seconds that fit into 64 bits as nanoseconds
+_SECONDS = re.compile(r"(.*?)(?:secs?|seconds|s)", re.IGNORECASE)
+_NANOSECONDS = re.compile(r"(.*?)(?:n(?:ano)?secs?|nanoseconds|ns)", re.IGNORECASE)
+
 
 class Clock(NamedTuple):
     """Times of a column.
@@ -29,6 +33,27 @@ class Clock(NamedTuple):
     origin: int
     unit: str
     guessed: bool
+
+
+def with_whole_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns in which seconds and nanoseconds of one stamp are one column of nanoseconds.
+
+    A stamp in two columns, such as `header.stamp.sec` and `header.stamp.nanosec`, is replaced by
+    `header.stamp_ns`; columns that share no such beginning are returned as they are.
+    """
+    stems = {match[1]: name for name in columns if (match := _SECONDS.fullmatch(name))}
+    for name, column in columns.items():
+        match = _NANOSECONDS.fullmatch(name)
+        if match is None or match[1] not in stems:
+            continue
+        seconds = columns[stems[match[1]]]
+        whole = seconds.dtype.kind == column.dtype.kind == "i"
+        if not whole or np.ptp(column) >= 10**9 or np.abs(seconds).max() > _LATEST:
+            continue
+        stem = match[1].rstrip("._/ ") or "stamp"
+        stamps = {f"{stem}_ns": seconds * 10**9 + column}
+        return stamps | {k: x for k, x in columns.items() if k not in (name, stems[match[1]])}
+    return columns
 
 
 def time_column(columns: dict[str, np.ndarray]) -> str | None:

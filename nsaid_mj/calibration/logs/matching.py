@@ -219,7 +219,8 @@ def words(name: str) -> list[str]:
 def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
     """The joint that a name's words contain, and the words with `*` for it.
 
-    The longest joint name that occurs wins; failing that, the last number is an index.
+    The longest joint name that occurs wins; failing that, the last number is an index. A name
+    without either is that of a robot's only joint.
     """
     best, where = "", (0, 0)
     for joint in joints:
@@ -231,6 +232,6 @@ def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
         return best, [*found[: where[0]], "*", *found[where[1] :]]
     numbers = [k for k, word in enumerate(found) if word.isdigit()]
     if not numbers:
-        return "", found
+        return (joints[0] if len(joints) == 1 else ""), found
     last = numbers[-1]
     return str(int(found[last])), [*found[:last], "*", *found[last + 1 :]]

@@ -120,23 +120,24 @@ def _timed(
         clock = clocks.read(columns.time, "", "ns")
         assert clock is not None
         return clock, columns.values
-    name = time if time in columns.values else clocks.time_column(columns.values)
-    clock = clocks.read(columns.values[name], name, unit) if name is not None else None
+    values = columns.values if time in columns.values else clocks.with_whole_stamps(columns.values)
+    name = time if time in values else clocks.time_column(values)
+    clock = clocks.read(values[name], name, unit) if name is not None else None
     if name is None or clock is None or rate is not None:
         if rate is None:
             raise UnreadableLog(
                 file,
-                f"no column is the time; the columns are {', '.join(columns.values)}",
+                f"no column is the time; the columns are {', '.join(values)}",
                 "Name it in map.toml, as in `[time]` `column = …`, or state `rate = …` there.",
             )
-        count = len(next(iter(columns.values.values())))
-        return clocks.Clock(np.arange(count) / rate, 0, "s", False), columns.values
+        count = len(next(iter(values.values())))
+        return clocks.Clock(np.arange(count) / rate, 0, "s", False), values
     if time is not None and name != time:
         text = f"there is no column {time!r}, which the map calls the time; {name!r} is used"
         findings.append(Finding("warning", "time_column", file.name, text, "Correct map.toml."))
     if clock.unit != "s":
         findings.append(_converted(file, name, clock))
-    rest = {other: column for other, column in columns.values.items() if other != name}
+    rest = {other: column for other, column in values.items() if other != name}
     return clock, rest
 
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from ..data import RobotModel
 from ..findings import Finding
-from ..result import Explains, Parameter
+from ..problem import Explains
+from ..result import Parameter
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..findings import Finding
 from ..payloads import Load
-from ..result import Explains, Parameter, Status
+from ..problem import Explains
+from ..result import Parameter, Status
 from .estimate import JointEstimate, MassScale
 from .result import Servo
 

@@ -8,12 +8,14 @@ import numpy as np
 
 from ...calibration import words
 from ...calibration.result import Identification, Parameter
-from ...calibration.timeline import history_times, own_shifts, training_shifts
+from ...calibration.timeline import own_shifts, recording_shifts
+from ...evaluation.confidence import INTERVAL
 from ..palette import COLOURS
 from ..panels import AnyPanel, Comparison, Forest, HeatMap, Panel, Points
 
 _MOST = 36  # parameters of the correlations, at most
 _TOLD = {"identified", "known"}
+_WIDEST = 2.0  # half-width of a drawn interval, of a gain's logarithm
 
 
 def commands(result: Identification, validation: bool = False) -> list[AnyPanel]:
@@ -21,7 +23,7 @@ def commands(result: Identification, validation: bool = False) -> list[AnyPanel]
     curves = result.validation if validation else result.curves
     if curves is None or not len(curves.t):
         return []
-    shifts = own_shifts(curves) if validation else training_shifts(result)
+    shifts = own_shifts(curves) if validation else recording_shifts(result.recordings)
     t = curves.t + shifts[curves.segment]
     found: list[AnyPanel] = []
     for j, fit in enumerate(result.joints):
@@ -89,22 +91,34 @@ def correlations(result: Identification) -> list[AnyPanel]:
 
 
 def histories(result: Identification) -> list[AnyPanel]:
-    """Estimates along the log over the final ones: gains, frictions, rotor inertias."""
-    if result.history is None:
+    """A law's estimates along the log over the batch fit's: gains, frictions, rotor inertias.
+
+    Gains are over their geometric mean, with intervals.
+    """
+    along = result.law
+    if along is None or len(along.t) < 2:
         return []
-    t, theta = history_times(result), result.history[1]
-    inertial = words.links(result.parameters)
-    panels: dict[str, Panel] = {}
-    for k, p in enumerate(result.parameters):
-        if p.block in inertial or not result.theta[k] > 0 or len(t) < 2:
-            continue
-        if not words.is_gain(p) and p.status not in _TOLD:
-            continue
-        panel = panels.setdefault(
-            p.block,
-            Panel(p.block[:1].upper() + p.block[1:], "estimate / final [–]", True, level=1.0),
+    inertial, panels = words.links(result.parameters), dict[str, Panel]()
+    gains = along.actuators.tolist() if along.gains else []
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = along.theta / result.theta
+        common = (
+            np.exp(np.mean(np.log(ratios[:, gains]), axis=1)) if gains else np.ones(len(ratios))
         )
-        name = p.label if p.block.startswith("coupling") else words.of_joint(p)
-        panel.add(t, theta[:, k] / result.theta[k], name)
+    half = INTERVAL * along.deviation
+    for k, p in enumerate(result.parameters):
+        if p.block in inertial or not result.theta[k] > 0:
+            continue
+        if k not in gains and p.status not in _TOLD:
+            continue
+        label = "over the batch fit [–]"
+        panel = panels.setdefault(
+            p.block, Panel(p.block[:1].upper() + p.block[1:], label, True, level=1.0)
+        )
+        name, ratio, band = words.of_joint(p), ratios[:, k] / common, None
+        if k in gains and np.isfinite(half).any():
+            factor = np.exp(np.minimum(half[:, gains.index(k)], _WIDEST))
+            band = ratio / factor, ratio * factor
+        panel.add(along.t, ratio, p.label if p.block.startswith("coupling") else name, band)
     gains_first = sorted(panels, key=lambda block: "gain" not in block)
     return [panels[block] for block in gains_first]

@@ -10,7 +10,10 @@ from ..spatial import add_cross, clear, dot, rotate
 from .curve import follow_curve
 from .kind import CURVE, LISTED, Kind
 
-VISCOUS, QUADRATIC, CUBIC, COULOMB, STRIBECK, LOAD, OFFSET, SPRING, MOTOR, SERVO = range(10)
+(
+    VISCOUS, QUADRATIC, CUBIC, COULOMB, STRIBECK, LOAD, OFFSET, SPRING, MOTOR, SERVO,
+    SHARED_VISCOUS, SHARED_COULOMB,
+) = range(12)  # fmt: skip
 _SPEED = ("speed", (1, 0.05))
 
 KINDS = (
@@ -32,7 +35,10 @@ KINDS = (
         LOAD, "load", "load-dependent friction", "load", ("1", "1"), share=0.05,
         constants=dict([_SPEED, ("bodies", (LISTED, None))]),
     ),
-    Kind(OFFSET, "offset", "offset", "offset", ("N·m", "N"), "free", share=0.05, reads=""),
+    Kind(
+        OFFSET, "offset", "offset", "offset", ("N·m", "N"), "free", share=0.05, reads="",
+        constants={"force": (1, 1.0)},
+    ),
     Kind(
         SPRING, "spring", "stiffness", "stiffness", ("N·m/rad", "N/m"),
         constants={"rest": (1, 0.0)}, drawn="ring", reads="pose",
@@ -45,6 +51,16 @@ KINDS = (
         SERVO, "servo", "servo gain", "kp", ("N·m/rad", "N/m"), share=1.0, actuator=True,
         commanded=True, constants={"limit": (1, np.inf)}, drawn="ring", reads="pose",
     ),
+    # friction of a motor that turns by v ± v_other, on one of the two joints; the viscous part that
+    # is this joint's own belongs to its own viscous friction
+    Kind(
+        SHARED_VISCOUS, "shared_viscous", "shared viscous friction", "shared_viscous",
+        ("N·m·s/rad", "N·s/m"), "free", constants={"other": (1, None)},
+    ),
+    Kind(
+        SHARED_COULOMB, "shared_coulomb", "shared Coulomb friction", "shared_coulomb",
+        ("N·m", "N"), "free", constants={"other": (1, None), "sign": (1, 1.0), "speed": (1, 0.05)},
+    ),
 )  # fmt: skip
 
 
@@ -55,6 +71,23 @@ def coordinate(bodies, b, q):
     if bodies[b, KIND] == CIRCLE:
         return np.arctan2(q[at + 1], q[at])
     return q[at]
+
+
+@helper(f8(index, vector, index, f8, vector))
+def shared_friction(kind, c, at, rate, v):
+    """Friction of a motor that turns with this joint and another; v (n,) are all velocities."""
+    other = v[int(c[at])]
+    if kind == SHARED_VISCOUS:
+        return -other
+    return -np.tanh((rate + c[at + 1] * other) / c[at + 2])
+
+
+@helper(f8(index, vector, index, f8))
+def slope_by_other(kind, c, at, force):
+    """∂/∂v_other of `shared_friction`, whose value is given."""
+    if kind == SHARED_VISCOUS:
+        return -1.0
+    return c[at + 1] * (force * force - 1.0) / c[at + 2]
 
 
 @routine(f8(vector, index, table, index, vector, index, vector))
@@ -102,7 +135,7 @@ def force_alone(kind, c, at, angle, v, u):
     if kind <= STRIBECK:
         return friction(kind, c, at, v)
     if kind == OFFSET:
-        return 1.0
+        return c[at]
     if kind == SPRING:
         return c[at] - angle
     if kind == MOTOR:
@@ -112,8 +145,8 @@ def force_alone(kind, c, at, angle, v, u):
     return np.nan
 
 
-@routine(f8(index, vector, index, table, index, vector, index, f8, f8, f8, vector))
-def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
+@routine(f8(index, vector, index, table, index, vector, index, f8, f8, vector, f8, vector))
+def joint_force(kind, c, at, bodies, b, state, ground, angle, rate, v, u, x):
     """Force of a column on the joint of body b, per unit of its parameter.
 
     Args:
@@ -125,10 +158,14 @@ def joint_force(kind, c, at, bodies, b, state, ground, angle, v, u, x):
         state: at the sample.
         ground: where in it the row of the ground begins.
         angle: angle or travel of the joint.
-        v: velocity of the joint.
+        rate: velocity of the joint.
+        v: (n,) velocities of all.
         u: command; 0 if the column reads none.
         x: workspace of twelve numbers.
     """
     if kind == LOAD:  # on the weight of nominal bodies
-        return -np.tanh(v / c[at]) * abs(_weight_on_joint(c, at + 1, bodies, b, state, ground, x))
-    return force_alone(kind, c, at, angle, v, u)
+        weight = _weight_on_joint(c, at + 1, bodies, b, state, ground, x)
+        return -np.tanh(rate / c[at]) * abs(weight)
+    if kind >= SHARED_VISCOUS:
+        return shared_friction(kind, c, at, rate, v)
+    return force_alone(kind, c, at, angle, rate, u)

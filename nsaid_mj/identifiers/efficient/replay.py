@@ -11,19 +11,11 @@ from ...bounds import Config, NonNegative, Positive, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
+from ...quotient.cone import cone_of
 from ...system import SecondOrderSystem
-from ..cone.barrier import cone_of
 from ..cone.prior import drawn_covariance
-from .kalman import (
-    CONTRADICTED,
-    ROUNDED,
-    Along,
-    Filter,
-    Law,
-    filter_at,
-    follow_filter,
-    restart_state,
-)
+from .filter import CONTRADICTED, ROUNDED, Along, Filter, Law, filter_at
+from .kalman import follow_filter, restart_state
 from .noise import noise_variance
 from .steps import margin_of
 
@@ -42,6 +34,8 @@ class EfficientConfig(Config):
         linearisation: γ, standard deviation of the error of a step's linearisation relative to the
             standard deviation of what θ does in it.
         innovation_window: time over which innovations are tested against chance [s].
+        unexplained: density of what the structure does not explain in the commands of motors, one
+            on every velocity [units of command, squared, times s]; none if it is taken to be exact.
     """
 
     _path = "identifier.efficient"
@@ -49,6 +43,7 @@ class EfficientConfig(Config):
     prior: Positive | None = None
     linearisation: NonNegative = 0.3
     innovation_window: Positive = 0.1
+    unexplained: tuple[NonNegative, ...] = ()
 
 
 class Replay(NamedTuple):
@@ -65,7 +60,7 @@ class Replay(NamedTuple):
     filter: Filter
 
 
-class Witness:
+class FilterAlone:
     """The filter alone, for a structure with compiled forward dynamics.
 
     Args:
@@ -92,8 +87,17 @@ class Witness:
         cone, scale = cone_of(system.space), np.array(system.space.scale)
         window = max(10, round(config.innovation_window / dt))
         gamma = config.linearisation
-        constant = np.zeros(system.p)
-        self.law = Law(system.forward, cone, scale, margin_of(cone, scale), gamma, window, constant)
+        unexplained = np.array(config.unexplained, dtype=np.float64)
+        motors = np.arange(system.p - system.n, system.p)[: len(unexplained)]
+        if len(unexplained) and not np.array_equal(motors, system.space.actuators):
+            raise InvalidInput(
+                "identifier.efficient.unexplained", "none, but of arms with a motor on each joint",
+                f"{len(unexplained)} numbers", "Give one for every motor, or none.",
+            )  # fmt: skip
+        self.law = Law(
+            system.forward, cone, scale, margin_of(cone, scale), gamma, window,
+            np.zeros(system.p), unexplained,
+        )  # fmt: skip
 
     def covariance(self, theta: Array) -> Array:
         """(p, p) P_θθ of θ̂/scale before any data: that of the draw of a prior."""

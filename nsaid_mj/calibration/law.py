@@ -1,0 +1,236 @@
+"""A law of the paper along a prepared log, by the loop of every run, beside the batch fit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ..evaluation.confidence import INTERVAL, gain_deviations
+from ..evaluation.misfit import misfit_of
+from ..experiment.loop import Observer, Robot, Run, followed
+from ..experiment.scenario import Scenario
+from ..experiment.source import Logs
+from ..identifiers import Identifier, NullspaceAID, State, Status
+from ..identifiers.efficient.replay import EfficientConfig
+from ..identifiers.memory.statistics import MemoryConfig
+from ..log import Log, Measurement
+from ..parameters import Array
+from .data import Recordings, RobotModel
+from .findings import Finding
+from .fit import minimise
+from .joints import differentiates
+from .law_result import AlongLog, Fitted, Gain
+from .links import positions
+from .log_robot import log_robot
+from .logs.signals import noise
+from .measured import identifiers_of, measured_scenario
+from .precision import tempered
+from .result import Identification
+from .smoothing import delayed, filter_for, refined, smooth, smooth_commands
+from .structure import Structured
+from .timeline import recording_shifts
+from .vehicles import motion_of
+
+LAWS = ("batch", "efficient", "memory", "cone", "paper")
+"""Laws of `nsaid identify`; `batch` answers at the end of the log."""
+
+_ROWS = 400  # of the estimate along the log, at most
+_ERROR = 1.0  # largest relative error of the prior: frictions and gains are guesses
+_SLOW = 0.01  # gain of the flow beside a memory
+_INTERVAL = 0.2  # time between two steps of a memory [s]
+_LAST = 0.2  # share of the rows, at their end, on which a law's estimate before them is judged
+
+
+class _Watch(Observer):
+    """Keeps θ̂ and the deviations of the gains at intervals."""
+
+    def __init__(self, identifier: Identifier, period: float):
+        self._identifier, self.period, self.rows = identifier, period, []
+
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+        """Nothing: there is no estimate yet."""
+
+    def see(
+        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
+    ) -> None:
+        """Keeps the estimate of a sample."""
+        state, space = states[""], self._identifier.system.space
+        stated = gain_deviations(self._identifier.confidence(state), state.theta_hat, space)
+        self.rows.append((measurement.t, state.theta_hat, stated))
+
+    def stop(self) -> None:
+        """Nothing is open."""
+
+
+def with_law(
+    found: Identification, law: str, folder: Path | None, told: Callable[[str], None]
+) -> Identification:
+    """An identification with a law that has followed the log besides, and what must be said of it.
+
+    Args:
+        found: by the batch fit.
+        law: one of `LAWS` but `batch`.
+        folder: of the law's record; None keeps no files.
+        told: called with the name of the stage.
+
+    Raises:
+        InvalidInput: the law does not suit the robot or its log.
+    """
+    told(f"following the log by law {law}")
+    with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
+        along = follow_log(law, found, Path(place))
+    warnings = [f for f in found.findings if f.level != "note"]
+    notes = found.findings[len(warnings) :]
+    return replace(found, law=along, findings=(*warnings, *law_findings(along), *notes))
+
+
+def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
+    """Runs a law along the prepared logs of an identification; see `with_law`.
+
+    Args:
+        law: one of `LAWS` but `batch`.
+        found: by the batch fit.
+        folder: of the record.
+    """
+    begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
+    logs, start, rate = law_logs(robot, found.recordings, fitted.made)
+    steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
+    known = log_robot(robot, found.recordings, fitted.made, fitted.problem, fitted.coupled)
+    scenario = measured_scenario(known, law, rate, noise_levels(logs), _ERROR, steps)
+    unexplained = unexplained_commands(fitted).tolist() if arm else []
+    scenario = replace(scenario, identifier=_configured(law, tuple(unexplained)))
+    whole = known.robot_of(robot)
+    identifiers = identifiers_of(scenario, whole)
+    watch = _Watch(identifiers[""], max(1.0, round(steps / _ROWS)) / rate)
+    run = followed(scenario, whole, Logs(logs), identifiers, folder, [watch])
+    t, theta, deviation = (np.array(column) for column in zip(*watch.rows, strict=True))
+    misfit = misfit_of(run)
+    if misfit:
+        deviation = deviation * misfit.widening
+    last, batch_last = _last_fifth(found, run, start)
+    return AlongLog(
+        law, run, fitted.problem.space.actuators, t + start, theta, deviation,
+        _gains(fitted, theta[-1], deviation[-1]),
+        last, batch_last, misfit.level if misfit else "", time.perf_counter() - begin,
+    )  # fmt: skip
+
+
+def law_logs(
+    robot: RobotModel, recordings: Recordings, made: Structured
+) -> tuple[list[Log], float, float]:
+    """The segments as a law gets them: the motion of which the batch fit's rows are made.
+
+    The logs are on one clock that begins at 0. A command holds from one sample to the next: it is
+    the smoothed one in the middle between both, earlier by its delay. Where the model file has a
+    negative gear it is reversed, so that gains are positive.
+
+    Returns:
+        The logs, the time of their beginning on the common axis [s], and samples per second.
+    """
+    recordings = recordings if robot.model is None else refined(recordings)
+    chosen = filter_for(recordings, made.cutoff)
+    differentiate = robot.model is not None and differentiates(recordings, chosen.cutoff)
+    rate, found, shift = chosen.rate / chosen.every, [], recording_shifts(recordings)
+    start = float(recordings.segments[0].log.t[0] + shift[0])
+    for own, segment in zip(shift, recordings.segments, strict=True):
+        u = smooth_commands(segment, chosen)
+        held = delayed(segment, chosen, u, made.delays - 0.5 / rate)
+        if robot.model is None:
+            t, q, v = motion_of(robot.system, segment, chosen)[:3]
+        else:
+            motion, held = smooth(segment, chosen, differentiate), held * np.sign(robot.gain)
+            t, q, v = motion.t, positions(robot.model, motion.q), motion.v
+        if len(t) > 1:
+            found.append(Log(t + (own - start), q, v, held))
+    return found, start, rate
+
+
+def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
+    """A law for a structure that is not exact: no exact gain change is looked for in its misfit.
+
+    Between the steps of the memory the flow (45) follows what the structure does not explain, and
+    is slowed down.
+    """
+    return NullspaceAID(
+        law=law,  # pyright: ignore[reportArgumentType]  # one of `LAWS`
+        gain=_SLOW if law in ("memory", "efficient") else 1.0,
+        memory=MemoryConfig(interval=_INTERVAL, surprise=0.0),
+        efficient=EfficientConfig(unexplained=unexplained),
+    )
+
+
+def unexplained_commands(fitted: Fitted) -> Array:
+    """(n,) density of what an arm's batch fit leaves of the commands [units², times s].
+
+    Residuals of variance σ² at intervals h, of which one in `share` counts as independent, are
+    those of a white command of density σ² h share, as far as the motion is concerned.
+    """
+    problem, theta = fitted.problem, fitted.theta
+    used = problem.usable
+    residual = np.where(used, problem.residual(theta), 0.0) / theta[problem.space.actuators]
+    power = np.sum(residual**2, axis=0) / np.maximum(used.sum(axis=0), 1)
+    return power * fitted.share * float(np.median(np.diff(problem.t)))
+
+
+def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
+    """Standard deviations of the noise of positions and of velocities, by fourth differences."""
+    log = max(logs, key=lambda log: len(log.t))
+    return tuple(float(np.median([noise(x) for x in part.T])) for part in (log.q, log.v))
+
+
+def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
+    """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's.
+
+    Empty where a gain is not positive.
+    """
+    space, own = fitted.problem.space, fitted.theta
+    at = space.actuators
+    if len(at) < 2 or not ((theta[at] > 0) & (own[at] > 0)).all():
+        return ()
+    ours, theirs = (np.exp(np.log(x[at]) - np.log(x[at]).mean()) for x in (theta, own))
+    found = []
+    for i, index in enumerate(at):
+        weights = np.zeros(len(own))
+        weights[at] = ((np.arange(len(at)) == i) - 1 / len(at)) / own[at]
+        half = INTERVAL * float(deviation[i]), INTERVAL * fitted.exact.of(weights)
+        label = space.labels[index]
+        found.append(Gain(label, float(ours[i]), half[0], float(theirs[i]), half[1]))
+    return tuple(found)
+
+
+def _last_fifth(found: Identification, run: Run, start: float) -> tuple[Array, Array]:
+    """(n,) NRMSE of the last rows under the law's θ̂ before them, and (n,) under a batch fit's."""
+    problem = found.fitted.problem
+    first = round((1 - _LAST) * len(problem.t))
+    before = problem.select(np.arange(first))
+    last = problem.select(np.arange(first, len(problem.t)))
+    shift = recording_shifts(found.recordings)[problem.segment[first]]
+    row = int(np.searchsorted(run.record["t"], problem.t[first] + shift - start))
+    theta = np.array(run.record["theta_hat"][min(max(row - 1, 0), len(run.record) - 1)])
+    fitted = minimise(before, tempered(before, found.fitted.share)).theta
+    return last.nrmse(theta, problem), last.nrmse(fitted, problem)
+
+
+def law_findings(along: AlongLog) -> list[Finding]:
+    """What must be said of a law's result: that it ended early, or contradicts the batch fit."""
+    status, found = along.run.ending.status, []
+    if status is not Status.completed:
+        text = f"the law ended at {along.run.ending.time:.2f} s: {status.words}"
+        found.append(Finding("warning", "law", f"law {along.name}", text, status.remedy))
+    apart = [gain.label for gain in along.gains if gain.apart]
+    if apart:
+        found.append(
+            Finding(
+                "warning", "law", f"law {along.name}",
+                f"it differs from the batch fit by more than both intervals in {', '.join(apart)}",
+                "Trust neither interval there; the batch fit uses all rows at once, and leaves out "
+                "those at rest.",
+            )
+        )  # fmt: skip
+    return found

@@ -1,0 +1,56 @@
+"""Names of columns, joints and files steer neither a terminal nor a document."""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+import nsaid_mj
+from nsaid_mj.errors import printable
+from nsaid_mj.resources import folder, print_json
+from tests.support.faulty import shell
+
+PACKAGE = Path(nsaid_mj.__file__).parent
+URDF = folder("assets") / "robots" / "double_pendulum" / "double_pendulum.urdf"
+
+
+@pytest.mark.parametrize("name", ["q\x1b[31m", "\x9b2J", "q\u202e1", "[/red]", "{{ 7 }}"])
+@pytest.mark.parametrize("flags", [(), ("--json",), ("--model", str(URDF))])
+def test_a_columns_name_does_not_steer_the_terminal(name, flags, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{0.01 * k:.2f},{k % 7}\n" for k in range(100))
+    Path("log.csv").write_text(f"t,{name}\n{rows}", encoding="utf-8")
+    code, said = shell("inspect", "log.csv", *flags)
+    assert code in (0, 1, 2)
+    assert not any(control in said.out + said.err for control in "\x1b\x9b\u202e")
+    if "--json" in flags:
+        assert json.loads(said.out)["channels"][0]["name"] == printable(name)
+
+
+def test_a_files_name_does_not_steer_the_terminal(tmp_path):
+    code, said = shell("inspect", tmp_path / "\x1b[31mnone.csv")
+    assert code == 2 and "\x1b" not in said.err and "none.csv" in said.err
+
+
+def test_printable_keeps_letters_of_all_scripts_lines_and_tabs():
+    assert printable("Größe 名 q̇ [N·m]\n\t✔") == "Größe 名 q̇ [N·m]\n\t✔"
+
+
+def test_json_on_the_standard_output_is_strict(capsys):
+    print_json({"a": math.inf, "b": [math.nan, 1.0], "c": {"d": -math.inf}})
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": [None, 1.0], "c": {"d": None}}
+
+
+def test_every_command_writes_strict_json():
+    made = 0
+    for path in (*(PACKAGE / "cli").glob("*.py"), PACKAGE / "streaming" / "estimate.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "json.dumps":
+                made += 1
+                strict = {k.arg: ast.unparse(k.value) for k in node.keywords}
+                assert strict.get("allow_nan") == "False", f"{path}:{node.lineno}"
+    assert made
