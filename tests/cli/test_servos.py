@@ -48,7 +48,7 @@ def test_the_table_has_a_line_for_every_servo(tmp_path, capsys):
     assert command(["identify", "so101", "--out", str(tmp_path / "found")]) == 0
     said = capsys.readouterr().out
     for joint in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"):
-        assert f"\n {joint}" in said
+        assert f"\n  {joint} " in said
     assert "identification.json" in said
 
 
@@ -61,7 +61,7 @@ def test_three_commands_lead_from_a_lerobot_dataset_to_a_calibrated_file(tmp_pat
     names = [f"{joint}.pos" for joint in simulated.JOINTS]
     data, out = write_dataset(tmp_path / "set", version, episodes, names), tmp_path / "out"
     model = ["--model", str(simulated.MODEL)]
-    assert command(["inspect", str(data), *model, "--out", str(out)]) == 1  # degrees, as rad
+    assert command(["inspect", str(data), *model, "--out", str(out)]) == 2  # degrees, as rad
     mapped = [*model, "--map", str(out / "map.toml")]
     assert command(["inspect", str(data), *mapped, "--out", str(out / "again")]) == 0
     found = ["--log", str(data), "--out", str(out / "found"), "--quiet"]
