@@ -31,9 +31,9 @@ from .identifiers import EfficientConfig as EfficientConfig
 from .identifiers import MemoryConfig as MemoryConfig
 from .identifiers import NullspaceAID as NullspaceAID
 from .identifiers import Status as Status
-from .identifiers.cone.law import cone_identifier as cone_identifier
 from .identifiers.efficient.law import efficient_identifier as efficient_identifier
-from .identifiers.memory.law import memory_identifier as memory_identifier
+from .identifiers.in_cone import cone_identifier as cone_identifier
+from .identifiers.in_cone import memory_identifier as memory_identifier
 from .identifiers.nullspace_aid import NullspaceIdentifier as NullspaceIdentifier
 from .identifiers.nullspace_aid import paper_identifier as paper_identifier
 from .log import Log as Log

@@ -250,17 +250,14 @@ class MimicIgnored(UserWarning):
         )
 
 
-class PassiveIgnored(UserWarning):
-    """Joints without a drive in a robot's description are simulated with motors.
+class RobotChanged(UserWarning):
+    """A robot's file is simulated with other numbers, or without some of its forces.
 
     Attributes:
-        robot: its name or file.
-        joints: the joints.
+        robot: its file.
+        changes: what was changed or left out, in words.
     """
 
-    def __init__(self, robot: str, joints: Iterable[str]):
-        self.robot, self.joints = robot, tuple(joints)
-        super().__init__(
-            f'robot {robot}: every simulated joint has a motor, also those with effort="0", '
-            f"{', '.join(self.joints)}. What this run shows does not hold for a passive joint."
-        )
+    def __init__(self, robot: str, changes: Iterable[str]):
+        self.robot, self.changes = robot, tuple(changes)
+        super().__init__(f"robot {robot}: {' '.join(self.changes)}")

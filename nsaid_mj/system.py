@@ -164,6 +164,10 @@ class SecondOrderSystem(ABC):
         """(n,) the tangent step that leads from q0 to q1."""
 
     @abstractmethod
+    def moves(self, q: Array) -> Array:
+        """(N−1, n) tangent steps between consecutive positions of (N, m)."""
+
+    @abstractmethod
     def J(self, q: Array) -> Array:
         """(m, n) matrix of the kinematics q̇ = J v (3)."""
 

@@ -241,7 +241,8 @@ def identifiers() -> list[Row]:
     """Identifiers compared with one Pinocchio regressor, or with a MuJoCo step of a UR5."""
     scenario, rows = seven_joints("compiled"), []
     robot: Any = scenario.plant.build(scenario.dt, 0)
-    model, data, zero = robot.robot.model, robot.robot.model.createData(), np.zeros(7)
+    model, zero = robot.system.model, np.zeros(7)
+    data = model.createData()
     q = pin.neutral(model)
     regressor = seconds(lambda: pin.computeJointTorqueRegressor(model, data, q, zero, zero), 2000)
     for law in LAWS:

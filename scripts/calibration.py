@@ -24,6 +24,7 @@ from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.plants.arm import true_model
 
 DELAY, JITTER = 0.015, 2e-4
 CONSTANT = 0.1  # nominal torque constant through the gear [N·m/A] over the joint's torque
@@ -49,16 +50,16 @@ class Simulated:
         with setup.plant.running():
             log = setup.simulate()
         rng = np.random.default_rng([seed, 13])
-        model = setup.plant.robot.model
-        n = model.nv
         true = setup.plant.truth
+        model = true_model(setup.system.model, true)
+        n = model.nv
         gain = true[setup.system.space["motor gain"]]
         coordinates = _coordinates(model, log.q)
         force = gain * log.u  # torque of the motors
         constant = rng.uniform(0.7, 1.3, n) * _typical(force) / 5.0  # N·m/A: about 5 A
         if not plain:
             weight = np.array(
-                [pin.computeGeneralizedGravity(model, setup.plant.robot.model.createData(), q)
+                [pin.computeGeneralizedGravity(model, model.createData(), q)
                  for q in log.q]
             )  # fmt: skip
             force = force + 0.05 * np.tanh(log.v / 0.02) * np.abs(weight)

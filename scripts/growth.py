@@ -36,7 +36,7 @@ from nsaid_mj.identifiers import State
 from nsaid_mj.log import Log
 from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import nominal_scales
-from nsaid_mj.robot.robots import Base, load_robot
+from nsaid_mj.robot.loading import Base, load_robot
 from nsaid_mj.robot.tree import tree_spec
 from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from nsaid_mj.system import SecondOrderSystem

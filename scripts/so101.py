@@ -25,7 +25,7 @@ from nsaid_mj.calibration.servos import (
     write_servo_mjcf,
 )
 
-HALVES = 10
+HALVES = 7
 
 
 def main() -> None:
@@ -100,11 +100,10 @@ def halves(given: ServoLogs) -> None:
         for a, b in zip(*(r.parameters for r in results), strict=True):
             if "convention" in a.combination + b.combination:
                 continue
-            name = a.name.partition("_")[0]
-            overlap.setdefault(name, []).append(max(a.low, b.low) <= min(a.high, b.high))
-            hold.setdefault(name, []).append(
-                a.low <= b.value <= a.high and b.low <= a.value <= b.high
-            )
+            held = a.low <= b.value <= a.high and b.low <= a.value <= b.high
+            for name in (a.name.partition("_")[0], "all"):
+                overlap.setdefault(name, []).append(max(a.low, b.low) <= min(a.high, b.high))
+                hold.setdefault(name, []).append(held)
     print(f"\n| of {HALVES} disjoint halves | " + " | ".join(overlap) + " |")
     print("|" + "---|" * (len(overlap) + 1))
     for words, found in (("intervals overlap", overlap), ("each holds the other's value", hold)):

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
 
 from ..log import Log
+from ..numerics.low_pass import decimated, symmetric, zero_phase
 from ..parameters import Array
 from ..system import SecondOrderSystem
-
-_ORDER = 4
 
 
 def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
@@ -24,18 +22,12 @@ def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
         cutoff: of the filter [Hz]; limited to 0.8 of the Nyquist frequency.
     """
     rate = 1 / log.step
-    sections = signal.butter(_ORDER, min(cutoff, 0.4 * rate), fs=rate, output="sos")
-    reach = min(len(log.t) - 1, int(3 * rate / cutoff))
-
-    def low_pass(x: Array) -> Array:
-        return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
-
-    q = _continuous(system, log.q)
-    filtered = low_pass(q)
+    cutoff, q = min(cutoff, 0.4 * rate), _continuous(system, log.q)
+    filtered = zero_phase(q, cutoff, rate)
     if system.m != system.n:
         steps = [np.linalg.lstsq(system.J(z), dz)[0] for z, dz in zip(q, filtered - q, strict=True)]
         filtered = np.array([system.integrate(z, dz) for z, dz in zip(q, steps, strict=True)])
-    return log._replace(q=filtered, v=low_pass(log.v))
+    return log._replace(q=filtered, v=zero_phase(log.v, cutoff, rate))
 
 
 def _continuous(system: SecondOrderSystem, q: Array) -> Array:
@@ -61,10 +53,4 @@ def low_passed(W: Array, rate: float, cutoff: float) -> Array:
         rate: sampling rate [Hz].
         cutoff: [Hz].
     """
-    half = int(np.ceil(1.5 * rate / cutoff))
-    kernel = signal.firwin(2 * half + 1, cutoff, fs=rate)
-    every = max(1, int(rate / (4 * cutoff)))
-    flat = W.reshape(len(W), -1)
-    starts = range(0, len(W) - 2 * half, every)
-    rows = np.array([kernel @ flat[k : k + 2 * half + 1] for k in starts], dtype=np.float64)
-    return rows.reshape(len(starts), *W.shape[1:])
+    return decimated(W, symmetric(cutoff, rate), max(1, int(rate / (4 * cutoff))))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 
 from ..errors import InvalidInput
 from ..log import Log
 from ..parameters import Array
+from ..quotient.cost import Quotient
+from ..quotient.descent import Rules, minimise
+from ..quotient.likelihood import Posterior
 from ..system import SecondOrderSystem
 from .base import Estimate, Problem
 from .filters import low_passed, smoothed
@@ -15,8 +17,7 @@ from .regression import Gauge, central_rows, condense
 
 SMOOTHING = 30.0  # cut-off of the filter on q and v [Hz]
 _FOLDS = 4  # of the cross-validation, contiguous in time
-_STEPS, _HALVINGS = 12, 8  # largest numbers of Gauss–Newton steps and of halvings of a step
-_CONVERGED = 1e-2  # change of the log-likelihood at convergence
+_RULES = Rules(steps=12, halvings=8, done=0.0, fall=1e-2, reach=np.inf)
 _IDLE = 1e-9  # ratio of actuator columns to row below which the velocity is not actuated
 
 
@@ -34,8 +35,7 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     shrinking a gain does not reduce it. Weights follow from the residuals themselves: this is the
     maximum-likelihood estimate under Gaussian noise of unknown variance in every velocity, the
     minimum of N Σ_i log‖r_i‖ + ½ ‖θ_s − θ̂_s(0)‖². The second term is a prior of standard deviation
-    1 in θ/scale; it regularises poorly excited directions. Solved by Gauss–Newton steps, halved
-    until the cost decreases.
+    1 in θ/scale; it regularises poorly excited directions.
 
     Args:
         gauge: scale and unobserved directions, from the prior.
@@ -44,70 +44,43 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     factors = condense(W)
     forces = factors * gauge.normal  # actuator columns only
     driven = np.linalg.norm(forces, axis=(1, 2)) > _IDLE * np.linalg.norm(factors, axis=(1, 2))
-    trial = _Residuals(gauge, factors, forces, driven, gauge.start, len(W))
-    theta_s = gauge.solve(trial.scaled)
-    trial = _Residuals(gauge, factors, forces, driven, theta_s, len(W))
-    for _ in range(_STEPS):
-        here = trial
-        step = here.step()
-        for _ in range(_HALVINGS):
-            trial = _Residuals(gauge, factors, forces, driven, theta_s + step, len(W))
-            if trial.cost < here.cost:
-                break
-            step = 0.5 * step
-        else:
-            return theta_s
-        theta_s = theta_s + step
-        if here.cost - trial.cost < _CONVERGED:
-            break
-    return theta_s
+    forces[~driven] = 0.0
+
+    def quotient(weights: Array) -> Quotient:
+        return Quotient(_squared(factors), _squared(forces), weights, np.where(driven, 0.0, 1.0))
+
+    force = np.sqrt(quotient(driven).efforts(gauge.start))
+    start = gauge.solve((factors / force[:, None, None]).reshape(-1, W.shape[2]))
+    J = Posterior(quotient(np.full(len(driven), float(len(W)))), _Near(gauge.start))
+    return minimise(J, start, _RULES, gauge.tangent).theta
 
 
-class _Residuals:
-    """Residuals of all velocities in units of command, at one θ/scale.
+def _squared(factors: Array) -> Array:
+    """(n, p, p) Gramians of factors (n, p, p)."""
+    return factors.transpose(0, 2, 1) @ factors
+
+
+class _Near:
+    """½ ‖θ − θ̂(0)‖², without a cone: no step is too long.
 
     Args:
-        gauge: scale and unobserved directions, from the prior.
-        factors: (n, p, p) of `condense`.
-        forces: (n, p, p) their actuator columns; the others are 0.
-        driven: (n,) whether an actuator acts on the velocity.
-        theta_s: (p,) θ/scale.
-        rows: N, the number of samples.
-
-    Attributes:
-        cost: the objective that `weighted` minimises.
+        start: (p,) θ̂(0).
     """
 
-    def __init__(
-        self, gauge: Gauge, factors: Array, forces: Array, driven: Array, theta_s: Array, rows: int
-    ):
-        self._gauge, self._factors, self._forces = gauge, factors, forces
-        self._off = theta_s - gauge.start
-        acting = forces @ theta_s
-        self._acting = np.where(driven[:, None], acting, 0.0)
-        self._force = np.where(driven, np.linalg.norm(acting, axis=1), 1.0)
-        self._residual = (factors @ theta_s) / self._force[:, None]
-        size = np.linalg.norm(self._residual, axis=1)
-        self._size = np.maximum(size, 1e-6 * size.max())
-        self.cost = float(rows * np.log(self._size).sum() + 0.5 * self._off @ self._off)
-        self._weight = np.sqrt(rows) / self._size
+    def __init__(self, start: Array):
+        self.start = start
 
-    @property
-    def scaled(self) -> Array:
-        """(k, p) rows in units of command under the current actuator forces, not weighted."""
-        rows = self._factors / self._force[:, None, None]
-        return rows.reshape(-1, rows.shape[2])
+    def value(self, theta: Array) -> float:
+        """It at θ (p,)."""
+        return 0.5 * float(np.sum((theta - self.start) ** 2))
 
-    def step(self) -> Array:
-        """(p,) the Gauss–Newton step."""
-        gradient = np.einsum("iap,ia->ip", self._forces, self._acting) / self._force[:, None]
-        J = self._factors - self._residual[:, :, None] * gradient[:, None, :]
-        J *= (self._weight / self._force)[:, None, None]
-        tangent = self._gauge.tangent
-        A = np.vstack([J.reshape(-1, J.shape[2]) @ tangent, tangent])
-        b = np.concatenate([(self._residual * self._weight[:, None]).ravel(), self._off])
-        R = np.asarray(np.linalg.qr(np.hstack([A, b[:, None]]), mode="r"))
-        return -tangent @ scipy.linalg.solve_triangular(R[:-1, :-1], R[:-1, -1])
+    def derivatives(self, theta: Array) -> tuple[Array, Array]:
+        """(p,) gradient and (p, p) Hessian."""
+        return theta - self.start, np.eye(len(theta))
+
+    def length(self, theta: Array, step: Array) -> float:
+        """Of any step (p,) at θ (p,)."""
+        return 1.0
 
 
 def practitioners(problem: Problem) -> Estimate:

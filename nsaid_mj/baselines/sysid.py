@@ -61,8 +61,9 @@ def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
             prior, or the log is shorter than a chunk.
     """
     system, log, prior, _ = problem
-    if not isinstance(system, JointTree) or system.group:
-        raise NoEstimate("mujoco.sysid is set up for fixed-base arms only", "Leave it out.")
+    if not isinstance(system, JointTree) or system.group or system.n_u < system.n:
+        reason = "mujoco.sysid is set up for fixed-base arms with a motor on every joint only"
+        raise NoEstimate(reason, "Leave it out.")
     toolbox = _toolbox()
     model, step = _Model(toolbox, system, prior, log.step), log.step
     samples = round(_CHUNK / step)

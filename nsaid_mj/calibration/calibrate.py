@@ -121,7 +121,7 @@ def calibrate(
         )
         for j, velocity in enumerate(made.velocities)
     )
-    explains, sentence = scale.judged(*with_doubts(*verdict(joints), found))
+    explains, sentence = scale.judged(*with_doubts(*verdict(joints, robot.system is None), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
     return Identification(

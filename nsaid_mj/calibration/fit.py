@@ -3,7 +3,7 @@
     J(θ) = ½ Σ_i N_i log λ_i(θ) + D(θ, θ̂(0)),     λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ
 
 with G_i the mean Gramian of the rows of velocity i and Σ_i that of the actuators' effort in them
-(`identifiers.memory.cost`): the negative log-likelihood of Gaussian residuals, measured relative
+(`quotient.cost`): the negative log-likelihood of Gaussian residuals, measured relative
 to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
 2 θ, so that the scale of θ is where D, the prior, has it. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the
 bodies, such as the weight that links have along the log,
@@ -27,18 +27,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from ..errors import NoEstimate
-from ..identifiers.cone.barrier import barrier, cone_of, gradient_and_hessian, local_norm
-from ..identifiers.memory.cost import Quotient, efforts
 from ..parameters import Array, ParameterSpace
+from ..quotient.barrier import barrier, gradient_and_hessian, local_norm
+from ..quotient.cone import cone_of
+from ..quotient.cost import Quotient, efforts
+from ..quotient.descent import Rules
+from ..quotient.descent import minimise as descend
+from ..quotient.gramians import Sums
+from ..quotient.likelihood import Posterior
 from .problem import Problem
 
-_STEPS, _HALVINGS = 200, 12
-_CONVERGED = 1e-4  # decrement of J at which steps stop
-_DIKIN = 0.5  # longest step in the cone's metric
-_FLOOR = 1e-12  # smallest λ: numbers' rounding
+_RULES = Rules(steps=200, halvings=12, done=1e-2)
 
 
 class Fit(NamedTuple):
@@ -144,7 +145,7 @@ class Prior:
             hessian += shape.T @ curvature @ shape
         return gradient, hessian
 
-    def step_size(self, theta: Array, step: Array) -> float:
+    def length(self, theta: Array, step: Array) -> float:
         """Length of a step (p,) in the cone's metric at θ: shorter than 1, it stays inside."""
         total = float(np.sum((step[self.positive] / theta[self.positive]) ** 2))
         if self._cone is not None:
@@ -152,47 +153,30 @@ class Prior:
         return float(np.sqrt(total))
 
 
-class Gramians(NamedTuple):
-    """What J needs of the rows: sums that add over parts of a log.
-
-    Attributes:
-        sums: (n, p, p) Σ Y_iᵀ Y_i over the usable rows of velocity i.
-        counts: (n,) number of these rows.
-    """
-
-    sums: Array
-    counts: Array
-
-    def __sub__(self, other: Gramians) -> Gramians:
-        return Gramians(self.sums - other.sums, self.counts - other.counts)
-
-    def __add__(self, other: Gramians) -> Gramians:  # pyright: ignore[reportIncompatibleMethodOverride]
-        return Gramians(self.sums + other.sums, self.counts + other.counts)
-
-
-def gramians(problem: Problem) -> Gramians:
+def gramians(problem: Problem) -> Sums:
     """The Gramians of a problem's usable rows."""
-    masked = problem.Y * problem.usable[:, :, None]
-    by_velocity = np.ascontiguousarray(masked.transpose(1, 0, 2))
-    return Gramians(
-        by_velocity.transpose(0, 2, 1) @ by_velocity, problem.usable.sum(axis=0).astype(float)
-    )
+    return Sums.of(problem.Y, problem.usable)
 
 
-def cost_of(parts: Gramians, space: ParameterSpace) -> Quotient:
+def cost_of(parts: Sums, space: ParameterSpace) -> Quotient:
     """R with weights N_i.
 
     Raises:
         NoEstimate: no command has an effect.
     """
-    means = parts.sums / np.maximum(parts.counts, 1.0)[:, None, None]
+    means = parts.means
     effort = efforts(means, space)
     if effort is None:
         raise NoEstimate("No command has an effect on the motion", "Check the columns of u.")
     return Quotient(means, effort, parts.counts)
 
 
-def minimise(problem: Problem, parts: Gramians | None = None, start: Array | None = None) -> Fit:
+def posterior(problem: Problem, parts: Sums) -> Posterior:
+    """J of a problem with some Gramians of its rows."""
+    return Posterior(cost_of(parts, problem.space), Prior(problem))
+
+
+def minimise(problem: Problem, parts: Sums | None = None, start: Array | None = None) -> Fit:
     """Minimises J from the prior or a given start.
 
     Args:
@@ -206,49 +190,9 @@ def minimise(problem: Problem, parts: Gramians | None = None, start: Array | Non
     parts = gramians(problem) if parts is None else parts
     if not parts.counts.any():
         raise NoEstimate("The log has no row in which the robot moves", "Record a motion.")
-    quotient, prior = cost_of(parts, problem.space), Prior(problem)
-    theta = problem.prior.copy() if start is None else start.copy()
-    free = np.flatnonzero(~problem.known)
-    size = np.abs(problem.space.scale)
-
-    def cost(at: Array) -> float:
-        level = np.maximum(quotient.levels(at), _FLOOR)
-        return 0.5 * float(parts.counts @ np.log(level)) + prior.value(at)
-
-    here = cost(theta)
-    if not np.isfinite(here):
+    J, theta = posterior(problem, parts), problem.prior.copy() if start is None else start.copy()
+    if not np.isfinite(J.value(theta)):
         raise NoEstimate("The prior is not physically consistent", "Check the model's inertias.")
-    hessian = np.eye(len(theta))
-    for _ in range(_STEPS):
-        gradient, hessian = _derivatives(quotient, parts.counts, prior, theta)
-        unit = size[free]
-        A = hessian[np.ix_(free, free)] * np.outer(unit, unit)
-        g = gradient[free] * unit
-        A[np.diag_indices_from(A)] += 1e-12 * np.trace(A) / len(A)
-        way = -unit * scipy.linalg.solve(A, g, assume_a="pos")
-        slope = float(gradient[free] @ way)
-        if -slope < _CONVERGED:
-            break
-        step = np.zeros_like(theta)
-        step[free] = way
-        step *= min(1.0, _DIKIN / max(prior.step_size(theta, step), 1e-300))
-        for _ in range(_HALVINGS):
-            trial = theta + step
-            there = cost(trial)
-            if there < here:
-                break
-            step *= 0.5
-        else:
-            break
-        theta, here = trial, there
-    return Fit(theta, quotient.levels(theta), hessian, here)
-
-
-def _derivatives(
-    quotient: Quotient, counts: Array, prior: Prior, theta: Array
-) -> tuple[Array, Array]:
-    """(p,) gradient and (p, p) Gauss–Newton Hessian of J at θ."""
-    levels = np.maximum(quotient.levels(theta), _FLOOR)
-    weighted = Quotient(quotient.gramian, quotient.effort, counts / levels)
-    slope, curvature = prior.derivatives(theta)
-    return weighted.gradient(theta) + slope, weighted.curvature(theta) + curvature
+    free = np.diag(np.abs(problem.space.scale))[:, ~problem.known]
+    theta, _, hessian = descend(J, theta, _RULES, free)
+    return Fit(theta, J.quotient.levels(theta), hessian, J.value(theta))

@@ -1,15 +1,26 @@
-"""Models in and out: a user's robot from its model file, and its file with identified values."""
+"""Any robot to identify: a tree of joints from its file, or a vehicle from its sheet."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
-from ..errors import BadRobot, UnknownName
-from ..resources import asset, folder, scenarios
-from .data import RobotModel
+import numpy as np
 
-_REMEDY = "Give a file by its path: .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
+from .. import plants
+from ..errors import BadRobot, InvalidInput, NsaidError, UnknownName
+from ..experiment.library import load
+from ..experiment.setup import published
+from ..identifiers.cone.prior import drawn_inside
+from ..plants import ParametricPlantConfig, PlantConfig
+from ..resources import folder, scenarios, vehicle_files
+from ..robot.loading import load_tree, packed_folders
+from ..robot.model import RobotModel
+from ..system import SecondOrderSystem
+
+_STEP = 1e-3  # any time step: a structure has none [s]
 
 
 def load_robot_model(
@@ -35,51 +46,10 @@ def load_robot_model(
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
     path = Path(model).expanduser()
-    if model in _packed_robots():
-        from ..robot.packages import packed_robot
-
-        return packed_robot(model, lock, joints)
-    folder_of_vehicle = path.is_dir() and (path / "vehicle.toml").is_file()
-    if model in _packed_vehicles() or path.suffix.lower() == ".toml" or folder_of_vehicle:
-        from .sheets import load_vehicle
-
+    sheet = path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file())
+    if model not in packed_folders() and (sheet or model in _packed_vehicles()):
         return load_vehicle(model, lock, joints)
-    if path.is_file():
-        return _load_file(path, lock, joints)
-    from ..robot.packages import example_robot, example_robots
-
-    known = example_robots()
-    if model in known:  # even if there is a folder of this name
-        return example_robot(model, lock, joints)
-    if path.is_dir():
-        raise BadRobot(model or ".", "", "it is a folder without a vehicle.toml", _REMEDY)
-    if path.suffix or path.name != model:
-        raise BadRobot(model, "", "no such file", _REMEDY)
-    from ..resources import MORE_ROBOTS, has_example_robots
-
-    remedy = _REMEDY if has_example_robots() else f"{_REMEDY} {MORE_ROBOTS}"
-    raise UnknownName("robot", model, [*known, *_packed_vehicles(), *_packed_robots()], remedy)
-
-
-def _load_file(path: Path, lock: Sequence[str], joints: Sequence[str] | None) -> RobotModel:
-    """Reads a robot's file, by its content: a URDF may also be called .xml."""
-    from ..robot.text import root_tag
-
-    if path.suffix.lower() == ".xacro":
-        remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
-        raise BadRobot(str(path), "", "it is a xacro template, not a URDF", remedy)
-    tag = "mujoco" if path.suffix.lower() == ".mjb" else root_tag(path)
-    if tag == "robot":
-        from ..robot.urdf import load_urdf
-
-        return load_urdf(path, lock, joints)
-    if tag == "mujoco":
-        from ..robot.mjcf import load_mjcf
-
-        return load_mjcf(path, lock, joints)
-    raise BadRobot(
-        str(path), "", f"its root element is <{tag}>, neither <robot> nor <mujoco>", _REMEDY
-    )
+    return load_tree(model, lock, joints, _packed_vehicles())
 
 
 def _packed_vehicles() -> list[str]:
@@ -87,7 +57,111 @@ def _packed_vehicles() -> list[str]:
     return sorted({path.name for path in folder("assets").iterdir()} & set(scenarios()))
 
 
-def _packed_robots() -> list[str]:
-    """The robots in assets that are described by a URDF of the folder's name."""
-    names = sorted(path.name for path in folder("assets").iterdir())
-    return [name for name in names if asset(name, f"{name}.urdf").is_file()]
+def load_vehicle(
+    name: str, lock: Sequence[str] = (), joints: Sequence[str] | None = None
+) -> RobotModel:
+    """Reads a vehicle of a known family, with its published values as the prior.
+
+    Values on the boundary of the cone of physical parameters are moved inside.
+
+    Args:
+        name: of a packed vehicle, or the path of a TOML file or of its folder.
+        lock: must be empty.
+        joints: must be None.
+
+    Raises:
+        BadRobot: its structure is not known exactly.
+        InvalidInput: a value in its file is missing or wrong, or joints are to be locked.
+        UnknownName: there is no such vehicle, or no such key in its file.
+    """
+    if lock or joints is not None:
+        expected = "no joints, for a vehicle"
+        raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
+    config = load(name).plant if name in scenarios() else plant_of(vehicle_files(name).sheet)
+    if not isinstance(config, ParametricPlantConfig):
+        reason = "its equations of motion are not linear in known parameters"
+        raise BadRobot(name, "", reason, "It can only be simulated: `nsaid run`.")
+    plant, nominal = published(config, _STEP)
+    system, packed = plant.system, name in scenarios()
+    count = system.n_u
+    return RobotModel(
+        name=name if packed else Path(name).stem,
+        source=None if packed else vehicle_files(name).sheet,
+        kind="vehicle",
+        model=None,
+        joints=command_names(system),
+        damping=np.zeros(count),
+        friction=np.zeros(count),
+        rotor=np.zeros(count),
+        gain=np.ones(count),
+        limits=np.full(count, np.inf),
+        system=system,
+        prior=drawn_inside(system.space, nominal, 0.0, np.random.default_rng(0)),
+        visuals=plant,
+    )
+
+
+def command_names(system: SecondOrderSystem) -> tuple[str, ...]:
+    """(n_u,) names of a vehicle's actuators, in the order of its commands.
+
+    They are taken from the labels of its actuator parameters, such as "thrust of rotor 1", or are
+    u_1, u_2, … if these do not match the commands one to one.
+    """
+    labels = [label for b in system.space.blocks if b.actuator for label in b.labels]
+    parts = dict.fromkeys(label.partition(" of ")[2] for label in labels)
+    if len(parts) == system.n_u and "" not in parts:
+        return tuple(parts)
+    return tuple(f"u_{i + 1}" for i in range(system.n_u))
+
+
+def plant_of(sheet: Path) -> PlantConfig:
+    """The plant of the family whose data sheet a TOML file is.
+
+    Raises:
+        InvalidInput: a value is missing or wrong.
+        UnknownName: a key is unknown.
+    """
+    try:
+        content = tomllib.loads(sheet.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        content = {}  # every family says so alike
+    families = {family.sheet.family: family for family in _families()}
+    if (kind := content.get("kind")) is not None:
+        if kind not in families:
+            raise UnknownName(f"kind of vehicle in {sheet}", str(kind), families)
+        families = {kind: families[kind]}
+    errors: list[NsaidError] = []
+    for family in families.values():
+        try:
+            config = family(vehicle=str(sheet))
+            config.simulating(_STEP)
+        except (InvalidInput, UnknownName) as error:
+            errors.append(error)
+        else:
+            return config
+    keys = set(_keys(content))
+    raise max(errors, key=lambda error: _likeness(error, keys))
+
+
+def _families() -> list[type[Any]]:
+    """The plants that are made from a vehicle's TOML file, without special cases of others."""
+    found = [
+        value
+        for value in vars(plants).values()
+        if isinstance(value, type)
+        and issubclass(value, ParametricPlantConfig)
+        and "vehicle" in getattr(value, "__dataclass_fields__", {})
+    ]
+    return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]
+
+
+def _likeness(error: NsaidError, keys: set[str]) -> float:
+    """How likely an error is that of the right family: few families know all keys of a file."""
+    return len(keys & set(error.choices)) if isinstance(error, UnknownName) else np.inf
+
+
+def _keys(table: dict[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        yield key
+        if isinstance(value, dict):
+            yield from _keys(value)

@@ -14,7 +14,9 @@ import numpy as np
 import scipy.linalg
 
 from ..parameters import Array
-from .fit import Fit, Gramians, Prior, cost_of, gramians, minimise
+from ..quotient.gramians import Sums
+from ..quotient.intervals import inverse_on
+from .fit import Fit, gramians, minimise, posterior
 from .problem import Problem, folds
 
 _BLOCKS = 20  # of the rows, for the long-run variance of the scores
@@ -48,10 +50,10 @@ def inflation(problem: Problem, theta: Array) -> Array:
     return found
 
 
-def tempered(problem: Problem, share: Array) -> Gramians:
+def tempered(problem: Problem, share: Array) -> Sums:
     """The Gramians of the rows, counted as effectively independent ones."""
     parts = gramians(problem)
-    return Gramians(parts.sums / share[:, None, None], parts.counts / share)
+    return Sums(parts.sums / share[:, None, None], parts.counts / share)
 
 
 class Precision(NamedTuple):
@@ -98,12 +100,8 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     """
     total = tempered(problem, share)
     data, prior = information(problem, total, fit.theta)
-    free = np.flatnonzero(~problem.known)
-    scale = problem.space.scale
-    covariance = np.zeros_like(data)
-    inner = (data + prior)[np.ix_(free, free)] * np.outer(scale[free], scale[free])
-    inverse = scipy.linalg.inv(inner + 1e-12 * np.trace(inner) / len(inner) * np.eye(len(inner)))
-    covariance[np.ix_(free, free)] = inverse * np.outer(scale[free], scale[free])
+    free, scale = np.flatnonzero(~problem.known), problem.space.scale
+    covariance = inverse_on(data + prior, free, scale)
     estimates = []
     for _, part in folds(problem, _PARTS):
         rest = total - tempered(part, share)
@@ -123,12 +121,10 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     )
 
 
-def information(problem: Problem, parts: Gramians, theta: Array) -> tuple[Array, Array]:
+def information(problem: Problem, parts: Sums, theta: Array) -> tuple[Array, Array]:
     """(p, p) information of rows and (p, p) of the prior at θ (p,)."""
-    quotient = cost_of(parts, problem.space)
-    levels = np.maximum(quotient.levels(theta), 1e-12)
-    weighted = quotient.__class__(quotient.gramian, quotient.effort, parts.counts / levels)
-    return weighted.curvature(theta), Prior(problem).derivatives(theta)[1]
+    J = posterior(problem, parts)
+    return J.likelihood(theta).curvature(theta), J.prior.derivatives(theta)[1]
 
 
 class Combinations(NamedTuple):

@@ -15,7 +15,6 @@ from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
 from ..robot.identified import Identified
 from ..robot.mjcf_export import mjcf_text
-from ..robot.packages import model_file
 from .data import Recordings, RobotModel, Segment
 
 _WINDOW = 0.2  # length of a simulation [s]
@@ -54,7 +53,8 @@ def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Rep
 
 def _error(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
     """(n,) rms error of each joint's position [rad or m]; inf where the simulation diverges."""
-    folder = model_file(robot).resolve().parent
+    assert robot.file is not None  # a tree of joints comes from a file
+    folder = robot.file.resolve().parent
     mj = _compiled(mjcf_text(robot, values, folder), folder)
     joints = JointMap(mj, robot.joints)
     command = [_actuator(mj, joint) for joint in robot.joints]

@@ -8,17 +8,17 @@ W(q, v, v̇, u) θ = 0 still holds for what is left of it.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import interpolate, signal
 
 from ..log import Log
+from ..numerics.low_pass import decimated, symmetric, zero_phase
 from ..parameters import Array, Indices
 from .data import Recordings, Segment
 from .problem import Mask
 
-_ORDER = 4
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
 _ABOVE = 4.0  # power over the noise's at which it counts as motion
 _LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
@@ -67,18 +67,12 @@ class Filter(NamedTuple):
         """x (N, ·) through the zero-phase smoothing filter."""
         if len(x) < 8:
             return x
-        sections = signal.butter(_ORDER, self.smoothing, fs=self.rate, output="sos")
-        reach = min(len(x) - 1, int(3 * self.rate / self.smoothing))
-        filtered: Any = signal.sosfiltfilt(sections, x, axis=0, padlen=reach)
-        return np.asarray(filtered, dtype=np.float64)
+        return zero_phase(x, self.smoothing, self.rate)
 
     @property
     def kernel(self) -> Array:
         """(2h + 1,) symmetric filter of the rows at the regressors' rate."""
-        rate = self.rate / self.every
-        half = int(np.ceil(1.5 * rate / self.cutoff))
-        kernel = signal.firwin(2 * half + 1, min(self.cutoff, 0.45 * rate), fs=rate)
-        return np.asarray(kernel, dtype=np.float64)
+        return symmetric(self.cutoff, self.rate / self.every)
 
     @property
     def decimation(self) -> int:
@@ -92,13 +86,7 @@ class Filter(NamedTuple):
 
     def rows(self, x: Array) -> Array:
         """(K, ...) rows of x (N, ...) at the centres."""
-        kernel = self.kernel
-        half = len(kernel) // 2
-        flat, centres = x.reshape(len(x), -1), self.centres(len(x))
-        found = np.empty((len(centres), flat.shape[1]))
-        for row, k in enumerate(centres):
-            np.dot(kernel, flat[k - half : k + half + 1], out=found[row])
-        return found.reshape(len(centres), *x.shape[1:])
+        return decimated(x, self.kernel, self.decimation)
 
 
 def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:

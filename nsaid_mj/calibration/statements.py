@@ -158,8 +158,14 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
     return tuple(found)
 
 
-def verdict(joints: tuple[JointFit, ...]) -> tuple[Explains, str]:
-    """Whether the structure explains the log, and the sentence that says so."""
+def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, str]:
+    """Whether the structure explains the log, and the sentence that says so.
+
+    Args:
+        joints: how well each is predicted.
+        arm: whether they are joints; a vehicle has velocities.
+    """
+    of = "joints" if arm else "velocities"
     joints = tuple(j for j in joints if np.isfinite(j.held_out))
     if not joints:
         return "no", "No part of the log could be predicted from the others: it is too short."
@@ -179,12 +185,12 @@ def verdict(joints: tuple[JointFit, ...]) -> tuple[Explains, str]:
         explains: Explains = "no" if len(poor) > n / 2 else "partly"
         return explains, (
             f"The structure does not explain the motion of {', '.join(poor)} ({figures}). "
-            "Do not trust parameters of these joints."
+            f"Do not trust parameters of these {of}."
         )
     if good == n:
         return "yes", f"The structure explains the log ({figures})."
     return "partly", (
-        f"The structure explains {good} of {n} joints well and the others roughly, "
+        f"The structure explains {good} of {n} {of} well and the others roughly, "
         f"worst {worst.name} ({figures})."
     )
 

@@ -50,7 +50,7 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
             own = replace(own, contacts=experiment.contacts is not None)
         return room.read_limits(chosen.limits, own) if chosen.limits else own
 
-    scenario, noticed = _scenario(chosen, folder)
+    scenario = _scenario(chosen)
     with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
         experiment = room.Experiment.of(scenario, chosen.seed)
         found = room.design(
@@ -76,33 +76,32 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     if chosen.json:
         print_json(document)
     elif not chosen.quiet:
-        design_page.print_design(name, document, written, noticed)
+        design_page.print_design(name, document, written)
     return code_of(design_page.verdict_of(document))
 
 
-def _scenario(chosen: Excite, folder: Path) -> tuple[Scenario, list[str]]:
-    """The experiment that is asked for, before it has a motion; and remarks about its model."""
+def _scenario(chosen: Excite) -> Scenario:
+    """The experiment that is asked for, before it has a motion."""
     from ..experiment.library import load
 
-    noticed: list[str] = []
     if chosen.model is not None:
         from ..design.models import scenario_of_model
 
-        found, noticed = scenario_of_model(chosen.model, folder)
+        found = scenario_of_model(chosen.model)
     else:
         found = load(chosen.scenario)
     found = replace(
         found, duration=chosen.duration, pe_window=min(found.pe_window, chosen.duration)
     )
     if chosen.noise is None:
-        return found, noticed
+        return found
     try:
         position, velocity = (float(part) for part in chosen.noise.split(","))
     except ValueError as error:
         expected = "two numbers, of position and velocity"
         raise InvalidInput("--noise", expected, chosen.noise, "Such as 1e-4,5e-3.") from error
     noise = replace(found.noise, position=position, velocity=velocity, encoder_step=0.0)
-    return replace(found, noise=noise), noticed
+    return replace(found, noise=noise)
 
 
 def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:

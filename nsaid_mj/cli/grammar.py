@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Union
 
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
@@ -146,8 +146,7 @@ class Identify:
     log cannot tell, a report, a recording, and the model file with identified values. `nsaid
     identify tx40` does it with a packed log of a real arm. Logs of position targets instead of
     torques, of an MJCF with position servos, yield kp, kv, armature, friction and delay of every
-    servo, and the MJCF with them; `nsaid identify so101` has such a log. The exit code is 1 if the
-    structure does not explain the log, 2 if the log cannot be used.
+    servo, and the MJCF with them; `nsaid identify so101` has such a log.
 
     Attributes:
         packed: a packed robot with a log: tx40 or so101.
@@ -200,7 +199,7 @@ class Inspect:
     """Show what a log holds, before `nsaid identify`.
 
     Prints rate, gaps, range, noise and steps of every channel, and what was noticed; draws the
-    channels, and writes a first map.toml to be completed by hand. The exit code is 1 if `nsaid
+    channels, and writes a first map.toml to be completed by hand. Ends with 2 if `nsaid
     identify` would refuse the log.
 
     Attributes:
@@ -227,7 +226,7 @@ class Inspect:
 
 @dataclass(frozen=True)
 class Excite:
-    """Design the motion of an experiment, and say beforehand what it will tell.
+    """Design an experiment, and predict what it will tell.
 
     `nsaid excite NAME` designs for a scenario's robot or vehicle, `nsaid excite --model arm.urdf`
     for a robot or vehicle of your own. Writes the motion as CSV, a scenario to run it in MuJoCo, a
@@ -315,7 +314,7 @@ class Live:
 
 @dataclass(frozen=True)
 class List:
-    """List the scenarios, and the robots for `nsaid run arm --robot`."""
+    """List scenarios, and robots for `nsaid run arm --robot`."""
 
 
 @dataclass(frozen=True)
@@ -333,8 +332,7 @@ class Verify:
     """Check the paper's statements on a run.
 
     `nsaid verify NAME_OR_FILE` takes the flags of `nsaid run` and runs the scenario first;
-    `nsaid verify --run FOLDER` reads the record of an earlier run. The exit code is 1 if a
-    statement fails.
+    `nsaid verify --run FOLDER` reads the record of an earlier run.
 
     Attributes:
         run: folder of the run to check.
@@ -361,11 +359,11 @@ class Compare(Comparison):
 
 @dataclass(frozen=True)
 class Sweep(Sweeping):
-    """Run a scenario many times, with varied fields and drawn seeds.
+    """Run a scenario many times, with varied fields and seeds.
 
     Runs every combination of the varied fields with every seed, in parallel. An interrupted sweep
     is resumed by the same command. The scenario's fields are flags too (`nsaid sweep NAME --help`);
-    --seed is the master seed that all others are drawn from. The exit code is 1 if a run is lost.
+    --seed is the master seed that all others are drawn from.
     """
 
     scenario: ScenarioName = field(kw_only=True)
@@ -373,7 +371,7 @@ class Sweep(Sweeping):
 
 @dataclass(frozen=True)
 class MonteCarlo(Drawing):
-    """Identify from many priors, on one motion or on many plants, in one process.
+    """Identify from many priors, on one motion or many plants.
 
     Simulates first, then identifies in parallel threads, and prints quantiles of the final figures.
     An interrupted study is resumed by the same command. The scenario's fields are flags too
@@ -422,32 +420,36 @@ class View:
     rebuild: bool = False
 
 
-Command = (
-    Annotated[List, subcommand("list")]
-    | Annotated[Identify, subcommand("identify")]
-    | Annotated[Live, subcommand("live")]
-    | Annotated[Inspect, subcommand("inspect")]
-    | Annotated[Excite, subcommand("excite")]
-    | Annotated[Run, subcommand("run")]
-    | Annotated[Verify, subcommand("verify")]
-    | Annotated[Compare, subcommand("compare")]
-    | Annotated[Sweep, subcommand("sweep")]
-    | Annotated[MonteCarlo, subcommand("montecarlo")]
-    | Annotated[Track, subcommand("track")]
-    | Annotated[Report, subcommand("report")]
-    | Annotated[View, subcommand("view")]
-)
+COMMANDS: dict[str, type] = {
+    "list": List, "identify": Identify, "live": Live, "inspect": Inspect, "excite": Excite,
+    "run": Run, "verify": Verify, "compare": Compare, "sweep": Sweep, "montecarlo": MonteCarlo,
+    "track": Track, "report": Report, "view": View,
+}  # fmt: skip
+"""The options of every command, by its name."""
 
 
-def parse(arguments: Sequence[str]) -> Command:
-    """Parses a command line without fields of a scenario."""
+def parse(arguments: Sequence[str]) -> Any:
+    """Parses a command line without fields of a scenario; returns the options of its command.
+
+    Without a command, the help has one line for each.
+    """
+    named = any(argument in COMMANDS for argument in arguments[:1])
+    choices = [
+        Annotated[kind, subcommand(name, description=None if named else _first_line(kind))]
+        for name, kind in COMMANDS.items()
+    ]
     return tyro.cli(
-        Command,  # type: ignore[arg-type]  # a union is no type to pyright
+        Union[tuple(choices)],  # type: ignore[arg-type]  # noqa: UP007 (made of a dictionary)
         prog="nsaid",
         description="Identifies the dynamics of a robot, plant and actuators together, from its "
         "motion.\n\n"
-        "`nsaid run NAME --help` lists all fields of a scenario; `nsaid --version` prints the "
-        "version.",
+        "`nsaid COMMAND --help` explains a command, `nsaid run NAME --help` lists all fields of a "
+        "scenario; `nsaid --version` prints the version. Exit codes: 0 explained, 1 not explained, "
+        "2 unusable input.",
         args=list(arguments),
         config=(tyro.conf.FlagCreatePairsOff,),
     )
+
+
+def _first_line(kind: type) -> str:
+    return (kind.__doc__ or "").partition("\n")[0]

@@ -15,7 +15,8 @@ from .grammar import Identify
 
 if TYPE_CHECKING:
     from ..calibration.findings import Finding
-    from ..calibration.servos import ServoIdentification, ServoLogs
+    from ..calibration.servos import ServoIdentification, ServoLog, ServoLogs
+    from ..parameters import Array
     from ..reporting.progress import Progress
 
 
@@ -61,17 +62,23 @@ def identify_given(
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    told = _followed(others or given, result, model_file)
+    told, replay = _followed(others or given, result, model_file)
     result = replace(result, findings=(*result.findings, told))
     write_text(path, result.text() + "\n")
     from ..reporting.identification.servos import write_servos
 
     again = shlex.join(["nsaid", "identify", "--model", model, "--log", *map(str, chosen.log)])
-    return result, [path, model_file, write_servos(result, path.parent, again)]
+    return result, [path, model_file, write_servos(result, path.parent, again, replay)]
 
 
-def _followed(given: ServoLogs, result: ServoIdentification, path: Path) -> Finding:
-    """How far MuJoCo departs from logs with the exported file, and with the user's own."""
+def _followed(
+    given: ServoLogs, result: ServoIdentification, path: Path
+) -> tuple[Finding, tuple[ServoLog, Array]]:
+    """How far MuJoCo departs from logs with the exported file, and with the user's own.
+
+    Returns:
+        The same in words; and the first log, with its positions (N, n) by the exported file.
+    """
     from ..calibration.findings import Finding
     from ..calibration.servos import rollout
 
@@ -79,13 +86,11 @@ def _followed(given: ServoLogs, result: ServoIdentification, path: Path) -> Find
     logs = [log for log in given.logs if not log.loaded]  # of the model file's own links
     assert source is not None  # a model with servos comes from a file
     delays = [servo.delay for servo in result.servos]
+    simulated = [rollout(path, joints, log, delays) for log in logs]
+    nominal = [rollout(source, joints, log, 0.0) for log in logs]
     own, before = (
-        1e3
-        * np.mean(
-            [np.abs(rollout(file, joints, log, delay) - log.position).mean(axis=0) for log in logs],
-            axis=0,
-        )
-        for file, delay in ((path, delays), (source, 0.0))
+        np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0) * 1e3
+        for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
     )
     what = ", ".join(dict.fromkeys(log.source for log in logs))
     text = (
@@ -93,6 +98,5 @@ def _followed(given: ServoLogs, result: ServoIdentification, path: Path) -> Find
         f"mean with the exported file and the delays, and by {before.mean():.1f} mrad with yours"
     )
     data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
-    return Finding(
-        "note" if own.mean() < before.mean() else "warning", "replay", "", text, "", data
-    )
+    level = "note" if own.mean() < before.mean() else "warning"
+    return Finding(level, "replay", "", text, "", data), (logs[0], simulated[0])

@@ -93,7 +93,7 @@ class ComputedTorque(Driver):
         limit: (n,) largest commands, > 0.
 
     Raises:
-        InvalidInput: the joints have servos.
+        InvalidInput: the joints have servos, or some are passive.
     """
 
     def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
@@ -103,6 +103,9 @@ class ComputedTorque(Driver):
                 "Use MultisineCommand: targets.",
             )
             raise InvalidInput("excitation", expected, "position servos", remedy)
+        if system.n_u < system.n:
+            expected, got = "a motor on every joint", f"{system.n_u} motors on {system.n} joints"
+            raise InvalidInput("excitation", expected, got, "Use MultisineCommand: efforts.")
         self._tracking = Tracking(system.structure.arrays, np.array(prior), series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
 

@@ -26,7 +26,7 @@ from ..parameters import Array
 from ..plants import ArmPlant, ParametricPlantConfig, Plant, Sensors
 from ..plants.world.contacts import Contacts
 from ..plants.world.sensors import EXACT_SENSORS
-from ..robot.robots import load_robot
+from ..robot.loading import load_robot
 from ..system import SecondOrderSystem
 
 DRAWS = 4

@@ -1,9 +1,6 @@
 """The experiment with a robot of one's own: a URDF, an MJCF or a vehicle's TOML file, or a name.
 
-The plants read URDF files. An MJCF file is read as `nsaid identify` reads it and written as a URDF
-into the folder of the design, which the experiment then needs alone. Nominal frictions and rotor
-inertia, of which a plant has one value for all joints, are the medians of the file's. A vehicle's
-file is of a known family, whose scenario says how it is driven.
+A vehicle's file is of a known family, whose scenario says how it is driven.
 """
 
 from __future__ import annotations
@@ -13,63 +10,36 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibration.models import load_robot_model
-from ..calibration.sheets import plant_of
+from ..calibration.models import plant_of
 from ..control import FourierTracking
 from ..errors import UnknownName
 from ..experiment.library import load
 from ..experiment.scenario import Scenario
 from ..plants import ArmPlant
 from ..resources import scenarios, vehicle_files
-from ..robot.text import root_tag
-from ..robot.urdf_tree import write_tree_urdf
 from ..system import SecondOrderSystem
 from .limits import Limit, Limits, source_of
 
-URDF = "robot.urdf"
 _EXCITATION = FourierTracking(fundamental=0.2, harmonics=10)
 _STEP = 1e-3  # of an arm's simulation [s]
-_OF_LOGS = ("command", "no_actuator", "servo", "actuator_lag")  # findings of what u in a log means
 _UNLIMITED = 1e6  # what some readers of URDFs put where there is no limit
 
 
-def scenario_of_model(model: str, folder: Path) -> tuple[Scenario, list[str]]:
+def scenario_of_model(model: str) -> Scenario:
     """The experiment with a robot, before it has a motion.
 
     Args:
         model: path of a URDF, an MJCF (.xml or .mjb) or a vehicle's TOML file or folder; or the
             name of a robot.
-        folder: an existing folder for the URDF that is made of an MJCF.
-
-    Returns:
-        The scenario, and what was noticed about the file, in words.
 
     Raises:
-        BadRobot, InvalidInput, UnknownName: as `load_robot_model` does.
+        InvalidInput, UnknownName: a vehicle's file is wrong.
     """
     path = Path(model).expanduser()
     if path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file()):
-        return _vehicle(path), []
-    noticed: list[str] = []
-    joints: dict[str, float] = {}
-    if _is_mjcf(path):
-        own = load_robot_model(str(path))  # tells if there is no such file
-        write_tree_urdf(own, folder / URDF)
-        noticed = [str(each) for each in own.findings if each.code not in _OF_LOGS]
-        path = folder / URDF
-        values = {"damping": own.damping, "friction": own.friction, "armature": own.rotor}
-        joints = {name: float(np.median(x)) for name, x in values.items() if np.median(x) > 0}
-    robot = str(path.resolve()) if path.is_file() else model
-    plant = ArmPlant(robot=robot, **joints)  # type: ignore[arg-type]  # three numbers
-    return replace(load("ur5"), plant=plant, excitation=_EXCITATION, dt=_STEP), noticed
-
-
-def _is_mjcf(path: Path) -> bool:
-    """Whether a file is an MJCF, by its content: a URDF may also be called .xml."""
-    suffix = path.suffix.lower()
-    if suffix == ".xml" and path.is_file():
-        return root_tag(path) == "mujoco"
-    return suffix in (".xml", ".mjb")
+        return _vehicle(path)
+    plant = ArmPlant(robot=str(path.resolve()) if path.is_file() else model)
+    return replace(load("ur5"), plant=plant, excitation=_EXCITATION, dt=_STEP)
 
 
 def _vehicle(path: Path) -> Scenario:

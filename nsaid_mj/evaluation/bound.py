@@ -15,11 +15,12 @@ import numpy as np
 import scipy.linalg
 
 from ..errors import NoEstimate
-from ..identifiers.cone.barrier import cone_of
-from ..identifiers.efficient.kalman import Law, covariance_along, filter_at
+from ..identifiers.efficient.filter import Law, filter_at
+from ..identifiers.efficient.kalman import covariance_along
 from ..identifiers.efficient.steps import margin_of
 from ..log import Log, SensorLevels
 from ..parameters import Array
+from ..quotient.cone import cone_of
 from .figures import Judge
 from .truth import Truth
 

@@ -31,13 +31,13 @@ from ..experiment.loop import Run
 from ..experiment.setup import told
 from ..experiment.source import LONGEST_STEP
 from ..identifiers import Confidence, NullspaceAID, State
-from ..identifiers.cone.barrier import cone_of, inside
 from ..identifiers.cone.prior import drawn_inside
 from ..identifiers.efficient.drift import walks
 from ..identifiers.efficient.faults.signals import Signals
-from ..identifiers.efficient.witness import Replay, Witness
+from ..identifiers.efficient.replay import FilterAlone, Replay
 from ..log import Log
 from ..parameters import Array
+from ..quotient.cone import cone_of, inside
 from ..system import SecondOrderSystem
 from .whiteness import whiteness
 
@@ -117,22 +117,22 @@ def misfit_of(run: Run) -> Misfit | None:
         return None
     config = told(scenario.identifier, scenario)
     assert isinstance(config, NullspaceAID)
-    witness, found = Witness(system, scenario.dt, config.efficient), []
+    alone, found = FilterAlone(system, scenario.dt, config.efficient), []
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     for log, rows, signals in _pieces(run, record.log):
         theta = _sound(system, np.array(record["theta_hat"][rows.stop - 1]), run.prior)
-        P = witness.covariance(theta)
+        P = alone.covariance(theta)
         last = rows.stop == len(record)
         if stated is not None and last:
             P = _no_wider(stated.covariance / np.outer(system.space.scale, system.space.scale), P)
         drift = _drifting(run, log, rows) if last else None
         if drift is None:
-            found.append(judged(witness, theta, P, signals.acting(system, log)))
+            found.append(judged(alone, theta, P, signals.acting(system, log)))
         else:
             start, variance = drift
             acting = signals.acting(system, log.part(start, len(log.t)))
             along = record["theta_hat"][rows][start:]
-            found.append(_drifted(witness, system, along, variance, acting))
+            found.append(_drifted(alone, system, along, variance, acting))
     return _worst(found) if found else None
 
 
@@ -149,7 +149,7 @@ def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
 
 
 def _drifted(
-    witness: Witness, system: SecondOrderSystem, along: Array, variance: float, log: Log
+    alone: FilterAlone, system: SecondOrderSystem, along: Array, variance: float, log: Log
 ) -> Misfit:
     """Judges a log of N measurements along which the gains drift, with θ̂ (N, p).
 
@@ -157,9 +157,9 @@ def _drifted(
     """
     space = system.space
     k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
-    witness.law = witness.law._replace(walk=walks(len(space), k, 0.0, variance))
+    alone.law = alone.law._replace(walk=walks(len(space), k, 0.0, variance))
     theta = _sound(system, np.array(along[0]), np.array(along[-1]))
-    one = _judged_pass(witness.replay(theta, _VAGUE**2 * witness.covariance(theta), log), log)
+    one = _judged_pass(alone.replay(theta, _VAGUE**2 * alone.covariance(theta), log), log)
     level = SOME if one.level == NONE else one.level
     widening = float(np.sqrt(1 + one.energy)) if one.level != NONE else 1.0
     rates = np.abs(along[-1][k] / np.where(along[0][k] == 0, np.inf, along[0][k]) - 1) / minutes
@@ -209,19 +209,19 @@ def _worst(found: list[Misfit]) -> Misfit:
     )
 
 
-def judged(witness: Witness, theta: Array, P: Array, log: Log) -> Misfit:
+def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
     """Judges a log of N measurements, with the filter starting at θ (p,) with P_θθ (p, p)."""
-    learning = witness.replay(theta, P, log)
+    learning = alone.replay(theta, P, log)
     replay, found = learning, []
     for _ in range(_PASSES):  # far from its end, a pass is not linear enough to be judged by
-        replay = witness.replay(replay.filter.theta, replay.filter.Ptt, log)
+        replay = alone.replay(replay.filter.theta, replay.filter.Ptt, log)
         found.append(_judged_pass(replay, log))
         if found[-1].level == NONE:
             break
     order = [NONE, SOME, CONTRADICTS]
     best = min(found, key=lambda one: (order.index(one.level), -one.chance))
     energy = best.energy if best.level != NONE or best.chance < _DOUBTFUL else 0.0
-    widening = _widening(witness, theta, P, learning, energy)
+    widening = _widening(alone, theta, P, learning, energy)
     seconds = float(log.t[-1] - log.t[0])
     late, innovations, chance = best.late, best.innovations, min(1.0, best.chance)
     return Misfit(best.level, late, innovations, seconds, chance, widening)
@@ -252,7 +252,7 @@ def _judged_pass(replay: Replay, log: Log) -> _Pass:
     return _Pass(level, late, innovations, colour.chance, colour.energy)
 
 
-def _widening(witness: Witness, theta: Array, P: Array, learning: Replay, energy: float) -> float:
+def _widening(alone: FilterAlone, theta: Array, P: Array, learning: Replay, energy: float) -> float:
     """Factor on the standard deviations of a misfit.
 
     Parameters take up a part of what W does not have, in whatever direction is most like it; the
@@ -260,7 +260,7 @@ def _widening(witness: Witness, theta: Array, P: Array, learning: Replay, energy
     covariance allows: neither as a whole, nor from part to part of the log, where an effect that
     comes and goes with the motion moves it to and fro (a sandwich of as many blocks).
     """
-    shifts = _shifts(witness.law.scale, theta, P, learning)
+    shifts = _shifts(alone.law.scale, theta, P, learning)
     most = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
     return float(np.sqrt(max(1.0 + energy, most)))
 

@@ -50,7 +50,7 @@ FIGURES = (
     ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the start", "theta_perp_ratio_initial", "%"),
     ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the end", "theta_perp_ratio", "%"),
     ("direction error of the plant's own parameters", "plant_direction_error", "%"),
-    ("largest error of the gain ratios", "actuator_ratio_error", "%"),
+    ("error of gain ratios", "actuator_ratio_error", "%"),
     ("force residual on a held-out trajectory", "force_residual_ratio", "%"),
     ("rms Δv over the last tenth of the run [rad/s, m/s]", "velocity_error_rms", ""),
 )

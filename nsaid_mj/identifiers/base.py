@@ -1,4 +1,4 @@
-"""Interfaces of identifiers and their memories, an identifier's state, and the ways a run ends."""
+"""The interface of identifiers, an identifier's state, and the ways a run ends."""
 
 from __future__ import annotations
 
@@ -232,40 +232,6 @@ class Identifier(ABC):
     @abstractmethod
     def confidence(self, state: State) -> Confidence | None:
         """The estimate's uncertainty; None for a law that does not provide it."""
-
-
-class DataMemory(ABC):
-    """A memory of past data that updates θ̂ at regular intervals.
-
-    Attributes:
-        every: time steps between two updates of θ̂.
-    """
-
-    every: int
-
-    @abstractmethod
-    def begin(self, first: Measurement) -> Memory:
-        """The empty memory at a first measurement."""
-
-    @abstractmethod
-    def resume(self, memory: Memory, here: Measurement) -> Memory:
-        """The memory at a measurement after a gap, whose data in between are left out."""
-
-    @abstractmethod
-    def absorb(self, state: State, log: Log) -> State:
-        """The state after adding a log of at most `every` steps, with θ̂ updated if due."""
-
-    @abstractmethod
-    def slack(self, before: State, after: State, theta: Array) -> float:
-        """Bound on the rise of V [J] in the update between two states, under the true θ (p,)."""
-
-    @abstractmethod
-    def updates(self, t: Array) -> np.ndarray:
-        """(N−1,) whether an update lies between consecutive times (N,) of a run."""
-
-    @abstractmethod
-    def confidence(self, state: State) -> Confidence | None:
-        """The estimate's uncertainty; None while the memory has too few data."""
 
 
 ExpectedGramian = Callable[[], Array]

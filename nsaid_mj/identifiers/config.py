@@ -15,10 +15,9 @@ from ..log import EXACT, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .base import ExpectedGramian, Identifier, IdentifierConfig
-from .cone.law import cone_identifier
 from .efficient.law import efficient_identifier
-from .efficient.witness import EfficientConfig
-from .memory.law import memory_identifier
+from .efficient.replay import EfficientConfig
+from .in_cone import cone_identifier, memory_identifier
 from .memory.statistics import MemoryConfig
 from .nullspace_aid import paper_identifier
 

@@ -18,8 +18,8 @@ from numba.extending import overload
 from ..errors import InvalidInput
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
+from ..quotient.cone import Cone, inside
 from ..structure.compiled import FAST
-from .cone.barrier import Cone, inside
 from .cone.chart import (
     chart_room,
     confine,

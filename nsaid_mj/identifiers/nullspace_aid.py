@@ -10,7 +10,8 @@ from ..errors import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array
 from ..system import Motion, SecondOrderSystem, checked
-from .base import Confidence, DataMemory, Estimates, Identifier, State, Status
+from .base import Confidence, Estimates, Identifier, State, Status
+from .memory.implicit import ImplicitMemory
 from .metric import ConstantMetric, Curved, Metric, positive_gain
 from .rk4 import follow
 
@@ -78,7 +79,7 @@ class NullspaceIdentifier(Identifier):
         prior: Array,
         dt: float,
         hermite: bool = True,
-        memory: DataMemory | None = None,
+        memory: ImplicitMemory | None = None,
     ):
         self.system, self.metric, self.memory = system, metric, memory
         self.prior, self.hermite = system.space.check(prior, "prior"), hermite

@@ -138,21 +138,40 @@ def evaluate(mass_tensor, W_C, F, theta):
 
 @kernel(void(matrix, matrix, matrix), inner=True)
 def multiply(A, B, C):
-    """Writes A B (n, k) into C, for A (n, m) and B (m, k) of any sizes, by rows of B."""
+    """Writes A B (n, k) into C, for A (n, m) and B (m, k) of any sizes, by four rows of B."""
     rows, inner, columns = A.shape[0], A.shape[1], B.shape[1]
     for i in range(rows):
         for j in range(columns):
             C[i, j] = 0.0
-        k = 0
-        while k + 3 < inner:  # four rows at once: C is read and written a quarter as often
+    k = 0
+    while k + 3 < inner:  # C is read and written a quarter as often, and B once
+        for i in range(rows):
             a, b, c, d = A[i, k], A[i, k + 1], A[i, k + 2], A[i, k + 3]
             for j in range(columns):
                 C[i, j] += a * B[k, j] + b * B[k + 1, j] + c * B[k + 2, j] + d * B[k + 3, j]
-            k += 4
-        for r in range(k, inner):
+        k += 4
+    for r in range(k, inner):
+        for i in range(rows):
             a = A[i, r]
             for j in range(columns):
                 C[i, j] += a * B[r, j]
+
+
+@kernel(void(matrix, matrix), inner=True)
+def subtract_square(A, C):
+    """Subtracts Aᵀ A from C (k, k), for A (n, k); a symmetric C stays symmetric to the bit."""
+    rows, columns = A.shape
+    for i in range(columns):
+        k = 0
+        while k + 3 < rows:
+            a, b, c, d = A[k, i], A[k + 1, i], A[k + 2, i], A[k + 3, i]
+            for j in range(columns):
+                C[i, j] -= a * A[k, j] + b * A[k + 1, j] + c * A[k + 2, j] + d * A[k + 3, j]
+            k += 4
+        for r in range(k, rows):
+            a = A[r, i]
+            for j in range(columns):
+                C[i, j] -= a * A[r, j]
 
 
 @kernel(void(matrix, matrix), inner=True)

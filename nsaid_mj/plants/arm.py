@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from operator import attrgetter
 from typing import Any, ClassVar, Literal
 
@@ -12,8 +13,9 @@ from numpy.typing import ArrayLike
 from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
-from ..robot.robots import Base, Robot, load_robot
-from ..robot.tree import RobotVisuals, set_inertias, tree_spec
+from ..robot.loading import Base, load_robot
+from ..robot.model import RobotModel
+from ..robot.tree import set_inertias, tree_spec
 from ..structure.joints import Actuator, JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, Multibody
 from ..structure.optional import pin
@@ -32,12 +34,13 @@ AGREEMENT = 1e-10  # largest relative difference of M and bias between the engin
 class ArmPlant(ParametricPlantConfig):
     """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
-    Friction, rotor inertia and motor gain have one nominal value for all joints, as in a data
-    sheet, or None for values that suit the robot's size. The hidden true values, drawn from the
-    seed, deviate from the nominal ones joint by joint, by up to `spread`.
+    Joints that the robot's file gives no actuator are passive. Friction, rotor inertia and motor
+    gain have one nominal value for all joints, as in a data sheet, or None for the medians of an
+    MJCF's or else values that suit the robot's size. The hidden true values, drawn from the seed,
+    deviate from the nominal ones joint by joint, by up to `spread`.
 
     Attributes:
-        robot: a name of example-robot-data, or the path of a URDF file.
+        robot: a name of example-robot-data, or the path of a URDF or MJCF file.
         damping: nominal viscous friction [N·m·s/rad or N·s/m].
         friction: nominal Coulomb friction [N·m or N].
         armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
@@ -81,17 +84,24 @@ class ArmPlant(ParametricPlantConfig):
         true = published_theta(robot.model, system) if theta is None else theta
         return self._plant(dt, robot, system, true)
 
-    def _published(self) -> tuple[Robot, JointTree]:
+    def _published(self) -> tuple[RobotModel, JointTree]:
         """The robot's description, and the structure that an identifier may know."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
             raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
-        nominal = nominal_scales(robot.model, self)
+        own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
+        medians = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
+        stated = {n: x for n, x in medians.items() if x > 0 and getattr(self, n) is None}
+        nominal = nominal_scales(robot.model, replace(self, **stated))
+        if robot.passive:
+            driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
+            gain, command = nominal.gain[driven], nominal.command[driven]
+            nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
-        speed = np.full(len(nominal.gain), self.friction_speed)
+        speed = np.full(len(nominal.viscous), self.friction_speed)
         return robot, structure(robot.model, nominal, speed)
 
-    def _plant(self, dt: float, robot: Robot, system: JointTree, theta: Array) -> Plant:
+    def _plant(self, dt: float, robot: RobotModel, system: JointTree, theta: Array) -> Plant:
         model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
         acting[space["Coulomb friction"]] = theta[
             space["Coulomb friction"]
@@ -99,7 +109,7 @@ class ArmPlant(ParametricPlantConfig):
         if self.actuator == "servo":
             acting[space["servo gain"]] = theta[space["servo gain"]]
         spec = arm_spec(model, system, theta, dt)
-        names, looks = list(model.names)[1:], RobotVisuals(robot)
+        names, looks = list(model.names)[1:], robot.visuals
         try:
             made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
         except ValueError as error:
@@ -138,17 +148,18 @@ def true_model(model: pin.Model, theta: Array) -> pin.Model:
 
 
 def arm_spec(model: pin.Model, system: JointTree, theta: Array, dt: float) -> Any:
-    """MuJoCo's specification of a Pinocchio model, with an actuator on every 1-DOF joint.
+    """MuJoCo's specification of a Pinocchio model, with an actuator on every driven joint.
 
     Viscous friction, rotor inertias and motor gains are those in θ (p,). A servo's actuator has no
     gain: its torque is a column.
     """
     spec, space = tree_spec(model, dt), system.space
     give_rotors(spec, system, theta)
-    gains = theta[space.actuators] * (system.scales.actuator == "motor")
-    rows = zip(system.joint_names, theta[space["viscous friction"]], gains, strict=True)
-    for name, viscous, gain in rows:
+    for name, viscous in zip(system.joint_names, theta[space["viscous friction"]], strict=True):
         spec.joint(name).damping = [viscous, 0, 0]
+    gains = theta[space.actuators] * (system.scales.actuator == "motor")
+    for joint, gain in zip(system.driven, gains, strict=True):
+        name = system.joint_names[joint]
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.gainprm[0] = gain
     return spec

@@ -10,8 +10,9 @@ from ..bounds import Name, Share, config
 from ..errors import UnknownName
 from ..parameters import Array, Block
 from ..resources import numbers
-from ..robot.robots import Robot, load_robot
-from ..robot.tree import RobotVisuals, tree_spec
+from ..robot.loading import load_robot
+from ..robot.model import RobotModel
+from ..robot.tree import tree_spec
 from ..structure.joints import Carrier, JointScales, JointTree, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
@@ -60,7 +61,7 @@ class FlyingArmPlant(ParametricPlantConfig):
         robot, system, nominal = self._published()
         return self._plant(dt, robot, system, nominal if theta is None else theta)
 
-    def _published(self) -> tuple[Robot, JointTree, Array]:
+    def _published(self) -> tuple[RobotModel, JointTree, Array]:
         """The description, the structure, and the published or nominal θ (p,)."""
         known = numbers("flying_arm")
         if self.robot not in known:
@@ -82,13 +83,13 @@ class FlyingArmPlant(ParametricPlantConfig):
         theta[-2 * len(spins) :] = np.repeat(gains, len(spins))
         return robot, system, theta
 
-    def _plant(self, dt: float, robot: Robot, system: JointTree, theta: Array) -> Plant:
+    def _plant(self, dt: float, robot: RobotModel, system: JointTree, theta: Array) -> Plant:
         model, acting = true_model(robot.model, theta), theta.copy()
         spec, names = tree_spec(model, dt), list(model.names)[1:]
         give_rotors(spec, system, theta)
         acting[~np.isin(np.arange(system.p), [c.parameter for c in system.structure.columns])] = 0.0
         command_inputs(spec, system.n_u, names[0])
-        looks = RobotVisuals(robot)
+        looks = robot.visuals
         made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
         return made.failing(self.faults, self)
 

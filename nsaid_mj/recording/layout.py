@@ -55,7 +55,7 @@ def blueprint(
         title = f"{shared.capitalize()}s: estimate / truth, relative to the mean (1 is exact)"
         story.append(plots("share", title, RIGHT))
     if shared and rivals:
-        title = f"Largest error of a {shared}, relative to the mean [%]"
+        title = f"Error of {shared} ratios [%]"
         story.append(plots("share_error", title, RIGHT))
     story.append(plots("velocity_error", _ERROR, RIGHT))
     overview = _overview(camera, survey, drawn, story, plots)

@@ -21,9 +21,9 @@ from .text import drawable
 
 Indices = NDArray[np.intp]
 
-PALETTE = (  # RGB, readable on a dark and on a light background
-    (58, 134, 226), (230, 126, 34), (46, 160, 87), (229, 72, 77), (148, 103, 232),
-    (20, 164, 170), (190, 148, 20), (222, 93, 164), (150, 117, 82), (122, 160, 50),
+PALETTE = (  # RGB, readable on a dark and on a light background; hues in the order of the pages'
+    (58, 134, 226), (230, 126, 34), (148, 103, 232), (46, 160, 87), (222, 93, 164),
+    (190, 148, 20), (20, 164, 170), (229, 72, 77), (122, 160, 50), (150, 117, 82),
     (112, 132, 160), (130, 130, 130),
 )  # fmt: skip
 _PALE = 0.5  # share of a pale line's colour, mixed with grey

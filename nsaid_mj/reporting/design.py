@@ -16,7 +16,7 @@ from ..evaluation.confidence import INTERVAL
 from ..evaluation.summary import versions
 from ..evaluation.words import Mark
 from . import pages
-from .pages import Alarm, Figure, Items, Page, Panel, Section, Table, Text
+from .pages import Figure, Items, Page, Panel, Section, Table, Text
 from .panels import Panel as Plot
 from .terminal import print_page
 
@@ -31,23 +31,19 @@ _HELP = "Each computed like the design itself, for the published values."
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
-def print_design(
-    name: str, document: dict[str, Any], files: Sequence[Path], noticed: Sequence[str] = ()
-) -> None:
+def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> None:
     """Prints what a design will tell.
 
     Args:
         name: of the robot.
         document: of `design.files.document`.
         files: that were written.
-        noticed: remarks about the model file.
     """
     lines = [*statements(document), *_helping(document), *_unobservable(document)]
     page = Page(
         heading=name,
         verdict=verdict_of(document),
         lead=f"{document['duration']:g} s for {document['asked']}",
-        alarms=[Alarm(Mark("", "weak", remark), "") for remark in noticed],
         sections=[
             Section("", [_intervals(document), Text(f"{_INTERVALS[0].lower()}{_INTERVALS[1:]}")]),
             Section("", [_limits(document)]),

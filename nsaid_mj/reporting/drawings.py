@@ -23,7 +23,7 @@ from .panels import (
     Forest,
     HeatMap,
 )
-from .plots import CURVE, NAMES, band, line, logarithmic, over_time, style, svg
+from .plots import CURVE, NAMES, band, line, logarithmic, over_time, style, svg, tell
 
 WIDTH = 4.3  # of a panel of ordinary width [inch]
 _FAINT = 0.05  # correlations below are not drawn
@@ -64,15 +64,21 @@ def forest(panel: Forest) -> str:
     with style():
         figure, axis = _named_lines(panel.names)
         rows = np.arange(len(values))
-        for chosen, name, colour, filled, dash in (
-            (panel.firm, panel.certain, COLOURS[0], COLOURS[0], "-"),
-            (~panel.firm, UNSURE, COLOURS[8], "none", "--"),
+        for chosen, name, colour, filled in (
+            (panel.firm, panel.certain, COLOURS[0], COLOURS[0]),
+            (~panel.firm, UNSURE, COLOURS[8], "none"),
         ):
             if not chosen.any():
                 continue
-            for row in rows[chosen]:
-                ends = [low[row], high[row]]
-                axis.plot(ends, [row, row], dash, color=colour, linewidth=1.8, gid=f"{CURVE}{name}")
+            drawn = chosen & np.isfinite(low) & np.isfinite(high)
+            if drawn.any():
+                axis.hlines(
+                    rows[drawn], low[drawn], high[drawn], colour,
+                    "solid" if filled == colour else "dashed",
+                    linewidth=1.8, gid=CURVE + name,
+                )  # fmt: skip
+                for end, values_ in (("low", low), ("high", high)):
+                    tell(axis, values_[drawn], rows[drawn], f"{name}, {end}")
             line(
                 axis, values[chosen], rows[chosen], name, "o", color=colour, markerfacecolor=filled
             )
@@ -123,7 +129,7 @@ def heat_map(panel: HeatMap) -> str:
                     Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, alpha=alpha, lw=0)
                 )
                 words = f"{r[i, j]:.2f}".replace("-", "−")
-                axis.plot(j, i, "", gid=f"{CURVE}{names[i]}, {names[j]}: {words}")  # not drawn
+                tell(axis, j, i, f"{names[i]}, {names[j]}: {words}")
                 if abs(r[i, j]) >= _WRITTEN:
                     words = f"{r[i, j]:.1f}".replace("-", "−").replace("0.", ".")
                     axis.text(j, i, words, ha="center", va="center", fontsize=6)

@@ -83,7 +83,7 @@ def _render(faces: Array, colours: Array) -> bytes:
     canvas = Canvas(figsize=(scale * wide + 0.1, scale * tall + 0.1), dpi=_DPI)
     axis = canvas.add_axes((0.0, 0.0, 1.0, 1.0))
     axis.set_axis_off()
-    axis.add_collection(PolyCollection(flat, facecolors=painted, edgecolors=painted, lw=0.3))
+    axis.add_collection(PolyCollection(list(flat), facecolors=painted, edgecolors=painted, lw=0.3))
     axis.set_xlim(low[0], high[0])
     axis.set_ylim(low[1], high[1])
     stream = io.BytesIO()

@@ -111,6 +111,11 @@ def line(axis: Axes, x: Any, y: Any, name: str, dash: str = "-", **style: Any) -
     axis.plot(x, shown, dash, gid=CURVE + name, **style)
 
 
+def tell(axis: Axes, x: Any, y: Any, name: str) -> None:
+    """Gives a page the values of what is not drawn as a curve, such as the ends of a band."""
+    axis.plot(x, y, linestyle="none", gid=CURVE + name)
+
+
 def band(
     axis: Axes, t: Array, low: Array, high: Array, colour: str, name: str, of: str = ""
 ) -> None:
@@ -120,8 +125,8 @@ def band(
         if len(part) and known[part[0]]:
             x, y = np.r_[t[part], t[part[::-1]]], np.r_[low[part], high[part[::-1]]]
             axis.fill(x, y, color=colour, alpha=0.2, linewidth=0, gid=CURVE + name)
-    for end, values in (("low", low), ("high", high)):  # not drawn: for the page's values
-        axis.plot(t, values, "", gid=f"{CURVE}{f'{of}, ' if of else ''}{name}, {end}")
+    for end, values in (("low", low), ("high", high)):
+        tell(axis, t, values, f"{f'{of}, ' if of else ''}{name}, {end}")
 
 
 def page_figure(

@@ -62,10 +62,11 @@ def print_panels(panels: Sequence[Panel], console: Console) -> None:
 def _print_table(table: Table, console: Console) -> None:
     """Prints a table, on a narrow terminal without its spare columns."""
     hidden: set[int] = set()
+    unlimited = console.options.update(max_width=10_000)
     for column in [None, *table.spare]:
         hidden |= set() if column is None else {column}
         grid = _grid(table, hidden)
-        if console.measure(grid).maximum <= console.width:
+        if console.measure(grid, options=unlimited).maximum <= console.width:
             break
     console.print()
     console.print(grid)
@@ -82,7 +83,7 @@ def _grid(table: Table, hidden: set[int]) -> Grid:
         grid.add_column(escape(head), justify=justify, no_wrap=True)
     for line in table.lines[: table.most]:
         if len(line) == 1:
-            grid.add_row(f"  [bold]{_cell(line[0])}[/]")
+            grid.add_row(f"[bold]{_cell(line[0])}[/]")
         else:
             grid.add_row(*(f"{'' if k else '  '}{_cell(line[k])}" for k in shown))
     return grid

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -115,5 +114,4 @@ def remarks(robot: RobotModel, values: Identified, also: tuple[str, ...] = ()) -
     for k, joint in enumerate(robot.joints):
         speed, gain = values.friction_speed[k], values.gain[k]
         lines.append(f"  {joint}: gain {gain:.6g}, s {speed:.3g}, rotor {values.rotor[k]:.6g}")
-    text = "\n".join([*lines, *values.notes, *also])
-    return re.sub("-(?=-)", "- ", text).rstrip("-")  # XML comments may not contain two hyphens
+    return "\n".join([*lines, *values.notes, *also])

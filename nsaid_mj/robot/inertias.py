@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..errors import BadRobot
 from ..parameters import Array
 from ..structure.optional import pin
 from .findings import Finding
@@ -83,6 +84,32 @@ def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
         remedy = "Add <inertial> to the model file, or give a gain with --known."
         findings.append(Finding("warning", "no_masses", "", text, remedy))
     return findings
+
+
+def check_inertias(name: str, model: pin.Model) -> None:
+    """Checks that links have positive mass and moments that satisfy the triangle inequality.
+
+    Raises:
+        BadRobot: names the first link whose inertia no body can have.
+    """
+    for i in range(1, model.njoints):
+        part = f"link of joint {model.names[i]}"
+        inertia = model.inertias[i]
+        numbers = inertia.toDynamicParameters()
+        if not np.isfinite(numbers).all():
+            raise BadRobot(name, part, "its inertia is not finite", "Correct the URDF.")
+        if inertia.mass <= 0:
+            raise BadRobot(
+                name, part, f"its mass is {inertia.mass:g} kg", "Give it an <inertial> of mass > 0."
+            )
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
+            raise BadRobot(
+                name,
+                part,
+                f"no body has the principal moments {', '.join(f'{x:.3g}' for x in moments)} kg·m²",
+                "Correct <inertia>: each must be positive and at most the sum of the other two.",
+            )
 
 
 def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) -> Finding:

@@ -6,12 +6,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
-from xml.etree import ElementTree
+
+from lxml.etree import _Element as Element
 
 from .findings import Finding
 
 
-def resolve_meshes(root: ElementTree.Element, path: Path) -> list[Finding]:
+def resolve_meshes(root: Element, path: Path) -> list[Finding]:
     """Makes the paths of a URDF's visual meshes absolute, in place; removes those not found.
 
     `package://` names are looked for in every ancestor folder of the file, in `ROS_PACKAGE_PATH`

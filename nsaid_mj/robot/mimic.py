@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
+
+from lxml.etree import _Element as Element
 
 from ..errors import BadRobot
 from .findings import Finding
@@ -32,7 +33,7 @@ class Follower(NamedTuple):
         return self.multiplier * leader + self.offset
 
 
-def mimicking(path: Path, root: ElementTree.Element) -> dict[str, Follower]:
+def mimicking(path: Path, root: Element) -> dict[str, Follower]:
     """The mimic joints of a URDF by name, leaders resolved along chains.
 
     A joint that is said to follow one that does not exist moves freely. The numbers have been

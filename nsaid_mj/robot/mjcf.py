@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..errors import RobotChanged
 from ..parameters import Array
 from ..structure.joints import body_names
+from ..structure.joints import joint_names as system_joints
 from ..structure.optional import pin
 from .findings import Finding
 from .inertias import make_physical
@@ -17,25 +20,29 @@ from .mjcf_actuators import motors
 from .mjcf_couplings import check_couplings
 from .mjcf_file import compile_file
 from .mjcf_tree import joint_names, rigid_tree
-from .mjcf_visuals import MjcfVisuals
 from .model import RobotModel
 from .reduction import check_tree, home, locked_joints, reduced
+from .shapes import Shapes, shapes_of_geoms
 
 _NAMELESS = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 
 def load_mjcf(
-    path: Path, lock: Sequence[str] = (), joints: Sequence[str] | None = None
+    path: Path,
+    lock: Sequence[str] = (),
+    joints: Sequence[str] | None = None,
+    base: str | None = None,
 ) -> RobotModel:
     """Reads an MJCF or .mjb file.
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
-    bias forces. A base that floats is fixed at its initial pose.
+    bias forces.
 
     Args:
         path: of the file.
         lock: joints to fix, at 0 or at the limit nearest to it.
         joints: joints to keep; None keeps all that are not in `lock`.
+        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
@@ -43,22 +50,24 @@ def load_mjcf(
         InvalidInput: a joint is both to be locked and to be kept.
         UnknownName: there is no such joint.
     """
-    _, mj, findings = compile_file(path)
-    name = mj.names.partition(b"\0")[0].decode()
-    name = path.stem if name in {"", _NAMELESS} else name
+    mj, findings = compile_file(path)[1:]
+    name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem
     whole, names = rigid_tree(mj, name), joint_names(mj)
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
-    fixed = locked_joints([n for n in names if n not in free], _without(lock, free), joints)
-    locked = fixed | set(free)
+    kept = free[:1] if base == "free" else []
+    movable = [n for n in names if n not in free]
+    locked = locked_joints(movable, [n for n in lock if n not in free], joints)
+    locked |= set(free) - set(kept)
     model = reduced(whole, pin.GeometryModel(), locked, initial_pose(mj, whole, free))[0]
-    check_tree(str(path), model)
+    check_tree(str(path), model, base)
     check_couplings(str(path), mj, names, locked)
-    found = motors(mj, names, tuple(model.names)[1:])
-    findings += [*found.findings, *_held(free), *_ignored_forces(mj, names, locked)]
+    found = motors(mj, names, tuple(system_joints(model)))
+    findings += [*_held([n for n in free if n not in kept]), *_ignored_forces(mj, names, locked)]
     findings += make_physical(model, body_names(model))
-    drawing = MjcfVisuals(mj, model)
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in found.joints]
-    return RobotModel(
+    first = model.nv - len(dof)  # 6 if the base is free
+    model.effortLimit[first:] = np.abs(found.gain) * found.limits
+    robot = RobotModel(
         name=name,
         source=path,
         kind="mjcf",
@@ -66,12 +75,18 @@ def load_mjcf(
         joints=found.joints,
         damping=mj.dof_damping[dof] + found.damping,
         friction=mj.dof_frictionloss[dof],
-        rotor=model.armature.copy(),
+        rotor=model.armature[first:].copy(),
         gain=found.gain,
         limits=found.limits,
-        findings=tuple(findings),
-        visuals=drawing if drawing.visuals() else None,
+        findings=tuple([*findings, *found.findings]),
+        visuals=Shapes(model, lambda: shapes_of_geoms(mj, model)),
+        file=path,
+        passive=found.passive,
     )
+    told = [str(f) for f in findings if f.level == "warning"]
+    if base is not None and told:
+        warnings.warn(RobotChanged(str(path), told), stacklevel=2)
+    return robot
 
 
 def initial_pose(mj: Any, model: pin.Model, free: Sequence[str]) -> Array:
@@ -83,10 +98,6 @@ def initial_pose(mj: Any, model: pin.Model, free: Sequence[str]) -> Array:
         x, y, z, qw, qx, qy, qz = mj.qpos0[at : at + 7]
         q[joint.idx_q : joint.idx_q + 7] = [x, y, z, qx, qy, qz, qw]
     return q
-
-
-def _without(names: Sequence[str], others: Sequence[str]) -> list[str]:
-    return [name for name in names if name not in others]
 
 
 def _held(free: Sequence[str]) -> list[Finding]:

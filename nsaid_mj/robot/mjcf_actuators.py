@@ -22,6 +22,7 @@ class Motors(NamedTuple):
         limits: (k,) largest absolute commands; inf where there is none.
         damping: (k,) damping of the actuators [N·m·s/rad or N·s/m].
         findings: what a command means.
+        passive: names of the joints without an actuator in a file that has some.
     """
 
     joints: tuple[str, ...]
@@ -29,6 +30,7 @@ class Motors(NamedTuple):
     limits: Array
     damping: Array
     findings: list[Finding]
+    passive: tuple[str, ...]
 
 
 def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
@@ -83,7 +85,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
             f"{gain[joints.index(joint)]:g}" for joint in driven
         )
         findings.append(Finding("note", "command", ", ".join(driven), text))
-    return Motors(joints, gain, limits, damping, findings)
+    return Motors(joints, gain, limits, damping, findings, tuple(bare) if mj.nu else ())
 
 
 def is_motor(mj: Any, actuator: int) -> bool:

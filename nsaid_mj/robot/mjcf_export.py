@@ -1,4 +1,7 @@
-"""Writes an MJCF with identified inertias, frictions, rotor inertias and gains."""
+"""A MuJoCo model with identified inertias, frictions, rotor inertias and gains.
+
+A robot that was read from an MJCF gets its own file back, with other numbers.
+"""
 
 from __future__ import annotations
 
@@ -6,36 +9,43 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
 
-import mujoco
 import numpy as np
+from lxml.etree import Element, SubElement
+from lxml.etree import _Element as Node
 
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..resources import write_text
-from ..structure.joints import body_names
+from ..structure.joints import bodies_of, body_names
 from ..structure.optional import pin
 from .identified import Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_actuators import is_motor
-from .mjcf_file import compile_file
-from .mjcf_lock import one_joint_per_body, remove_actuators, remove_keyframes
+from .mjcf_edit import (
+    bodies_of_file,
+    joints_of_file,
+    name_joints,
+    own_joints,
+    remove_references,
+    split_bodies,
+)
+from .mjcf_file import compile_file, own_file
 from .mjcf_tree import actuators_of, joint_names, rigid_tree
-from .mjcf_xml import bodies_of, exact_xml, joints_of, numbers, own_joints, set_inertial
 from .model import RobotModel
-from .tree import tree_spec
+from .tree import wxyz
+from .xml import numbers, with_remarks
 
-_STEP = 1e-3  # time step of a model that is not made from an MJCF [s]
+_OVERRULING = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
+_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MuJoCo's fullinertia
 
 
 def write_mjcf(robot: RobotModel, values: Identified, path: Path) -> None:
     """Writes a MuJoCo model with identified values.
 
-    From an MJCF it keeps bodies, geoms, sensors and options; from another file it has bodies,
-    joints with their limits, and motors. A joint's motor takes the command of the logs. Mass matrix
-    and bias forces are those of `values.model`.
+    From an MJCF it keeps everything but these numbers; from another file it has bodies, joints with
+    their limits, and motors. A joint's motor takes the command of the logs. Mass matrix and bias
+    forces are those of `values.model`.
 
     Args:
         robot: a tree of joints.
@@ -54,60 +64,68 @@ def mjcf_text(robot: RobotModel, values: Identified, folder: Path) -> str:
     Raises:
         InvalidInput: the robot is a vehicle.
     """
+    return with_remarks(*_calibrated(robot, values, folder))
+
+
+def moving_bodies(robot: RobotModel, values: Identified) -> Iterator[tuple[str, Array]]:
+    """The bodies that move in the file of `write_mjcf`.
+
+    Yields:
+        Name of the body, and its ten inertial parameters (10,) about the body's frame.
+    """
+    root, _ = _calibrated(robot, values, Path.cwd())
+    for body in bodies_of_file(root):
+        if own_joints(body):
+            inertial = body.find("inertial")
+            read = {k: np.array([float(x) for x in v.split()]) for k, v in inertial.attrib.items()}
+            tensor = np.zeros((3, 3))
+            for place, entry in zip(_PLACES, read["fullinertia"], strict=True):
+                tensor[place] = tensor[place[::-1]] = entry
+            inertia = pin.Inertia(float(read["mass"][0]), read["pos"], tensor)
+            yield body.get("name", ""), inertia.toDynamicParameters()
+
+
+def _calibrated(robot: RobotModel, values: Identified, folder: Path) -> tuple[Node, str]:
+    """The file's root, and remarks on it."""
     if robot.kind == "vehicle":
         raise InvalidInput("robot", "a tree of joints", "a vehicle", "Vehicles have no such file.")
-    if robot.kind == "mjcf" and robot.source and robot.source.suffix.lower() != ".mjb":
-        root, also = _edited(robot, robot.source, values, folder)
+    if robot.kind == "mjcf" and robot.file and robot.file.suffix.lower() != ".mjb":
+        root, also = _edited(robot, robot.file, values, folder)
     else:
         root, also = (
             _built(robot, values),
             ("It has no shapes: they stay in the robot's own file.",),
         )
-    joints = {joint.get("name"): joint for joint in joints_of(root)}
+    joints = {joint.get("name"): joint for joint in joints_of_file(root)}
     for k, name in enumerate(robot.joints):
         joints[name].set("armature", numbers(values.rotor[k]))
-        joints[name].set("damping", numbers([values.damping[k], 0, 0]))
+        joints[name].set("damping", numbers(values.damping[k]))
         joints[name].set("frictionloss", numbers(values.friction[k]))
-    root.insert(0, ElementTree.Comment(f" {remarks(robot, values, also)} "))
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode") + "\n"
+    return root, remarks(robot, values, also)
 
 
-def moving_bodies(robot: RobotModel, values: Identified) -> Iterator[tuple[str, str, Array]]:
-    """The bodies that move in the file of `write_mjcf`.
-
-    Yields:
-        Name of the body, name of its joint, and the joint's anchor (3,) in the body's frame [m].
-    """
-    root = ElementTree.fromstring(mjcf_text(robot, values, Path.cwd()))
-    for body in bodies_of(root):
-        for joint in own_joints(body):
-            anchor = np.array([float(x) for x in joint.get("pos", "0 0 0").split()])
-            yield body.get("name", ""), joint.get("name", ""), anchor
-
-
-def _built(robot: RobotModel, values: Identified) -> Element:
+def _built(robot: RobotModel, values: Identified) -> Node:
     """An MJCF of a robot that was not read from one."""
     model = values.model
-    spec = tree_spec(model, _STEP)
-    spec.modelname = robot.name
-    spec.option.disableflags = 0
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.compiler.degree = False
-    bodies = [spec.joint(name).parent for name in robot.joints]
-    for i, body in enumerate(bodies):
-        body.name = f"body {i + 1}"  # so that no new name is another body's old one
-    for body, link in zip(bodies, body_names(model), strict=True):
-        body.name = "link world" if link == "world" else link
-    for i, name in enumerate(robot.joints, start=1):
-        joint = model.joints[i]
-        low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-        if joint.nq == 1 and np.isfinite([low, high]).all() and low < high:
-            spec.joint(name).range = [low, high]
-            spec.joint(name).limited = mujoco.mjtLimited.mjLIMITED_TRUE
-    root, _ = exact_xml(spec)
-    for compiler in root.findall("compiler"):
-        compiler.attrib.pop("meshdir", None)
+    root = Element("mujoco", model=robot.name)
+    SubElement(root, "compiler", angle="radian", autolimits="true")
+    SubElement(root, "option", gravity=numbers(model.gravity.linear), integrator="implicitfast")
+    bodies = [SubElement(root, "worldbody")]
+    for i, (own, link) in enumerate(zip(bodies_of(model), body_names(model), strict=True), start=1):
+        name = "link world" if link == "world" else link
+        body = SubElement(bodies[own.parent + 1], "body", name=name)
+        body.set("pos", numbers(model.jointPlacements[i].translation))
+        body.set("quat", numbers(wxyz(model.jointPlacements[i].rotation)))
+        _set_inertial(body, model.inertias[i])
+        joint = SubElement(
+            body, "joint", name=robot.joints[i - 1], axis=numbers(np.asarray(own.axis))
+        )
+        joint.set("type", "slide" if own.joint == "slide" else "hinge")
+        at = model.joints[i].idx_q
+        low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
+        if model.joints[i].nq == 1 and np.isfinite([low, high]).all() and low < high:
+            joint.set("range", numbers([low, high]))
+        bodies.append(body)
     section = SubElement(root, "actuator")
     for k, name in enumerate(robot.joints):
         _add_motor(section, robot, name, float(values.gain[k]))
@@ -116,25 +134,42 @@ def _built(robot: RobotModel, values: Identified) -> Element:
 
 def _edited(
     robot: RobotModel, source: Path, values: Identified, folder: Path
-) -> tuple[Element, tuple[str, ...]]:
+) -> tuple[Node, tuple[str, ...]]:
     """A robot's own MJCF with identified inertias and gains, and remarks on it."""
     spec, mj, findings = compile_file(source)
-    root, _ = exact_xml(spec)
+    root, exact = own_file(source, spec, mj, findings)
+    also = tuple(f"{finding.text}." for finding in findings)
+    if not exact:
+        also += ("Its poses have six digits: it was written out by MuJoCo.",)
     names = joint_names(mj)
     locked = [name for name in names if name not in robot.joints]
     whole = rigid_tree(mj, robot.name)
     q = initial_pose(mj, whole, [n for n in names if whole.joints[whole.getJointId(n)].nv == 6])
-    at = {n: whole.joints[whole.getJointId(n)] for n in names}
-    held = {n: float(q[at[n].idx_q]) for n in locked if at[n].nq == 1}
-    also = tuple(f"{finding.text}." for finding in findings)
+    held = {n: float(q[whole.joints[whole.getJointId(n)].idx_q]) for n in locked}
+    name_joints(root, mj, names)
+    for number, body in enumerate(bodies_of_file(root), start=1):
+        if not body.get("name") and own_joints(body):
+            body.set("name", f"body {number}")
     before = _actuators(root)
     also += _set_motors(root, robot, values, mj, names)
-    links = one_joint_per_body(root, mj, locked, held)
+    links = split_bodies(root, mj, held)
+    anchors = dict(zip(names, mj.jnt_pos, strict=True))
+    remove_references(root, set(locked))
     if locked or before != _actuators(root):
-        remove_keyframes(root)
-    welded = _set_inertials(root, values.model, links)
+        for section in root.findall("keyframe"):  # they list all joints and actuators
+            root.remove(section)
+    welded = _set_inertials(root, values.model, links, anchors)
+    for compiler in root.iter("compiler"):
+        for key in (*_OVERRULING, "meshdir", "texturedir", "assetdir"):
+            compiler.attrib.pop(key, None)
+    compiler = root.find("compiler")
+    if compiler is None:
+        compiler = Element("compiler")
+        root.insert(0, compiler)
     for directory in ("meshdir", "texturedir"):
-        _redirect(root, directory, source.resolve().parent, folder)
+        compiler.set(
+            directory, _relative(source.resolve().parent / getattr(spec, directory), folder)
+        )
     if locked:
         also += ("Joints fixed: " + ", ".join(locked) + ".",)
     if welded:
@@ -142,87 +177,92 @@ def _edited(
     return root, also
 
 
-def _set_inertials(root: Element, model: pin.Model, links: dict[str, Element]) -> list[str]:
+def _set_inertials(
+    root: Node, model: pin.Model, links: dict[str, Node], anchors: dict[str, Array]
+) -> list[str]:
     """Gives bodies their inertias; returns the names of those welded to a moving body.
 
     Args:
         root: the MJCF.
         model: Pinocchio's model with the inertias.
         links: the body behind each joint.
+        anchors: of each joint in the frame of its body [m].
     """
-    moving = {id(body): joint for joint, body in links.items()}
+    moving = {body: name for name, body in links.items()}
     welded = []
-
-    def visit(parent: Element, behind: bool) -> None:
-        for body in parent.findall("body"):
-            joint = moving.get(id(body))
-            if joint is not None:
-                element = next(j for j in body if j.get("name") == joint)
-                anchor = np.array([float(x) for x in element.get("pos", "0 0 0").split()])
-                own = model.inertias[model.getJointId(joint)]
-                set_inertial(body, own.mass, own.lever + anchor, tensor=own.inertia)
-            elif behind:
-                set_inertial(body, 0.0, np.zeros(3), moments=np.zeros(3))
-                welded.append(body.get("name", "a body without a name"))
-            visit(body, behind or joint is not None)
-
-    world = root.find("worldbody")
-    assert world is not None  # a robot with joints has bodies
-    visit(world, False)
+    for body in bodies_of_file(root):
+        if body in moving:
+            own = model.inertias[model.getJointId(moving[body])]
+            lever = own.lever + anchors[moving[body]]
+            _set_inertial(body, pin.Inertia(own.mass, lever, own.inertia))
+        elif any(above in moving for above in body.iterancestors("body")):
+            _set_inertial(body, pin.Inertia.Zero())
+            welded.append(body.get("name", "a body without a name"))
     return welded
 
 
+def _set_inertial(body: Node, inertia: pin.Inertia) -> None:
+    """Gives a body an inertia about its frame, in place of the one it has."""
+    for old in body.findall("inertial"):
+        body.remove(old)
+    tensor, key = inertia.inertia, "fullinertia" if inertia.mass else "diaginertia"
+    entries = numbers([tensor[place] for place in _PLACES[: 6 if inertia.mass else 3]])
+    part = Element("inertial", pos=numbers(inertia.lever), mass=numbers(inertia.mass))
+    part.set(key, entries)
+    part.tail, body.text = body.text, body.text or "\n"
+    body.insert(0, part)
+
+
 def _set_motors(
-    root: Element, robot: RobotModel, values: Identified, mj: Any, names: list[str]
+    root: Node, robot: RobotModel, values: Identified, mj: Any, names: list[str]
 ) -> tuple[str, ...]:
-    """Gives every joint one motor with the identified gain; returns remarks."""
-    elements = _actuators(root)
-    section = root.find("actuator")
+    """Gives every joint a motor with the identified gain; returns remarks.
+
+    It is the first of its actuators, if that is a motor; further motors stay, and servos go.
+    """
+    elements, section = _actuators(root), root.find("actuator")
     section = SubElement(root, "actuator") if section is None else section
-    replaced, dropped = [], []
+    replaced, dropped = [], set()
     for k, joint in enumerate(robot.joints):
         own = actuators_of(mj, names.index(joint))
-        motor = next((i for i in own if is_motor(mj, i)), None) if own[:1] else None
-        if motor is not None and motor == own[0]:
-            element, gear = elements[motor], mj.actuator_gear[motor]
-            element.set("gear", numbers(gear))
-            element.set("gainprm", numbers(values.gain[k] / gear[0]))
-            element.set("armature", "0")
-            element.set("damping", "0")
-            own = own[1:]
+        kept = [i for i in own if is_motor(mj, i)] if own and is_motor(mj, own[0]) else []
+        for i in kept:
+            elements[i].set("armature", "0")  # it is part of the joint's, as the damping is
+            elements[i].set("damping", "0")
+        for i in set(own) - set(kept):
+            elements[i].set("name", elements[i].get("name") or f"removed {i}")
+            dropped.add(elements[i].get("name"))
+        if kept:
+            gear = mj.actuator_gear[kept[0]]
+            elements[kept[0]].tag = "general"  # a <motor> has no gain
+            elements[kept[0]].set("gear", numbers(gear))
+            elements[kept[0]].set("gainprm", numbers(values.gain[k] / gear[0]))
         else:
             replaced += [joint] if own else []
-        for i in own:
-            name = elements[i].get("name") or f"removed {i}"
-            elements[i].set("name", name)
-            dropped.append(name)
-        if motor is None or motor in own:
             _add_motor(section, robot, joint, float(values.gain[k]))
-    remove_actuators(root, dropped)
+    remove_references(root, dropped, ("actuator",), "actuator")
     return ("Servos replaced by motors: " + ", ".join(replaced) + ".",) if replaced else ()
 
 
-def _actuators(root: Element) -> list[Element]:
-    return [part for section in root.findall("actuator") for part in section]
+def _actuators(root: Node) -> list[Node]:
+    """All actuators in MuJoCo's order."""
+    return [part for section in root.findall("actuator") for part in section.iterchildren("*")]
 
 
-def _add_motor(section: Element, robot: RobotModel, joint: str, gain: float) -> None:
+def _add_motor(section: Node, robot: RobotModel, joint: str, gain: float) -> None:
     """Adds a motor whose command is that of the logs."""
     taken = {part.get("name") for part in section}
     name = joint if joint not in taken else f"{joint} motor"
     motor = SubElement(section, "general", name=name, joint=joint, gainprm=numbers(gain))
-    motor.attrib |= {"gear": "1", "biastype": "none", "dyntype": "none", "armature": "0"}
+    motor.attrib.update({"gear": "1", "biastype": "none", "dyntype": "none", "armature": "0"})
     limit = robot.limits[robot.joints.index(joint)]
     if np.isfinite(limit):
-        motor.attrib |= {"ctrllimited": "true", "ctrlrange": numbers([-limit, limit])}
+        motor.attrib.update({"ctrllimited": "true", "ctrlrange": numbers([-limit, limit])})
 
 
-def _redirect(root: Element, directory: str, old: Path, new: Path) -> None:
-    """Makes a folder of meshes or textures relative to the new file's folder."""
-    for compiler in root.findall("compiler"):
-        inside = compiler.get(directory, compiler.get("assetdir", ""))
-        try:
-            relative = os.path.relpath(old / inside, new)
-        except ValueError:  # on another drive of Windows
-            relative = str(old / inside)
-        compiler.set(directory, Path(relative).as_posix())
+def _relative(path: Path, folder: Path) -> str:
+    """A folder of meshes or textures as seen from the new file's folder."""
+    try:
+        return Path(os.path.relpath(path, folder)).as_posix()
+    except ValueError:  # on another drive of Windows
+        return path.as_posix()

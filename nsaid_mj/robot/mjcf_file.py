@@ -6,10 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+from lxml import etree
+from lxml.etree import _Element as Node
 
 from ..errors import BadRobot
 from .findings import Finding
+from .mjcf_edit import bodies_of_file, joints_of_file
 from .mjcf_inertials import check_inertials
+from .xml import read_xml
 
 _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
 
@@ -84,3 +88,52 @@ def _note(path: Path, missing: list[str]) -> list[Finding]:
             {"files": missing},
         )
     ]
+
+
+def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[Node, bool]:
+    """The content of an MJCF file, to be edited, with included files in their places.
+
+    Args:
+        path: of the file.
+        spec: its specification.
+        mj: its compiled model.
+        findings: on files that are missing, whose meshes and textures are removed.
+
+    Returns:
+        The root, and whether it is the file's own. Where elements stand for several bodies, as
+        `<replicate>` and `<attach>` do, it is what MuJoCo writes, with six digits.
+    """
+    root, _ = read_xml(path)
+    while (include := next(root.iter("include"), None)) is not None:
+        parent = include.getparent()
+        assert parent is not None  # the root is <mujoco>
+        at = parent.index(include)
+        parent[at : at + 1] = list(read_xml(path.parent / include.get("file", ""))[0])
+    for finding in findings:
+        if finding.code == "mesh_missing":
+            _without_files(root, finding.data["files"])  # type: ignore[arg-type]  # a list
+    own = [joint.get("name", "") for joint in joints_of_file(root)]
+    driven = [a for section in root.findall("actuator") for a in section.iterchildren("*")]
+    exact = (
+        own == [mj.joint(j).name for j in range(mj.njnt)]
+        and len(bodies_of_file(root)) == mj.nbody - 1
+        and len(driven) == mj.nu
+    )
+    return (root, True) if exact else (etree.fromstring(spec.to_xml()), False)
+
+
+def _without_files(root: Node, missing: list[str]) -> None:
+    """Removes meshes and textures of some files, and what shows them."""
+    gone = [e for e in root.iter("mesh", "texture") if set(e.attrib.values()) & set(missing)]
+    for asset in gone:
+        name = asset.get("name") or Path(asset.get("file", "")).stem
+        if asset.tag == "texture":
+            for material in root.iter("material"):
+                if material.get("texture") == name:
+                    del material.attrib["texture"]
+        else:
+            gone = [*gone, *(geom for geom in root.iter("geom") if geom.get("mesh") == name)]
+    for element in gone:
+        parent = element.getparent()
+        if parent is not None:
+            parent.remove(element)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..parameters import Array
 from ..structure.optional import pin
+from .tree import pose
 
 _AXES = {
     mujoco.mjtJoint.mjJNT_HINGE: (
@@ -56,11 +57,6 @@ def rigid_tree(mj: Any, name: str) -> pin.Model:
         model.addFrame(frame, False)
     model.armature = rotors(mj)
     return model
-
-
-def pose(position: Array, wxyz: Array) -> pin.SE3:
-    """The pose with MuJoCo's position (3,) and quaternion (4,)."""
-    return pin.SE3(pin.Quaternion(*wxyz).normalized().toRotationMatrix(), np.array(position))
 
 
 def body_name(mj: Any, b: int) -> str:

@@ -18,9 +18,8 @@ class RobotModel:
         name: of the robot.
         source: the file; None for a packed robot or vehicle.
         kind: format of the file, or `vehicle`.
-        model: Pinocchio's model (`pin.Model`) with physically consistent inertias, joints locked
-            and mimic joints merged; None for a vehicle.
-        joints: (n_u,) names of the actuated 1-DOF joints, in order; of the actuators of a vehicle.
+        model: Pinocchio's model (`pin.Model`), joints locked; None for a vehicle.
+        joints: (n_u,) names of the 1-DOF joints, in order; of the actuators of a vehicle.
         damping: (n_u,) nominal viscous friction [N·m·s/rad or N·s/m]; 0 where the file has none.
         friction: (n_u,) nominal Coulomb friction [N·m or N]; 0 where the file has none.
         rotor: (n_u,) nominal reflected rotor inertia [kg·m² or kg]; 0 where the file has none.
@@ -29,7 +28,9 @@ class RobotModel:
         system: the structure of a vehicle (a `SecondOrderSystem`); None for a tree of joints.
         prior: (p,) θ̂(0) of a vehicle, its published values; None for a tree of joints.
         findings: what was noticed, such as inertias moved inside the cone or meshes not found.
-        visuals: data for drawing the robot, as `recording` wants it; None if there is nothing.
+        visuals: data for drawing the robot, as `recording` wants it.
+        file: the file that describes a tree of joints, of packed robots too.
+        passive: names of the joints that have no actuator in a file that has some.
     """
 
     name: str
@@ -46,6 +47,8 @@ class RobotModel:
     prior: Array | None = None
     findings: tuple[Finding, ...] = ()
     visuals: Any = None
+    file: Path | None = None
+    passive: tuple[str, ...] = ()
 
     @property
     def weightless(self) -> bool:

@@ -67,16 +67,24 @@ def reduced(
     return small, shapes
 
 
-def check_tree(robot: str, model: pin.Model) -> None:
-    """Checks that a fixed-base model consists of 1-DOF joints.
+def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
+    """Checks that a model consists of 1-DOF joints, after a free flyer if its base is `free`.
+
+    Args:
+        robot: name or file, for messages.
+        model: the model.
+        base: of a robot to simulate; None for one to identify, whose joints can be locked.
 
     Raises:
-        BadRobot: a joint has several degrees of freedom, or no joint moves.
+        BadRobot: a joint has several degrees of freedom, no joint moves, or the base is fixed.
     """
     if model.nv == 0:
         raise BadRobot(robot, "", "no joint moves", "Keep at least one joint.")
-    for i in range(1, model.njoints):
+    if base == "free" and model.joints[1].nv != 6:
+        raise BadRobot(robot, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+    for i in range(2 if base == "free" else 1, model.njoints):
         joint, name = model.joints[i], model.names[i]
         if joint.nv != 1:
-            reason = f"it has {joint.nv} degrees of freedom; only revolute and prismatic joints "
-            raise BadRobot(robot, f"joint {name}", f"{reason}can be identified", LOCK.format(name))
+            reason = f"it has {joint.nv} degrees of freedom, not one as a hinge or a slide"
+            remedy = "Make it fixed in a copy of the file." if base else LOCK.format(name)
+            raise BadRobot(robot, f"joint {name}", reason, remedy)

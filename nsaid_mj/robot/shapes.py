@@ -1,28 +1,27 @@
-"""Triangle meshes of MuJoCo's primitive shapes, for visualisation."""
+"""Triangle meshes of robots, and their poses."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from ..parameters import Array
+from ..structure.optional import pin
+from .tree import pose
 
 _CORNERS = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T.astype(float)
 _FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
                    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
 _SIDES = 24
+_HIDDEN = 3  # groups of geoms from this one on are not drawn, as in MuJoCo's own viewer
 
-
-DRAWN = frozenset(
-    {
-        mujoco.mjtGeom.mjGEOM_BOX,
-        mujoco.mjtGeom.mjGEOM_CYLINDER,
-        mujoco.mjtGeom.mjGEOM_CAPSULE,
-        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        mujoco.mjtGeom.mjGEOM_SPHERE,
-    }
+DRAWN = tuple(
+    int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind}"))
+    for kind in ("BOX", "CYLINDER", "CAPSULE", "ELLIPSOID", "SPHERE")
 )
 """The geom types that `of_geom` supports."""
 
@@ -41,6 +40,110 @@ class VisualMesh(NamedTuple):
     vertices: Array
     triangles: np.ndarray
     color: tuple[float, float, float, float]
+
+
+class Shape(NamedTuple):
+    """A mesh on a tree of joints.
+
+    Attributes:
+        mesh: the mesh.
+        joint: Pinocchio's index of the joint that moves it; 0 for the base.
+        place: its pose in the joint's axes (`pin.SE3`).
+    """
+
+    mesh: VisualMesh
+    joint: int
+    place: Any
+
+
+class Shapes:
+    """The meshes of a tree of joints, made on first access; there may be none.
+
+    Args:
+        tree: Pinocchio's model.
+        made: makes the meshes.
+    """
+
+    def __init__(self, tree: pin.Model, made: Callable[[], Iterable[Shape]]):
+        self._tree, self._made = tree, made
+
+    @cached_property
+    def parts(self) -> list[Shape]:
+        """All meshes with the joints that move them."""
+        return list(self._made())
+
+    def visuals(self) -> list[VisualMesh]:
+        """All meshes."""
+        return [part.mesh for part in self.parts]
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+        data = self._tree.createData()
+        translations = np.zeros((len(q), len(self.parts), 3))
+        quaternions = np.zeros((len(q), len(self.parts), 4))
+        for k, configuration in enumerate(q):
+            pin.forwardKinematics(self._tree, data, configuration)
+            for i, (_, joint, place) in enumerate(self.parts):
+                world = data.oMi[joint] * place
+                translations[k, i] = world.translation
+                quaternions[k, i] = pin.Quaternion(world.rotation).coeffs()
+        return translations, quaternions
+
+
+def shapes_of_geometry(visual: pin.GeometryModel) -> Iterable[Shape]:
+    """The triangle meshes of Pinocchio's geometry; other shapes are left out."""
+    for geometry in visual.geometryObjects:
+        shape = geometry.geometry
+        if hasattr(shape, "vertices") and hasattr(shape, "num_tris"):
+            faces = [shape.tri_indices(i) for i in range(shape.num_tris)]
+            triangles = np.array([(t[0], t[1], t[2]) for t in faces])
+            red, green, blue, alpha = np.asarray(geometry.meshColor, dtype=float).ravel().tolist()
+            color = red, green, blue, alpha
+            mesh = VisualMesh(geometry.name, np.array(shape.vertices()), triangles, color)
+            yield Shape(mesh, int(geometry.parentJoint), geometry.placement)
+
+
+def shapes_of_geoms(mj: Any, tree: pin.Model) -> Iterable[Shape]:
+    """The meshes and primitive shapes of a MuJoCo model.
+
+    Args:
+        mj: MuJoCo's model.
+        tree: Pinocchio's model, which has a frame or else a joint for every body, by its name.
+    """
+    for g in range(mj.ngeom):
+        body = mj.geom_bodyid[g]
+        mesh = mj.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH
+        if not body or mj.geom_group[g] >= _HIDDEN or not (mesh or mj.geom_type[g] in DRAWN):
+            continue
+        name, joint, place = mj.body(body).name or f"body {body}", 0, pin.SE3.Identity()
+        if tree.existBodyName(name):
+            frame = tree.frames[tree.getFrameId(name, pin.FrameType.BODY)]
+            joint, place = int(frame.parentJoint), frame.placement
+        else:
+            joint = int(tree.getJointId(name))
+        own = place * pose(mj.geom_pos[g], mj.geom_quat[g])
+        drawn = _mesh(mj, g) if mesh else of_geom(mj, g)
+        name = mj.geom(g).name or f"{name} {g}"
+        yield Shape(drawn._replace(name=name), joint, own)
+
+
+def _mesh(mj: Any, geom: int) -> VisualMesh:
+    """The mesh of a geom, in the geom's own frame."""
+    m = mj.geom_dataid[geom]
+    vertex, face = mj.mesh_vertadr[m], mj.mesh_faceadr[m]
+    material = mj.geom_matid[geom]
+    color = mj.mat_rgba[material] if material >= 0 else mj.geom_rgba[geom]
+    red, green, blue, alpha = color.tolist()
+    return VisualMesh(
+        mj.geom(geom).name,
+        mj.mesh_vert[vertex : vertex + mj.mesh_vertnum[m]].astype(float),
+        mj.mesh_face[face : face + mj.mesh_facenum[m]].copy(),
+        (red, green, blue, alpha),
+    )
 
 
 def of_geom(model: Any, i: int) -> VisualMesh:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from ..parameters import Array
 from ..resources import write_text
 from ..structure.optional import pin
 from .identified import Identified
 from .mjcf_export import moving_bodies
-from .mjcf_tree import pose
 from .model import RobotModel
 
 _RANGE = (0.1, 10.0)  # search range of masses and of the joints' parameters, over their values
@@ -45,7 +43,7 @@ def write_yaml(robot: RobotModel, values: Identified, path: Path) -> None:
             for p in values.parameters
         ],
     }
-    write_text(path, _yaml(table) + "\n")
+    _write(path, table)
 
 
 def write_sysid(robot: RobotModel, values: Identified, path: Path) -> None:
@@ -65,7 +63,8 @@ def write_sysid(robot: RobotModel, values: Identified, path: Path) -> None:
         InvalidInput: the robot is a vehicle.
     """
     parameters: dict[str, Any] = {}
-    for name, theta in _links(robot, values).items():
+    for name, inertial in moving_bodies(robot, values):
+        theta = log_cholesky(inertial)
         parameters |= _entry(f"{name}_inertia", theta, *_theta_range(theta))
     for name, numbers in (
         ("rotor", values.rotor),
@@ -75,17 +74,7 @@ def write_sysid(robot: RobotModel, values: Identified, path: Path) -> None:
     ):
         ends = np.sort(np.outer(_RANGE, numbers), axis=0)
         parameters |= _entry(name, np.asarray(numbers), ends[0], ends[1])
-    write_text(path, _yaml(parameters) + "\n")
-
-
-def _links(robot: RobotModel, values: Identified) -> dict[str, Array]:
-    """(10,) log-Cholesky parameters of each body that `write_mjcf` gives a joint, by its name."""
-    model, found = values.model, {}
-    for body, joint, anchor in moving_bodies(robot, values):
-        inertia = model.inertias[model.getJointId(joint)]
-        place = pose(anchor, np.array([1.0, 0, 0, 0]))
-        found[body] = log_cholesky(place.act(inertia).toDynamicParameters())
-    return found
+    _write(path, parameters)
 
 
 def log_cholesky(inertial: Array) -> Array:
@@ -118,34 +107,9 @@ def _entry(name: str, value: Array, low: Array, high: Array) -> dict[str, Any]:
     return {name: {"name": name, **content, "frozen": False}}
 
 
-def _yaml(value: Any, indent: str = "") -> str:
-    """A value as YAML; strings are quoted, as in JSON."""
-    if isinstance(value, Mapping) and value:
-        return "\n".join(f"{indent}{_scalar(k)}:{_nested(v, indent)}" for k, v in value.items())
-    if isinstance(value, Sequence) and not isinstance(value, str) and _deep(value):
-        return "\n".join(f"{indent}-{_nested(v, indent)}" for v in value)
-    return f"{indent}{_scalar(value)}"
-
-
-def _nested(value: Any, indent: str) -> str:
-    """A value after a key or a dash: on the same line if it is flat."""
-    if (isinstance(value, Mapping) and value) or _deep(value):
-        return "\n" + _yaml(value, indent + "  ")
-    return " " + _scalar(value)
-
-
-def _deep(value: Any) -> bool:
-    """Whether a value is a list with mappings in it."""
-    return isinstance(value, list) and any(isinstance(part, Mapping) for part in value)
-
-
-def _scalar(value: Any) -> str:
-    """A string, number, boolean or flat list on one line."""
-    if isinstance(value, list):
-        return "[" + ", ".join(_scalar(part) for part in value) + "]"
-    if isinstance(value, float) and not np.isfinite(value):
-        return ".nan" if np.isnan(value) else (".inf" if value > 0 else "-.inf")
-    if isinstance(value, float):
-        text = repr(value)  # YAML 1.1 wants a dot in 1e-05
-        return text if "e" not in text or "." in text else text.replace("e", ".0e")
-    return json.dumps(value, ensure_ascii=False)
+def _write(path: Path, table: dict[str, Any]) -> None:
+    """Writes a table as YAML, lists of numbers on one line."""
+    text = yaml.safe_dump(
+        table, sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000
+    )
+    write_text(path, text)

@@ -1,17 +1,16 @@
-"""Conversion of a Pinocchio model to MuJoCo, one body for each joint, and its meshes."""
+"""A Pinocchio model in MuJoCo, one body for each joint."""
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from ..errors import InvalidInput
 from ..parameters import Array
+from ..structure.joints import bodies_of
 from ..structure.optional import pin
-from .shapes import VisualMesh
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
@@ -29,26 +28,18 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
     set_options(spec, dt)
     spec.option.gravity = model.gravity.linear
     bodies = {0: spec.worldbody}
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    for i in range(1, model.njoints):
+    for i, own in enumerate(bodies_of(model), start=1):
         name, placement = model.names[i], model.jointPlacements[i]
         body = bodies[model.parents[i]].add_body(name="joint world" if name == "world" else name)
         bodies[i] = body
         body.pos, body.quat = placement.translation, wxyz(placement.rotation)
         _give_inertia(body, model.inertias[i])
-        if model.joints[i].nv == 6:
+        if own.joint == "free":
             body.add_freejoint(name=name)
-            continue
-        jacobian = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)
-        # Pinocchio returns a single column as (6,)
-        subspace = jacobian.reshape(6, -1)[:, model.joints[i].idx_v]
-        slides = np.linalg.norm(subspace[:3]) > np.linalg.norm(subspace[3:])
-        body.add_joint(
-            name=name,
-            type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
-            axis=subspace[:3] if slides else subspace[3:],
-        )
+        else:
+            slides = own.joint == "slide"
+            kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
+            body.add_joint(name=name, type=kind, axis=own.axis)
     return spec
 
 
@@ -92,74 +83,12 @@ def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
             model.inertias[first + i] = pin.Inertia.FromDynamicParameters(own)
 
 
-class Described(Protocol):
-    """A robot's kinematics and its shapes."""
-
-    @property
-    def model(self) -> pin.Model:
-        """Pinocchio's model."""
-        ...
-
-    @property
-    def visual(self) -> pin.GeometryModel:
-        """Pinocchio's visual geometry."""
-        ...
-
-
-class RobotVisuals:
-    """The visual meshes of a robot's description; there may be none.
-
-    Args:
-        robot: the description.
-    """
-
-    def __init__(self, robot: Described):
-        self._robot = robot
-
-    def visuals(self) -> list[VisualMesh]:
-        """All meshes."""
-        return list(self._meshes.values())
-
-    @cached_property
-    def _meshes(self) -> dict[int, VisualMesh]:
-        """The meshes by their index in Pinocchio's visual geometry; other shapes are left out."""
-        meshes = ((i, mesh_of(g)) for i, g in enumerate(self._robot.visual.geometryObjects))
-        return {i: mesh for i, mesh in meshes if mesh is not None}
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
-        model, visual = self._robot.model, self._robot.visual
-        data, geometry = model.createData(), visual.createData()
-        drawn = list(self._meshes)
-        translations = np.zeros((len(q), len(drawn), 3))
-        quaternions = np.zeros((len(q), len(drawn), 4))
-        for k, configuration in enumerate(q):
-            pin.updateGeometryPlacements(model, data, visual, geometry, configuration)
-            for j, i in enumerate(drawn):
-                pose = geometry.oMg[i]
-                translations[k, j] = pose.translation
-                quaternions[k, j] = pin.Quaternion(pose.rotation).coeffs()
-        return translations, quaternions
-
-
 def wxyz(rotation: Array) -> Array:
     """MuJoCo's quaternion (w, x, y, z) of a rotation matrix."""
     x, y, z, w = pin.Quaternion(rotation).normalized().coeffs()
     return np.array([w, x, y, z])
 
 
-def mesh_of(geometry: Any) -> VisualMesh | None:
-    """The triangle mesh of a Pinocchio geometry object, None for other shapes."""
-    shape = geometry.geometry
-    if not hasattr(shape, "vertices") or not hasattr(shape, "num_tris"):
-        return None
-    vertices = np.array(shape.vertices())
-    triangles = np.array(
-        [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
-    )
-    red, green, blue, alpha = np.asarray(geometry.meshColor, dtype=float).ravel().tolist()
-    return VisualMesh(geometry.name, vertices, triangles, (red, green, blue, alpha))
+def pose(position: Array, wxyz: Array) -> pin.SE3:
+    """The pose with MuJoCo's position (3,) and quaternion (4,)."""
+    return pin.SE3(pin.Quaternion(*wxyz).normalized().toRotationMatrix(), np.array(position))

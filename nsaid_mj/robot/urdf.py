@@ -2,89 +2,144 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
+from lxml import etree
+from lxml.etree import _Element as Element
 
 from ..errors import BadRobot
-from ..structure.joints import body_names
+from ..parameters import Array
+from ..structure.joints import body_names, joint_names
 from ..structure.optional import coal, pin
 from .findings import Finding
-from .inertias import make_physical
+from .inertias import check_inertias, make_physical
 from .meshes import resolve_meshes
-from .mimic import mimicking, weld
+from .mimic import Follower, mimicking, weld
 from .model import RobotModel
 from .reduction import check_tree, home, locked_joints, reduced
-from .text import read_text
-from .tree import RobotVisuals
-from .urdf_checks import check_urdf, parse
+from .shapes import Shape, Shapes, shapes_of_geometry
+from .urdf_checks import check_masses, check_urdf, passive_joints, warn_of_mimics
 from .urdf_inertials import check_inertials
 
+_HELD = "this floating joint was taken as fixed"
 _REMEDY = "Correct the URDF; `check_urdf` of ROS may tell more."
 
 
 def load_urdf(
-    path: Path, lock: Sequence[str] = (), joints: Sequence[str] | None = None
+    path: Path,
+    root: Element,
+    encoding: Sequence[Finding] = (),
+    lock: Sequence[str] = (),
+    joints: Sequence[str] | None = None,
+    base: str | None = None,
 ) -> RobotModel:
-    """Reads a URDF file; its base is fixed to the world.
+    """Reads a URDF.
 
     Args:
         path: of the file.
+        root: its content, which is changed.
+        encoding: findings about its encoding.
         lock: joints to fix, at 0 or at the limit nearest to it.
         joints: joints to keep; None keeps all that are not in `lock`.
+        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
 
     Raises:
-        BadRobot: the file cannot be read, or describes a robot that is not a tree of revolute and
-            prismatic joints.
+        BadRobot: the file describes a robot that is not a tree of revolute and prismatic joints.
         InvalidInput: a joint is both to be locked and to be kept.
         UnknownName: there is no such joint.
     """
-    text, encoding = read_text(path)
-    root = parse(path, text)
-    check_urdf(path, root)
-    findings = [*encoding, *check_inertials(path, root), *resolve_meshes(root, path)]
-    followers = mimicking(path, root)
-    xml = ElementTree.tostring(root, encoding="unicode")
-    whole = _pinocchio(path, xml)
+    findings, followers = _checked(path, root, base is not None)
+    findings = [*encoding, *findings, *resolve_meshes(root, path)]
+    xml = etree.tostring(root, encoding="unicode")
+    whole = _pinocchio(path, xml, base == "free")
     names = [name for name in list(whole.names)[1:] if name not in followers]
     locked = locked_joints(names, lock, joints)
     findings += weld(followers, set(names) - locked)
-    q = home(whole)
-    for name, follower in followers.items():
-        _place(whole, name, q, follower.position(_position(whole, follower.leader, q)))
+    q = _configuration(whole, followers)
     locked |= set(followers)
-    floating = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6 and n not in locked]
-    for name in floating:
-        note = "this floating joint was taken as fixed"
-        findings.append(Finding("warning", "base_held", f"joint {name}", note))
-    drawing = Drawing(path, xml, whole, locked | set(floating), q)
-    model = drawing.model
-    check_tree(str(path), model)
-    findings += make_physical(model, body_names(model))
+    floating = _floating(whole, {"free": [], "held": names[:1]}.get(base or "", names), locked)
+    findings += [Finding("warning", "base_held", f"joint {name}", _HELD) for name in floating]
+    locked |= floating
+    model = reduced(whole, pin.GeometryModel(), locked, q)[0]
+    check_tree(str(path), model, base)
+    if base is not None:
+        check_inertias(str(path), model)
+    else:
+        findings += make_physical(model, body_names(model))
+
+    moving = tuple(joint_names(model))
+    first = model.nv - len(moving)  # 6 if the base is free
     return RobotModel(
         name=model.name or path.stem,
         source=path,
         kind="urdf",
         model=model,
-        joints=tuple(model.names)[1:],
-        damping=model.damping.copy(),
-        friction=model.upperDryFrictionLimit.copy(),
-        rotor=np.zeros(model.nv),
-        gain=np.ones(model.nv),
-        limits=np.where(model.effortLimit > 0, model.effortLimit, np.inf),
+        joints=moving,
+        damping=model.damping[first:].copy(),
+        friction=model.upperDryFrictionLimit[first:].copy(),
+        rotor=np.zeros(len(moving)),
+        gain=np.ones(len(moving)),
+        limits=_limits(model.effortLimit[first:]),
         findings=tuple(findings),
-        visuals=RobotVisuals(drawing) if _has_meshes(root) else None,
+        visuals=Shapes(model, partial(_shapes, root, xml, whole, locked, q)),
+        file=path,
+        passive=tuple(name for name in passive_joints(root) if name in moving),
     )
 
 
-def _has_meshes(root: ElementTree.Element) -> bool:
-    return root.find("link/visual/geometry/mesh") is not None
+def _checked(
+    path: Path, root: Element, simulated: bool
+) -> tuple[list[Finding], dict[str, Follower]]:
+    """Checks a URDF; returns what was mended in it, and the joints that follow others."""
+    check_urdf(path, root)
+    if not simulated:
+        return check_inertials(path, root), mimicking(path, root)
+    check_masses(path, root)
+    warn_of_mimics(path, root)
+    return [], {}
 
 
-def _position(model: pin.Model, joint: str, q: np.ndarray) -> float:
+def _limits(effort: Array) -> Array:
+    """(n,) largest forces, inf where a file states none or 0."""
+    return np.where(effort > 0, effort, np.inf)
+
+
+def _floating(model: pin.Model, names: Sequence[str], locked: set[str]) -> set[str]:
+    """The floating joints among some that are not locked."""
+    return {n for n in names if model.joints[model.getJointId(n)].nv == 6} - locked
+
+
+def _shapes(
+    root: Element, xml: str, whole: pin.Model, locked: set[str], q: Array
+) -> Iterable[Shape]:
+    """The meshes of a URDF with joints locked at q (nq,); none if a mesh file is broken."""
+    if root.find("link/visual/geometry/mesh") is None:
+        return ()
+    boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the fastest type that shows its triangles
+    visual = pin.GeometryType.VISUAL
+    try:
+        found = pin.buildGeomFromUrdfString(whole, xml, visual, mesh_loader=boxes)
+    except (ValueError, RuntimeError):
+        return ()
+    return shapes_of_geometry(reduced(whole, found, locked, q)[1])
+
+
+def _configuration(model: pin.Model, followers: dict[str, Follower]) -> Array:
+    """(nq,) `home`, with mimic joints where their leaders put them."""
+    q = home(model)
+    for name, follower in followers.items():
+        position = follower.position(_position(model, follower.leader, q))
+        if model.existJointName(name):
+            own = model.joints[model.getJointId(name)]
+            turned = position if own.nq == 1 else [np.cos(position), np.sin(position)]
+            q[own.idx_q : own.idx_q + own.nq] = turned
+    return q
+
+
+def _position(model: pin.Model, joint: str, q: Array) -> float:
     """The position of a 1-DOF joint at a configuration q (nq,); 0 if it is fixed in the URDF."""
     if not model.existJointName(joint):
         return 0.0
@@ -92,53 +147,15 @@ def _position(model: pin.Model, joint: str, q: np.ndarray) -> float:
     return float(q[own.idx_q] if own.nq == 1 else np.arctan2(q[own.idx_q + 1], q[own.idx_q]))
 
 
-def _place(model: pin.Model, joint: str, q: np.ndarray, position: float) -> None:
-    """Sets the position of a 1-DOF joint in a configuration q (nq,)."""
-    own = model.joints[model.getJointId(joint)]
-    at = slice(own.idx_q, own.idx_q + own.nq)
-    q[at] = position if own.nq == 1 else [np.cos(position), np.sin(position)]
-
-
-def _pinocchio(path: Path, xml: str) -> pin.Model:
+def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
     """Pinocchio's model of a URDF.
 
     Raises:
         BadRobot: Pinocchio cannot read it.
     """
-    build = pin.buildModelFromXML  # outside of `try`: Pinocchio may be missing
-    try:
-        return build(xml)
+    build, root = pin.buildModelFromXML, (pin.JointModelFreeFlyer(),) if floats else ()
+    try:  # the line above is outside of it: Pinocchio may be missing
+        return build(xml, *root)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         reason = f"Pinocchio cannot read it: {error}"
         raise BadRobot(str(path), "", reason, _REMEDY) from error
-
-
-class Drawing:
-    """A URDF's kinematics and its visual meshes, which are loaded on first access.
-
-    Args:
-        path: of the URDF file.
-        xml: the URDF with absolute paths of meshes.
-        whole: its model.
-        locked: names of the joints to lock.
-        q: (nq,) the configuration at which they are locked.
-
-    Attributes:
-        model: the model with locked joints.
-    """
-
-    def __init__(self, path: Path, xml: str, whole: pin.Model, locked: set[str], q: np.ndarray):
-        self._path, self._xml, self._whole, self._locked, self._q = path, xml, whole, locked, q
-        self.model = reduced(whole, pin.GeometryModel(), locked, q)[0]
-
-    @cached_property
-    def visual(self) -> pin.GeometryModel:
-        """Pinocchio's visual geometry; empty if a mesh file is broken."""
-        boxes = coal.MeshLoader(coal.NODE_TYPE.BV_OBB)  # the fastest type that shows its triangles
-        try:
-            shapes = pin.buildGeomFromUrdfString(
-                self._whole, self._xml, pin.GeometryType.VISUAL, mesh_loader=boxes
-            )
-        except (ValueError, RuntimeError):
-            return pin.GeometryModel()
-        return reduced(self._whole, shapes, self._locked, self._q)[1]

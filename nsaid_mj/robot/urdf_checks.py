@@ -6,17 +6,18 @@ welded together, so that nothing tells of the loss afterwards.
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
+from lxml import etree
+from lxml.etree import _Element as Element
 
 from ..bounds import LARGEST
-from ..errors import BadRobot, MimicIgnored, PassiveIgnored
+from ..errors import BadRobot, MimicIgnored
 from ..parameters import Array
+from ..resources import packed_robots
 
 ENTRIES = {
     "ixx": (0, 0),
@@ -27,50 +28,13 @@ ENTRIES = {
     "izz": (2, 2),
 }
 """Attributes of `<inertia>`, with their places in the matrix."""
-_DECLARED = re.compile(rb"""^\s*<\?xml[^>]*encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-_WIDE = (b"\xff\xfe", b"\xfe\xff")
 _RANGED = ("revolute", "prismatic")
 _KINDS = (*_RANGED, "continuous", "fixed", "floating", "planar")
 _CORRECT = "Correct the URDF."
 _MOST_LINKS = 2000  # of a robot; the equations of more would not fit into memory
 
 
-def read_text(path: Path) -> tuple[str, str]:
-    """The text of an XML file, and the encoding it should have had if it was read as Latin-1.
-
-    The encoding is the declared one, UTF-8 if there is none, and Latin-1 if that fails.
-
-    Raises:
-        BadRobot: the file cannot be read.
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise BadRobot(str(path), "", reason, "Give the path of a readable file.") from error
-    declared = _DECLARED.match(content)
-    encoding = declared.group(1).decode() if declared else "utf-8"
-    if content.startswith(_WIDE):
-        encoding = "utf-16"
-    try:
-        return content.decode("utf-8-sig" if encoding.lower() == "utf-8" else encoding), ""
-    except (UnicodeError, LookupError):
-        return content.decode("latin-1"), encoding
-
-
-def parse(path: Path, text: str) -> ElementTree.Element:
-    """The root element of an XML text.
-
-    Raises:
-        BadRobot: names the line that is not XML.
-    """
-    try:
-        return ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise BadRobot(str(path), "", f"it is not XML: {error}", "Correct the file.") from error
-
-
-def check_urdf(path: Path, root: ElementTree.Element) -> None:
+def check_urdf(path: Path, root: Element) -> None:
     """Checks what Pinocchio reports without its cause: names, the tree of links, limits, numbers.
 
     Raises:
@@ -79,7 +43,7 @@ def check_urdf(path: Path, root: ElementTree.Element) -> None:
     if root.tag != "robot":
         reason = f"its root element is <{root.tag}>, not <robot>"
         raise BadRobot(str(path), "", reason, "Give a URDF file.")
-    if any("xacro}" in element.tag for element in root.iter()):
+    if any("xacro}" in element.tag for element in root.iter(etree.Element)):
         remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
         raise BadRobot(str(path), "", "it has xacro macros", remedy)
     if (count := len(root.findall("link"))) > _MOST_LINKS:
@@ -95,7 +59,7 @@ def check_urdf(path: Path, root: ElementTree.Element) -> None:
         _check_joint(path, joint)
 
 
-def _check_tree(path: Path, root: ElementTree.Element) -> None:
+def _check_tree(path: Path, root: Element) -> None:
     """Checks that the joints connect the links to one tree."""
     links, above = [link.get("name", "") for link in root.findall("link")], {}
     if not links:
@@ -127,7 +91,7 @@ def _check_tree(path: Path, root: ElementTree.Element) -> None:
         raise BadRobot(str(path), "", reason, "Connect them by a joint, or leave one out.")
 
 
-def _check_joint(path: Path, joint: ElementTree.Element) -> None:
+def _check_joint(path: Path, joint: Element) -> None:
     """Checks the numbers of a joint, and that its range is not empty."""
     part, kind, limit = f"joint {joint.get('name')}", joint.get("type"), joint.find("limit")
     if kind not in _KINDS:
@@ -162,7 +126,7 @@ def _check_joint(path: Path, joint: ElementTree.Element) -> None:
         raise BadRobot(str(path), part, reason, "Exchange the two.")
 
 
-def check_masses(path: Path, root: ElementTree.Element) -> None:
+def check_masses(path: Path, root: Element) -> None:
     """Checks that every `<inertial>` can be read, also those of links that do not move.
 
     Raises:
@@ -193,8 +157,8 @@ def check_masses(path: Path, root: ElementTree.Element) -> None:
 
 
 def inertials(
-    root: ElementTree.Element,
-) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:
+    root: Element,
+) -> Iterator[tuple[Element, Element]]:
     """The links that have an `<inertial>`, and that element."""
     for link in root.iter("link"):
         inertial = link.find("inertial")
@@ -202,7 +166,7 @@ def inertials(
             yield link, inertial
 
 
-def mass_of(path: Path, link: ElementTree.Element, inertial: ElementTree.Element) -> float:
+def mass_of(path: Path, link: Element, inertial: Element) -> float:
     """The mass of an `<inertial>` [kg]; its `<origin>` is checked as well.
 
     Raises:
@@ -219,7 +183,7 @@ def mass_of(path: Path, link: ElementTree.Element, inertial: ElementTree.Element
     return kilograms
 
 
-def inertia_of(inertial: ElementTree.Element) -> Array:
+def inertia_of(inertial: Element) -> Array:
     """(3, 3) the inertia of an `<inertial>`, in its own axes [kg·m²]; NaN where unreadable."""
     element, about = inertial.find("inertia"), np.zeros((3, 3))
     for key, (i, j) in ENTRIES.items():
@@ -229,7 +193,7 @@ def inertia_of(inertial: ElementTree.Element) -> Array:
     return about
 
 
-def _check_vector(path: Path, part: str, element: ElementTree.Element | None, key: str) -> None:
+def _check_vector(path: Path, part: str, element: Element | None, key: str) -> None:
     """Checks that an attribute is three numbers, if it is there."""
     text = None if element is None else element.get(key)
     if element is None or text is None:
@@ -240,7 +204,7 @@ def _check_vector(path: Path, part: str, element: ElementTree.Element | None, ke
         raise BadRobot(str(path), part, reason, _CORRECT)
 
 
-def end_of(joint: ElementTree.Element, end: str) -> str:
+def end_of(joint: Element, end: str) -> str:
     """The name of a joint's `parent` or `child` link."""
     element = joint.find(end)
     return "" if element is None else element.get("link", "")
@@ -254,21 +218,24 @@ def number(text: str) -> float:
         return np.nan
 
 
-def warn_of_motors(path: Path, root: ElementTree.Element) -> None:
-    """Warns of joints that follow others or are passive: each is simulated with a motor.
+def warn_of_mimics(path: Path, root: Element) -> None:
+    """Warns of joints that are simulated freely though the file lets them follow others.
 
-    A joint is passive if its effort is 0 and another's is not: many files state none at all.
+    Nothing is said of packed robots, whose joints are known.
     """
-    moving = [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]
-    if names := [joint.get("name", "") for joint in moving if follows(joint)]:
+    names = [j.get("name", "") for j in _moving(root) if j.find("mimic") is not None]
+    if names and path not in packed_robots().values():
         warnings.warn(MimicIgnored(str(path), names), stacklevel=2)
-    limits = {joint.get("name", ""): joint.find("limit") for joint in moving}
+
+
+def passive_joints(root: Element) -> list[str]:
+    """The joints without a drive: those of effort 0, if another's is not: many files state none."""
+    limits = {joint.get("name", ""): joint.find("limit") for joint in _moving(root)}
     efforts = {name: number(x.get("effort", "")) for name, x in limits.items() if x is not None}
-    names = [name for name, effort in efforts.items() if effort == 0.0]
-    if 0 < len(names) < len(efforts):
-        warnings.warn(PassiveIgnored(str(path), names), stacklevel=2)
+    passive = [name for name, effort in efforts.items() if effort == 0.0]
+    return passive if len(passive) < len(efforts) else []
 
 
-def follows(joint: ElementTree.Element) -> bool:
-    """Whether a joint is said to follow another one."""
-    return joint.find("mimic") is not None and joint.get("type") != "fixed"
+def _moving(root: Element) -> list[Element]:
+    """The joints that are not fixed."""
+    return [joint for joint in root.findall("joint") if joint.get("type") != "fixed"]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
+from lxml.etree import SubElement
+from lxml.etree import _Element as Element
 
 from ..bounds import LARGEST
 from ..parameters import Array
@@ -14,7 +15,7 @@ from .inertias import is_physical, moved, moved_inside, plausible_size
 from .urdf_checks import ENTRIES, end_of, inertia_of, inertials, mass_of, number
 
 
-def check_inertials(path: Path, root: ElementTree.Element) -> list[Finding]:
+def check_inertials(path: Path, root: Element) -> list[Finding]:
     """Moves the inertias of a URDF inside the cone of physical ones, in place.
 
     An `<inertial>` without mass is left out; what moves without any mass is found later, when
@@ -48,16 +49,16 @@ def check_inertials(path: Path, root: ElementTree.Element) -> list[Finding]:
     return findings
 
 
-def _write(inertial: ElementTree.Element, about: Array) -> None:
+def _write(inertial: Element, about: Array) -> None:
     """Sets the inertia (3, 3) of an `<inertial>`."""
     element = inertial.find("inertia")
     if element is None:
-        element = ElementTree.SubElement(inertial, "inertia")
+        element = SubElement(inertial, "inertia")
     for key, place in ENTRIES.items():
         element.set(key, repr(float(about[place])))
 
 
-def _size(root: ElementTree.Element, link: ElementTree.Element) -> float:
+def _size(root: Element, link: Element) -> float:
     """A link's size [m], from its centre of mass and the joints on it."""
     origins = [link.find("inertial/origin")]
     for joint in root.iter("joint"):
@@ -67,7 +68,7 @@ def _size(root: ElementTree.Element, link: ElementTree.Element) -> float:
     return plausible_size(float(np.linalg.norm(lever)) for lever in levers)
 
 
-def _base(root: ElementTree.Element) -> set[str]:
+def _base(root: Element) -> set[str]:
     """The names of the root link and all links welded to it, whose inertias do not matter."""
     joints = root.findall("joint")
     found = {link.get("name", "") for link in root.iter("link")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -43,6 +44,10 @@ class SampledSystem(SecondOrderSystem):
     ) -> tuple[Array, Array, Array, Array]:
         """Terms of the filtered momentum balance, sample by sample."""
         return balance_by_sample(self, leak, log, q, v)
+
+    def moves(self, q: Array) -> Array:
+        """(N−1, n) tangent steps between consecutive positions of (N, m)."""
+        return np.array([self.difference(*pair) for pair in pairwise(q)]).reshape(-1, self.n)
 
 
 class GeneralSystem(SampledSystem):

@@ -7,9 +7,9 @@ travel, or (cos, sin) for each joint. v is the base's twist [v, ω] in its own a
 rates.
 
 θ = ten inertial parameters of every link, the floating base first if there is one; then, for every
-joint, rotor inertia (if modelled), viscous and Coulomb friction, motor gain; then what a vehicle
-adds. Link inertias are about the joint-frame origin in joint axes, in Pinocchio's order: m, m·c
-(3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+joint, rotor inertia (if modelled), viscous and Coulomb friction; for every motor its gain; then
+what a vehicle adds. Link inertias are about the joint-frame origin in joint axes, in Pinocchio's
+order: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..parameters import Array, Block, ParameterSpace
+from ..parameters import Array, Block, Indices, ParameterSpace
 from .blocks import link_block
 from .optional import pin
 from .parts import Body, Column, Inertia, Rotor
@@ -48,11 +48,12 @@ class JointScales:
         length: (b,) sizes of the bodies [m].
         viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
         coulomb: (k,) Coulomb friction [N·m or N].
-        gain: (k,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
+        gain: (d,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
         speed: (k,) speeds of operation [rad/s or m/s].
-        command: (k,) commands of operation [units of command].
+        command: (d,) commands of operation [units of command].
         rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
         actuator: whether a command is a motor's, or the position target of a servo.
+        driven: (d,) numbers of the joints that have an actuator; None for all.
     """
 
     mass: Array
@@ -64,6 +65,7 @@ class JointScales:
     command: Array
     rotor: Array | None = None
     actuator: Actuator = "motor"
+    driven: tuple[int, ...] | None = None
 
 
 class Carrier(NamedTuple):
@@ -113,6 +115,7 @@ class JointTree(StructuredKinematics):
         joint_names: their names in the model.
         body_names: names of the moving bodies' links, the base first where it floats.
         bodies: number of moving bodies: one for each joint, and the base where it floats.
+        driven: (d,) numbers of the joints that have an actuator; the others are passive.
         scales: as given.
         friction_speed: as given.
         command_limits: (n_u,), (n_u,) range of the commands of operation; of servos, about the
@@ -141,8 +144,9 @@ class JointTree(StructuredKinematics):
         space = ParameterSpace((*carrier.bodies, *blocks, *carrier.blocks))
         start = sum(map(len, carrier.bodies))
         first, rotating = start + sum(map(len, blocks)), scales.rotor is not None
-        rotors, columns = joint_parts(model, start, rotating, speed, scales.actuator)
-        columns += [column.shifted(first, len(speed)) for column in carrier.columns]
+        self.driven = np.array(range(len(speed)) if scales.driven is None else scales.driven, int)
+        rotors, columns = joint_parts(model, start, rotating, speed, self.driven, scales.actuator)
+        columns += [column.shifted(first, len(self.driven)) for column in carrier.columns]
         low, high = carrier.commands
         self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
         structure = Structure(
@@ -188,7 +192,7 @@ class JointTree(StructuredKinematics):
         v = self._speed * rng.uniform(-1, 1, self.n)
         low, high = self.command_limits
         u = 0.5 * (low + high) + 0.5 * (high - low) * rng.uniform(-1, 1, self.n_u)
-        return q, v, u if self.scales.actuator == "motor" else self.angles(q) + u
+        return q, v, u if self.scales.actuator == "motor" else self.angles(q)[self.driven] + u
 
 
 def without_inertia(model: pin.Model) -> pin.Model:
@@ -245,16 +249,18 @@ def joint_parts(
     start: int,
     rotors: bool,
     friction_speed: Array,
-    actuator: Actuator = "motor",
+    driven: Indices,
+    actuator: Actuator,
 ) -> tuple[list[Rotor], list[Column]]:
-    """What a motor or servo on every joint adds to a structure.
+    """What friction, and motors or servos, on joints add to a structure.
 
     Args:
         model: with k 1-DOF joints.
         start: index in θ of the first of rotor inertias (k, if modelled), viscous friction (k),
-            Coulomb friction (k) and gains (k).
+            Coulomb friction (k) and gains (d).
         rotors: whether rotor inertias are modelled.
         friction_speed: (k,) speeds at which Coulomb friction saturates [rad/s or m/s].
+        driven: (d,) numbers of the joints that have an actuator.
         actuator: kind of all actuators.
     """
     k = len(friction_speed)
@@ -268,7 +274,9 @@ def joint_parts(
         for i, speed in enumerate(friction_speed)
     ]
     start += k
-    columns += [Column(actuator, start + i, dof=first + i, input=i) for i in range(k)]
+    columns += [
+        Column(actuator, start + i, dof=first + joint, input=i) for i, joint in enumerate(driven)
+    ]
     return rotating, columns
 
 
@@ -319,23 +327,24 @@ def bones(model: pin.Model, positions: Array) -> Array:
 def joint_blocks(model: pin.Model, s: JointScales) -> list[Block]:
     """Blocks of the joints, if any: rotor inertia if modelled, friction, motor gain."""
     sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
+    every = range(len(names))
     rows = [
-        ("rotor inertia", "rotor", ("kg·m²", "kg"), s.rotor),
-        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous),
-        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb),
-        (*_GAINS[s.actuator], s.gain),
+        ("rotor inertia", "rotor", ("kg·m²", "kg"), s.rotor, every),
+        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, every),
+        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, every),
+        (*_GAINS[s.actuator], s.gain, every if s.driven is None else s.driven),
     ]
     return [
         Block(
             name,
-            tuple(f"{letter}_{i + 1}" for i in range(len(sliding))),
-            tuple(units[slides] for slides in sliding),
+            tuple(f"{letter}_{i + 1}" for i in own),
+            tuple(units[sliding[i]] for i in own),
             scale,
             "positive",
             actuator=name == _GAINS[s.actuator][0],
-            labels=tuple(f"{name.removeprefix('motor ')} of {joint}" for joint in names),
+            labels=tuple(f"{name.removeprefix('motor ')} of {names[i]}" for i in own),
         )
-        for name, letter, units, scale in rows
+        for name, letter, units, scale, own in rows
         if scale is not None and sliding
     ]
 

@@ -128,12 +128,14 @@ class Multibody(JointTree, SampledSystem):
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
         F = self._links_only(-self._torques(q, self._zero, self._zero, heavy=True))
-        rate, joint = v[self.group :], np.arange(self.n_u)
-        viscous, coulomb, gain = self.p - self.n_u * np.array([3, 2, 1])
+        rate, joint = v[self.group :], np.arange(len(self.joints))
+        gain = self.p - self.n_u
+        viscous, coulomb = gain - len(joint) * np.array([2, 1])
         F[self.group + joint, viscous + joint] = -rate
         F[self.group + joint, coulomb + joint] = -np.tanh(rate / self.friction_speed)
         servos = self.scales.actuator == "servo"
-        F[self.group + joint, gain + joint] = u - self.angles(q) if servos else u
+        pushes = u - self.angles(q)[self.driven] if servos else u
+        F[self.group + self.driven, gain + np.arange(self.n_u)] = pushes
         return F
 
     def motion(self, log: Log, hermite: bool) -> RegressorMotion:

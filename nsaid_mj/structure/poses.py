@@ -207,3 +207,10 @@ def half_way(bodies, q0, v0, q1, v1, dt, hermite, rows, x, q, v):
             v[i] = 0.5 * (v0[i] + v1[i])
         elif i < group:
             v[i] += -0.5 * x[i] + x[6 + i] / 6
+
+
+@kernel(void(table, matrix, matrix, vector))
+def write_moves(bodies, q, steps, x):
+    """Writes the tangent steps (N−1, n) between consecutive positions of (N, m)."""
+    for k in range(steps.shape[0]):
+        difference(bodies, q[k], q[k + 1], steps[k], x)

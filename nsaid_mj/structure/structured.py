@@ -16,7 +16,7 @@ from .kinematics import place
 from .motion import accelerate_at, along, balance, between
 from .motion_types import StructureMotion
 from .parts import Column
-from .poses import difference, integrate
+from .poses import difference, integrate, write_moves
 from .regressor import write_regressors
 from .structure import Structure
 
@@ -113,6 +113,12 @@ class StructuredKinematics(SecondOrderSystem):
         step, x = np.empty(self.n), self._memory.work.scratch
         difference(self.structure.arrays.bodies, plain(q0), plain(q1), step, x)
         return step
+
+    def moves(self, q: Array) -> Array:
+        """(N−1, n) tangent steps between consecutive positions of (N, m)."""
+        steps, x = np.empty((len(q) - 1, self.n)), self._memory.work.scratch
+        write_moves(self.structure.arrays.bodies, plain(q), steps, x)
+        return steps
 
     def J(self, q: Array) -> Array:
         """(m, n) matrix of q̇ = J v (3)."""

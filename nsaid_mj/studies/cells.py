@@ -24,7 +24,7 @@ DEFAULT = METHODS[:-1]  # all but sysid, which takes minutes
 
 FIGURES = (
     ("distance to the true set", "theta_perp_ratio"),
-    ("error of an actuator's relative gain", "actuator_ratio_error"),
+    ("error of gain ratios", "actuator_ratio_error"),
     ("force residual, held out", "force_residual_ratio"),
     ("wall time [s]", "wall_s"),
 )

@@ -79,9 +79,10 @@ def print_table(cells: Sequence[Cell], console: Console) -> None:
     found = rows(cells)
     lines: list[list[pages.Cell]] = []
     for row in found:
-        if [_log(row)] not in lines:
-            lines.append([_log(row)])
-        lines.append(["  " + row.method, *_figures(row, several), "; ".join(row.notes)])
+        log = f"{sensors(row.noise)}, {row.duration:g} s"
+        if [log] not in lines:
+            lines.append([log])
+        lines.append([row.method, *_figures(row, several), "; ".join(row.notes)])
     table = Table(["", *_HEADS, ""], lines, (0, 5), spare=(5,), most=len(lines))
     print_panels([table], console)
     notes = [_WORST] * several + [_MULTIPLES] * any(row.method == BOUND for row in found)

@@ -50,7 +50,7 @@ from .sweep_results import MANIFEST, Group, Row, Sweep, digits, files_of, read
 
 FIGURES = {
     "theta_perp_ratio": "distance at end",
-    "actuator_ratio_error": "error of relative gains",
+    "actuator_ratio_error": "error of gain ratios",
     "conserved_drift": "conserved drift",
     "time_to_converge": "converged after [s]",
 }

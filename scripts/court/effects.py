@@ -178,11 +178,16 @@ class Stepper:
             mujoco.mj_step(model, data)
 
 
+def _true(plant: Any, block: str) -> Array:
+    """(k,) a block of an arm's true parameters."""
+    return plant.truth[plant.system.space[block]]
+
+
 def friction_force(
     plant: Any, name: str, size: float
 ) -> Callable[[Array, float], tuple[Array, Array]]:
     """Stribeck's additional friction at low speed, or friction that differs between directions."""
-    at, coulomb = plant.joints.motors, plant._hidden.coulomb
+    at, coulomb = plant.joints.motors, _true(plant, "Coulomb friction")
     speed = plant.system.friction_speed
 
     def force(u: Array, h: float) -> tuple[Array, Array]:  # noqa: ARG001
@@ -208,7 +213,8 @@ class Transmission:
 
     def __init__(self, plant: Any, errors: Errors, resonance: float, gap: float):
         self._plant, self._errors, self._gap = plant, errors, gap
-        self._rotor = np.asarray(plant._hidden.rotor)
+        self._rotor = _true(plant, "rotor inertia")
+        self._gain = _true(plant, "motor gain")
         self._at, self._places = plant.joints.motors, plant.joints.qpos
         omega = 2 * np.pi * resonance
         self._spring, self._damper = self._rotor * omega**2, self._rotor * 2 * 0.1 * omega
@@ -230,7 +236,7 @@ class Transmission:
         twist = self._angle - position
         twist = np.sign(twist) * np.maximum(np.abs(twist) - self._gap, 0.0)
         torque = self._spring * twist + self._damper * (self._rate - velocity) * (twist != 0)
-        self._rate = self._rate + h * (self._plant._hidden.gain * u - torque) / self._rotor
+        self._rate = self._rate + h * (self._gain * u - torque) / self._rotor
         self._angle = self._angle + h * self._rate
         self._errors.deflection[:] = [self._angle - position, self._rate - velocity]
         found = np.zeros(self._plant.model.nv)

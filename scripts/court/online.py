@@ -15,7 +15,7 @@ from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import told
 from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.identifiers.efficient.witness import Witness
+from nsaid_mj.identifiers.efficient.replay import FilterAlone
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.numerics.threads import single_threaded
 from nsaid_mj.parameters import Array
@@ -115,7 +115,7 @@ def trace_of(case: Case) -> float:
         setup, log = found.setup, found.log
         config = told(setup.scenario.identifier, setup.scenario)
         assert isinstance(config, NullspaceAID)
-        witness = Witness(setup.system, setup.scenario.dt, config.efficient)
-        learned = witness.replay(setup.prior, witness.covariance(setup.prior), log).filter
-        innovations.append(witness.replay(learned.theta, learned.Ptt, log).along.innovation)
+        alone = FilterAlone(setup.system, setup.scenario.dt, config.efficient)
+        learned = alone.replay(setup.prior, alone.covariance(setup.prior), log).filter
+        innovations.append(alone.replay(learned.theta, learned.Ptt, log).along.innovation)
     return float(np.nansum((innovations[0] - innovations[1]) ** 2))

@@ -85,7 +85,7 @@ def _simulated(case: Case, folder: Path) -> Simulated:
     if case.effect in ("elastic", "backlash"):
         elastic = case.effect == "elastic"
         resonance, gap = (case.size, 0.0) if elastic else (80.0, case.size)
-        if plant._hidden.rotor is None:
+        if setup.system.scales.rotor is None:
             raise NotRun("no rotor inertia to put behind a spring")
         stepper.force = Transmission(plant, errors, resonance, gap)
     if case.effect == "mount":
@@ -99,7 +99,7 @@ def _simulated(case: Case, folder: Path) -> Simulated:
 
 def joint_names(setup: Setup) -> list[str]:
     """The names of an arm's joints."""
-    return list(setup.plant.robot.model.names)[1:]  # type: ignore[attr-defined]
+    return list(setup.system.joint_names)  # type: ignore[attr-defined]
 
 
 def _config(setup: Setup) -> Any:

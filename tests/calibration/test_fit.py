@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.calibration.calibrate import _along, _held_out, with_known
-from nsaid_mj.calibration.fit import Prior, _derivatives, cost_of, gramians, minimise
+from nsaid_mj.calibration.fit import gramians, minimise, posterior
 from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.precision import combinations, inflation, precision, tempered
 from nsaid_mj.calibration.problem import Problem, folds
@@ -62,17 +62,13 @@ def problem_of(noise: float = 0.0, rows: int = 400, seed: int = 0) -> Problem:
 
 
 def cost(problem: Problem, theta: np.ndarray) -> float:
-    parts = gramians(problem)
-    levels = cost_of(parts, problem.space).levels(theta)
-    return 0.5 * float(parts.counts @ np.log(levels)) + Prior(problem).value(theta)
+    return posterior(problem, gramians(problem)).value(theta)
 
 
 def test_the_gradient_of_the_cost_is_its_finite_difference():
     problem = problem_of(noise=0.1)
     theta = problem.prior * np.linspace(0.8, 1.3, 7) + np.eye(7)[4] * 0.1
-    parts = gramians(problem)
-    quotient = cost_of(parts, problem.space)
-    gradient, hessian = _derivatives(quotient, parts.counts, Prior(problem), theta)
+    gradient, hessian = posterior(problem, gramians(problem)).derivatives(theta)
     h = 1e-6
     for i, unit in enumerate(np.eye(7)):
         slope = (cost(problem, theta + h * unit) - cost(problem, theta - h * unit)) / (2 * h)
@@ -128,10 +124,7 @@ def test_estimates_stay_positive_and_the_gradient_vanishes(seed, noise):
     problem = problem_of(noise, rows=100, seed=seed)
     fit = minimise(problem)
     assert (fit.theta[[0, 1, 2, 3, 5, 6]] > 0).all()
-    parts = gramians(problem)
-    gradient, hessian = _derivatives(
-        cost_of(parts, problem.space), parts.counts, Prior(problem), fit.theta
-    )
+    gradient, hessian = posterior(problem, gramians(problem)).derivatives(fit.theta)
     assert 0.5 * gradient @ np.linalg.solve(hessian, gradient) < 1e-2
 
 

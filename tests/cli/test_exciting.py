@@ -61,7 +61,7 @@ def test_an_mjcf_is_designed_for_within_its_own_limits(tmp_path):
     assert document["limits"]["torque"]["source"] == "model"
     assert max(document["uses"].values()) <= 1
     assert any("payload" in remedy["words"] for remedy in document["remedies"])
-    assert load(str(out / "scenario.py")).plant.robot == str(out / "robot.urdf")
+    assert load(str(out / "scenario.py")).plant.robot == str(model)
 
 
 def test_excite_without_a_robot_says_what_to_give():

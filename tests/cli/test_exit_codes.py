@@ -121,7 +121,7 @@ def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
 def test_track(status: str, code: int, monkeypatch: Patch) -> None:
     done = [SimpleNamespace(figures={"status": each}) for each in ("completed", status)]
     put(monkeypatch, "studies.tracking_run.run", done)
-    assert shell("track", "ur5_track", "--quiet")[0] == code
+    assert shell("track", "track_ur5", "--quiet")[0] == code
 
 
 @pytest.mark.parametrize(("kind", "code"), [("good", 0), ("fair", 0), ("poor", 1)])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.resources import packed_robots
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 
 MISSING = ("pinocchio", "coal", "example_robot_data", "rerun", "rerun_cli")
 
@@ -75,10 +75,10 @@ def test_a_packed_robot_moves_as_the_one_it_was_packed_from(name: str) -> None:
         for a, b in zip(ours.model.jointPlacements, theirs.model.jointPlacements, strict=True)
     )
     assert (ours.model.upperPositionLimit == theirs.model.upperPositionLimit).all()
-    drawn, whole = ours.visual.geometryObjects, theirs.visual_model.geometryObjects
-    assert [g.name for g in drawn] == [g.name for g in whole]
+    drawn, whole = ours.visuals.visuals(), theirs.visual_model.geometryObjects
+    assert [mesh.name for mesh in drawn] == [g.name for g in whole]
     for mine, original in zip(drawn, whole, strict=True):
-        assert 0 < mine.geometry.num_tris <= original.geometry.num_tris
-        a, b = mine.geometry.vertices(), original.geometry.vertices()
+        assert 0 < len(mine.triangles) <= original.geometry.num_tris
+        a, b = mine.vertices, original.geometry.vertices()
         assert (a.min(0) >= b.min(0) - 1e-6).all() and (a.max(0) <= b.max(0) + 1e-6).all()
         assert np.linalg.norm(np.ptp(a, axis=0)) > 0.75 * np.linalg.norm(np.ptp(b, axis=0))

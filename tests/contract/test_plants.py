@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
 from nsaid_mj.resources import known_robots
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 from tests.support.plants import assert_engines_agree, config_of, plant
 from tests.support.strategies import seeds
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
@@ -476,7 +476,7 @@ def body(mass: float, xx: float, yy: float, zz: float) -> str:
         (chain(inertial=body(1, -0.1, 0.1, 0.1)), "link two", "moments of inertia are -0.1"),
         (chain("floating"), "joint second", "6 degrees of freedom"),
         (chain("planar"), "joint second", "3 degrees of freedom"),
-        ('<robot name="rock"><link name="base"/></robot>', "", "no moving joint"),
+        ('<robot name="rock"><link name="base"/></robot>', "", "no joint moves"),
     ],
 )
 def test_an_impossible_robot_is_refused_with_the_part_and_the_remedy(tmp_path, urdf, part, reason):
@@ -502,7 +502,7 @@ def test_a_missing_mesh_does_not_matter(tmp_path):
     path = tmp_path / "plain.urdf"
     mesh = '<visual><geometry><mesh filename="package://gone/mesh.dae"/></geometry></visual>'
     path.write_text(ONE_JOINT.replace("<inertial>", f"{mesh}<inertial>"))
-    assert load_robot(str(path)).visual.ngeoms == 0
+    assert load_robot(str(path)).visuals.parts == []
 
 
 @st.composite
@@ -547,8 +547,8 @@ UR5_JOINTS = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "w
 def test_a_link_that_differs_between_the_engines_is_named(monkeypatch, joint):
     honest = arm.arm_spec
 
-    def corrupt(*given):
-        spec = honest(*given)
+    def corrupt(*arguments):
+        spec = honest(*arguments)
         body = spec.body(joint)
         body.mass, body.inertia = 1.01 * body.mass, 1.01 * np.array(body.inertia)
         return spec

@@ -13,6 +13,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Measurement
 from nsaid_mj.resources import scenarios
+from nsaid_mj.robot.robots import load_robot
 from nsaid_mj.structure.multibody import Multibody
 from nsaid_mj.system import checked
 from tests.support.matrices import assert_near
@@ -480,7 +481,7 @@ def test_other_true_numbers_leave_a_vehicles_system_bit_identical(name):
 
 @arms
 def test_a_system_is_built_without_any_inertia(name):
-    robot, old = plant(name).robot, plant(name).system
+    robot, old = load_robot(name), plant(name).system
     system = Multibody(robot.model, old.scales, old.friction_speed)
     for model in models(system):
         assert (inertias(model) == 0).all()
@@ -490,7 +491,7 @@ def test_a_system_is_built_without_any_inertia(name):
 
 @arms
 def test_evaluate_leaves_only_estimates_in_the_model(name):
-    robot, old = plant(name).robot, plant(name).system
+    robot, old = load_robot(name), plant(name).system
     system = Multibody(robot.model, old.scales, old.friction_speed)
     rng = np.random.default_rng(9)
     theta = plant(name).truth * (1 + 0.2 * rng.uniform(-1, 1, system.p))
@@ -508,7 +509,7 @@ def test_evaluate_leaves_only_estimates_in_the_model(name):
 
 @arms
 def test_other_true_inertias_leave_the_system_bit_identical(name):
-    robot, old = plant(name).robot, plant(name).system
+    robot, old = load_robot(name), plant(name).system
     other = pin.Model(robot.model)
     for i in range(1, other.njoints):
         numbers = 1.7 * robot.model.inertias[i].toDynamicParameters()

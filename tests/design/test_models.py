@@ -14,6 +14,7 @@ from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment.library import load
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.resources import vehicle_files
+from nsaid_mj.structure.joints import JointTree
 
 XML = """
 <mujoco model="two"><compiler angle="radian"/>
@@ -33,13 +34,15 @@ def random_limits(n: int) -> Limits:
 def test_an_mjcf_becomes_an_arm_with_the_limits_of_its_file(tmp_path):
     path = tmp_path / "two.xml"
     path.write_text(XML)
-    scenario, noticed = scenario_of_model(str(path), tmp_path)
+    scenario = scenario_of_model(str(path))
     plant = scenario.plant
     assert isinstance(plant, ArmPlant)
-    assert plant.robot == str(tmp_path / "robot.urdf")
-    assert (plant.damping, plant.armature, plant.friction) == (0.4, 0.02, None)
-    assert noticed == []
-    limits = own_limits(Experiment.of(scenario).system, random_limits(2))
+    assert plant.robot == str(path)
+    system = Experiment.of(scenario).system
+    assert isinstance(system, JointTree) and system.scales.rotor is not None
+    assert system.scales.viscous.tolist() == [0.4, 0.4]
+    assert system.scales.rotor.tolist() == [0.02, 0.02]
+    limits = own_limits(system, random_limits(2))
     high = {name: limit.high.tolist() for name, limit in limits.limits.items()}
     assert high == {"position": [1, np.pi], "speed": [7, 7], "acceleration": [7, 7],
                     "torque": [60, 7]}  # fmt: skip
@@ -51,14 +54,13 @@ def test_an_mjcf_becomes_an_arm_with_the_limits_of_its_file(tmp_path):
     }
 
 
-def test_a_urdf_brings_its_own_speed_and_effort(tmp_path):
-    scenario, _ = scenario_of_model("ur5", tmp_path)
+def test_a_urdf_brings_its_own_speed_and_effort():
+    scenario = scenario_of_model("ur5")
     system = Experiment.of(scenario).system
     limits = own_limits(system, random_limits(6))
     assert limits.limits["torque"].high.tolist() == system.model.effortLimit.tolist()
     assert limits.limits["speed"].high.tolist() == system.model.velocityLimit.tolist()
     assert limits.sources["torque"] == "model"
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_vehicles_file_gets_the_excitation_of_its_family(tmp_path):
@@ -66,7 +68,7 @@ def test_a_vehicles_file_gets_the_excitation_of_its_family(tmp_path):
     files = vehicle_files("bluerov2")
     sheet.write_bytes(files.sheet.read_bytes())
     (tmp_path / "model.xml").write_bytes(files.model.read_bytes())
-    scenario, _ = scenario_of_model(str(sheet), tmp_path)
+    scenario = scenario_of_model(str(sheet))
     known = load("bluerov2")
     assert scenario.excitation == known.excitation
     assert type(scenario.plant) is type(known.plant)
@@ -75,9 +77,9 @@ def test_a_vehicles_file_gets_the_excitation_of_its_family(tmp_path):
 
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(BadRobot, match="no such file"):
-        Experiment.of(scenario_of_model(str(tmp_path / "none.urdf"), tmp_path)[0])
+        Experiment.of(scenario_of_model(str(tmp_path / "none.urdf")))
     with pytest.raises(BadRobot, match="no such file"):
-        Experiment.of(scenario_of_model(str(tmp_path / "none.xml"), tmp_path)[0])
+        Experiment.of(scenario_of_model(str(tmp_path / "none.xml")))
 
 
 def test_the_amplitude_of_a_vehicle_keeps_a_given_limit_of_commands():

@@ -17,7 +17,6 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers.cone.barrier import cone_of, inside
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.parameters import Array, ParameterSpace
 from nsaid_mj.plants import (
@@ -29,6 +28,7 @@ from nsaid_mj.plants import (
     ScalarRovPlant,
 )
 from nsaid_mj.plants.underwater import UnderwaterSheet
+from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.resources import scenarios
 from nsaid_mj.studies.montecarlo import Plan, monte_carlo
 from tests.support.plants import assert_engines_agree, name_of

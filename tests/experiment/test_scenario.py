@@ -400,7 +400,6 @@ BAD = FAULTS | {
     MemoryConfig: {
         "window": NOT_POSITIVE, "block": NOT_POSITIVE, "interval": NOT_POSITIVE,
         "pace": NOT_POSITIVE, "anchor": [-1.0, NAN, INF], "horizon": [-1.0, NAN, INF],
-        "surprise": [-1.0, NAN, INF],
     },
     EfficientConfig: {
         "prior": NOT_POSITIVE, "linearisation": [-1.0, NAN, INF],

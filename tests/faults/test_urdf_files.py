@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.errors import BadRobot, MimicIgnored, PassiveIgnored
+from nsaid_mj.errors import BadRobot, MimicIgnored
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.resources import packed_robots
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 
 _LIMIT = 'lower="-1" upper="1" effort="1" velocity="1"'
 
@@ -131,16 +131,17 @@ def test_a_simulation_tells_of_joints_that_should_follow_others(tmp_path):
 EFFORT = 'lower="-1" upper="1" velocity="1" effort="{}"'
 
 
-@pytest.mark.parametrize("efforts,warned", [((5, 0), ["j2"]), ((0, 0), []), ((5, 5), [])])
-def test_a_simulation_says_that_a_passive_joint_gets_a_motor(efforts, warned, tmp_path, recwarn):
+@pytest.mark.parametrize("efforts,passive", [((5, 0), ["j2"]), ((0, 0), []), ((5, 5), [])])
+def test_a_joint_without_effort_gets_no_motor_if_another_has_one(efforts, passive, tmp_path):
     limits = [EFFORT.format(effort) for effort in efforts]
     arm = robot(
         link("l1") + joint("j1", "base", "l1", limit=limits[0]),
         link("l2") + joint("j2", "l1", "l2", limit=limits[1]),
     )
-    load_robot(written(tmp_path, arm))
-    found = [w.message for w in recwarn if issubclass(w.category, PassiveIgnored)]
-    assert [name for warning in found for name in warning.joints] == warned
+    plant = ArmPlant(written(tmp_path, arm)).build(1e-3, 0)
+    assert plant.model.nu == plant.system.n_u == 2 - len(passive)
+    gains = [plant.system.space.labels[i] for i in plant.system.space.actuators]
+    assert gains == [f"gain of {name}" for name in ("j1", "j2") if name not in passive]
 
 
 def test_a_packed_robot_says_nothing_of_its_mimics(recwarn):

@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.setup import Seeds
 from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.cone import chart
-from nsaid_mj.identifiers.cone.law import cone_identifier
 from nsaid_mj.identifiers.cone.prior import drawn_inside
+from nsaid_mj.identifiers.in_cone import cone_identifier
 from nsaid_mj.identifiers.metric import ACCURACY
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
+from nsaid_mj.quotient import barrier
+from nsaid_mj.quotient import cone as geometry
 from nsaid_mj.structure.general import GeneralSystem, midpoints_by_sample
 from tests.support.bench import identify
 from tests.support.remembered import driven, scenario_plant
@@ -43,6 +44,27 @@ def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> N
     )
 
 
+def to_chart(cone, theta):
+    """(p,) η of θ (p,)."""
+    eta = np.empty(len(theta))
+    chart.to_chart_into(cone, theta, eta, chart.chart_room(cone))
+    return eta
+
+
+def from_chart(cone, eta, pairing):
+    """(p,) θ of η (p,)."""
+    theta = np.empty(len(eta))
+    chart.from_chart_into(cone, eta, pairing, theta, chart.chart_room(cone))
+    return theta
+
+
+def natural_rate(cone, eta, theta, stiffness, mu, gradient):
+    """(p,) η̇ of the cone's law."""
+    rate, room = np.empty(len(eta)), chart.chart_room(cone)
+    chart.natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room)
+    return rate
+
+
 # -- geometry ----------------------------------------------------------------------------------
 
 
@@ -51,8 +73,8 @@ def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> N
 @given(seeds, st.floats(0, 2))
 def test_drawn_estimates_are_inside_the_cone_and_survive_the_chart(name, seed, error):
     cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed, error)
-    assert geometry.inside(cone, theta) and np.isfinite(geometry.barrier(cone, theta))
-    again = chart.from_chart(cone, chart.to_chart(cone, theta), geometry.coordinates(cone))
+    assert geometry.inside(cone, theta) and np.isfinite(barrier.barrier(cone, theta))
+    again = from_chart(cone, to_chart(cone, theta), geometry.coordinates(cone))
     np.testing.assert_allclose(again, theta, rtol=1e-9, atol=1e-12 * np.abs(theta).max())
 
 
@@ -62,7 +84,7 @@ def test_drawn_estimates_are_inside_the_cone_and_survive_the_chart(name, seed, e
 def test_any_chart_point_is_inside(name, seed):
     cone = geometry.cone_of(scenario_plant(name).system.space)
     eta = np.random.default_rng(seed).uniform(-2, 2, scenario_plant(name).system.p)
-    theta = chart.from_chart(cone, eta, geometry.coordinates(cone))
+    theta = from_chart(cone, eta, geometry.coordinates(cone))
     assert geometry.inside(cone, theta)
 
 
@@ -120,13 +142,13 @@ def test_the_torpedos_block_is_its_mass_matrix():
 def test_the_barrier_is_logarithmically_homogeneous(name, seed):
     """b(sθ) = b(θ) − ν log s, so ∇b·θ = −ν and ∇²b θ = −∇b."""
     cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed)
-    gradient, hessian = geometry.gradient_and_hessian(cone, theta)
+    gradient, hessian = barrier.gradient_and_hessian(cone, theta)
     own = np.diag(hessian) > 0  # parameters of the cone; the others have no barrier
     assert gradient @ theta == pytest.approx(-cone.degree)
     np.testing.assert_allclose(
         hessian @ np.where(own, theta, 0), -gradient, rtol=1e-6, atol=1e-9 * np.abs(gradient).max()
     )
-    fall = geometry.barrier(cone, theta) - geometry.barrier(cone, 3 * theta)
+    fall = barrier.barrier(cone, theta) - barrier.barrier(cone, 3 * theta)
     assert fall == pytest.approx(cone.degree * np.log(3))
 
 
@@ -137,15 +159,15 @@ def test_gradient_and_hessian_match_finite_differences(name, seed):
     cone, theta = geometry.cone_of(scenario_plant(name).system.space), inside(name, seed, 0.2)
     step = 1e-6 * (inside(name, seed + 1, 0.2) - theta)
     plus, minus = theta + step, theta - step
-    gradient, hessian = geometry.gradient_and_hessian(cone, theta)
-    rise = geometry.barrier(cone, plus) - geometry.barrier(cone, minus)
+    gradient, hessian = barrier.gradient_and_hessian(cone, theta)
+    rise = barrier.barrier(cone, plus) - barrier.barrier(cone, minus)
     assert rise == pytest.approx(2 * gradient @ step, rel=1e-4, abs=1e-9)
     turn = (
-        geometry.gradient_and_hessian(cone, plus)[0] - geometry.gradient_and_hessian(cone, minus)[0]
+        barrier.gradient_and_hessian(cone, plus)[0] - barrier.gradient_and_hessian(cone, minus)[0]
     )
     np.testing.assert_allclose(turn, 2 * hessian @ step, atol=1e-5 * np.abs(turn).max())
-    eta = chart.to_chart(cone, theta)
-    moved = chart.to_chart(cone, plus) - chart.to_chart(cone, minus)
+    eta = to_chart(cone, theta)
+    moved = to_chart(cone, plus) - to_chart(cone, minus)
     rate = chart.chart_rate(cone, eta, step)
     np.testing.assert_allclose(moved, 2 * rate, atol=1e-5 * np.abs(moved).max())
 
@@ -237,10 +259,10 @@ def test_the_barrier_and_its_derivatives_are_those_of_the_dense_matrices(seed):
         if part.geometry in ("pseudo_inertia", "spd", "tied")
     )
     value -= np.log(theta[MIXED["gain"]]).sum()
-    assert geometry.barrier(CONE, theta) == pytest.approx(value, rel=1e-10, abs=1e-10)
+    assert barrier.barrier(CONE, theta) == pytest.approx(value, rel=1e-10, abs=1e-10)
     assert CONE.degree == 3 + 4 + 3 + 4 + 1 + 6 + 3
     for own, expected in zip(
-        geometry.gradient_and_hessian(CONE, theta), dense_hessian(theta), strict=True
+        barrier.gradient_and_hessian(CONE, theta), dense_hessian(theta), strict=True
     ):
         np.testing.assert_allclose(own, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
@@ -269,12 +291,12 @@ def test_solving_the_metric_block_by_block_equals_the_dense_solution(seed, mu):
     theta, gradient = physical(rng), rng.standard_normal(len(MIXED))
     A = rng.standard_normal((len(MIXED), len(MIXED)))
     diagonal, full = rng.uniform(0.1, 10, len(MIXED)), A @ A.T + np.eye(len(MIXED))
-    eta, hessian = chart.to_chart(CONE, theta), dense_hessian(theta)[1]
+    eta, hessian = to_chart(CONE, theta), dense_hessian(theta)[1]
     kept = eta.copy(), gradient.copy(), diagonal.copy(), full.copy()
     whole, parts = [slice(0, len(MIXED))], [place for _, place in MIXED]
     for stiffness, places in ((diagonal, parts), (full, whole)):
         metric = (np.diag(stiffness) if stiffness.ndim == 1 else stiffness) + mu * hessian
-        rate = chart.natural_rate(CONE, eta, theta, stiffness, mu, gradient)
+        rate = natural_rate(CONE, eta, theta, stiffness, mu, gradient)
         x = theta_rate_of(MIXED, theta, rate)
         for place in places:  # backward stable: the residual is small whatever the condition
             own = metric[place, place]
@@ -289,9 +311,9 @@ def test_solving_the_metric_block_by_block_equals_the_dense_solution(seed, mu):
 def test_the_charts_rate_is_that_of_the_cholesky_factor(seed):
     rng = np.random.default_rng(seed)
     theta, theta_rate = physical(rng), rng.standard_normal(len(MIXED))
-    eta = chart.to_chart(CONE, theta)
+    eta = to_chart(CONE, theta)
     np.testing.assert_allclose(
-        chart.from_chart(CONE, eta, PAIRING), theta, rtol=1e-12, atol=1e-12 * np.abs(theta).max()
+        from_chart(CONE, eta, PAIRING), theta, rtol=1e-12, atol=1e-12 * np.abs(theta).max()
     )
     rate = chart.chart_rate(CONE, eta, theta_rate)
     for part, place in MIXED:
@@ -321,9 +343,9 @@ def test_links_do_not_depend_on_their_neighbours(seed, count, data):
     stiffness, gradient = rng.uniform(0.1, 10, 10 * count), rng.standard_normal(10 * count)
 
     def chain(cone, theta, stiffness, gradient):
-        eta, pairing = chart.to_chart(cone, theta), geometry.coordinates(cone)
-        rate = chart.natural_rate(cone, eta, theta, stiffness, 0.3, gradient)
-        return np.array([eta, chart.from_chart(cone, eta, pairing), rate])
+        eta, pairing = to_chart(cone, theta), geometry.coordinates(cone)
+        rate = natural_rate(cone, eta, theta, stiffness, 0.3, gradient)
+        return np.array([eta, from_chart(cone, eta, pairing), rate])
 
     together = chain(many, theta, stiffness, gradient)
     for i in range(count):
@@ -338,7 +360,7 @@ def test_links_do_not_depend_on_their_neighbours(seed, count, data):
 def test_a_step_of_a_tied_matrix_of_any_length_stays_inside(seed, log_length):
     rng = np.random.default_rng(seed)
     theta, step, place = physical(rng), rng.standard_normal(len(MIXED)), MIXED["tied"]
-    start = chart.to_chart(CONE, theta)
+    start = to_chart(CONE, theta)
     end = start + 10**log_length * step
     held = end.copy()
     chart.confine(CONE, start, held)
@@ -360,15 +382,15 @@ def test_a_step_of_a_tied_matrix_of_any_length_stays_inside(seed, log_length):
 def test_an_estimate_outside_gives_nan_in_its_own_block_only(name, how):
     theta, place = physical(np.random.default_rng(0)), MIXED[name]
     theta[place] = {"outside": -1.0, "edge": 0.0, "NaN": np.nan}[how] * theta[place]
-    assert not geometry.inside(CONE, theta) and geometry.barrier(CONE, theta) == np.inf
-    eta = chart.to_chart(CONE, theta)
+    assert not geometry.inside(CONE, theta) and barrier.barrier(CONE, theta) == np.inf
+    eta = to_chart(CONE, theta)
     stiffness, gradient = np.ones(len(MIXED)), np.ones(len(MIXED))
-    again = chart.from_chart(CONE, eta, PAIRING)
-    rate = chart.natural_rate(CONE, eta, again, stiffness, 1.0, gradient)
-    slope, _ = geometry.gradient_and_hessian(CONE, theta)
+    again = from_chart(CONE, eta, PAIRING)
+    rate = natural_rate(CONE, eta, again, stiffness, 1.0, gradient)
+    slope, _ = barrier.gradient_and_hessian(CONE, theta)
     for seen in (eta, again, rate, slope):
         assert np.isnan(seen[place]).all() and np.isnan(seen).sum() == place.stop - place.start
-    full = geometry.metric_solve(CONE, theta, np.diag(stiffness), 1.0, gradient)
+    full = barrier.metric_solve(CONE, theta, np.diag(stiffness), 1.0, gradient)
     assert np.isnan(full).all()
 
 
@@ -445,20 +467,20 @@ def reference_step(law: NullspaceIdentifier, state, previous, following):
     pairing = geometry.coordinates(cone)
 
     def slope(sample, z):
-        theta = chart.from_chart(cone, z[n:], pairing)
+        theta = from_chart(cone, z[n:], pairing)
         a_hat, W, _ = law.system.evaluate_at(sample.t, sample.q, sample.v, sample.u, z[:n], theta)
         dv = z[:n] - sample.v
-        metric = stiffness + law.metric.mu * geometry.gradient_and_hessian(cone, theta)[1]
+        metric = stiffness + law.metric.mu * barrier.gradient_and_hessian(cone, theta)[1]
         theta_rate = np.linalg.solve(metric, W.T @ dv)
         return np.r_[a_hat - law.K * dv, chart.chart_rate(cone, z[n:], theta_rate)]
 
-    start = np.r_[state.v_hat, chart.to_chart(cone, state.theta_hat)]
+    start = np.r_[state.v_hat, to_chart(cone, state.theta_hat)]
     k1 = slope(first, start)
     k2 = slope(half, start + 0.5 * dt * k1)
     k3 = slope(half, start + 0.5 * dt * k2)
     k4 = slope(last, start + dt * k3)
     end = start + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return end[:n], chart.from_chart(cone, end[n:], pairing)
+    return end[:n], from_chart(cone, end[n:], pairing)
 
 
 @plants
@@ -530,7 +552,7 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch,
             change = law.conserved(following.theta_hat) - law.conserved(state.theta_hat)
             assert abs(change) <= 64 * ACCURACY * law.metric.mu * cone.degree * (1 + 1e-6)
             whole = np.r_[state.theta_hat[place], np.ones(system.p - 6)]
-            metric = geometry.gradient_and_hessian(cone, whole)[1][place, place]
+            metric = barrier.gradient_and_hessian(cone, whole)[1][place, place]
             d = (following.theta_hat - state.theta_hat)[place]
             long += np.sqrt(d @ metric @ d) > 0.5
             state = following

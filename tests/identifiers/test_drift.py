@@ -8,7 +8,7 @@ import pytest
 from nsaid_mj.evaluation.verdict import verdict
 from nsaid_mj.identifiers.cone.prior import drawn_covariance
 from nsaid_mj.identifiers.efficient.drift import Rival, Rivals, walks
-from nsaid_mj.identifiers.efficient.kalman import filter_at
+from nsaid_mj.identifiers.efficient.filter import filter_at
 from nsaid_mj.plants.world.faults.text import parse_faults
 
 from .test_never_wrong import known_of, misfit, ran, system_of

@@ -15,14 +15,15 @@ from nsaid_mj.evaluation.misfit import CONTRADICTS, NONE, judged
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers.base import Estimates, State, Status
-from nsaid_mj.identifiers.cone.barrier import cone_of, gradient_and_hessian, local_norm
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.noise import Noise, add_increment
-from nsaid_mj.identifiers.efficient.witness import Witness
+from nsaid_mj.identifiers.efficient.replay import FilterAlone
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import Loss
 from nsaid_mj.plants.world.mismatch import Mismatch
+from nsaid_mj.quotient.barrier import gradient_and_hessian, local_norm
+from nsaid_mj.quotient.cone import cone_of
 from nsaid_mj.structure.multibody import CompiledMultibody
 from nsaid_mj.system import SecondOrderSystem
 
@@ -165,9 +166,9 @@ def test_where_the_structure_is_wrong_the_memorys_estimate_is_handed_out() -> No
     np.testing.assert_array_equal(found.state.theta_hat, inside.guard.theta_hat)
 
 
-def witness_of(found: Followed, system: SecondOrderSystem | None = None) -> Witness:
+def witness_of(found: Followed, system: SecondOrderSystem | None = None) -> FilterAlone:
     scenario = found.setup.scenario
-    return Witness(system or found.setup.system, scenario.dt, scenario.identifier.efficient)
+    return FilterAlone(system or found.setup.system, scenario.dt, scenario.identifier.efficient)
 
 
 REVERSED = "reversed actuator"
@@ -188,8 +189,8 @@ def test_a_wrong_structure_is_contradicted_by_the_motion(case: str) -> None:
         u = log.u.copy()
         u[:, 2] *= -1
         log = log._replace(u=u)
-    witness, prior = witness_of(found), found.setup.prior
-    assert judged(witness, prior, witness.covariance(prior), log).level == CONTRADICTS
+    alone, prior = witness_of(found), found.setup.prior
+    assert judged(alone, prior, alone.covariance(prior), log).level == CONTRADICTS
 
 
 def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
@@ -202,11 +203,11 @@ def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
     t, q, v, u = found.log.at(500)
     assert np.abs(frictionless.F(t, np.hstack([q, v]), u)[:, rows]).max() < 1e-6
     theta = found.state.theta_hat
-    for witness, level in (
+    for alone, level in (
         (witness_of(found, frictionless), CONTRADICTS),
         (witness_of(found), NONE),
     ):
-        assert judged(witness, theta, witness.covariance(theta), found.log).level == level
+        assert judged(alone, theta, alone.covariance(theta), found.log).level == level
 
 
 @pytest.mark.parametrize(("unnamed", "tried"), [(0, True), (1, False)])
@@ -224,8 +225,8 @@ def test_after_trials_in_vain_a_fault_is_sought_after_twice_as_long_a_calm(
 @pytest.mark.parametrize("seed", range(3))
 def test_a_right_structure_is_not_contradicted(seed: int) -> None:
     found = followed("bluerov2", seed, 20.0)
-    witness, prior = witness_of(found), found.setup.prior
-    misfit = judged(witness, prior, witness.covariance(prior), found.log)
+    alone, prior = witness_of(found), found.setup.prior
+    misfit = judged(alone, prior, alone.covariance(prior), found.log)
     assert misfit.level == NONE and not misfit.contradictions
     assert 0.8 < misfit.innovations < 1.2
 
@@ -237,8 +238,8 @@ def test_a_right_structure_is_not_contradicted(seed: int) -> None:
 def test_a_hundred_matched_runs_are_not_contradicted(name: str) -> None:
     for seed in range(100, 120):
         found = followed.__wrapped__(name, seed, 15.0)
-        witness, theta = witness_of(found), found.state.theta_hat
-        assert judged(witness, theta, witness.covariance(theta), found.log).level == NONE, seed
+        alone, theta = witness_of(found), found.state.theta_hat
+        assert judged(alone, theta, alone.covariance(theta), found.log).level == NONE, seed
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ from scipy.stats import chi2
 
 from nsaid_mj.evaluation import misfit
 from nsaid_mj.evaluation.whiteness import whiteness
-from nsaid_mj.identifiers.cone.barrier import cone_of, inside
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.faults import trials as trying
 from nsaid_mj.identifiers.efficient.faults import watch as watching
@@ -28,21 +27,14 @@ from nsaid_mj.identifiers.efficient.faults.hypotheses import (
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
 from nsaid_mj.identifiers.efficient.faults.trials import Trials, Verdict
 from nsaid_mj.identifiers.efficient.faults.watch import Watch
-from nsaid_mj.identifiers.efficient.guarded import Guarded
-from nsaid_mj.identifiers.efficient.kalman import (
-    Filter,
-    Law,
-    Memory,
-    _innovate,
-    _linear_share,
-    _predict,
-    _update,
-    filter_at,
-)
+from nsaid_mj.identifiers.efficient.filter import Filter, Law, Memory, filter_at
+from nsaid_mj.identifiers.efficient.kalman import _innovate, _linear_share, _predict, _update
 from nsaid_mj.identifiers.efficient.law import EfficientIdentifier
+from nsaid_mj.identifiers.efficient.state import EfficientState
 from nsaid_mj.identifiers.efficient.steps import margin_of, project_inside
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array, Block, ParameterSpace
+from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.structure.arrays import StructureArrays
 from tests.support.plants import plant
 
@@ -198,10 +190,10 @@ def test_a_broken_actuator_is_at_a_command_of_zero_and_a_velocity_has_its_own_er
 
 
 def test_a_short_run_does_not_make_the_walk_fast() -> None:
-    assert Guarded.walk(SimpleNamespace(wander=(2e-4, 1e-4)), 0.1) == pytest.approx(1e-4)  # type: ignore[arg-type]
+    assert EfficientState.walk(SimpleNamespace(wander=(2e-4, 1e-4)), 0.1) == pytest.approx(1e-4)  # type: ignore[arg-type]
 
 
-def isolated(inside_: Guarded, hypothesis: Hypothesis, size: Any) -> Guarded:
+def isolated(inside_: EfficientState, hypothesis: Hypothesis, size: Any) -> EfficientState:
     """What a verdict for a hypothesis makes of a state."""
     made = plant("bluerov2")
     trial = SimpleNamespace(
@@ -226,7 +218,7 @@ def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:
     what = {h.kind: h for h in reversed(hypotheses_of(system, truth))}
     k = system.space.index(what["stuck"].names[0])
     kalman = filter_at(np.zeros(system.n), np.zeros(system.n), truth, np.eye(system.p))
-    start = Guarded(
+    start = EfficientState(
         kalman, None, 0, 0, 9.0, True, 0, 0,  # type: ignore[arg-type]
         Signals.sound(system), np.ones(system.p), truth.copy(),
     )  # fmt: skip
@@ -313,10 +305,10 @@ def test_a_slow_change_that_leaves_no_covariance_is_rounding(
     kalman = filter_at(np.zeros(system.m), np.zeros(system.n), after, 0.5 * P)
     watch = Watch((0.0, 0.5), (truth, truth), (P, P), (np.ones(2 * system.n),) * 2)
     what = appear_slowly(hypotheses_of(system, truth))
-    found = watching.slow_change(watch, kalman, system.space, what)
+    found = watching.slow_change(watch, kalman, system.space, lambda: what)
     assert found is not None and found.hypothesis.names == (system.space.names[k],)
     monkeypatch.setattr(watching, "with_jump", lambda *_: (np.zeros(p), np.diag([-1.0] * p)))
-    assert watching.slow_change(watch, kalman, system.space, what) is None
+    assert watching.slow_change(watch, kalman, system.space, lambda: what) is None
 
 
 # -- the misfit ------------------------------------------------------------------------------------
@@ -409,9 +401,9 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
     )
     found = misfit._shifts(scale, np.ones(2), P0, learning)
     np.testing.assert_allclose(found, [9 / kept, 9 / 4 / kept, 9 / 16 / kept], rtol=1e-9)
-    witness: Any = SimpleNamespace(law=SimpleNamespace(scale=scale))
+    alone: Any = SimpleNamespace(law=SimpleNamespace(scale=scale))
     for energy in (0.0, 24.0):
-        widening = misfit._widening(witness, np.ones(2), P0, learning, energy)
+        widening = misfit._widening(alone, np.ones(2), P0, learning, energy)
         assert widening == pytest.approx(np.sqrt(max(1 + energy, 9 / kept)))
     learning.contradictions = (1.0,)
     assert misfit._shifts(scale, np.ones(2), P0, learning) == []

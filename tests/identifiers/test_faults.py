@@ -14,7 +14,12 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers.base import Estimates, Identifier, State
-from nsaid_mj.identifiers.efficient.faults.evidence import jumped, posterior, shift_jumps
+from nsaid_mj.identifiers.efficient.faults.evidence import (
+    jumped,
+    most_evident,
+    posterior,
+    shift_jumps,
+)
 from nsaid_mj.identifiers.efficient.faults.hypotheses import hypotheses_of
 from nsaid_mj.identifiers.efficient.faults.onset import onset, started
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
@@ -53,6 +58,16 @@ def test_the_evidence_names_the_parameter_that_jumped_and_its_size() -> None:
         inside += low <= size <= high
     assert right >= 30  # the prior's own spread hides some
     assert inside >= 35
+
+
+@pytest.mark.parametrize("size", [0.0, 0.8, 20.0])
+def test_no_jump_is_more_evident_than_the_whole_shift(size) -> None:
+    rng = np.random.default_rng(0)
+    directions = [*(0.5 * np.eye(P)[:, :, None]), *rng.standard_normal((10, P, 3))]
+    for seed in range(20):
+        given = *linear_problem(size * np.eye(P)[seed % P], seed), 1e-3 * np.ones(P)
+        evidence = [jump.evidence for jump in shift_jumps(*given, directions)]
+        assert max(evidence) <= most_evident(*given) * (1 + 1e-9)
 
 
 def test_without_a_jump_the_evidence_is_against_one() -> None:

@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.identifiers.memory.cost import Quotient, positive, quotient
-from nsaid_mj.identifiers.memory.matrices import eliminated
 from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder
 from nsaid_mj.log import EXACT
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
+from nsaid_mj.quotient.cost import Quotient, Remembered, positive
 from tests.support.remembered import Log, driven, noisy, remember
 from tests.support.strategies import seeds
 
@@ -44,9 +43,9 @@ def near(log: Log, rng: np.random.Generator, error: float = 0.3) -> Array:
 
 def weighted(name: str, sensors: str, theta: Array) -> Quotient:
     log, memory = remembered(name, sensors)
-    found = quotient(memory.means, log.plant.system.space)
+    found = Remembered.of(memory.means, log.plant.system.space)
     assert found is not None
-    return found.weighted(theta, memory)
+    return found.weighted(theta)
 
 
 def drawn(rng: np.random.Generator, n: int = 3, p: int = 7) -> tuple[Quotient, Array]:
@@ -170,13 +169,13 @@ def test_the_quotient_is_normalised_by_positive_parameters_only(name):
     """On a row's actuators, and where it has none on its other positive parameters."""
     log, memory = remembered(name, "ideal")
     space = log.plant.system.space
-    found = quotient(memory.means, space)
+    found = Remembered.of(memory.means, space)
     assert (
         found is not None
         and (found.effort >= 0).all()
         and (found.effort @ space.scale**2 > 0).all()
     )
-    own = found.gramian[:, space.actuators][:, :, space.actuators].any(axis=(1, 2))
+    own = memory.means.gramian[:, space.actuators][:, :, space.actuators].any(axis=(1, 2))
     rest = np.setdiff1d(np.arange(len(space)), space.actuators)
     assert own.any() and (found.effort[np.ix_(own, rest)] == 0).all()
     assert (found.effort[:, positive(space) == 0] == 0).all()
@@ -189,12 +188,12 @@ def test_an_unused_actuator_does_not_enter_the_quotient():
     rows = [row._replace(u=row.u * (np.arange(len(row.u)) != still)) for row in log.rows]
     own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
     *_, memory = remember(own, log._replace(rows=rows))
-    found = quotient(memory.means, space)
+    found = Remembered.of(memory.means, space)
     assert found is not None
     k = space.actuators[still]
-    assert (found.effort[:, k] == 0).all() and (found.gramian[:, k] == 0).all()
+    assert (found.effort[:, k] == 0).all() and (memory.means.gramian[:, k] == 0).all()
     theta = near(log, np.random.default_rng(0))
-    cost = found.weighted(theta, memory)
+    cost = found.weighted(theta)
     assert cost.gradient(theta)[k] == 0 and (cost.curvature(theta)[k] == 0).all()
 
 
@@ -204,18 +203,18 @@ def test_without_any_command_there_is_no_quotient(name):
     own = Recorder(log.plant.system, MemoryConfig(), log.dt, EXACT)
     *_, memory = remember(own, log._replace(rows=[row._replace(u=0 * row.u) for row in log.rows]))
     assert np.abs(memory.means.gramian).max() > 0
-    assert quotient(memory.means, log.plant.system.space) is None
+    assert Remembered.of(memory.means, log.plant.system.space) is None
 
 
 def test_a_row_without_an_actuator_is_normalised_by_the_others():
     """A rotor pushes along one axis: the others' balances are drag's, or have none of their own."""
     log, memory = remembered("crazyflie", "ideal")
     space, gramian = log.plant.system.space, memory.means.gramian.copy()
-    dragged = quotient(memory.means, space)
+    dragged = Remembered.of(memory.means, space)
     assert dragged is not None and (dragged.effort[:2, space.actuators] == 0).all()
     gramian[:2, positive(space) > 0] = 0.0
     gramian[:2, :, positive(space) > 0] = 0.0
-    found = quotient(memory.means._replace(gramian=gramian), space)
+    found = Remembered.of(memory.means._replace(gramian=gramian), space)
     assert found is not None
     own = found.effort[:, space.actuators]
     shares = own / np.einsum("ipp,p->i", gramian, space.scale**2)[:, None]
@@ -236,9 +235,9 @@ def test_a_row_without_excitation_has_no_cost():
             noise=moving * means.noise,
         )
     )
-    found = quotient(still.means, log.plant.system.space)
+    found = Remembered.of(still.means, log.plant.system.space)
     assert found is not None
-    cost = found.weighted(theta, still)
+    cost = found.weighted(theta)
     assert np.isfinite(cost.weights).all()
     alone = Quotient(cost.gramian[[1]], cost.effort[[1]], cost.weights[[1]])
     assert alone.value(theta) == 0 and (alone.gradient(theta) == 0).all()
@@ -250,44 +249,14 @@ def test_weights_are_one_over_the_residuals(sensors):
     """½ w λ = ½ blocks for every row whose residuals are above the floor; noise counts in w."""
     log, memory = remembered("bluerov2", sensors)
     theta = near(log, np.random.default_rng(2))
-    cost = weighted("bluerov2", sensors, theta)
+    found = Remembered.of(memory.means, log.plant.system.space)
+    assert found is not None
+    cost = found.weighted(theta)
     expected = 0.5 * memory.means.blocks * log.plant.system.n
-    rho, _ = cost.residuals(theta, memory.means)
+    rho, _ = found.residuals(theta)
     whole = replace(cost, gramian=memory.means.innovations(rho))
     assert whole.value(theta) == pytest.approx(expected, rel=1e-9)
     assert cost.value(theta) <= expected * (1 + 1e-9)
     truth = log.plant.truth
     floor = weighted("bluerov2", sensors, truth)
     assert np.isfinite(floor.weights).all() and (floor.weights > 0).all()
-
-
-# -- what is kept of it when an actuator changes -------------------------------------------------
-
-
-@given(seeds, st.integers(0, 3), st.integers(1, 9))
-def test_eliminating_gains_leaves_a_form_between_zero_and_the_whole(seed, uncommanded, blocks):
-    """0 ≤ θᵀSθ ≤ θᵀHθ; uncommanded actuators have columns of 0, or of rounding errors."""
-    rng = np.random.default_rng(seed)
-    p, gains = 10, np.arange(10) < 4
-    rows = rng.standard_normal((blocks, p)) * 10.0 ** rng.uniform(-4, 4, p)
-    rows[:, :uncommanded] = 0.0
-    H = rows.T @ rows
-    tiny = 1e-17 * np.abs(H).max() * rng.standard_normal(uncommanded)
-    H[range(uncommanded), range(uncommanded)] = tiny  # some < 0, as sums and differences leave them
-    S = eliminated(H, gains)
-    assert (S[gains] == 0).all() and (S[:, gains] == 0).all()
-    for theta in rng.standard_normal((20, p)) / np.sqrt(np.maximum(np.diag(H), 1e-3)):
-        whole = float(np.sum((rows @ theta) ** 2))  # without the rounding errors, which may be < 0
-        assert -1e-12 * p <= theta @ S @ theta <= whole + 1e-9 * p
-    moved = np.where(np.arange(p) < uncommanded, 1e3, 0.0)
-    assert np.abs(S @ moved).max() == 0
-
-
-def test_eliminating_gains_takes_the_least_over_them():
-    """θᵀSθ is the minimum of θᵀHθ over the gains, by least squares."""
-    rng = np.random.default_rng(1)
-    rows, gains = rng.standard_normal((30, 6)), np.arange(6) < 2
-    S, theta = eliminated(rows.T @ rows, gains), rng.standard_normal(6)
-    rest = rows[:, 2:] @ theta[2:]
-    left = rest - rows[:, :2] @ np.linalg.lstsq(rows[:, :2], rest, rcond=None)[0]
-    assert theta @ S @ theta == pytest.approx(left @ left, rel=1e-9)

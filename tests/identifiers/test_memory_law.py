@@ -24,10 +24,8 @@ from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import MemoryConfig, NullspaceAID, State, Status
-from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.cone.prior import drawn_inside
-from nsaid_mj.identifiers.memory.cost import Quotient, quotient
-from nsaid_mj.identifiers.memory.law import ImplicitMemory
+from nsaid_mj.identifiers.memory.implicit import ImplicitMemory
 from nsaid_mj.identifiers.memory.statistics import Memory
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.log import EXACT, Measurement, SensorLevels
@@ -35,6 +33,8 @@ from nsaid_mj.log import Log as Measured
 from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
+from nsaid_mj.quotient import cone as geometry
+from nsaid_mj.quotient.cost import Quotient, Remembered
 from nsaid_mj.reporting.finish import rebuild
 from tests.support.bench import identify
 from tests.support.remembered import Log, driven, noisy, scenario_plant
@@ -122,9 +122,9 @@ def test_a_step_lowers_its_objective_and_v_at_any_size(name, pace):
         theta, whole = law.prior, float(law.divergence(truth, law.prior))
         reach = stepper(law).config.pace * stepper(law).config.interval
         for k in range(4):
-            found = quotient(memory.means, log.plant.system.space)
+            found = Remembered.of(memory.means, log.plant.system.space)
             assert found is not None
-            cost = found.weighted(theta, memory)
+            cost = found.weighted(theta)
             ahead, seen = stepper(law).implicit_step(theta, memory)
             assert seen.scores.view is not None and geometry.inside(law.metric.cone, ahead)
             old, new = (
@@ -502,7 +502,7 @@ def test_the_record_has_what_was_spent_and_the_summary_the_confidence(finished):
     steps = np.flatnonzero(np.diff(record["spent"])) + 1
     number = record["t"][steps] / 0.5
     np.testing.assert_allclose(number, np.round(number), atol=1e-9)
-    assert 6 <= len(number) <= 8  # an interval that surprises is waited for
+    assert 7 <= len(number) <= 8
     assert summary["law"] == "memory" and summary["status"] == "completed"
     assert summary["conserved_drift"] < 1e-4
     stated = summary["confidence"]

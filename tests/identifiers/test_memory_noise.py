@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 
 from nsaid_mj.experiment.library import load
-from nsaid_mj.identifiers.memory.cost import without_noise
 from nsaid_mj.identifiers.memory.feedback import FedBack
-from nsaid_mj.identifiers.memory.forgetting import forgetting
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array
+from nsaid_mj.quotient.cost import without_noise
+from nsaid_mj.quotient.forgetting import forgetting
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=25)
@@ -114,10 +114,11 @@ def fed_log(gain: float, seed: int, count: int = 1500) -> tuple[Log, Array]:
 def test_noise_that_is_fed_back_is_found_in_the_data(gain):
     system = load("f1tenth").plant.build(0.004, 0).system
     log, expected = fed_log(gain, 1)
-    fed = FedBack.unknown(3, 2).along(system, log)
+    fed = FedBack.unknown(3, 2).along(system.moves(log.q), log)
     found = np.linalg.norm(fed.deviations(), axis=0)
     np.testing.assert_allclose(found, expected, rtol=0.1, atol=1e-6)
     stepwise = FedBack.unknown(3, 2)
     for k in range(len(log.t) - 1):
-        stepwise = stepwise.along(system, log.part(k, k + 2))
+        part = log.part(k, k + 2)
+        stepwise = stepwise.along(system.moves(part.q), part)
     assert all(np.array_equal(a, b) for a, b in zip(fed, stepwise, strict=True))

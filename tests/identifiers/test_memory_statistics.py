@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.identifiers.memory.cost import quotient
 from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorder
 from nsaid_mj.log import EXACT, SensorLevels
 from nsaid_mj.plants import SensorNoise
+from nsaid_mj.quotient.cost import Remembered
 from tests.support.plants import plant
 from tests.support.remembered import Log, added, blocks, driven, noisy, off, regressors, remember
 from tests.support.vehicles import VEHICLES
@@ -138,10 +138,10 @@ def test_the_innovation_gramian_equals_that_of_all_differences():
     own, space = recorder(log), log.plant.system.space
     theta = log.plant.truth * (1 + 0.2 * np.cos(np.arange(len(space))))
     kept, listed = list(remember(own, log))[-1], blocks(own, log)
-    found = quotient(kept.means, space)
+    found = Remembered.of(kept.means, space)
     assert found is not None
-    cost = found.weighted(theta, kept)
-    own_rho, _ = found.residuals(theta, kept.means)
+    cost = found.weighted(theta)
+    own_rho, _ = found.residuals(theta)
     before = np.concatenate([np.zeros_like(listed[:1]), listed[:-1]])
     weight = np.ones(len(listed))
     weight /= weight.sum()
@@ -229,8 +229,8 @@ def test_a_plant_that_nothing_moves_leaves_no_quotient():
     log = driven("scalar_rov", 1.0)
     rest = [row._replace(v=0 * row.v, q=0 * row.q, u=0 * row.u) for row in log.rows]
     *_, kept = remember(recorder(log), log._replace(rows=rest))
-    assert quotient(kept.means, log.plant.system.space) is None
-    assert quotient(recorder(log).begin(rest[0]).means, log.plant.system.space) is None
+    assert Remembered.of(kept.means, log.plant.system.space) is None
+    assert Remembered.of(recorder(log).begin(rest[0]).means, log.plant.system.space) is None
 
 
 @pytest.mark.parametrize("field", [field.name for field in fields(MemoryConfig)])

@@ -17,7 +17,6 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup, told
 from nsaid_mj.identifiers import Confidence
 from nsaid_mj.identifiers.base import State
-from nsaid_mj.identifiers.cone.barrier import cone_of, inside
 from nsaid_mj.identifiers.cone.prior import drawn_covariance, drawn_inside
 from nsaid_mj.identifiers.efficient.faults.events import event_of, revoked, without_effect
 from nsaid_mj.identifiers.efficient.faults.hypotheses import (
@@ -28,15 +27,16 @@ from nsaid_mj.identifiers.efficient.faults.hypotheses import (
     restored,
 )
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
-from nsaid_mj.identifiers.efficient.guarded import Guarded
+from nsaid_mj.identifiers.efficient.replay import FilterAlone
+from nsaid_mj.identifiers.efficient.state import EfficientState
 from nsaid_mj.identifiers.efficient.steps import carry_scale, margin_of, project_inside
-from nsaid_mj.identifiers.efficient.witness import Witness
 from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.text import parse_faults
 from nsaid_mj.plants.world.mismatch import Mismatch
+from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.system import SecondOrderSystem, gains_by_command
 
 
@@ -47,7 +47,7 @@ class Ran(SimpleNamespace):
     theta_hat: np.ndarray
 
     @property
-    def inside(self) -> Guarded:
+    def inside(self) -> EfficientState:
         return self.state.filter
 
 
@@ -386,10 +386,10 @@ def test_what_is_known_after_faults_is_read_from_their_events() -> None:
 def test_the_walk_matches_what_was_needed_but_for_the_largest_event() -> None:
     inside_ = SimpleNamespace(wander=(0.0, 0.0))
     inside_._replace = lambda wander: SimpleNamespace(wander=wander, _replace=inside_._replace)
-    assert Guarded.walk(inside_, 10.0) == 0  # type: ignore[arg-type]
+    assert EfficientState.walk(inside_, 10.0) == 0  # type: ignore[arg-type]
     for share in (0.02, 0.002, 0.002):
-        inside_ = Guarded.wandered(inside_, share)  # type: ignore[arg-type]
-    assert Guarded.walk(inside_, 10.0) == pytest.approx(2 * 0.002**2 / 10)  # type: ignore[arg-type]
+        inside_ = EfficientState.wandered(inside_, share)  # type: ignore[arg-type]
+    assert EfficientState.walk(inside_, 10.0) == pytest.approx(2 * 0.002**2 / 10)  # type: ignore[arg-type]
 
 
 # -- whiteness -------------------------------------------------------------------------------------
@@ -452,6 +452,6 @@ def test_the_filter_is_told_the_scenarios_error_of_the_prior() -> None:
     ):
         given_ = told(config, replace(scenario, initial_error=error))
         system, truth = system_of("bluerov2")
-        spread = Witness(system, 0.01, given_.efficient).covariance(truth)  # type: ignore[attr-defined]
+        spread = FilterAlone(system, 0.01, given_.efficient).covariance(truth)  # type: ignore[attr-defined]
         expected = {0.5: 0.5, 0.0: 0.3}[error] if config is law else 0.1
         np.testing.assert_array_equal(spread, drawn_covariance(system.space, truth, expected))

@@ -10,9 +10,10 @@ from scipy.integrate import cumulative_trapezoid, solve_ivp
 from scipy.linalg import eigh, null_space
 from scipy.optimize import minimize
 
-from nsaid_mj.identifiers.cone import barrier as geometry
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.parameters import Array, Block, ParameterSpace
+from nsaid_mj.quotient import barrier
+from nsaid_mj.quotient import cone as geometry
 from tests.support.bench import Bench, Motion, bench, swing
 
 SEEDS = [0, 1, 2]
@@ -52,15 +53,15 @@ class Memory(NamedTuple):
 
     def psi(self, theta: Array) -> float:
         quadratic = 0.5 * float(theta @ self.stiffness @ theta)
-        return quadratic + self.mu * geometry.barrier(CONE, theta)
+        return quadratic + self.mu * barrier.barrier(CONE, theta)
 
     def slope(self, theta: Array) -> Array:
         """∇ψ."""
-        return self.stiffness @ theta + self.mu * geometry.gradient_and_hessian(CONE, theta)[0]
+        return self.stiffness @ theta + self.mu * barrier.gradient_and_hessian(CONE, theta)[0]
 
     def metric(self, theta: Array) -> Array:
         """∇²ψ."""
-        return self.stiffness + self.mu * geometry.gradient_and_hessian(CONE, theta)[1]
+        return self.stiffness + self.mu * barrier.gradient_and_hessian(CONE, theta)[1]
 
     def bregman(self, theta: Array, other: Array) -> float:
         """D_ψ(θ‖other)."""
@@ -332,7 +333,7 @@ def test_the_flow_with_memory_meets_its_rate():
         a_hat = system.acceleration(t, x, v_hat, motion.u, theta)
         W = system.regressor(t, x, v_hat, a_hat, motion.u)
         gradient, fall = quotient(theta)
-        metric = stiffness + mu * geometry.gradient_and_hessian(cone, theta)[1]
+        metric = stiffness + mu * barrier.gradient_and_hessian(cone, theta)[1]
         theta_rate = np.linalg.solve(metric, W.T @ dv - kappa * gradient)
         lost = K * float(dv @ system.mass_matrix(x, truth) @ dv)
         losses = np.array([lost, kappa * fall])
@@ -351,9 +352,9 @@ def test_the_flow_with_memory_meets_its_rate():
     def V(t: float, y: Array) -> float:
         x, theta = motion.x(t), y[n : n + p]
         dv = y[:n] - system.split(x)[1]
-        slope = stiffness @ theta + mu * geometry.gradient_and_hessian(cone, theta)[0]
+        slope = stiffness @ theta + mu * barrier.gradient_and_hessian(cone, theta)[0]
         bregman = 0.5 * (truth @ stiffness @ truth - theta @ stiffness @ theta) + mu * (
-            geometry.barrier(cone, truth) - geometry.barrier(cone, theta)
+            barrier.barrier(cone, truth) - barrier.barrier(cone, theta)
         )
         kinetic = 0.5 * dv @ system.mass_matrix(x, truth) @ dv
         return float(kinetic + bregman - slope @ (truth - theta))
@@ -363,7 +364,7 @@ def test_the_flow_with_memory_meets_its_rate():
     assert np.abs(values + lost - values[0]).max() < 1e-6 * lost[-1]
     assert (y[-1, -2:] > 0.05 * lost[-1]).all()  # both terms take their part
     theta = y[:, n : n + p]
-    conserved = [0.5 * th @ stiffness @ th - mu * geometry.barrier(cone, th) for th in theta]
+    conserved = [0.5 * th @ stiffness @ th - mu * barrier.barrier(cone, th) for th in theta]
     assert np.ptp(conserved) < 1e-7 * abs(conserved[0])
 
 

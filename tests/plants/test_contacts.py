@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.plants.world.contacts import Contacts
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.plants import ArmPlant, Loss
 from nsaid_mj.plants.arm import arm_spec, true_model
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 from nsaid_mj.structure.joints import JointTree
 from tests.support.vehicles import acceleration
 

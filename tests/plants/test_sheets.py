@@ -219,6 +219,6 @@ def test_any_number_of_thrusters_up_to_16_is_exact(count):
         import mujoco
 
         mujoco.mj_forward(p.model, p.data)
-        a = p.body.acceleration(p.data)
+        a = p.joints.acceleration(p.data)
     W = p.system.regressor(0.0, np.r_[p.position(numbers_of_pose), v], v, a, u)
     assert np.abs(W @ p.truth).max() <= 1e-11 * np.abs(W * p.truth).max()

@@ -82,7 +82,7 @@ def test_w_theta_is_zero_along_a_run(kind):
             numbers, v = p.coordinates()
             mujoco.mj_forward(p.model, p.data)
             W = system.regressor(
-                0.0, np.r_[p.position(numbers), v], v, p.body.acceleration(p.data), u
+                0.0, np.r_[p.position(numbers), v], v, p.joints.acceleration(p.data), u
             )
             assert np.abs(W @ theta).max() <= 1e-12 * np.abs(W * theta).max()
 

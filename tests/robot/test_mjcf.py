@@ -100,7 +100,7 @@ def test_bodies_may_have_the_names_of_joints(load, lock):
     ]  # fmt: skip
     assert list(model.model.inertias) == list(expected.inertias)
     assert list(model.model.jointPlacements) == list(expected.jointPlacements)
-    assert len(model.visuals.places()) == 3
+    assert len(model.visuals.parts) == 3
 
 
 def test_locked_joints_are_merged(load):

@@ -264,3 +264,37 @@ def test_a_replaced_servo_is_told(tmp_path):
     text = out.read_text()
     assert "Servos replaced by motors: wrist." in text
     assert "mass of link_2" in text
+
+
+def test_the_users_own_file_stays(tmp_path):
+    inside = '<!-- a tool --><site name="tool0" pos="0 0 .1" euler="10 20 30"/>'
+    second = '<motor name="second" joint="elbow" ctrlrange="-1 1"/>'
+    (tmp_path / "arm.xml").write_text(arm(inside=inside, actuator=SERVO + second))
+    (tmp_path / "scene.xml").write_text(
+        '<!-- above --><mujoco model="scene"><!-- within --><include file="arm.xml"/>'
+        '<worldbody><light pos="0 0 2"/></worldbody></mujoco>'
+    )
+    robot = load_robot_model(str(tmp_path / "scene.xml"))
+    values = identified(robot)
+    out, mj = exported(tmp_path, robot, values)
+    assert difference(mj, robot, values) < 1e-10
+    assert {mj.actuator(i).name for i in range(mj.nu)} == {"m1", "m2", "second", "wrist"}
+    assert mj.actuator("second").gainprm[0] == 1
+    text = out.read_text()
+    for kept in ("<!-- above -->", "<!-- within -->", inside, '<light pos="0 0 2"/>', "<default"):
+        assert kept in text
+    assert "six digits" not in text
+
+
+def test_elements_for_several_bodies_are_written_out(tmp_path):
+    path = tmp_path / "arm.xml"
+    copies = '<replicate count="2" offset="0 0 .1"><geom name="g" size="0.02"/></replicate>'
+    path.write_text(
+        arm(inside=f'<replicate count="2" offset="0 .1 0"><body>{copies}</body></replicate>')
+    )
+    robot = load_robot_model(str(path))
+    values = identified(robot)
+    out, mj = exported(tmp_path, robot, values)
+    assert mj.nbody == 6
+    assert difference(mj, robot, values) < 1e-5
+    assert "six digits" in out.read_text()

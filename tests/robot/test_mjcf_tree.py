@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from nsaid_mj.plants.world.coordinates import JointMap
 from nsaid_mj.plants.world.quiet import quiet
+from nsaid_mj.robot.loading import load_robot
 from nsaid_mj.robot.mjcf_tree import rigid_tree
-from nsaid_mj.robot.robots import load_robot
 from nsaid_mj.robot.tree import tree_spec
 
 TURNED = """

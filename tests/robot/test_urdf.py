@@ -268,7 +268,7 @@ def test_files_of_another_kind_are_refused(load, text, reason):
 def test_a_packed_robot_is_known_by_its_folder(tmp_path, monkeypatch):
     (tmp_path / "tx7").mkdir()
     (tmp_path / "tx7" / "tx7.urdf").write_text(chain())
-    for module in ("nsaid_mj.resources", "nsaid_mj.calibration.models"):
+    for module in ("nsaid_mj.resources", "nsaid_mj.robot.loading", "nsaid_mj.calibration.models"):
         monkeypatch.setattr(f"{module}.folder", lambda _: tmp_path)
     model = load_robot_model("tx7")
     assert (model.name, model.source, model.kind) == ("tx7", None, "urdf")

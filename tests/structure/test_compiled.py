@@ -21,7 +21,7 @@ from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.arm import Backend, nominal_scales
 from nsaid_mj.resources import known_robots
-from nsaid_mj.robot.robots import Base, load_robot
+from nsaid_mj.robot.loading import Base, load_robot
 from nsaid_mj.structure import multibody
 from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from tests.support.dense import Dense

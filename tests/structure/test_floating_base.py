@@ -10,7 +10,7 @@ from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput
 from nsaid_mj.plants import FloatingBasePlant, Plant, arm
 from nsaid_mj.plants.arm import true_model
 from nsaid_mj.resources import known_robots
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from tests.support.dense import Dense
 from tests.support.matrices import assert_near

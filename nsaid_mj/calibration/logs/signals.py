@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 
+from ...numerics.low_pass import zero_phase
 from ...parameters import Array
 
 LONG_GAP = 0.05
@@ -222,8 +223,7 @@ def low_pass(x: Array, cut: float) -> Array:
         x: (N,) or (N, k).
         cut: frequency of −6 dB over half the sampling rate.
     """
-    sections = signal.butter(4, cut, output="sos")
-    return signal.sosfiltfilt(sections, x, axis=0, padlen=min(len(x) - 1, int(12 / cut)))
+    return zero_phase(x, cut, 2.0, periods=6.0)
 
 
 def derivative(x: Array, rate: float) -> Array:

@@ -122,8 +122,8 @@ def _identified(given: ServoLogs, told: Callable[[str], None]) -> list[tuple[lis
 
 def _part(log: ServoLog, rows: slice) -> ServoLog:
     """A part of a log."""
-    columns = (log.t, log.target, log.position, log.load, log.inertia)
-    return ServoLog(log.source, *(column[rows] for column in columns))
+    q, u, load, inertia = (x[rows] for x in (log.position, log.target, log.load, log.inertia))
+    return ServoLog(log.source, log.t[rows], u, q, load, inertia)
 
 
 def _followed_late(given: ServoLogs) -> Score:

@@ -11,6 +11,7 @@ from scipy import stats
 from ...parameters import Array, Indices
 from ..data import RobotModel
 from ..payloads import Load
+from ..problem import Mask
 from .fit import GRAVITY, JointFit, OutputError, Prior, Simulated, minimise, undisturbed, weights
 from .logs import ServoLog, weighed, without_armature
 from .simulation import JointLog, simulate
@@ -126,9 +127,11 @@ def estimate(
         return _with_load(found, [*free, *loaded], kp)
     cluster = clusters(logs)
     joints = [[log.joint(j) for log in free] for j in range(len(kp))]
-    parts = list(zip(joints, fits, priors, strict=True))
-    spread = [_covariance(JointFit(own, used), *rest, cluster)[0] for own, *rest in parts]
-    known = np.sqrt([covariance[GRAVITY, GRAVITY] for covariance in spread]) < _KNOWN
+    spread = [
+        _covariance(JointFit(own, used), fit, prior, cluster)[0][GRAVITY, GRAVITY]
+        for own, fit, prior in zip(joints, fits, priors, strict=True)
+    ]
+    known = np.sqrt(spread) < _KNOWN
     common = _common(fits, known, kp)
     for j in np.flatnonzero(~known):
         mean, deviation = priors[j].mean.copy(), priors[j].deviation.copy()
@@ -175,10 +178,10 @@ def _free_of_loads(
     return logs, fits, priors, used
 
 
-def _common(fits: Sequence[OutputError], known: Array, kp: Array) -> Array:
+def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
     """(n,) ln g where gravity does not tell it: the mean of the others', or the model file's."""
     g = [fit.x[GRAVITY] for fit, sure in zip(fits, known, strict=True) if sure]
-    return np.full(len(kp), np.mean(g)) if g else -np.log(kp)
+    return np.full(len(kp), float(np.mean(g))) if g else np.asarray(-np.log(kp), np.float64)
 
 
 def _with_load(found: Weighed, logs: Sequence[ServoLog], kp: Array) -> Estimate:

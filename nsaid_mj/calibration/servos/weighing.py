@@ -9,7 +9,6 @@ all logs, free and loaded ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -50,14 +49,10 @@ class Arm:
     ):  # fmt: skip
         self.joint = carrier(robot.model, load)[0]
         self._model, self._logs, self._motions = without_armature(robot.model), logs, motions
-        self.sigma, self.used = sigma, np.tile(used, len(sigma))
+        self.sigma, self.used = sigma, np.tile(used, len(sigma))  # (n,), (n N,)
+        own = np.concatenate([np.gradient(log.t) for log in logs])
+        self.spacing: Array = np.tile(own, len(sigma))
         self._weighed: tuple[Array, Sequence[ServoLog]] = np.full(4, np.nan), ()
-
-    @cached_property
-    def spacing(self) -> Array:
-        """(n N,) time that each sample stands for [s]."""
-        own = np.concatenate([np.gradient(log.t) for log in self._logs])
-        return np.tile(own, len(self.sigma))
 
     def logs(self, x: Array) -> Sequence[ServoLog]:
         """The logs, loaded ones with the loads that μ and the place in x make."""
@@ -83,7 +78,7 @@ class Arm:
         """(n N,) residuals over `sigma`, joint after joint; with all targets moved."""
         found = zip(self.positions(x, offset), self._logs, strict=True)
         apart = np.concatenate([q - log.position for q, log in found])
-        return (apart / self.sigma).T.ravel()
+        return np.asarray(apart / self.sigma, dtype=np.float64).T.ravel()
 
     def moved(self, x: Array, offset: float) -> Array:
         """(n N, n) change of the residual by an offset [rad or m] of the targets of each joint."""

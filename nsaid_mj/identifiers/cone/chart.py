@@ -15,19 +15,15 @@ import numpy as np
 
 from ...numerics.lanes import LANES, over_lanes
 from ...parameters import Block, ParameterSpace
-from .barrier import (
+from ...quotient.barrier import hessian_into, metric_solve
+from ...quotient.cone import (
     compiled,
     cone_of,
     coordinates,
-    factor,
     factor_in_place,
-    hessian_into,
-    inverse,
     inverse_into,
     matrix,
     matrix_into,
-    metric_solve,
-    read,
     read_into,
     solve_in_place,
     tied,
@@ -57,7 +53,9 @@ def confine(cone, start, eta):
         if not tied(cone, block):
             continue
         first, end, k, _, _ = cone.blocks[block]
-        D, S = matrix(cone, block, eta - start), inverse(factor(cone, block, start))
+        D, L, S = matrix(cone, block, eta - start), matrix(cone, block, start), np.empty((k, k))
+        factor_in_place(L, k)
+        inverse_into(L, L, S, k)
         for i in range(k):
             for j in range(i):
                 D[j, i] = D[i, j]
@@ -101,30 +99,6 @@ def to_chart_into(cone, theta, eta, room):
             is_inside = rows[LANES * 9 + lane] > -np.inf
             for i in range(10):
                 eta[at + i] = rows[LANES * i + lane] if is_inside else np.nan
-
-
-@compiled
-def to_chart(cone, theta):
-    """(p,) η of θ (p,), with NaN in every block that is outside the cone."""
-    eta = np.empty(theta.shape[0])
-    to_chart_into(cone, theta, eta, chart_room(cone))
-    return eta
-
-
-@compiled
-def from_chart(cone, eta, pairing):
-    """(p,) θ of η (p,); `pairing` is `coordinates(cone)`."""
-    theta = np.empty(eta.shape[0])
-    from_chart_into(cone, eta, pairing, theta, chart_room(cone))
-    return theta
-
-
-@compiled
-def natural_rate(cone, eta, theta, stiffness, mu, gradient):
-    """(p,) η̇ of the cone's law; arguments are those of `natural_rate_into`."""
-    rate = np.empty(eta.shape[0])
-    natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, chart_room(cone))
-    return rate
 
 
 @compiled
@@ -186,10 +160,10 @@ def from_chart_into(cone, eta, pairing, theta, room):
     L, P = room[0][0], room[0][1]
     for block in cone.others:
         if not tied(cone, block):
-            start, end, k, _, _ = cone.blocks[block]
+            start, end, k, first, last = cone.blocks[block]
             unpack(eta[start:end], 1.0, L, k)
             squared_into(L, P, k)
-            read(cone, block, P, pairing, theta)
+            read_into(cone.entries[first:last], pairing[first:last], start, P, theta[start:end])
     rows = room[3]
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]

@@ -13,45 +13,9 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array, ParameterSpace
-from ...system import SecondOrderSystem
+from ...quotient.barrier import barrier, barriers, gaps, gradient_and_hessian
+from ...quotient.cone import cone_of, coordinates, inside
 from ..metric import ConstantMetric, Curved, Metric
-from ..nullspace_aid import NullspaceIdentifier
-from .barrier import (
-    barrier,
-    barriers,
-    cone_of,
-    coordinates,
-    gaps,
-    gradient_and_hessian,
-    inside,
-)
-
-
-def cone_identifier(
-    system: SecondOrderSystem,
-    K: Array,
-    Gamma: Array,
-    prior: Array,
-    dt: float,
-    mu: float,
-    hermite: bool = True,
-) -> NullspaceIdentifier:
-    """The identifier of (44, 45) in the cone's metric, integrated by RK4 in its chart.
-
-    Args:
-        system: the structure.
-        K: (n,) or (n, n) gain of the identification plant [1/s].
-        Gamma: (p,) or (p, p) adaptation gain.
-        prior: (p,) θ̂(0), inside the cone.
-        dt: time between measurements [s].
-        mu: weight μ of the barrier [J]; > 0.
-        hermite: cubic Hermite interpolation between samples; else linear.
-
-    Raises:
-        InvalidInput: a shape or value is wrong, μ is not > 0, or the prior is outside the cone.
-    """
-    metric = ConeMetric(system.space, Gamma, prior, mu)
-    return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
 
 
 class ConeMetric(Metric):

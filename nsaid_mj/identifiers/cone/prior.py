@@ -6,7 +6,7 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array, ParameterSpace
-from .barrier import Cone, block_matrix, cone_of, coordinates, read_block, tied
+from ...quotient.cone import Cone, block_matrix, cone_of, coordinates, read_block, tied
 
 _FLOOR = 0.01  # least positive number or diagonal entry of a matrix that is drawn about, over scale
 _EDGE = 1e-3  # least eigenvalue of a matrix of unit diagonal that is drawn about

@@ -15,14 +15,14 @@ larger than stated, do not drift: W is not exact, or a part fails.
 
 from __future__ import annotations
 
-from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
 
 from ...log import Log
 from ...parameters import Array, Indices
-from .kalman import COMPLETED, Along, Filter, Law, follow_filter, keep_above_rounding
+from .filter import COMPLETED, Along, Filter, Law
+from .kalman import follow_filter, keep_above_rounding
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Variances that a gain, relative to itself, may gain in a second; the last is no drift [1/s]."""
@@ -64,7 +64,7 @@ class Rival(NamedTuple):
 
     def followed(self, law: Law, actuators: Indices, log: Log) -> Rival:
         """The rival after a log, under the signals that act."""
-        own, count = deepcopy(self.filter), len(log.t)
+        own, count = self.filter.copied(), len(log.t)
         fade = np.exp(-(log.t[-1] - log.t[0]) / _MEMORY)
         own.tally[2:] *= fade
         out = Along.empty(count, log.v.shape[1], len(law.scale))
@@ -79,7 +79,7 @@ class Rival(NamedTuple):
 
         A filter that was wrong for long is of no use when its model becomes right.
         """
-        own = deepcopy(best.filter)
+        own = best.filter.copied()
         own.tally[2] += 2 * _BEHIND
         return self._replace(filter=own)
 
@@ -101,7 +101,7 @@ class Rivals(NamedTuple):
 
         A share of the prior's covariance (p, p) there frees no parameter to leave the cone.
         """
-        start = deepcopy(kalman)
+        start = kalman.copied()
         start.Ptt[:] += _FREED**2 * prior
         start.tally[1:], start.totals[:] = 0.0, 0.0
         models = [(0.0, 0.0), *((w, 0.0) for w in _ALL), *((0.0, w) for w in _WALKS)]
@@ -153,7 +153,7 @@ def walks(count: int, actuators: Indices, all_of: float, gains: float) -> Array:
 
 def going_on(rival: Rival) -> Filter:
     """A rival's filter, its innovations to be tested from here on."""
-    kalman = deepcopy(rival.filter)
+    kalman = rival.filter.copied()
     kalman.tally[1:] = 0.0
     kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
     return kalman

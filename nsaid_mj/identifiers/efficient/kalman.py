@@ -21,211 +21,41 @@ the error of linearisation about θ̂: a share of what the uncertainty of θ doe
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import types
 
-from ...numerics.linalg import cholesky, multiply, transpose
+from ...numerics.linalg import cholesky, multiply, subtract_square, transpose
 from ...parameters import Array
-from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
-from ...structure.compiled import (
-    SLOPES,
-    STRUCTURE,
-    WORKSPACE,
-    cube,
-    f8,
-    i8,
-    kernel,
-    matrix,
-    vector,
-    void,
-)
+from ...quotient.cone import inside
+from ...structure.compiled import f8, i8, kernel, matrix, vector, void
 from ...structure.forces import ALL, write_forces
 from ...structure.kinematics import place
 from ...structure.poses import difference, integrate
 from ...structure.stage import accelerate
 from ...structure.transition import step as transition
-from ..cone.barrier import CONE, Cone, inside
-from .noise import MEMORY, NOISE, Noise, add_increment, write_variance
+from .filter import (
+    ALONG,
+    BEGINNING,
+    COMPLETED,
+    CONTRADICTED,
+    FILTER,
+    LAW,
+    MEMORIES,
+    ROUNDED,
+    Along,
+    Filter,
+    Law,
+    memory_for,
+)
+from .noise import MEMORY, add_increment, write_variance
 from .steps import carry_scale, project_inside
 
-COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
-"""How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
-rounding errors left the covariance indefinite. A row may also precede the filter's beginning."""
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
 SMALL = 0.1
 """Size of a parameter near 0, relative to its scale, of which a relative change is a share."""
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 _FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
-
-
-class Law(NamedTuple):
-    """What the filter knows beforehand, for compiled loops.
-
-    Attributes:
-        structure: of the system.
-        cone: of physical parameters.
-        scale: (p,) of θ.
-        margin: (p,) of `steps.margin_of`.
-        gamma: γ.
-        window: samples over which innovations are tested.
-        walk: (p,) variance that θ, relative to itself, gains in a second [1/s]; 0 where constant.
-    """
-
-    structure: StructureArrays
-    cone: Cone
-    scale: Array
-    margin: Array
-    gamma: float
-    window: int
-    walk: Array
-
-
-class Filter(NamedTuple):
-    """State of the filter at a sample. All arrays are overwritten by `follow_filter`.
-
-    Attributes:
-        q: (m,) estimated position.
-        v: (n,) estimated velocity.
-        theta: (p,) estimate.
-        Pxx: (2n, 2n) covariance of the tangent state.
-        Pxt: (2n, p) covariance of the state with θ/scale.
-        Ptt: (p, p) covariance of θ/scale.
-        noise: running estimate of the sensors' noise.
-        tally: (4,) whether the filter has begun; samples in the current window, and their sums of
-            squared normalised innovations and of log det S.
-        safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
-        safe_P: (2, p, p) P_θθ there.
-        totals: (2,) sum of all squared normalised innovations, and their number.
-    """
-
-    q: Array
-    v: Array
-    theta: Array
-    Pxx: Array
-    Pxt: Array
-    Ptt: Array
-    noise: Noise
-    tally: Array
-    safe: Array
-    safe_P: Array
-    totals: Array
-
-
-def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
-    """The filter at its first measurement q (m,), v (n,), with P_θθ (p, p) of θ̂/scale."""
-    n, p = len(v), len(theta)
-    noise = Noise(np.zeros((3, 2 * n)), np.zeros(2 * n), np.zeros(2 * n), np.zeros(1))
-    safe, safe_P = np.array([theta, theta]), np.array([Ptt, Ptt])
-    Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
-    return Filter(
-        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
-        np.zeros(2),
-    )  # fmt: skip
-
-
-class Along(NamedTuple):
-    """What `follow_filter` writes along a log of N samples, from row 1 on.
-
-    Attributes:
-        theta: (N, p) θ̂.
-        v: (N, n) v̂.
-        pivot: (N,) M̂'s smallest pivot in the step that ends at the row.
-        innovation: (N, 2n) normalised ones, of position and velocity; NaN where there are none.
-    """
-
-    theta: Array
-    v: Array
-    pivot: Array
-    innovation: Array
-
-    @staticmethod
-    def empty(count: int, n: int, p: int) -> Along:
-        """For N rows, n velocities and p parameters."""
-        rows = np.empty((count, p)), np.empty((count, n))
-        return Along(*rows, np.full(count, np.inf), np.full((count, 2 * n), np.nan))
-
-    def part(self, first: int) -> Along:
-        """The rows from `first` on, which share their memory with these."""
-        return Along(*(rows[first:] for rows in self))
-
-
-class Memory(NamedTuple):
-    """What the filter's functions write besides a `Filter`, for n velocities and p parameters.
-
-    Attributes:
-        stage: memory of a stage.
-        slopes: memory of derivatives.
-        at: (m,) a position.
-        q1: (m,) predicted position.
-        v1: (n,) predicted velocity.
-        F: (2n, 3n) derivatives of the prediction by the state and c.
-        F_T: (3n, 2n) the same, transposed.
-        B: (n, p) derivatives of c by θ/scale.
-        B_T: (p, n) the same, transposed.
-        with_theta: (3n, p) covariance of (x, c) with θ/scale.
-        with_c: (3n, n) that with c.
-        both: (3n, 3n) that with itself.
-        moved: (2n, 3n) F times that.
-        S: (2n, 2n) covariance of the innovation.
-        L: (2n, 2n) its factor.
-        inverse: (2n, 2n) the factor's inverse.
-        whitened: (2n, p) L⁻¹ P̄_xθ.
-        e: (2n,) normalised innovation.
-        y: (2n,) innovation, then the step of the state.
-        R: (2n,) variances of the noise.
-        step: (p,) of θ̂.
-        before: (p,) θ̂ before the step.
-        trial: (p,) anything.
-        factor: (p, p) anything.
-    """
-
-    stage: Workspace
-    slopes: Slopes
-    at: Array
-    q1: Array
-    v1: Array
-    F: Array
-    F_T: Array
-    B: Array
-    B_T: Array
-    with_theta: Array
-    with_c: Array
-    both: Array
-    moved: Array
-    S: Array
-    L: Array
-    inverse: Array
-    whitened: Array
-    e: Array
-    y: Array
-    R: Array
-    step: Array
-    before: Array
-    trial: Array
-    factor: Array
-
-    @staticmethod
-    def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:
-        """For a structure with n velocities, m positions and p parameters."""
-        sizes = (
-            m, m, n, (2 * n, 3 * n), (3 * n, 2 * n), (n, p), (p, n), (3 * n, p), (3 * n, n),
-            (3 * n, 3 * n), (2 * n, 3 * n), (2 * n, 2 * n), (2 * n, 2 * n), (2 * n, 2 * n),
-            (2 * n, p), 2 * n, 2 * n, 2 * n, p, p, p, (p, p),
-        )  # fmt: skip
-        return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
-
-
-LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector), Law)
-FILTER = types.NamedTuple(
-    (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector), Filter
-)
-ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
-MEMORIES = types.NamedTuple(
-    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 12, *(vector,) * 6, matrix), Memory
-)
 
 
 def acceptable(law: Law, filter: Filter) -> float:
@@ -271,7 +101,7 @@ def restart_state(filter, q, v, R):
 
 @kernel(void(matrix, matrix))
 def keep_above_rounding(P, L):
-    """Adds a floor to P (p, p) where its own rounding errors could make it indefinite.
+    """Makes P (p, p) symmetric, and adds a floor where its rounding errors could be indefinite.
 
     Along P_s nothing is learned, while exact data reduce the variance of other directions to where
     it is lost in the rounding errors of the unlearned one; gains from such a P have random signs.
@@ -279,6 +109,8 @@ def keep_above_rounding(P, L):
     largest = 0.0
     for i in range(P.shape[0]):
         largest = max(largest, P[i, i])
+        for k in range(i):
+            P[k, i] = P[i, k]
     if not cholesky(P, L) > _FLOOR * largest:
         for i in range(P.shape[0]):
             P[i, i] += _FLOOR * largest
@@ -290,11 +122,12 @@ def _predict(law, dt, filter, memory):
     Pxx, Pxt, Ptt, gamma, F = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma, memory.F
     with_theta, with_c, both = memory.with_theta, memory.with_c, memory.both
     size, n = Pxt.shape[0], filter.v.shape[0]
-    transpose(memory.B, memory.B_T)
     transpose(F, memory.F_T)
     _copy(Pxt, with_theta)
     multiply(memory.B, Ptt, with_theta[size:])
-    multiply(with_theta, memory.B_T, with_c)
+    transpose(with_theta, memory.theta_with)
+    multiply(memory.B, memory.theta_with, memory.c_with)
+    transpose(memory.c_with, with_c)
     for i in range(size + n):
         for j in range(n):
             both[i, size + j] = with_c[i, j]
@@ -366,18 +199,15 @@ def _update(law, filter, share, memory):
     for k in range(p):
         before[k] = theta[k]
         theta[k] += share * memory.step[k]
-    learned = share * (2.0 - share)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
-    for i in range(p):
-        for r in range(size):
-            own = learned * whitened[r, i]
-            for k in range(i + 1):
-                Ptt[i, k] -= own * whitened[r, k]
-        for k in range(i):
-            Ptt[k, i] = Ptt[i, k]
     for i in range(size):
         for j in range(size):
             L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
     multiply(L, whitened, Pxt)
+    learned = np.sqrt(share * (2.0 - share))
+    for r in range(size):
+        for k in range(p):
+            whitened[r, k] *= learned
+    subtract_square(whitened, Ptt)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
     for i in range(size):
         S[0, i], y[i] = 0.0, 0.0
         for j in range(i, size):
@@ -526,7 +356,7 @@ def follow_filter(
     Returns:
         The last row processed, and how the loop ended.
     """
-    memory = Memory.of(law.structure, v.shape[1], q.shape[1], len(law.scale))
+    memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
     return _follow(law, filter, t, q, v, u, along, memory)
 
 
@@ -563,5 +393,5 @@ def covariance_along(
     Returns:
         The last row processed: N − 1, or that where M or S was not positive definite.
     """
-    memory = Memory.of(law.structure, v.shape[1], q.shape[1], len(law.scale))
+    memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
     return _cover(law, filter, R, t, q, v, u, memory)

@@ -22,17 +22,15 @@ filter's estimate is handed out, it goes on from that.
 
 from __future__ import annotations
 
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
 
 from ...log import Log, Measurement
 from ...parameters import Array
+from ...quotient.cost import Remembered
 from ...system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
-from ..memory.cost import quotient
-from ..memory.law import ImplicitMemory
 from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier
 from .drift import Rivals, going_on, walks
@@ -51,18 +49,11 @@ from .faults.onset import LEAD, onset
 from .faults.signals import Signals
 from .faults.trials import Verdict, begin_trials, follow_trials, narrowed, verdict
 from .faults.watch import PERIOD, Watch, slow_change
-from .guarded import Guarded
-from .kalman import (
-    COMPLETED,
-    CONTRADICTED,
-    ROUNDED,
-    Along,
-    filter_at,
-    follow_filter,
-    restart_state,
-)
+from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
+from .kalman import follow_filter, restart_state
 from .noise import noise_variance
-from .witness import EfficientConfig, Witness, mend
+from .replay import EfficientConfig, FilterAlone, mend
+from .state import EfficientState
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
@@ -73,6 +64,8 @@ _SETTLED = 5.0  # time without a contradiction after which slow changes are look
 _ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
+_TOGETHER = 16  # steps that the memory takes in together, at most
+_FOLLOWS_THE_MOTION = "trials", "rivals", "recent", "waiting"  # parts that a gap ends
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
 
@@ -99,11 +92,11 @@ class EfficientIdentifier(Identifier):
     cancelling = 0.0
 
     def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
-        assert isinstance(guard.memory, ImplicitMemory)
+        assert guard.memory is not None
         self.guard, self.system, self._memory = guard, guard.system, guard.memory
         self._every, self._interval = guard.memory.every, guard.memory.every * dt
-        witness = Witness(guard.system, dt, config)
-        self._law, self._covariance = witness.law, witness.covariance
+        alone = FilterAlone(guard.system, dt, config)
+        self._law, self._covariance = alone.law, alone.covariance
         self._scale = self._law.scale
 
     def init(self, first: Measurement) -> State:
@@ -113,26 +106,29 @@ class EfficientIdentifier(Identifier):
         q = np.asarray(first.q, dtype=np.float64)
         kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
         sound = Signals.sound(self.system), np.ones(self.system.p), theta.copy()
-        inside = Guarded(kalman, guard, 0, 0, 0.0, False, 0, 0, *sound)
+        inside = EfficientState(kalman, guard, 0, 0, 0.0, False, 0, 0, *sound)
         return guard._replace(memory=None, filter=inside)
 
     def resume(self, state: State, here: Measurement) -> State:
         """The state at a measurement after a gap; trials and comparisons under way are given up."""
         here = checked(self.system, here)
         inside = state.filter
-        kalman, n = deepcopy(inside.filter), self.system.n
+        kalman, n = inside.filter.copied(), self.system.n
         kalman.noise.increments[:, :n] = here.v * self._interval / self._every
         if kalman.tally[0]:
             restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        guard = self.guard.resume(inside.guard, here)
-        inside = inside._replace(filter=kalman, guard=guard, trials=None, rivals=None, recent=None)
+        guard = inside.guard
+        if inside.waiting is not None:
+            guard = self._memory.absorb(guard, inside.waiting)
+        guard, nothing = self.guard.resume(guard, here), dict.fromkeys(_FOLLOWS_THE_MOTION)
+        inside = inside._replace(filter=kalman, guard=guard, **nothing)
         return state._replace(t=here.t, v_hat=here.v.copy(), filter=inside)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Filter and memory along a log, with a decision at the end of every interval."""
         self.check(log)
         made, at, inside = [Estimates.of(state)], 0, state.filter
-        state = state._replace(filter=inside._replace(filter=deepcopy(inside.filter)))
+        state = state._replace(filter=inside._replace(filter=inside.filter.copied()))
         while at < len(log.t) - 1 and state.status is Status.completed:
             steps = self._every - state.filter.step % self._every
             state, estimates = self._along(state, log.part(at, at + steps + 1))
@@ -156,8 +152,7 @@ class EfficientIdentifier(Identifier):
         )
         before, inside = inside, self._filtered(inside, log, estimates)
         if not inside.pause and count > 1:
-            acting = inside.signals.acting(self.system, log)
-            inside = inside._replace(guard=self._memory.absorb(inside.guard, acting))
+            inside = self._remembered(inside, inside.signals.acting(self.system, log))
         if inside.rivals is not None and count > 1:
             acting = inside.signals.acting(self.system, log)
             rivals = inside.rivals.followed(self._law, self.system.space.actuators, acting)
@@ -181,20 +176,34 @@ class EfficientIdentifier(Identifier):
             estimates,
         )
 
-    def _walk(self, inside: Guarded) -> Array:
+    def _remembered(self, inside: EfficientState, acting: Log) -> EfficientState:
+        """Takes a log into the memory, once there are `_TOGETHER` steps or the interval ends.
+
+        Where samples come one by one, each call of the memory would cost as much as many steps.
+        """
+        if inside.waiting is not None:
+            acting = inside.waiting.first(len(inside.waiting.t) - 1).joined(acting)
+        steps, memory = len(acting.t) - 1, inside.guard.memory
+        assert memory is not None
+        if steps < _TOGETHER and (memory.step + steps) % self._every:
+            return inside._replace(waiting=acting)
+        guard = self._memory.absorb(inside.guard, acting)
+        return inside._replace(guard=guard, waiting=None)
+
+    def _walk(self, inside: EfficientState) -> Array:
         """(p,) variance that θ, relative to itself, gains in a second [1/s]."""
         space, all_of = self.system.space, inside.walk(self._seconds(inside))
         return walks(len(space), space.actuators, all_of, inside.drift)
 
-    def _seconds(self, inside: Guarded) -> float:
+    def _seconds(self, inside: EfficientState) -> float:
         """Time since the first sample [s]."""
         return inside.step * self._interval / self._every
 
-    def _here(self, inside: Guarded, log: Log) -> Measurement:
+    def _here(self, inside: EfficientState, log: Log) -> Measurement:
         """The last measurement of a log without the known errors of its signals."""
         return inside.signals.acting(self.system, log.part(len(log.t) - 1, len(log.t))).at(0)
 
-    def _renewed(self, inside: Guarded, here: Measurement) -> Guarded:
+    def _renewed(self, inside: EfficientState, here: Measurement) -> EfficientState:
         """Begins the memory again at the filter's estimate, without data from before a fault."""
         guard = inside.guard._replace(
             v_hat=here.v.copy(),
@@ -203,13 +212,13 @@ class EfficientIdentifier(Identifier):
         )
         return inside._replace(guard=guard, pause=0, stale=False)
 
-    def _judged(self, inside: Guarded, here: Measurement) -> Guarded:
+    def _judged(self, inside: EfficientState, here: Measurement) -> EfficientState:
         """At an interval's end: which estimate is handed out, and how long the memory pauses."""
         memory = inside.guard.memory
         assert memory is not None
         if not inside.pause:
             inside = inside._replace(handed=self._explains(inside))
-        awake = memory.alarmed or not memory.sure or not inside.handed
+        awake = not memory.sure or not inside.handed
         longest = 0 if awake else int(_PAUSE * inside.calm / self._interval)
         pause = min(inside.pause - 1, longest) if inside.pause else longest
         if inside.pause and not pause:
@@ -217,7 +226,7 @@ class EfficientIdentifier(Identifier):
             inside = inside._replace(guard=inside.guard._replace(memory=resumed))
         return inside._replace(pause=pause)
 
-    def _filtered(self, inside: Guarded, log: Log, estimates: Estimates) -> Guarded:
+    def _filtered(self, inside: EfficientState, log: Log, estimates: Estimates) -> EfficientState:
         """The filter along a log, through contradictions; overwrites what it hands out."""
         count, at = len(log.t), 0
         along, past = Along.empty(count, self.system.n, self.system.p), log
@@ -253,7 +262,7 @@ class EfficientIdentifier(Identifier):
         estimates.v_hat[1:], estimates.pivot[1:] = v_hats[1:], pivots[1:]
         return inside._replace(recent=past.last(self._law.window + LEAD))
 
-    def _contradicted(self, inside: Guarded, log: Log) -> Guarded:
+    def _contradicted(self, inside: EfficientState, log: Log) -> EfficientState:
         """After a contradiction at a log's end: trials of what may have failed, or a new start."""
         kalman, system, here = inside.filter, self.system, self._here(inside, log)
         if len(log.t) <= LEAD + 1:  # right after a gap: too short to tell anything from
@@ -275,7 +284,7 @@ class EfficientIdentifier(Identifier):
         trials = begin_trials(self._law, kalman, system, signals, what, log, k)
         return inside._replace(trials=trials, watch=Watch())
 
-    def _tried(self, inside: Guarded, log: Log) -> Guarded:
+    def _tried(self, inside: EfficientState, log: Log) -> EfficientState:
         """The trials along a log; goes on with the best once there is a verdict."""
         assert inside.trials is not None
         trials = follow_trials(self._law, self.system, inside.trials, log)
@@ -296,7 +305,9 @@ class EfficientIdentifier(Identifier):
             return self._started_again(inside, self._here(inside, log))
         return self._isolated(inside, found, trials.begin, log)
 
-    def _isolated(self, inside: Guarded, found: Verdict, begin: float, log: Log) -> Guarded:
+    def _isolated(
+        self, inside: EfficientState, found: Verdict, begin: float, log: Log
+    ) -> EfficientState:
         """Goes on with the filter of a trial, and notes the fault if there was one."""
         trial, t = found.trial, float(log.t[-1])
         assert trial is not None
@@ -327,7 +338,7 @@ class EfficientIdentifier(Identifier):
             return inside
         return self._noted(inside, hypothesis, trial.theta, t, (begin, size, found.confidence))
 
-    def _watched(self, inside: Guarded, t: float) -> Guarded:
+    def _watched(self, inside: EfficientState, t: float) -> EfficientState:
         """At an interval's end: looks for slow changes, and follows one that is known."""
         kalman, loose = inside.filter, inside.loose
         if loose is not None and t > loose.until:
@@ -343,9 +354,7 @@ class EfficientIdentifier(Identifier):
             return inside
         if inside.calm < _SETTLED or loose is not None or inside.drift:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
-        what = appear_slowly(hypotheses_of(self.system, kalman.theta))
-        what += inexact(self.system, kalman.theta)
-        found = slow_change(watch, kalman, self.system.space, what)
+        found = slow_change(watch, kalman, self.system.space, lambda: self._slow(kalman.theta))
         if found is None or found.confidence < _ISOLATED:
             return inside._replace(watch=watch.with_snapshot(t, kalman))
         before = kalman.theta.copy()
@@ -357,7 +366,11 @@ class EfficientIdentifier(Identifier):
             return inside
         return self._noted(inside, hypothesis, before, t, noted)
 
-    def _compared(self, inside: Guarded, before: Guarded, t: float) -> Guarded:
+    def _slow(self, theta: Array) -> list[Hypothesis]:
+        """What a shift of θ̂ (p,) without a contradiction can be evidence for."""
+        return appear_slowly(hypotheses_of(self.system, theta)) + inexact(self.system, theta)
+
+    def _compared(self, inside: EfficientState, before: EfficientState, t: float) -> EfficientState:
         """At an interval's end: whether the gains drift, if θ is not constant; see `drift`."""
         rivals, failed = inside.rivals, len(inside.events) > len(before.events)
         if rivals is None or failed:
@@ -383,8 +396,8 @@ class EfficientIdentifier(Identifier):
         )
 
     def _noted(
-        self, inside: Guarded, hypothesis: Hypothesis, before: Array, t: float, found: Any
-    ) -> Guarded:
+        self, inside: EfficientState, hypothesis: Hypothesis, before: Array, t: float, found: Any
+    ) -> EfficientState:
         """Notes a fault isolated at time t, from θ̂ (p,) before; more of a known one is no new one.
 
         `found` are begin, size with its interval, confidence, and whether it is slow.
@@ -398,7 +411,7 @@ class EfficientIdentifier(Identifier):
         event = event_of(hypothesis, begin, t, size, confidence, *slow)
         return inside._replace(events=(*inside.events, event))
 
-    def _started_again(self, inside: Guarded, here: Measurement) -> Guarded:
+    def _started_again(self, inside: EfficientState, here: Measurement) -> EfficientState:
         """The filter at the memory's estimate, with the uncertainty of a prior."""
         kalman, theta = inside.filter, inside.guard.theta_hat
         kalman.theta[:], kalman.Ptt[:] = theta, self._covariance(theta)
@@ -410,7 +423,7 @@ class EfficientIdentifier(Identifier):
         """Whether the memory has data enough for its residual to judge an estimate."""
         return memory.means.blocks * self.system.n >= _DETERMINED * self.system.p
 
-    def _explains(self, inside: Guarded) -> bool:
+    def _explains(self, inside: EfficientState) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
         kalman, memory, system = inside.filter, inside.guard.memory, self.system
         assert memory is not None
@@ -420,7 +433,7 @@ class EfficientIdentifier(Identifier):
             return True
         if inside.loose is not None or inside.trials:
             return inside.handed  # the memory averages over what is changing
-        remembered = quotient(memory.means, system.space)
+        remembered = Remembered.of(memory.means, system.space)
         changed = inside.returns + inside.restarts > 0
         if remembered is None or not self._determined(memory):
             return inside.handed or not changed  # an estimate from few data fits them too well
@@ -450,7 +463,7 @@ class EfficientIdentifier(Identifier):
 
         That of the filter is scaled by the mean squared normalised innovation where it exceeds 1.
         """
-        inside: Guarded = state.filter
+        inside: EfficientState = state.filter
         kalman, prior = inside.filter, self._covariance(self.guard.prior)
         if not inside.handed:
             stated = self.guard.confidence(inside.guard)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...numerics.kernels import boolean, f8, i8, kernel, matrix, routine, vector, void
 from ...parameters import Array
-from ..cone.barrier import (
+from ...quotient.cone import (
     CONE,
     Cone,
     block_matrix,
@@ -168,24 +168,28 @@ def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
         moved: (p,) workspace.
         gained: (p,) workspace.
     """
-    p, norm = before.shape[0], 0.0
+    p, norm, along = before.shape[0], 0.0, 0.0
     for k in range(p):
         moved[k] = (after[k] - before[k]) / scale[k]
         norm += (before[k] / scale[k]) ** 2
-    along = 0.0
-    for i in range(p):
-        gained[i] = 0.0
+        gained[k] = 0.0
+    for i in range(p):  # P w by rows of the symmetric P: no sum to wait for
+        share = before[i] / (scale[i] * norm)
         for k in range(p):
-            gained[i] += Ptt[i, k] * before[k] / (scale[k] * norm)
-        along += before[i] / (scale[i] * norm) * gained[i]
+            gained[k] += share * Ptt[i, k]
     for i in range(p):
-        for k in range(i + 1):
-            change = moved[i] * gained[k] + gained[i] * moved[k] + along * moved[i] * moved[k]
-            Ptt[i, k] += change
-            Ptt[k, i] = Ptt[i, k]
+        along += before[i] / (scale[i] * norm) * gained[i]
+    for k in range(p):  # T P Tᵀ − P = d (P w)ᵀ + (P w) dᵀ + (wᵀ P w) d dᵀ
+        gained[k] += 0.5 * along * moved[k]
+    for i in range(p):
+        own, share = moved[i], gained[i]
+        for k in range(p):
+            Ptt[i, k] += own * gained[k] + share * moved[k]
+    for k in range(p):
+        gained[k] = before[k] / (scale[k] * norm)
     for j in range(Pxt.shape[0]):
         own = 0.0
         for k in range(p):
-            own += Pxt[j, k] * before[k] / (scale[k] * norm)
+            own += Pxt[j, k] * gained[k]
         for k in range(p):
             Pxt[j, k] += own * moved[k]

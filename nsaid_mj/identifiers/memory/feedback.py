@@ -13,7 +13,6 @@ import numpy as np
 from ...log import Log
 from ...numerics.kernels import i8, kernel, matrix, vector, void
 from ...parameters import Array
-from ...system import SecondOrderSystem
 
 _LONGEST = 2000.0  # samples over which the covariance is averaged
 _FEWEST = 100  # fourth differences, at least, before it is used
@@ -46,10 +45,14 @@ class FedBack(NamedTuple):
             np.zeros((3, width)), np.zeros(width), np.zeros((n_u, 2 * n)), np.zeros(2 * n), 0
         )
 
-    def along(self, system: SecondOrderSystem, log: Log) -> FedBack:
-        """The covariance at the end of a log, whose last command is not used."""
-        moves = [system.difference(*pair) for pair in zip(log.q[:-1], log.q[1:], strict=True)]
-        steps = np.hstack([np.array(moves), np.diff(log.v, axis=0)])
+    def along(self, moves: Array, log: Log) -> FedBack:
+        """The covariance at the end of a log, whose last command is not used.
+
+        Args:
+            moves: (N−1, n) tangent steps between its positions.
+            log: N measurements.
+        """
+        steps = np.hstack([moves, np.diff(log.v, axis=0)])
         after = self._replace(
             increments=self.increments.copy(),
             pending=self.pending.copy(),

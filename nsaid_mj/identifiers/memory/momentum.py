@@ -18,7 +18,7 @@ import numpy as np
 from numba import types
 
 from ...log import Log, Measurement, Middle, SensorLevels
-from ...numerics.kernels import cube, f8, i8, kernel, matrix, vector
+from ...numerics.kernels import cube, f8, i8, kernel, matrix, vector, void
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from .feedback import FedBack
@@ -32,15 +32,15 @@ class Balance(NamedTuple):
 
     Attributes:
         lag: (n, p) filter state z.
-        filtered: (m,) position estimated from measured positions and velocities.
-        pending: (n,) correction of that position not yet added to the velocities [rad or m].
+        ahead: (n,) measured position relative to that estimated from positions and velocities.
+        pending: (n,) correction of the latter not yet added to the velocities [rad or m].
         total: (n, p) sum of Y over the current block.
         filled: number of samples in the current block.
         fed: how the commands follow the sensors' noise.
     """
 
     lag: Array
-    filtered: Array
+    ahead: Array
     pending: Array
     total: Array
     filled: int
@@ -71,12 +71,7 @@ class Rows:
         """The balance at a first sample q (m,), v (n,): Y = 0."""
         lag, n = self.system._W_M(q, v), self.system.n
         fed = FedBack.unknown(n, self.system.n_u)
-        return Balance(lag, q, np.zeros(n), np.zeros_like(lag), 0, fed)
-
-    def restart(self, balance: Balance, q: Array, v: Array) -> Balance:
-        """The balance at a sample q (m,), v (n,), its filter state and current block reset."""
-        lag = self.system._W_M(q, v)
-        return balance._replace(lag=lag, total=np.zeros_like(lag), filled=0)
+        return Balance(lag, np.zeros(n), np.zeros(n), np.zeros_like(lag), 0, fed)
 
     def follow(self, balance: Balance, log: Log, middle: Middle) -> tuple[Balance, Array]:
         """Advances the balance along a log.
@@ -91,9 +86,14 @@ class Rows:
             completed on the way.
         """
         if not self.levels.exact:
-            balance = balance._replace(fed=balance.fed.along(self.system, log))
-        if self.gain:
-            balance, middle = self._drift_corrected(balance, log, middle)
+            moves = self.system.moves(log.q)
+            balance = balance._replace(
+                fed=balance.fed.along(moves, log),
+                ahead=balance.ahead.copy(),
+                pending=balance.pending.copy(),
+            )
+            middle = middle._replace(v=middle.v.copy())
+            _correct_drift(self.gain, log.t, log.v, moves, *balance[1:3], middle.v)
         lag, total, filled = balance.lag.copy(), balance.total.copy(), balance.filled
         rows = np.empty(((filled + len(log.t) - 1) // self.block, *lag.shape))
         made = 0
@@ -131,34 +131,34 @@ class Rows:
         both = np.concatenate(rows).transpose(1, 0, 2)
         return np.matmul(both.transpose(0, 2, 1), both)
 
-    def _drift_corrected(
-        self, balance: Balance, log: Log, middle: Middle
-    ) -> tuple[Balance, Middle]:
-        """Corrects the drift of integrated velocities by the positions.
 
-        Velocity noise accumulates in the integrals of terms proportional to v, position noise does
-        not. A steady-state Kalman filter estimates the position from both, and its updates are
-        added to the velocities half-way between samples over `_CORRECTION_TIME`.
+@kernel(void(f8, vector, matrix, matrix, vector, vector, matrix))
+def _correct_drift(gain, t, v, moves, ahead, pending, middle):
+    """Corrects the drift of integrated velocities by the positions, in place.
 
-        Args:
-            balance: at the log's first measurement.
-            log: N measurements.
-            middle: the states half-way between them.
+    Velocity noise accumulates in the integrals of terms proportional to v, position noise does not.
+    A steady-state Kalman filter estimates the position from both, and its updates are added to the
+    velocities half-way between samples over `_CORRECTION_TIME`. The filter's position is as near as
+    noise to the measured one, so that a body's turn in a step does not matter for their difference.
 
-        Returns:
-            The balance with the filter at the last measurement; and the corrected states.
-        """
-        system, v = self.system, middle.v.copy()
-        filtered, pending = balance.filtered, balance.pending
-        for k in range(len(log.t) - 1):
-            dt = log.t[k + 1] - log.t[k]
-            predicted = system.integrate(filtered, 0.5 * dt * (log.v[k] + log.v[k + 1]))
-            update = self.gain * system.difference(predicted, log.q[k + 1])
-            filtered = system.integrate(predicted, update)
-            correction = min(1.0, dt / _CORRECTION_TIME) * pending
-            v[k] += 1.5 / dt * correction  # Simpson's rule weighs the middle by two thirds
-            pending = pending + update - correction
-        return balance._replace(filtered=filtered, pending=pending), middle._replace(v=v)
+    Args:
+        gain: of the filter; 0 where velocities are exact.
+        t: (N,) times [s].
+        v: (N, n) measured velocities.
+        moves: (N−1, n) tangent steps between measured positions.
+        ahead: (n,) measured position relative to the filter's; updated.
+        pending: (n,) correction not yet added to the velocities; updated.
+        middle: (N−1, n) velocities half-way between samples; updated.
+    """
+    for k in range(moves.shape[0]):
+        dt = t[k + 1] - t[k]
+        share = min(1.0, dt / _CORRECTION_TIME)
+        for i in range(ahead.shape[0]):
+            found = ahead[i] + moves[k, i] - 0.5 * dt * (v[k, i] + v[k + 1, i])
+            correction = share * pending[i]
+            middle[k, i] += 1.5 / dt * correction  # Simpson's rule weighs the middle by two thirds
+            pending[i] += gain * found - correction
+            ahead[i] = (1.0 - gain) * found
 
 
 @kernel(types.UniTuple(i8, 2)(f8, i8, vector, cube, cube, cube, cube, matrix, matrix, i8, cube, i8))

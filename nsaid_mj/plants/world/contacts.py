@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 
 from ...parameters import Array
-from ...robot.robots import Robot
-from ...robot.tree import mesh_of, tree_spec, wxyz
+from ...robot.model import RobotModel
+from ...robot.tree import tree_spec, wxyz
 
 _POSES, _MOST = 50, 0.8  # random poses, and share of them in which a pair may touch and count
 
@@ -32,15 +32,12 @@ class Contacts:
         known: whether the robot has any mesh; without, nothing can be said.
     """
 
-    def __init__(self, robot: Robot, limits: tuple[Array, Array]):
+    def __init__(self, robot: RobotModel, limits: tuple[Array, Array]):
         spec = tree_spec(robot.model, 1e-3)
         spec.option.disableflags = 0
         bodies = [spec.worldbody, *(spec.body(name) for name in list(robot.model.names)[1:])]
         self.known = False
-        for number, geometry in enumerate(robot.visual.geometryObjects):
-            mesh = mesh_of(geometry)
-            if mesh is None:
-                continue
+        for number, (mesh, joint, place) in enumerate(robot.visuals.parts):
             self.known = True
             name = f"hull {number}"
             spec.add_mesh(
@@ -48,11 +45,9 @@ class Contacts:
                 uservert=mesh.vertices.ravel().tolist(),
                 userface=mesh.triangles.ravel().tolist(),
             )
-            geom = bodies[geometry.parentJoint].add_geom(
-                type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name
-            )
-            geom.pos = geometry.placement.translation
-            geom.quat = wxyz(geometry.placement.rotation)
+            geom = bodies[joint].add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+            geom.pos = place.translation
+            geom.quat = wxyz(place.rotation)
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[10, 10, 0.1])
         self._model: Any = spec.compile()
         self._data = mujoco.MjData(self._model)

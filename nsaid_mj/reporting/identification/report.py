@@ -151,7 +151,7 @@ def print_identification(
             f"{result.seconds:.1f} s",
             alarms=brief_alarms(result.findings),
             sections=[
-                Section("", [_brief_quality(result), *_brief_gains(gains), *_kinds(result)]),
+                Section("", [_quality(result, brief=True), *_brief_gains(gains), *_kinds(result)]),
                 *(Section("", [Text(line)]) for line in last),
             ],
             commands=list(map(str, files)),
@@ -196,36 +196,31 @@ def _counts(parameters: Iterable[Parameter]) -> list[Mark]:
     ]
 
 
-def _quality(result: Identification) -> Table:
-    """Table of the prediction's quality and the chosen structure, per joint."""
-    checked = any(j.validation is not None for j in result.joints)
-    heads = [words.rows_of(result)[0], "fit", "held out", "least squares"]
-    heads += ["validation", "least squares"] * checked
-    heads += ["columns", "s [rad/s, m/s]", "delay"]
-    lines = []
-    for j in result.joints:
-        line = [j.name, *(words.nrmse(x) for x in (j.fit, j.held_out, j.least_squares))]
-        if checked:
-            line += [words.nrmse(j.validation), words.nrmse(j.validation_least_squares)]
-        speed = words.number(j.friction_speed)
-        lines.append([*line, ", ".join(j.columns), speed, words.delay(j.delay)])
-    return Table(heads, lines, (0, 6 if checked else 4))
+def _quality(result: Identification, brief: bool = False) -> Table:
+    """The prediction's quality and the chosen structure, per joint.
 
-
-def _brief_quality(result: Identification) -> Table:
-    """The NRMSE of every joint, the worst first."""
+    Args:
+        result: of the identification.
+        brief: for the terminal, which prints the worst ones of many.
+    """
     checked = any(j.validation is not None for j in result.joints)
-    heads = ["NRMSE of the command", "fit", "held out", "least squares"]
+    heads = ["NRMSE of the command" if brief else words.rows_of(result)[0], "fit", "held out"]
+    heads += ["least squares", *["validation", "least squares"] * checked]
+    heads += ["delay", "s [rad/s, m/s]", "columns"]
     lines: list[list[Cell]] = []
     kept = list(result.joints)
-    if len(kept) > _LINES:  # the terminal prints the first ones: the worst
+    if brief and len(kept) > _LINES:
         kept.sort(key=lambda j: -j.held_out if math.isfinite(j.held_out) else -math.inf)
     for j in kept:
-        held_out = words.quality(j.held_out)._replace(glyph="", text=words.nrmse(j.held_out))
+        held_out = words.quality(j.held_out)._replace(text=words.nrmse(j.held_out))
         line: list[Cell] = [j.name, words.nrmse(j.fit), held_out, words.nrmse(j.least_squares)]
-        line += [words.nrmse(j.validation)] * checked
-        lines.append([*line, words.delay(j.delay)])
-    return Table([*heads, *(["validation"] * checked), "delay"], lines, most=_LINES)
+        if checked:
+            line += [words.nrmse(j.validation), words.nrmse(j.validation_least_squares)]
+        line += [words.delay(j.delay), words.number(j.friction_speed), ", ".join(j.columns)]
+        lines.append(line)
+    last = len(heads) - 1
+    spare = [last, last - 1, *[5] * checked]
+    return Table(heads, lines, (0, last), spare=spare, most=_LINES)
 
 
 def _brief_gains(gains: Sequence[Parameter]) -> list[Table]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,9 +12,12 @@ from rich.console import Console
 from ... import __version__
 from ...calibration import words
 from ...calibration.result import Parameter
-from ...calibration.servos import Score, ServoIdentification
+from ...calibration.servos import Score, ServoIdentification, ServoLog
+from ...parameters import Array
 from .. import pages
-from ..pages import Cell, Page, Panel, Section, Table, Text
+from ..drawings import figures_of
+from ..pages import Cell, Figures, Page, Panel, Section, Table, Text
+from ..panels import Comparison
 from ..terminal import print_page, print_panels
 from .report import brief_alarms
 
@@ -22,9 +26,35 @@ _HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "error [mrad
 _PER_SERVO = 5  # parameters
 
 
-def write_servos(result: ServoIdentification, folder: Path, command: str = "") -> Path:
-    """Writes report.html into a folder, atomically, and returns its path."""
-    return pages.write(_page(result, [command] if command else []), folder)
+def write_servos(
+    result: ServoIdentification,
+    folder: Path,
+    command: str = "",
+    replay: tuple[ServoLog, Array] | None = None,
+) -> Path:
+    """Writes report.html into a folder, atomically, and returns its path.
+
+    Args:
+        result: of an identification of servos.
+        folder: to write into.
+        command: that repeats it.
+        replay: a log, and its positions (N, n) as the exported file has them.
+    """
+    page = _page(result, [command] if command else [])
+    if replay is not None:
+        page = dataclasses.replace(page, sections=[*page.sections, _replay(result, *replay)])
+    return pages.write(page, folder)
+
+
+def _replay(result: ServoIdentification, log: ServoLog, simulated: Array) -> Section:
+    """Positions of every joint, measured and simulated."""
+    panels = [
+        Comparison(servo.name, "q", "rad or m", log.t - log.t[0], log.position[:, j],
+                   simulated[:, j])
+        for j, servo in enumerate(result.servos)
+    ]  # fmt: skip
+    note = "MuJoCo with the exported file, driven by the targets alone from the first position on."
+    return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
 def print_servos(result: ServoIdentification, console: Console, files: Sequence[Path] = ()) -> None:

@@ -178,7 +178,8 @@ class Plot {
   // Where the cursor stands, and what is written beside it: all curves at the nearest time, or the
   // nearest point.
   under(axes, x, y) {
-    const shown = axes.curves.filter((curve) => !this.off.has(curve.switch ?? curve.name));
+    const off = [...this.off];           // the ends of a curve's intervals are called "curve, low"
+    const shown = axes.curves.filter(({ name }) => !off.some((one) => name === one || name.includes(`${one}, `)));
     let best, least = Infinity;
     for (const curve of shown) {
       const xs = axes.xs[curve.x];
@@ -254,12 +255,17 @@ class Plot {
     const lines = [];
     for (const axes of this.axes) {
       const { x, y } = { x: axes.x.label || "x", y: axes.y.label || "y" };
+      if (axes.names) {
+        lines.push([x, ...axes.curves.map((curve) => curve.name)]);
+        axes.names.forEach((name, k) => lines.push([name, ...axes.curves.map((curve) => axes.xs[curve.x][curve.y.indexOf(k)])]));
+        continue;
+      }
       axes.xs.forEach((xs, number) => {  // curves at the same places share their lines
         const curves = axes.curves.filter((curve) => curve.x === number);
         if (!curves.length) return;
         const name = (curve) => [curve.name, y].filter(Boolean).join(": ");
-        lines.push([x, ...curves.map(name), ...(axes.names ? ["name"] : [])]);
-        xs.forEach((at, k) => lines.push([at, ...curves.map((curve) => curve.y[k]), ...(axes.names ? [axes.names[Math.round(curves[0].y[k])]] : [])]));
+        lines.push([x, ...curves.map(name)]);
+        xs.forEach((at, k) => lines.push([at, ...curves.map((curve) => curve.y[k])]));
         lines.push([]);
       });
     }

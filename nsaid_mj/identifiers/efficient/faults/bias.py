@@ -19,7 +19,8 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
-from ..kalman import Filter, Law, restart_state
+from ..filter import Filter, Law
+from ..kalman import restart_state
 from ..noise import noise_variance
 from .hypotheses import Hypothesis
 from .onset import increments

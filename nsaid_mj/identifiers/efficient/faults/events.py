@@ -12,7 +12,7 @@ import numpy as np
 
 from ....parameters import Array, Indices, ParameterSpace
 from ...faults import FaultEvent
-from ..kalman import Filter
+from ..filter import Filter
 from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one

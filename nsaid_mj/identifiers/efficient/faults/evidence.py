@@ -49,6 +49,11 @@ class Jump(NamedTuple):
         return middle, middle - wide, middle + wide
 
 
+def most_evident(Ps: Array, Pt: Array, shift: Array, tolerance: Array) -> float:
+    """½ Δᵀ V⁻¹ Δ, which no jump's evidence exceeds; arguments are those of `shift_jumps`."""
+    return 0.5 * float(shift @ cho_solve(cho_factor(Ps - Pt + np.diag(tolerance**2)), shift))
+
+
 def shift_jumps(
     Ps: Array, Pt: Array, shift: Array, tolerance: Array, directions: list[Array]
 ) -> list[Jump]:

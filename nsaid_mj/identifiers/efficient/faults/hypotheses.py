@@ -14,10 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ....parameters import Array, Indices, ParameterSpace
+from ....quotient.barrier import gradient_and_hessian
+from ....quotient.cone import Cone, cone_of
 from ....structure.payload import carrier, point_mass, submerged
 from ....structure.sensing import sensor_labels, sensor_units
 from ....system import SecondOrderSystem, gains_by_command
-from ...cone.barrier import Cone, cone_of, gradient_and_hessian
 from ..kalman import SMALL
 from .evidence import Jump
 

@@ -7,14 +7,13 @@ likelihood ratio test of Page for a change at an unknown time.
 
 from __future__ import annotations
 
-from copy import deepcopy
-
 import numpy as np
 
 from ....log import Log
 from ....parameters import Array
 from ....system import SecondOrderSystem
-from ..kalman import COMPLETED, Along, Filter, Law, follow_filter, restart_state
+from ..filter import COMPLETED, Along, Filter, Law
+from ..kalman import follow_filter, restart_state
 from ..noise import noise_variance
 
 LEAD = 4
@@ -30,7 +29,7 @@ def increments(system: SecondOrderSystem, log: Log) -> Array:
 
 def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filter:
     """A copy of a filter with its state at sample k ≥ 3 of a log, as measured there."""
-    own = deepcopy(kalman)
+    own = kalman.copied()
     own.noise.increments[:] = increments(system, log.part(k - 3, k + 1))
     restart_state(own, log.q[k], log.v[k], noise_variance(own.noise))
     return own

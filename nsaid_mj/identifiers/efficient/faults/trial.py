@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,8 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
-from ..kalman import COMPLETED, Along, Filter, Law, follow_filter, keep_above_rounding
+from ..filter import COMPLETED, Along, Filter, Law
+from ..kalman import follow_filter, keep_above_rounding
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
 from .signals import Signals
@@ -41,7 +41,7 @@ class Trial(NamedTuple):
     @staticmethod
     def begin(start: Filter, signals: Signals, hypothesis: Hypothesis, scale: Array) -> Trial:
         """A trial from a filter just before the fault."""
-        own = deepcopy(start)
+        own = start.copied()
         own.theta[:] += scale * hypothesis.mean
         own.Ptt[:] += hypothesis.D @ hypothesis.D.T
         return Trial(hypothesis, own, signals, own.theta.copy(), own.Ptt.copy())
@@ -60,7 +60,7 @@ class Trial(NamedTuple):
         self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
     ) -> Trial:
         """The trial after a log; `before` are the signals at its first sample if others."""
-        own, count = deepcopy(self.filter), len(log.t)
+        own, count = self.filter.copied(), len(log.t)
         t, q, v, u = self.signals.acting(system, log)
         if before is not None:
             sound = before.acting(system, log.first(1))

@@ -15,7 +15,8 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array
 from ....system import SecondOrderSystem
-from ..kalman import Filter, Law, acceptable
+from ..filter import Filter, Law
+from ..kalman import acceptable
 from .bias import BiasTrial
 from .evidence import posterior
 from .hypotheses import Hypothesis, penalty

@@ -6,13 +6,14 @@ of (θ̂, P_θθ) are kept at regular intervals, and each is compared with the p
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ....parameters import Array, ParameterSpace
-from ..kalman import Filter
-from .evidence import posterior, shift_jumps
+from ..filter import Filter
+from .evidence import most_evident, posterior, shift_jumps
 from .hypotheses import Hypothesis, most_changed, penalty
 
 PERIOD = 0.5
@@ -83,25 +84,33 @@ class Found(NamedTuple):
 
 
 def slow_change(
-    watch: Watch, kalman: Filter, space: ParameterSpace, hypotheses: list[Hypothesis]
+    watch: Watch, kalman: Filter, space: ParameterSpace, what: Callable[[], list[Hypothesis]]
 ) -> Found | None:
-    """The most evident change since any of the snapshots; None if none is evident."""
+    """The most evident change since any of the snapshots; None if none is evident.
+
+    No jump explains more of a shift than all of it: ½ Δᵀ V⁻¹ Δ bounds the evidence of each, see
+    `evidence`. The hypotheses, of `what`, are only compared where that is enough.
+    """
     best: Found | None = None
-    scale = space.scale
+    scale, hypotheses = space.scale, None
     tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
         if span > len(watch.times):
             break
         theta, P = watch.thetas[-span], watch.covariances[-span]
         shift = (kalman.theta - theta) / scale
+        least = max(_SURE, best.evidence if best else 0.0)
         try:
+            if most_evident(P, kalman.Ptt, shift, tolerance) <= least:
+                continue
+            hypotheses = hypotheses or what()
             jumps = shift_jumps(P, kalman.Ptt, shift, tolerance, [h.D for h in hypotheses])
         except (np.linalg.LinAlgError, ValueError):
             continue  # exact data leave a covariance that rounding made indefinite, or infinite
         each = zip(jumps, hypotheses, strict=True)
         evidence = np.array([jump.evidence - penalty(h) for jump, h in each])
         k = int(np.argmax(evidence))
-        if evidence[k] > max(_SURE, best.evidence if best else 0.0):
+        if evidence[k] > least:
             hypothesis, jump = hypotheses[k], jumps[k]
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
             if not np.linalg.eigvalsh(new_P)[0] > 0.0:

@@ -11,19 +11,11 @@ from ...bounds import Config, NonNegative, Positive, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
+from ...quotient.cone import cone_of
 from ...system import SecondOrderSystem
-from ..cone.barrier import cone_of
 from ..cone.prior import drawn_covariance
-from .kalman import (
-    CONTRADICTED,
-    ROUNDED,
-    Along,
-    Filter,
-    Law,
-    filter_at,
-    follow_filter,
-    restart_state,
-)
+from .filter import CONTRADICTED, ROUNDED, Along, Filter, Law, filter_at
+from .kalman import follow_filter, restart_state
 from .noise import noise_variance
 from .steps import margin_of
 
@@ -65,7 +57,7 @@ class Replay(NamedTuple):
     filter: Filter
 
 
-class Witness:
+class FilterAlone:
     """The filter alone, for a structure with compiled forward dynamics.
 
     Args:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...parameters import Array
+from ..parameters import Array
 from .matrices import common_root
 
 _ABOVE = 2.0  # power of new data over their expected noise, from which on they inform

@@ -1,13 +1,12 @@
-"""Scale-invariant cost R(θ) of remembered data.
+"""Scale-invariant cost R(θ) of rows Y with Y θ = 0 for every true θ, from their Gramians.
 
     R(θ) = ½ Σ_i w_i λ_i(θ),    λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ,
 
-with G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 diagonal on the actuators:
-the residual is measured relative to the actuators' effort, as if every command had a relative
-error. θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* (docs/theory.md).
+with G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 that of the actuators' effort:
+the residual is measured relative to the effort, as if every command had a relative error.
+θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* where Σ_i is diagonal (docs/theory.md).
 
-Information kept from before a change of the actuators is a further row, relative to Σ̄, the mean of
-the Σ_i/θ̂ᵀΣ_iθ̂.
+The law `memory`, the batch fit of a log and weighted least squares minimise it, with other weights.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...parameters import Array, ParameterSpace
+from ..parameters import Array, ParameterSpace
+from .gramians import Means
 from .matrices import common_root
-from .statistics import Means, Memory
 
 _QUADRATURE = 1e-8  # floor of λ, where the quadrature's error remains
 _DRIVEN = 1e-6  # share of a row's size below which the row counts as unactuated
@@ -29,17 +28,31 @@ _OWN = 1e-2  # share of a row's size that its positive parameters need to serve 
 
 @dataclass(frozen=True)
 class Quotient:
-    """R for the current content of a memory.
+    """R of some Gramians.
 
     Attributes:
-        gramian: (n, p, p) G_i, means over the blocks.
-        effort: (n, p) diagonals of Σ_i.
+        gramian: (n, p, p) G_i, means over the rows.
+        effort: (n, p) diagonals of Σ_i, or (n, p, p) all of them.
         weights: (n,) w_i.
+        added: (n,) what is added to θᵀ Σ_i θ; 1 measures a row without effort in its own units.
     """
 
     gramian: Array
     effort: Array
     weights: Array
+    added: Array | float = 0.0
+
+    def pull(self, theta: Array) -> Array:
+        """(n, p) Σ_i θ."""
+        return self.effort * theta if self.effort.ndim == 2 else self.effort @ theta
+
+    def efforts(self, theta: Array) -> Array:
+        """(n,) θᵀ Σ_i θ."""
+        return self.pull(theta) @ theta + self.added
+
+    def levels(self, theta: Array) -> Array:
+        """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ."""
+        return (self.gramian @ theta) @ theta / self.efforts(theta)
 
     def value(self, theta: Array) -> float:
         """R(θ)."""
@@ -47,56 +60,72 @@ class Quotient:
 
     def gradient(self, theta: Array) -> Array:
         """(p,) ∇R(θ) = Σ_i w_i (G_i θ − λ_i Σ_i θ) / θᵀ Σ_i θ."""
-        pull, effort = self.gramian @ theta, self.effort @ theta**2
+        pull, slope = self.gramian @ theta, self.pull(theta)
+        effort = slope @ theta + self.added
         level = pull @ theta / effort
-        return (self.weights / effort) @ (pull - level[:, None] * self.effort * theta)
+        return (self.weights / effort) @ (pull - level[:, None] * slope)
 
     def curvature(self, theta: Array) -> Array:
         """(p, p) Gauss–Newton approximation of ∇²R.
 
         With Π = 1 − θ (Σ_i θ)ᵀ / θᵀ Σ_i θ it is Σ_i w_i Πᵀ G_i Π / θᵀ Σ_i θ ⪰ 0.
         """
-        effort = self.effort @ theta**2
-        return _projected(self.gramian, self.effort * theta, theta, effort, self.weights / effort)
+        pull, slope = self.gramian @ theta, self.pull(theta)
+        effort = slope @ theta + self.added
+        share = self.weights / effort
+        bent = (0.5 * (pull @ theta) / effort)[:, None] * slope - pull
+        mixed = ((share / effort)[:, None] * bent).T @ slope
+        return np.tensordot(share, self.gramian, 1) + mixed + mixed.T
+
+    def information(self, theta: Array) -> Array:
+        """(p, p) curvature of R at θ (p,) with Σ held."""
+        return np.tensordot(self.weights / self.efforts(theta), self.gramian, 1)
+
+
+class Remembered:
+    """R of means over blocks in time, whose residuals may be correlated between blocks.
+
+    With ρ_i the correlation of neighbouring blocks in row i at θ, Y − ρ_i Y′ is a block's
+    innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949).
+
+    Args:
+        means: over the blocks.
+        effort: (n, p) diagonals of Σ_i.
+    """
+
+    def __init__(self, means: Means, effort: Array):
+        self.means, self.effort = means, effort
+
+    @staticmethod
+    def of(means: Means, space: ParameterSpace) -> Remembered | None:
+        """R of some means; None before any actuator has had an effect."""
+        effort = efforts(means.gramian, space)
+        return None if effort is None else Remembered(means, effort)
 
     def levels(self, theta: Array) -> Array:
-        """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ."""
-        return (self.gramian @ theta) @ theta / (self.effort @ theta**2)
+        """(n,) λ_i = θᵀ G_i θ / θᵀ Σ_i θ of the blocks themselves."""
+        return (self.means.gramian @ theta) @ theta / (self.effort @ theta**2)
 
-    def weighted(self, theta: Array, memory: Memory) -> Quotient:
-        """R weighted as a negative log-likelihood near θ, for residuals correlated between blocks.
+    def weighted(self, theta: Array) -> Quotient:
+        """R weighted as a negative log-likelihood near θ (p,): w_i = blocks/λ_i(θ).
 
-        With ρ_i the correlation of neighbouring blocks in row i at θ, Y − ρ_i Y′ is a block's
-        innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949); the part of its Gramian that
-        is not the sensors' noise replaces G_i, and w_i = blocks/λ_i(θ).
-
-        Args:
-            theta: (p,) an estimate.
-            memory: the memory of which this is the cost.
+        The part of the innovations' Gramian that is not the sensors' noise takes the place of G_i.
         """
-        means, (rho, share) = memory.means, self.residuals(theta, memory.means)
-        gramian, effort = means.innovations(rho), self.effort @ theta**2
+        means, (rho, share) = self.means, self.residuals(theta)
+        gramian = means.innovations(rho)
         if means.noise.any():
             expected = (1 + rho**2)[:, None, None] * means.noise
             parts = zip(gramian, expected, strict=True)
             gramian = np.array([without_noise(*pair, means.blocks) for pair in parts])
-        weights = means.blocks * share * effort
-        if memory.kept is None:
-            return Quotient(gramian, self.effort, weights)
-        reference = np.mean(self.effort / effort[:, None], axis=0)
-        return Quotient(
-            np.concatenate([gramian, memory.kept[None]]),
-            np.concatenate([self.effort, reference[None]]),
-            np.append(weights, 1.0),
-        )
+        return Quotient(gramian, self.effort, means.blocks * share * (self.effort @ theta**2))
 
-    def of_noise(self, theta: Array, means: Means) -> Quotient:
+    def of_noise(self, theta: Array) -> Quotient:
         """The part of `weighted` that the sensors' noise is expected to contribute."""
-        rho, share = self.residuals(theta, means)
+        means, (rho, share) = self.means, self.residuals(theta)
         noise = (1 + rho**2)[:, None, None] * means.noise
         return Quotient(noise, self.effort, means.blocks * share * (self.effort @ theta**2))
 
-    def residuals(self, theta: Array, means: Means) -> tuple[Array, Array]:
+    def residuals(self, theta: Array) -> tuple[Array, Array]:
         """(n,) correlations ρ_i of neighbouring residuals at θ (p,); (n,) their inverse variances.
 
         The variances are those of the innovations, at least those of the quadrature's error.
@@ -105,16 +134,12 @@ class Quotient:
         def level(gramian: Array) -> Array:
             return (gramian @ theta) @ theta / effort
 
-        effort = self.effort @ theta**2
+        means, effort = self.means, self.effort @ theta**2
         own, lagged, last = level(means.gramian), level(means.lagged), (means.last @ theta) ** 2
         rho = np.clip(lagged / np.maximum(own, _QUADRATURE), 0.0, _CORRELATED)
         new = means.of_innovations(rho, own, lagged, last / effort)
         least = np.maximum((1 + rho**2) * level(means.noise), _QUADRATURE)
         return rho, 1 / (np.maximum(new, least) * effort)
-
-    def information(self, theta: Array) -> Array:
-        """(p, p) curvature of R at θ (p,) with Σ held."""
-        return np.tensordot(self.weights / (self.effort @ theta**2), self.gramian, 1)
 
 
 def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
@@ -143,19 +168,13 @@ def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
     return found
 
 
-def quotient(means: Means, space: ParameterSpace) -> Quotient | None:
-    """R of means over blocks, with weights 0; None before any actuator has had an effect.
+def efforts(gramian: Array, space: ParameterSpace) -> Array | None:
+    """(n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
 
     The reference of a row without an actuator of its own (sideways a car is pushed by its tyres,
     not by its engine) is the effort of its other positive parameters, such as tyres or drag; where
     that is negligible, the mean effort in the actuated rows, scaled to the row's size.
     """
-    effort = efforts(means.gramian, space)
-    return None if effort is None else Quotient(means.gramian, effort, np.zeros(len(effort)))
-
-
-def efforts(gramian: Array, space: ParameterSpace) -> Array | None:
-    """(n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect."""
     diagonal = np.einsum("ipp->ip", gramian)
     size = diagonal @ space.scale**2
     effort = np.zeros_like(diagonal)
@@ -177,11 +196,3 @@ def positive(space: ParameterSpace) -> Array:
     for block, place in space:
         mask[place] = block.geometry == "positive"
     return mask
-
-
-def _projected(gramian: Array, slope: Array, theta: Array, effort: Array, share: Array) -> Array:
-    """(p, p) Σ_i share_i Πᵀ G_i Π with Π = 1 − θ slope_iᵀ / effort_i."""
-    pull = gramian @ theta
-    mixed = (pull * (share / effort)[:, None]).T @ slope
-    bent = (slope * (share * (pull @ theta) / effort**2)[:, None]).T @ slope
-    return np.tensordot(share, gramian, 1) - mixed - mixed.T + bent

@@ -1,8 +1,8 @@
-"""(44) and (45) in the metric of the cone, with a memory of past data.
+"""Implicit steps of θ̂ on the cost of past data, in the metric of the cone.
 
-A term −κ (∇²ψ)⁻¹ ∇R(θ̂) is added to (45), with R the cost of remembered data (`cost`), so that θ̂
-converges in every direction that was ever excited. The term acts by implicit steps at intervals h:
-θ⁺ is a stationary point of
+A term −κ (∇²ψ)⁻¹ ∇R(θ̂) is added to (45), with R the cost of remembered data (`quotient.cost`), so
+that θ̂ converges in every direction that was ever excited. The term acts by implicit steps at
+intervals h: θ⁺ is a stationary point of
 
     κ h [R(θ) + w D_ψ(θ‖θ̂₀)/μ] + D_ψ(θ‖θ̂),
 
@@ -15,61 +15,26 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import InvalidInput
-from ...log import EXACT, Log, Measurement, SensorLevels
+from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
+from ...quotient.cone import inside
+from ...quotient.cost import Quotient, Remembered
+from ...quotient.descent import Rules, minimise
+from ...quotient.intervals import sandwich_root
+from ...quotient.matrices import common_root
 from ...system import SecondOrderSystem
-from ..base import Confidence, DataMemory, State
-from ..cone.barrier import inside
+from ..base import Confidence, State
 from ..cone.law import ConeMetric
-from ..nullspace_aid import NullspaceIdentifier
-from .cost import Quotient, quotient
-from .matrices import cholesky, common_root, square_root
-from .statistics import Evidence, Memory, MemoryConfig, Recorder, View
+from .statistics import Memory, MemoryConfig, Recorder, View
 
-_REACH = 0.5  # longest Newton step in the metric; the Dikin ellipsoid of radius 1 is in the cone
-_NEWTON, _HALVINGS = 30, 8  # iterations, at most, in one implicit step
-_CLOSE = 1e-3  # length below which a Newton step is scaled by the gradient, not the objective
-_DONE = 1e-6  # Newton decrement at which the iteration ends
+_RULES = Rules(steps=30, halvings=8, done=1e-6, close=1e-3)  # of Newton's method in a step
 _SOLVED = 1e-4  # Newton decrement above which an implicit step counts as not solved
 _SHORTER, _SHORTENINGS = 0.25, 6  # factor of an unsolved step's length, and how often it is applied
 _SURE = 30.0  # information, in units of the prior's, below which noisy data say nothing: 18 %
 _FIRM = 100.0  # weight of the hold where data say as much as noise, relative to these data
 
 
-def memory_identifier(
-    system: SecondOrderSystem,
-    K: Array,
-    Gamma: Array,
-    prior: Array,
-    dt: float,
-    mu: float,
-    hermite: bool = True,
-    config: MemoryConfig | None = None,
-    levels: SensorLevels = EXACT,
-) -> NullspaceIdentifier:
-    """The identifier of (44, 45) in the cone's metric, with implicit steps on a memory's cost.
-
-    Args:
-        system: the structure.
-        K: (n,) or (n, n) gain of the identification plant [1/s].
-        Gamma: (p,) or (p, p) adaptation gain.
-        prior: (p,) θ̂(0), inside the cone.
-        dt: time between measurements [s].
-        mu: weight μ of the barrier [J]; > 0.
-        hermite: cubic Hermite interpolation between samples; else linear.
-        config: how past data are kept and used; None is `MemoryConfig()`.
-        levels: standard deviations of the sensors' noise.
-
-    Raises:
-        InvalidInput: a shape or value is wrong, the prior is outside the cone, or the system has no
-            actuator.
-    """
-    metric = ConeMetric(system.space, Gamma, prior, mu)
-    memory = ImplicitMemory(system, metric, prior, dt, hermite, config or MemoryConfig(), levels)
-    return NullspaceIdentifier(system, K, metric, prior, dt, hermite, memory)
-
-
-class ImplicitMemory(DataMemory):
+class ImplicitMemory:
     """A memory of past data, and implicit steps of θ̂ on its cost, in the cone's metric.
 
     Args:
@@ -82,6 +47,7 @@ class ImplicitMemory(DataMemory):
         levels: standard deviations of the sensors' noise.
 
     Attributes:
+        every: time steps between two updates of θ̂.
         anchor: weight w of the divergence from the prior relative to the data.
         recorder: updates the statistics of the data.
 
@@ -128,18 +94,9 @@ class ImplicitMemory(DataMemory):
         memory = self.recorder.follow(state.memory, log)
         if memory.step % self.every:
             return state._replace(memory=memory)
-        memory, changed = self.recorder.check_consistency(memory, log.at(-1))
-        theta, spent = state.theta_hat, state.spent
-        if changed:  # an actuator's gain: back to the estimate before the change
-            view = state.memory.scores.view
-            assert view is not None
-            theta = view.theta
-            spent += self._fall(state.theta_hat, theta)
-        elif not memory.alarmed:
-            start = self._start(theta, memory)
-            spent += self._fall(theta, start)
-            theta, memory = self.implicit_step(start, memory)
-            spent += self._cost(start, theta)
+        start = self._start(state.theta_hat, memory)
+        theta, memory = self.implicit_step(start, memory)
+        spent = state.spent + self._fall(state.theta_hat, start) + self._cost(start, theta)
         return state._replace(theta_hat=theta, memory=memory, spent=spent)
 
     def _start(self, theta: Array, memory: Memory) -> Array:
@@ -147,19 +104,17 @@ class ImplicitMemory(DataMemory):
 
         Never one outside the cone, such as a filter's whose guard this is. With noisy sensors
         (44, 45) also follow the noise. Where that has increased the cost of the
-        remembered data since the last step, its estimate is the better one. Not so after a change
-        of the actuators: that estimate may fit the first few new data alone, and confirm itself
-        by the weights, which are taken at it.
+        remembered data since the last step, its estimate is the better one.
         """
         view = memory.scores.view
         if not inside(self.metric.cone, theta):
             return self.prior if view is None else view.theta
-        if memory.kept is not None or self.recorder.rows.levels.exact:
+        if view is None or self.recorder.rows.levels.exact or np.array_equal(view.theta, theta):
             return theta
-        remembered = quotient(memory.means, self.system.space)
-        if view is None or remembered is None:
+        remembered = Remembered.of(memory.means, self.system.space)
+        if remembered is None:
             return theta
-        cost = remembered.weighted(view.theta, memory)
+        cost = remembered.weighted(view.theta)
         return view.theta if cost.value(view.theta) < cost.value(theta) else theta
 
     def implicit_step(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
@@ -173,20 +128,19 @@ class ImplicitMemory(DataMemory):
             (p,) θ⁺, which is θ̂ while no actuator has had an effect; and the memory with the view
             that weighs later blocks.
         """
-        remembered = quotient(memory.means, self.system.space)
+        remembered = Remembered.of(memory.means, self.system.space)
         if remembered is None:
             return theta, memory
-        cost, pace = remembered.weighted(theta, memory), self._pace
+        cost, pace = remembered.weighted(theta), self._pace
         hold = self._hold(cost, theta, memory)
         for _ in range(_SHORTENINGS):
-            ahead = _Step(self, cost, hold, theta, pace).solved()
-            if ahead is not None:
-                theta = ahead
+            ahead = minimise(_Implicit(self, cost, hold, theta, pace), theta, _RULES)
+            if ahead.decrement <= _SOLVED:
+                theta = ahead.theta
                 break
             pace *= _SHORTER
-        view = self._view(remembered, theta, memory)
-        scores = memory.scores._replace(view=view, evidence=Evidence.empty(len(theta)))
-        return theta, memory._replace(scores=scores)
+        view = View(theta, *remembered.residuals(theta))
+        return theta, memory._replace(scores=memory.scores._replace(view=view))
 
     def _hold(self, cost: Quotient, theta: Array, memory: Memory) -> Array:
         """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
@@ -206,8 +160,8 @@ class ImplicitMemory(DataMemory):
         root, shares = common_root(cost.information(theta) + unsure, unsure)
         return (root * (_FIRM * (2 * np.maximum(shares, 0.0)) ** 6)) @ root.T
 
-    def _view(self, remembered: Quotient, theta: Array, memory: Memory) -> View:
-        """The view at θ (p,), with the covariance of the estimate's error.
+    def _root(self, remembered: Remembered, theta: Array, memory: Memory) -> Array:
+        """(p, p) root of the covariance of θ̂'s error at θ (p,), at a fixed common scale.
 
         θ̂ − θ* has approximately the sandwich covariance H⁻¹ S H⁻¹, with H the Hessian of the
         minimised cost at θ̂ and S the covariance of its gradient at θ*: of the sum of the blocks'
@@ -216,27 +170,16 @@ class ImplicitMemory(DataMemory):
         blocks leave it rank-deficient; of the pull towards the prior; and the square of the bias
         that noise of q and v causes.
         """
-        cost, means = remembered.weighted(theta, memory), memory.means
-        hold, gains = self._hold(cost, theta, memory), self.system.space.actuators
-        data, (rho, share) = cost.curvature(theta), remembered.residuals(theta, means)
+        cost = remembered.weighted(theta)
+        data, hold = cost.curvature(theta), self._hold(cost, theta, memory)
         pull = hold + max(self.anchor, 1.0) * self.metric.mirror(theta)[1]
-        bias = remembered.of_noise(theta, means).gradient(theta)
-        scatter = data + means.blocks * memory.scores.meat + np.outer(bias, bias)
-        scatter += pull @ self._covariance_prior @ pull
-        unit = 1 / np.sqrt(np.diag(data + pull))
-        balance = np.outer(unit, unit)
-        bread = cholesky((data + pull) * balance)
-        root = np.linalg.solve(bread.T, np.linalg.solve(bread, square_root(scatter * balance)))
-        root *= unit[:, None]
+        bias = remembered.of_noise(theta).gradient(theta)
+        scatter = data + memory.means.blocks * memory.scores.meat + np.outer(bias, bias)
+        root = sandwich_root(data + pull, scatter + pull @ self._covariance_prior @ pull)
         efforts = remembered.effort * theta
         scale = np.mean(efforts / (efforts @ theta)[:, None], axis=0)
         root -= np.outer(theta, scale @ root)  # at a fixed scale: θ = 0 would explain all data
-        driven = np.zeros(len(theta), dtype=bool)
-        driven[gains] = (remembered.effort[:, gains] > 0).any(axis=0)
-        effort, information = remembered.effort, cost.information(theta)
-        return View(
-            theta, rho, share, effort, np.array(root, dtype=np.float64), information, driven
-        )
+        return root
 
     def _cost(self, before: Array, after: Array) -> float:
         """Decrease of the conserved quantity in an implicit step: 2 D_ψ(θ⁺‖θ̂) without anchor."""
@@ -254,14 +197,13 @@ class ImplicitMemory(DataMemory):
 
         It is the sum of κh/2 R(θ) max_j θ_j/θ̂_j over the actuators j; of what the hold's form
         gives at θ − θ̂₀; with an anchor, of what V lacks of its value at the prior (M11); and of
-        what V gains where the step starts at the estimate of the last one. Infinite where the
-        update returned to an earlier estimate.
+        what V gains where the step starts at the estimate of the last one.
         """
         memory = after.memory
-        remembered = None if memory is None else quotient(memory.means, self.system.space)
+        remembered = memory and Remembered.of(memory.means, self.system.space)
         if memory is None or memory.step % self.every or remembered is None:
-            return 0.0 if memory is None or memory.kept is None else np.inf
-        cost, k = remembered.weighted(before.theta_hat, memory), self.system.space.actuators
+            return 0.0
+        cost, k = remembered.weighted(before.theta_hat), self.system.space.actuators
         largest, off = float(np.max(theta[k] / after.theta_hat[k])), theta - self.prior
         hold = self._hold(cost, before.theta_hat, memory)
         data = 0.5 * (max(0.0, cost.value(theta)) * largest + off @ hold @ off)
@@ -283,13 +225,16 @@ class ImplicitMemory(DataMemory):
         memory = state.memory
         if memory is None or memory.scores.view is None or not memory.scores.count:
             return None
-        view = memory.scores.view
+        view, remembered = memory.scores.view, Remembered.of(memory.means, self.system.space)
+        if remembered is None:
+            return None
+        root = self._root(remembered, view.theta, memory)
         samples = memory.means.blocks * (1 - view.rho) / (1 + view.rho)
-        return Confidence(view.root @ view.root.T, self._covariance_prior, samples)
+        return Confidence(root @ root.T, self._covariance_prior, samples)
 
 
-class _Step:
-    """One implicit step: Newton's iteration for the stationary point of its objective.
+class _Implicit:
+    """The objective of one implicit step, over μ; see the module.
 
     Args:
         memory: the metric, the anchor and the prior.
@@ -303,54 +248,31 @@ class _Step:
         self, memory: ImplicitMemory, cost: Quotient, hold: Array, start: Array, pace: float
     ):
         self.metric, self.cost, self.pace = memory.metric, cost, pace
-        self.start, self.prior, self.hold = start, memory.prior, pace * hold
+        self.prior, self.hold = memory.prior, pace * hold
         anchor = pace * memory.anchor
         self.whole = 1 + anchor
         self.dual = self.metric.mirror(start)[0] + anchor * self.metric.mirror(self.prior)[0]
 
-    def solved(self) -> Array | None:
-        """(p,) θ⁺; None if the iteration does not converge."""
-        theta, decrement = self.start, np.inf
-        for _ in range(_NEWTON):
-            slope, metric = self.metric.mirror(theta)
-            gradient = self.gradient(theta, slope)
-            curvature = self.pace * self.cost.curvature(theta) + self.hold + self.whole * metric
-            way = -_solve(curvature, gradient)
-            length, decrement = np.sqrt(way @ metric @ way), np.sqrt(max(0.0, -gradient @ way))
-            if not decrement > _DONE:  # or NaN
-                break
-            if length > _CLOSE:
-                way = self.shortened(theta, min(1.0, _REACH / length) * way)
-            else:  # differences of the objective are rounding errors here, its gradient is exact
-                ahead = self.gradient(theta + way, self.metric.mirror(theta + way)[0]) @ way
-                way = way / (1 + max(0.0, float(ahead / -(gradient @ way))))
-            theta = theta + way
-            if not way.any():
-                break
-        return theta if decrement <= _SOLVED else None
-
-    def objective(self, theta: Array) -> float:
+    def value(self, theta: Array) -> float:
         """κh [R(θ) + w D_ψ(θ‖θ̂₀)/μ + the hold]/μ + D_ψ(θ‖θ̂)/μ at θ (p,), up to a constant."""
         total = self.pace * self.cost.value(theta) + self.whole * self.metric.potential(theta)
         off = theta - self.prior
         return float(total - self.dual @ theta + 0.5 * off @ self.hold @ off)
 
-    def gradient(self, theta: Array, slope: Array) -> Array:
-        """(p,) of the objective at θ (p,), with ∇ψ(θ)/μ (p,)."""
+    def gradient(self, theta: Array) -> Array:
+        """(p,) of the objective at θ (p,)."""
+        return self._gradient(theta, self.metric.mirror(theta)[0])
+
+    def _gradient(self, theta: Array, slope: Array) -> Array:
         pull = self.hold @ (theta - self.prior) + self.whole * slope - self.dual
         return self.pace * self.cost.gradient(theta) + pull
 
-    def shortened(self, theta: Array, way: Array) -> Array:
-        """(p,) the first of way, way/2, way/4 … that decreases the objective; 0 if none does."""
-        before = self.objective(theta)
-        for _ in range(_HALVINGS):
-            if self.objective(theta + way) <= before + 1e-12 * abs(before):
-                return way
-            way = 0.5 * way
-        return 0 * way
+    def derivatives(self, theta: Array) -> tuple[Array, Array]:
+        """(p,) gradient and (p, p) Gauss–Newton Hessian at θ (p,)."""
+        slope, self._near = self.metric.mirror(theta)
+        curvature = self.pace * self.cost.curvature(theta) + self.hold + self.whole * self._near
+        return self._gradient(theta, slope), curvature
 
-
-def _solve(matrix: Array, right: Array) -> Array:
-    """(p,) solution with a positive definite matrix, scaled to unit diagonal for conditioning."""
-    scale = 1 / np.sqrt(np.diag(matrix))
-    return np.linalg.solve(matrix * np.outer(scale, scale), right * scale) * scale
+    def length(self, theta: Array, step: Array) -> float:
+        """Length of a step (p,) in the metric ∇²ψ/μ at the θ (p,) of the last derivatives."""
+        return float(np.sqrt(step @ self._near @ step))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg import lapack
 
-from ...parameters import Array
+from ..parameters import Array
 
 _RIDGE = 1e-13  # share of a matrix's diagonal that is added against rounding errors
-_SINGULAR = 1e-14  # share of the largest eigenvalue below which an eigenvalue is rounding error
 
 
 def cholesky(matrix: Array) -> Array:
@@ -29,8 +29,10 @@ def common_root(whole: Array, part: Array) -> tuple[Array, Array]:
     unit = np.sqrt(np.diag(whole))
     balance = np.outer(unit, unit)
     L = cholesky(whole / balance)
-    half = np.linalg.solve(L, np.linalg.solve(L, part / balance).T)
-    shares, vectors = scipy.linalg.eigh(0.5 * (half + half.T))
+    half = lapack.dtrtrs(L, lapack.dtrtrs(L, part / balance, lower=1)[0].T, lower=1)[0]
+    shares, vectors, failed = lapack.dsyevd(0.5 * (half + half.T))
+    if failed:
+        raise np.linalg.LinAlgError("the shares of a matrix do not converge")
     return unit[:, None] * (L @ vectors), np.array(shares, dtype=np.float64)
 
 
@@ -41,24 +43,11 @@ def square_root(matrix: Array) -> Array:
     return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)), dtype=np.float64)
 
 
-def eliminated(matrix: Array, freed: np.ndarray) -> Array:
-    """The least of θᵀ H θ over some parameters, as a quadratic form of the others.
-
-    It is the Schur complement of their block, formed from a factor of H: ⪰ 0 and at most H, also
-    where H is singular.
-
-    Args:
-        matrix: (p, p) H ⪰ 0; rounding errors may leave it indefinite.
-        freed: (p,) mask of the parameters over which the least is taken.
-
-    Returns:
-        (p, p) the form, 0 in the rows and columns of these parameters.
-    """
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
-    values, vectors = scipy.linalg.eigh(matrix * np.outer(unit, unit))
-    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    axes, lengths, _ = np.linalg.svd(root[:, freed], full_matrices=False)
-    axes = axes[:, lengths**2 > _SINGULAR * max(1.0, values[-1])]
-    rest = (root - axes @ (axes.T @ root)) * np.where(freed, 0.0, size)
-    return rest.T @ rest
+def solve(matrix: Array, right: Array) -> Array:
+    """(p,) solution with a matrix > 0, scaled to unit diagonal for conditioning."""
+    unit = 1 / np.sqrt(np.diag(matrix))
+    scaled = matrix * unit[:, None] * unit
+    _, found, failed = lapack.dposv(scaled, right * unit, lower=1)
+    if failed:  # rounding left it indefinite
+        found = np.linalg.solve(scaled, right * unit)
+    return np.asarray(found * unit, dtype=np.float64)

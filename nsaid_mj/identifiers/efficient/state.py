@@ -13,10 +13,10 @@ from .faults.events import Loose
 from .faults.signals import Signals
 from .faults.trials import Trials
 from .faults.watch import Watch
-from .kalman import Filter
+from .filter import Filter
 
 
-class Guarded(NamedTuple):
+class EfficientState(NamedTuple):
     """State of the efficient law.
 
     Attributes:
@@ -44,6 +44,7 @@ class Guarded(NamedTuple):
             0 if they are constant [1/s].
         since: when the gains were found to drift [s].
         unnamed: trials in a row that found nothing to explain the motion.
+        waiting: samples that the memory has not taken in yet, under the signals that act; or None.
         rivals: filters of which one tells whether the gains drift; None where θ is constant.
     """
 
@@ -69,13 +70,14 @@ class Guarded(NamedTuple):
     since: float = 0.0
     rivals: Rivals | None = None
     unnamed: int = 0
+    waiting: Log | None = None
 
     @property
     def theta(self) -> Array:
         """(p,) the filter's θ̂ in terms of the commands given."""
         return self.filter.theta * self.factors
 
-    def wandered(self, share: float) -> Guarded:
+    def wandered(self, share: float) -> EfficientState:
         """With another share by which all of θ seemed to be off."""
         total, largest = self.wander
         return self._replace(wander=(total + share**2, max(largest, share**2)))

@@ -1,0 +1,205 @@
+"""What the efficient law's filter knows, its state, and the memory of its compiled functions."""
+
+from __future__ import annotations
+
+import threading
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from ...parameters import Array
+from ...quotient.cone import CONE, Cone
+from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
+from ...structure.compiled import SLOPES, STRUCTURE, WORKSPACE, cube, f8, i8, matrix, vector
+from .noise import NOISE, Noise
+
+COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
+"""How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
+rounding errors left the covariance indefinite. A row may also precede the filter's beginning."""
+
+
+class Law(NamedTuple):
+    """What the filter knows beforehand, for compiled loops.
+
+    Attributes:
+        structure: of the system.
+        cone: of physical parameters.
+        scale: (p,) of θ.
+        margin: (p,) of `steps.margin_of`.
+        gamma: γ.
+        window: samples over which innovations are tested.
+        walk: (p,) variance that θ, relative to itself, gains in a second [1/s]; 0 where constant.
+    """
+
+    structure: StructureArrays
+    cone: Cone
+    scale: Array
+    margin: Array
+    gamma: float
+    window: int
+    walk: Array
+
+
+class Filter(NamedTuple):
+    """State of the filter at a sample. All arrays are overwritten by `follow_filter`.
+
+    Attributes:
+        q: (m,) estimated position.
+        v: (n,) estimated velocity.
+        theta: (p,) estimate.
+        Pxx: (2n, 2n) covariance of the tangent state.
+        Pxt: (2n, p) covariance of the state with θ/scale.
+        Ptt: (p, p) covariance of θ/scale.
+        noise: running estimate of the sensors' noise.
+        tally: (4,) whether the filter has begun; samples in the current window, and their sums of
+            squared normalised innovations and of log det S.
+        safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
+        safe_P: (2, p, p) P_θθ there.
+        totals: (2,) sum of all squared normalised innovations, and their number.
+    """
+
+    q: Array
+    v: Array
+    theta: Array
+    Pxx: Array
+    Pxt: Array
+    Ptt: Array
+    noise: Noise
+    tally: Array
+    safe: Array
+    safe_P: Array
+    totals: Array
+
+    def copied(self) -> Filter:
+        """A filter of its own."""
+        parts = self._asdict()
+        noise = Noise(*(part.copy() for part in parts.pop("noise")))
+        return Filter(noise=noise, **{name: part.copy() for name, part in parts.items()})
+
+
+def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
+    """The filter at its first measurement q (m,), v (n,), with P_θθ (p, p) of θ̂/scale."""
+    n, p = len(v), len(theta)
+    noise = Noise(np.zeros((3, 2 * n)), np.zeros(2 * n), np.zeros(2 * n), np.zeros(1))
+    safe, safe_P = np.array([theta, theta]), np.array([Ptt, Ptt])
+    Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
+    return Filter(
+        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
+        np.zeros(2),
+    )  # fmt: skip
+
+
+class Along(NamedTuple):
+    """What `follow_filter` writes along a log of N samples, from row 1 on.
+
+    Attributes:
+        theta: (N, p) θ̂.
+        v: (N, n) v̂.
+        pivot: (N,) M̂'s smallest pivot in the step that ends at the row.
+        innovation: (N, 2n) normalised ones, of position and velocity; NaN where there are none.
+    """
+
+    theta: Array
+    v: Array
+    pivot: Array
+    innovation: Array
+
+    @staticmethod
+    def empty(count: int, n: int, p: int) -> Along:
+        """For N rows, n velocities and p parameters."""
+        rows = np.empty((count, p)), np.empty((count, n))
+        return Along(*rows, np.full(count, np.inf), np.full((count, 2 * n), np.nan))
+
+    def part(self, first: int) -> Along:
+        """The rows from `first` on, which share their memory with these."""
+        return Along(*(rows[first:] for rows in self))
+
+
+class Memory(NamedTuple):
+    """What the filter's functions write besides a `Filter`, for n velocities and p parameters.
+
+    Attributes:
+        stage: memory of a stage.
+        slopes: memory of derivatives.
+        at: (m,) a position.
+        q1: (m,) predicted position.
+        v1: (n,) predicted velocity.
+        F: (2n, 3n) derivatives of the prediction by the state and c.
+        F_T: (3n, 2n) the same, transposed.
+        B: (n, p) derivatives of c by θ/scale.
+        with_theta: (3n, p) covariance of (x, c) with θ/scale.
+        theta_with: (p, 3n) the same, transposed.
+        with_c: (3n, n) that with c.
+        c_with: (n, 3n) the same, transposed.
+        both: (3n, 3n) that with itself.
+        moved: (2n, 3n) F times that.
+        S: (2n, 2n) covariance of the innovation.
+        L: (2n, 2n) its factor.
+        inverse: (2n, 2n) the factor's inverse.
+        whitened: (2n, p) L⁻¹ P̄_xθ.
+        e: (2n,) normalised innovation.
+        y: (2n,) innovation, then the step of the state.
+        R: (2n,) variances of the noise.
+        step: (p,) of θ̂.
+        before: (p,) θ̂ before the step.
+        trial: (p,) anything.
+        factor: (p, p) anything.
+    """
+
+    stage: Workspace
+    slopes: Slopes
+    at: Array
+    q1: Array
+    v1: Array
+    F: Array
+    F_T: Array
+    B: Array
+    with_theta: Array
+    theta_with: Array
+    with_c: Array
+    c_with: Array
+    both: Array
+    moved: Array
+    S: Array
+    L: Array
+    inverse: Array
+    whitened: Array
+    e: Array
+    y: Array
+    R: Array
+    step: Array
+    before: Array
+    trial: Array
+    factor: Array
+
+    @staticmethod
+    def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:
+        """For a structure with n velocities, m positions and p parameters."""
+        sizes = (
+            m, m, n, (2 * n, 3 * n), (3 * n, 2 * n), (n, p), (3 * n, p), (p, 3 * n), (3 * n, n),
+            (n, 3 * n), (3 * n, 3 * n), (2 * n, 3 * n), *((2 * n, 2 * n),) * 3, (2 * n, p),
+            2 * n, 2 * n, 2 * n, p, p, p, (p, p),
+        )  # fmt: skip
+        return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
+
+
+_OWN = threading.local()  # memory of each thread, as results do not depend on what is in it
+
+
+def memory_for(structure: StructureArrays, *sizes: int) -> Memory:
+    """Memory for a structure with numbers n, m and p, which every call of a thread overwrites."""
+    shapes = sizes, *map(len, (structure.bodies, structure.terms, structure.nonzeros))
+    if getattr(_OWN, "shapes", None) != shapes:
+        _OWN.shapes, _OWN.memory = shapes, Memory.of(structure, *sizes)
+    return _OWN.memory
+
+
+LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector), Law)
+FILTER = types.NamedTuple(
+    (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector), Filter
+)
+ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
+MEMORIES = types.NamedTuple(
+    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 13, *(vector,) * 6, matrix), Memory
+)

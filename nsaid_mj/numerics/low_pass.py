@@ -1,0 +1,44 @@
+"""Low-pass filters without a phase."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+_Array = NDArray[np.float64]
+_ORDER = 4  # forward, and the same backward
+
+
+def zero_phase(x: _Array, cutoff: float, rate: float, periods: float = 3.0) -> _Array:
+    """A Butterworth filter along the first axis, forward and backward.
+
+    Args:
+        x: (N, ...) values.
+        cutoff: frequency of −6 dB [Hz].
+        rate: of the samples [Hz].
+        periods: of the cut-off by which the values are continued at both ends.
+    """
+    sections = signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    reach = min(len(x) - 1, int(periods * rate / cutoff))
+    return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
+
+
+def symmetric(cutoff: float, rate: float) -> _Array:
+    """(2h + 1,) weights of an FIR filter with half amplitude at the cut-off [Hz]."""
+    half = int(np.ceil(1.5 * rate / cutoff))
+    weights = signal.firwin(2 * half + 1, min(cutoff, 0.45 * rate), fs=rate)
+    return np.asarray(weights, dtype=np.float64)
+
+
+def decimated(x: _Array, weights: _Array, every: int) -> _Array:
+    """(K, ...) values of x (N, ...) behind a symmetric filter, at every so many samples.
+
+    Values at which the filter would extend beyond the data are dropped.
+    """
+    flat, size = x.reshape(len(x), -1), len(weights)
+    starts = range(0, len(x) - size + 1, every)
+    found = np.empty((len(starts), flat.shape[1]))
+    for row, k in enumerate(starts):
+        np.dot(weights, flat[k : k + size], out=found[row])
+    return found.reshape(len(starts), *x.shape[1:])

@@ -1,0 +1,1 @@
+"""Rows → Gramians → scale-invariant cost and prior → steps in the cone → intervals."""

@@ -1,0 +1,180 @@
+"""The barrier of the cone of physical parameters, and its metric.
+
+b = −Σ log det P(φ_i) − Σ log det M − Σ log θ_j grows without bound towards the boundary, and
+b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..numerics.kernels import f8, kernel, matrix, vector, void
+from ..parameters import Array
+from .cone import (
+    CONE,
+    Cone,
+    compiled,
+    factor_in_place,
+    factor_into,
+    inverse_into,
+    solve_in_place,
+)
+
+
+@kernel(f8(CONE, vector), _nrt=True)
+def _barrier(cone, theta):
+    total, k = 0.0, 0
+    for j in cone.positive:
+        if not theta[j] > 0:
+            return np.inf
+        total -= np.log(theta[j])
+    for block in range(cone.blocks.shape[0]):
+        k = max(k, cone.blocks[block, 2])
+    L = np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        factor_into(cone, block, theta, L)
+        k = cone.blocks[block, 2]
+        if not L[k - 1, k - 1] < np.inf:  # what follows a pivot that is not > 0 is NaN
+            return np.inf
+        for i in range(k):
+            total += 2 * np.log(L[i, i])
+    return total
+
+
+def barrier(cone: Cone, theta: Array) -> float:
+    """b(θ) at θ (p,); infinite outside the cone."""
+    return _barrier(cone, np.array(theta, dtype=np.float64))
+
+
+@compiled
+def block_gradient(cone, block, S, gradient):
+    """Writes a block's part −tr(P⁻¹E_l) of ∇b into gradient (p,), from S = P⁻¹."""
+    row = cone.blocks[block]
+    for i in range(row[0], row[1]):
+        gradient[i] = 0.0
+    for e in range(row[3], row[4]):
+        i, j, at = cone.entries[e, 0], cone.entries[e, 1], cone.entries[e, 2]
+        gradient[at] -= cone.weights[e] * S[i, j]
+
+
+@kernel(void(CONE, matrix, vector))
+def _barriers(cone, thetas, found):
+    for k in range(thetas.shape[0]):
+        found[k] = _barrier(cone, thetas[k])
+
+
+def barriers(cone: Cone, thetas: Array) -> Array:
+    """(N,) b at N points θ (N, p)."""
+    found = np.empty(len(thetas))
+    _barriers(cone, np.array(thetas, dtype=np.float64), found)
+    return found
+
+
+@kernel(void(CONE, vector, matrix, vector, vector), _nrt=True)
+def _gaps(cone, theta, thetas, gradient, found):
+    own = _barrier(cone, theta)
+    nothing = np.empty((0, 0))
+    for k in range(thetas.shape[0]):
+        estimate = thetas[k]
+        _differentiate(cone, estimate, gradient, nothing)
+        found[k] = own - _barrier(cone, estimate)
+        for i in range(theta.shape[0]):
+            found[k] -= gradient[i] * (theta[i] - estimate[i])
+
+
+def gaps(cone: Cone, theta: Array, thetas: Array) -> Array:
+    """(N,) Bregman divergences b(θ) − b(θ̂) − ∇b(θ̂)·(θ − θ̂) of N points θ̂ (N, p) from θ (p,)."""
+    found, points = np.empty(len(thetas)), np.array(thetas, dtype=np.float64)
+    _gaps(cone, np.array(theta, dtype=np.float64), points, np.zeros(len(theta)), found)
+    return found
+
+
+@compiled
+def hessian_into(entries, weights, start, S, hessian, c):
+    """Writes the lower triangle of a block's part tr(P⁻¹E_l P⁻¹E_m) of ∇²b, from S = P⁻¹.
+
+    Args:
+        entries: (e, 3) the block's rows [i, j, l].
+        weights: (e,) the block's weights.
+        start: index of the block's first parameter in θ.
+        S: (k, k) P⁻¹.
+        hessian: (c, c) or larger; written.
+        c: number of the block's parameters.
+    """
+    for i in range(c):
+        for j in range(c):
+            hessian[i, j] = 0.0
+    for e in range(entries.shape[0]):
+        a, b, row = entries[e, 0], entries[e, 1], entries[e, 2] - start
+        for f in range(entries.shape[0]):
+            i, j, column = entries[f, 0], entries[f, 1], entries[f, 2] - start
+            if column > row:
+                break
+            weight = 0.5 * weights[e] * weights[f]
+            hessian[row, column] += weight * (S[a, i] * S[b, j] + S[a, j] * S[b, i])
+
+
+@kernel(void(CONE, vector, vector, matrix), _nrt=True)
+def _differentiate(cone, theta, gradient, hessian):
+    """Writes ∇b, and ∇²b if `hessian` is (p, p) and not (0, 0); both were 0 before."""
+    k, whole = 0, hessian.shape[0] > 0
+    for j in cone.positive:
+        own = 1 / theta[j] if theta[j] > 0 else np.nan
+        gradient[j] = -own
+        if whole:
+            hessian[j, j] = own * own
+    for block in range(cone.blocks.shape[0]):
+        k = max(k, cone.blocks[block, 2])
+    L, S = np.empty((k, k)), np.empty((k, k))
+    for block in range(cone.blocks.shape[0]):
+        row = cone.blocks[block]
+        start, c, first, last = row[0], row[1] - row[0], row[3], row[4]
+        factor_into(cone, block, theta, L)
+        inverse_into(L, L, S, row[2])
+        block_gradient(cone, block, S, gradient)
+        if whole:
+            entries, weights = cone.entries[first:last], cone.weights[first:last]
+            part = hessian[start : row[1], start : row[1]]
+            hessian_into(entries, weights, start, S, part, c)
+            for i in range(c):
+                for j in range(i):
+                    part[j, i] = part[i, j]
+
+
+def gradient_and_hessian(cone: Cone, theta: Array) -> tuple[Array, Array]:
+    """∇b (p,) and the block-diagonal ∇²b (p, p) at θ (p,); NaN outside the cone.
+
+    Their entries are −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m).
+    """
+    gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+    _differentiate(cone, np.array(theta, dtype=np.float64), gradient, hessian)
+    return gradient, hessian
+
+
+def local_norm(cone: Cone, theta: Array, step: Array) -> float:
+    """Length (dᵀ ∇²b(θ) d)^½ of a step d (p,) at θ (p,); a step shorter than 1 stays inside.
+
+    NaN outside the cone.
+    """
+    return float(np.sqrt(step @ gradient_and_hessian(cone, theta)[1] @ step))
+
+
+@compiled
+def metric_solve(cone, theta, stiffness, mu, gradient):
+    """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
+
+    Args:
+        cone: the cones.
+        theta: (p,) θ inside the cone; outside, the result is NaN.
+        stiffness: (p, p) Γ⁻¹.
+        mu: weight μ of the barrier.
+        gradient: (p,) the gradient.
+    """
+    metric, x = np.zeros(stiffness.shape), gradient.copy()
+    _differentiate(cone, theta, np.zeros(x.shape), metric)
+    for i in range(x.shape[0]):
+        for j in range(x.shape[0]):
+            metric[i, j] = stiffness[i, j] + mu * metric[i, j]
+    factor_in_place(metric, x.shape[0])
+    solve_in_place(metric, x, x.shape[0])
+    return x

@@ -1,0 +1,111 @@
+"""Gauss–Newton steps that stay inside the cone of physical parameters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..parameters import Array
+from .matrices import solve
+
+
+class Objective(Protocol):
+    """What is minimised, with the metric in which its steps are measured."""
+
+    def value(self, theta: Array) -> float:
+        """The objective at θ (p,); infinite or NaN outside the cone."""
+        ...
+
+    def gradient(self, theta: Array) -> Array:
+        """(p,) its gradient."""
+        ...
+
+    def derivatives(self, theta: Array) -> tuple[Array, Array]:
+        """(p,) its gradient and (p, p) its Gauss–Newton Hessian."""
+        ...
+
+    def length(self, theta: Array, step: Array) -> float:
+        """Length of a step (p,) in the cone's metric at θ: shorter than 1, it stays inside."""
+        ...
+
+
+class Rules(NamedTuple):
+    """How steps are limited and when they end.
+
+    Attributes:
+        steps: their largest number.
+        halvings: of a step that does not decrease the objective, at most.
+        done: Newton decrement at which they end.
+        fall: of the objective, below which they end.
+        reach: longest step in the metric.
+        close: length below which a step is scaled by the gradient: differences of the objective are
+            rounding errors there, its gradient is exact.
+    """
+
+    steps: int
+    halvings: int
+    done: float
+    fall: float = 0.0
+    reach: float = 0.5
+    close: float = 0.0
+
+
+class Reached(NamedTuple):
+    """Where the steps end.
+
+    Attributes:
+        theta: (p,) θ.
+        decrement: Newton decrement √(gᵀ H⁻¹ g) there, or in the step before.
+        hessian: (p, p) Gauss–Newton Hessian of the same point.
+    """
+
+    theta: Array
+    decrement: float
+    hessian: Array
+
+
+def minimise(
+    objective: Objective, start: Array, rules: Rules, basis: Array | None = None
+) -> Reached:
+    """Minimises an objective from a start (p,) inside the cone.
+
+    Args:
+        objective: value, derivatives and metric.
+        start: (p,) θ.
+        rules: of the steps.
+        basis: (p, k) directions in which θ may move; None for all.
+    """
+    theta, decrement, hessian = start, np.inf, np.eye(len(start))
+    for _ in range(rules.steps):
+        gradient, hessian = objective.derivatives(theta)
+        if basis is None:
+            way = -solve(hessian, gradient)
+        else:
+            way = -basis @ solve(basis.T @ hessian @ basis, basis.T @ gradient)
+        slope = float(gradient @ way)
+        decrement = float(np.sqrt(max(0.0, -slope)))
+        if not decrement > rules.done:  # or NaN
+            break
+        length = objective.length(theta, way)
+        if length > rules.close:
+            share = min(1.0, rules.reach / max(length, 1e-300))
+            way, fall = _shortened(objective, theta, share * way, rules.halvings)
+        else:
+            ahead = float(objective.gradient(theta + way) @ way)
+            way, fall = way / (1 + max(0.0, -ahead / slope)), np.inf
+        theta = theta + way
+        if not way.any() or fall < rules.fall:
+            break
+    return Reached(theta, decrement, hessian)
+
+
+def _shortened(objective: Objective, theta: Array, way: Array, most: int) -> tuple[Array, float]:
+    """The first of way, way/2, way/4 … that decreases the objective, and by how much; 0 if none."""
+    before = objective.value(theta)
+    for _ in range(most):
+        after = objective.value(theta + way)
+        if after <= before + 1e-12 * abs(before):
+            return way, before - after
+        way = 0.5 * way
+    return 0 * way, 0.0

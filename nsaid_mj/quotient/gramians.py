@@ -1,0 +1,175 @@
+"""Gramians of rows Y with Y θ = 0 for every true θ: means over blocks in time, or plain sums."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..numerics.kernels import cube, f8, kernel, matrix, vector, void
+from ..parameters import Array
+from .forgetting import forgetting
+
+_TOGETHER = 0.25  # share of the horizon whose blocks are forgotten for together
+
+
+class Sums(NamedTuple):
+    """Gramians that add over parts of a log.
+
+    Attributes:
+        sums: (n, p, p) Σ Y_iᵀ Y_i over the usable rows of velocity i.
+        counts: (n,) number of these rows.
+    """
+
+    sums: Array
+    counts: Array
+
+    @staticmethod
+    def of(rows: Array, usable: NDArray[np.bool_]) -> Sums:
+        """Those of rows (N, n, p), of which a mask (N, n) tells the usable ones."""
+        by_velocity = np.ascontiguousarray((rows * usable[:, :, None]).transpose(1, 0, 2))
+        return Sums(by_velocity.transpose(0, 2, 1) @ by_velocity, usable.sum(axis=0).astype(float))
+
+    @property
+    def means(self) -> Array:
+        """(n, p, p) mean Gramians; 0 where there are no rows."""
+        return self.sums / np.maximum(self.counts, 1.0)[:, None, None]
+
+    def __sub__(self, other: Sums) -> Sums:
+        return Sums(self.sums - other.sums, self.counts - other.counts)
+
+    def __add__(self, other: Sums) -> Sums:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return Sums(self.sums + other.sums, self.counts + other.counts)
+
+
+class Means(NamedTuple):
+    """Means over blocks, with directional forgetting if there is a horizon.
+
+    Attributes:
+        fade: factor by which information decreases per block where blocks renew it.
+        blocks: effective number of blocks.
+        gramian: (n, p, p) mean over the blocks of every row's Yᵀ Y.
+        lagged: (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block.
+        last: (n, p) what is kept of the last completed block; 0 after a restart of the balance.
+        noise: (n, p, p) mean of N_i, the expected effect of the sensors' noise on `gramian`.
+        recent: (n, p, p) sum of Yᵀ Y since something was last forgotten.
+        since: number of blocks in it.
+    """
+
+    fade: float
+    blocks: float
+    gramian: Array
+    lagged: Array
+    last: Array
+    noise: Array
+    recent: Array
+    since: int = 0
+
+    def of_innovations(self, rho: Array, own: Array, lagged: Array, last: Array) -> Array:
+        """(n,) mean squares of the innovation Y − ρ Y′, from sufficient statistics.
+
+        The mean of Y′² is that of Y² without the last block.
+
+        Args:
+            rho: (n,) correlation of neighbouring blocks.
+            own: (n,) mean of Y².
+            lagged: (n,) mean of Y Y′.
+            last: (n,) square of the last block.
+        """
+        return (1 + rho**2) * own - 2 * rho * lagged - rho**2 / max(self.blocks, 1.0) * last
+
+    def innovations(self, rho: Array) -> Array:
+        """(n, p, p) mean of (Y − ρ Y′)ᵀ (Y − ρ Y′), with ρ (n,) the correlation of neighbours."""
+        found = np.empty_like(self.gramian)
+        _innovate(rho, 1 / max(self.blocks, 1.0), self.last, self.gramian, self.lagged, found)
+        return found
+
+    @staticmethod
+    def empty(n: int, p: int, fade: float) -> Means:
+        """The means before any block."""
+        flat, cube = np.zeros((n, p)), np.zeros((n, p, p))
+        return Means(fade, 0.0, cube, cube, flat, cube, cube)
+
+    def with_blocks(self, rows: Array, before: Array, noise: Array) -> Means:
+        """The means after further blocks.
+
+        Args:
+            rows: (k, n, p) the blocks.
+            before: (k, n, p) the block preceding each.
+            noise: (n, p, p) the N_i of each of them.
+        """
+        if not len(rows):
+            return self
+        blocks = self.blocks + len(rows)
+        gramian, lagged = np.empty_like(self.gramian), np.empty_like(self.lagged)
+        _add_products(self.blocks, rows, rows, self.gramian, gramian)
+        _add_products(self.blocks, rows, before, self.lagged, lagged)
+        if noise is not self.noise:
+            noise = self.noise + len(rows) / blocks * (noise - self.noise)
+        means = Means(self.fade, blocks, gramian, lagged, rows[-1], noise, self.recent, self.since)
+        return means if self.fade == 1 else means.renewed_by(rows)
+
+    def renewed_by(self, rows: Array) -> Means:
+        """The means, which contain the last blocks (k, n, p), after forgetting what they renew.
+
+        The blocks of a share of the horizon count together: those of an interval have less rank
+        than a motion.
+        """
+        recent = self.recent + np.matmul(rows.transpose(1, 2, 0), rows.transpose(1, 0, 2))
+        since = self.since + len(rows)
+        if since < -_TOGETHER / np.log(self.fade):
+            return self._replace(recent=recent, since=since)
+        lost, expected = 1 - self.fade**since, since * self.noise
+        maps, share = forgetting(self.blocks * self.gramian, recent, expected, lost)
+        back = maps.transpose(0, 2, 1)
+
+        def part(mean: Array) -> Array:
+            found = maps @ mean @ back / share
+            return 0.5 * (found + found.transpose(0, 2, 1))
+
+        return self._replace(
+            blocks=share * self.blocks,
+            gramian=part(self.gramian),
+            lagged=part(self.lagged),
+            last=(maps @ self.last[:, :, None])[:, :, 0],
+            noise=part(self.noise),
+            recent=0 * recent,
+            since=0,
+        )
+
+
+@kernel(void(f8, cube, cube, cube, cube))
+def _add_products(old, rows, others, kept, found):
+    """Writes the mean of `old` products kept (n, p, p) and of Yᵀ Y′, symmetrised.
+
+    Args:
+        old: number of products in `kept`.
+        rows: (k, n, p) Y.
+        others: (k, n, p) Y′.
+        kept: (n, p, p) mean so far.
+        found: (n, p, p) the mean of all; written.
+    """
+    number, n, p = rows.shape
+    share, half = old / (old + number), 0.5 / (old + number)
+    for i in range(n):
+        for a in range(p):
+            for b in range(p):
+                found[i, a, b] = share * kept[i, a, b]
+        for k in range(number):
+            for a in range(p):
+                own, other = rows[k, i, a], others[k, i, a]
+                for b in range(p):
+                    found[i, a, b] += half * (own * others[k, i, b] + other * rows[k, i, b])
+
+
+@kernel(void(vector, f8, matrix, cube, cube, cube))
+def _innovate(rho, share, last, own, lagged, found):
+    """Writes (n, p, p) mean squares of Y − ρ Y′; `share` is that of one block."""
+    n, p = last.shape
+    for i in range(n):
+        one, two, three = 1.0 + rho[i] * rho[i], 2.0 * rho[i], rho[i] * rho[i] * share
+        for a in range(p):
+            past = three * last[i, a]
+            for b in range(p):
+                found[i, a, b] = one * own[i, a, b] - two * lagged[i, a, b] - past * last[i, b]
