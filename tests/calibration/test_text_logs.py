@@ -3,6 +3,7 @@
 import gzip
 import time
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -147,14 +148,22 @@ def test_a_stray_quote_costs_no_other_row(tmp_path_factory, quotes):
     for row, at in sorted(quotes):
         lines[row] = lines[row][:at] + '"' + lines[row][at:]
     table = read_text(tmp_path_factory.mktemp("text"), "t,q1,u1\n" + "\n".join(lines))
-    odd = {row for row, _ in quotes if lines[row].count('"') % 2}
-    skipped = (
-        codes(table)["malformed_rows"].data["count"] if "malformed_rows" in codes(table) else 0
-    )
-    assert len(table.channels["u1"].values) + skipped == 30
-    assert skipped <= len({row for row, _ in quotes} - odd)
+    skipped = 30 - len(table.channels["u1"].values)
+    paired = {row for row, _ in quotes if lines[row].count('"') % 2 == 0}
+    assert skipped <= len(paired)  # a pair of quotes may hide a comma, of its own row
     told = codes(table).get("stray_quotes")
-    assert (set(told.data["rows"]) if told else set()) == {row + 1 for row in odd}
+    rows = set(cast(list[int], told.data["rows"])) if told else set()
+    assert {row + 1 for row, _ in quotes} - {row + 1 for row in paired} <= rows
+    assert rows <= {row + 1 for row, _ in quotes}
+    if skipped:
+        assert codes(table)["malformed_rows"].data["count"] == skipped
+
+
+def test_a_quoted_field_may_hold_the_delimiter(tmp_path):
+    rows = "".join(f'{k},"a, ""b""",{k}\n' for k in range(5))
+    table = read_text(tmp_path, '"t","name","q1"\n' + rows)
+    assert table.channels["q1"].values.tolist() == [0, 1, 2, 3, 4]
+    assert "stray_quotes" not in codes(table)
 
 
 @pytest.mark.parametrize(

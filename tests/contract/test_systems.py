@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nsaid_mj.robot.robots import load_robot
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load

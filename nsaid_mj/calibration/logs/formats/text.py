@@ -75,7 +75,7 @@ def read(path: Path) -> list[Columns]:
     check_size(path, 8 * text.count(b"\n") * len(dialect.names))
     problems = []
     if b'"' in text:
-        text, problems = _without_stray_quotes(text, int(dialect.header))
+        text, problems = _without_stray_quotes(text, dialect)
     if dialect.delimiter != ",":
         dialect = dialect._replace(decimal=_decimal(path, text))
     if dialect.delimiter == " ":
@@ -104,18 +104,24 @@ def _unpacked(path: Path) -> bytes:
         return stream.read()
 
 
-def _without_stray_quotes(text: bytes, headers: int) -> tuple[bytes, list[tuple[int, str]]]:
+def _without_stray_quotes(text: bytes, dialect: Dialect) -> tuple[bytes, list[tuple[int, str]]]:
     """A text in which no field reaches beyond its line.
 
-    A line with an odd number of quotes would swallow the lines after it; it loses its quotes.
+    A quote that opens a field and is not closed before the next delimiter would swallow what
+    follows, other lines too; such a line loses its quotes.
 
     Returns:
         The text, and the rows that have lost their quotes.
     """
-    lines, found, row = text.split(b"\n"), [], -headers
+    lines, found, row = text.split(b"\n"), [], -int(dialect.header)
+    delimiter = re.escape(dialect.delimiter.encode())
+    blank = b"" if dialect.delimiter == " " else b" *"
+    quoted = rb'%b"[^"]*(?:""[^"]*)*"%b' % (blank, blank)
+    field = rb"(?:%b|[^\"%b]*)" % (quoted, delimiter)
+    sound = re.compile(rb"%b(?:%b%b)*\r?" % (field, delimiter, field))
     for k, line in enumerate(lines):
         row += bool(line.strip())
-        if line.count(b'"') % 2:
+        if b'"' in line and not sound.fullmatch(line):
             lines[k] = line.replace(b'"', b"")
             found.append((row, STRAY))
     return (b"\n".join(lines) if found else text), found
