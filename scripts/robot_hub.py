@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from nsaid_mj.plants.world.coordinates import joint_map
+from nsaid_mj.plants.world.coordinates import JointMap
 from nsaid_mj.plants.world.quiet import quiet
 from nsaid_mj.resources import example_robots, folder
 from nsaid_mj.robot.mjcf_tree import rigid_tree
@@ -40,7 +40,7 @@ def bare(path: Path) -> str:
 def apart(model: pin.Model, mj: Any) -> float:
     """The largest relative difference of mass matrix and bias at random states."""
     data, theirs, names = model.createData(), mujoco.MjData(mj), list(model.names)[1:]
-    joints, rng, worst = joint_map(mj, names), np.random.default_rng(0), 0.0
+    joints, rng, worst = JointMap(mj, names), np.random.default_rng(0), 0.0
     for _ in range(3):
         angles, v = rng.uniform(-1, 1, (2, model.nv))
         joints.write(theirs, angles, v)

@@ -17,7 +17,7 @@ from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.scenario import Scenario
 from ..experiment.source import Logs
 from ..identifiers import Identifier, NullspaceAID, State, Status
-from ..identifiers.efficient.witness import EfficientConfig
+from ..identifiers.efficient.replay import EfficientConfig
 from ..identifiers.memory.statistics import MemoryConfig
 from ..log import Log, Measurement
 from ..parameters import Array

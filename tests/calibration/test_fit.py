@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.calibration.calibrate import _along, _held_out, with_known
+from nsaid_mj.calibration.calibrate import _held_out, with_known
 from nsaid_mj.calibration.fit import gramians, minimise, posterior
 from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.precision import combinations, inflation, precision, tempered
@@ -149,14 +149,6 @@ def test_every_part_has_its_share_of_a_joint_that_moves_only_once():
     assert (held_out < 0.2).all()
 
 
-def test_the_estimate_along_the_log_ends_at_the_batch_estimate():
-    problem = problem_of(noise=0.2)
-    share = np.ones(2)
-    batch = minimise(problem, tempered(problem, share)).theta
-    _, along = _along(problem, share)
-    np.testing.assert_allclose(along[-1], batch, rtol=2e-3)
-
-
 def test_a_joint_at_rest_throughout_takes_nothing_from_the_others():
     problem = problem_of(noise=0.2)
     usable = problem.usable.copy()
@@ -164,7 +156,6 @@ def test_a_joint_at_rest_throughout_takes_nothing_from_the_others():
     problem, share = replace(problem, usable=usable), np.ones(2)
     fit = minimise(problem, tempered(problem, share))
     assert (np.abs(precision(problem, fit, share).parts[:, 0]) > 0).all()  # the jackknife's
-    np.testing.assert_allclose(_along(problem, share)[1][-1], fit.theta, rtol=2e-3)
 
 
 def test_the_rotor_of_a_sliding_joint_is_not_suggested_to_be_weighed():

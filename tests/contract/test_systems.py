@@ -13,7 +13,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Measurement
 from nsaid_mj.resources import scenarios
-from nsaid_mj.robot.robots import load_robot
+from nsaid_mj.robot.loading import load_robot
 from nsaid_mj.structure.multibody import Multibody
 from nsaid_mj.system import checked
 from tests.support.matrices import assert_near

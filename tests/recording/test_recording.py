@@ -39,7 +39,8 @@ from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.log import Measurement
 from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
-from nsaid_mj.recording.stream import recording as stream
+from nsaid_mj.recording.stream import Content
+from nsaid_mj.recording.stream import write as write_content
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.resources import write_json
 from nsaid_mj.structure.columns.curve import LINEAR, polynomial
@@ -338,26 +339,27 @@ def test_decimation_keeps_both_ends(length: int, most: int) -> None:
 
 
 def test_reruns_warnings_are_errors(tmp_path: Path) -> None:
-    with (
-        stream("test", rrb.Blueprint(), tmp_path / "test.rrd") as rec,
-        pytest.raises(RerunWarning),
-    ):
+    def draw(rec: rr.RecordingStream) -> None:
         rec.log("x", rr.Scalars("no number"))  # type: ignore[arg-type]
+
+    with pytest.raises(RerunWarning):
+        write_content(Content("test", rrb.Blueprint(), draw=draw), tmp_path / "test.rrd")
 
 
 @pytest.mark.parametrize("folder", ["missing", "."])
 def test_a_recording_that_fails_says_nothing_on_stderr(folder: str, tmp_path: Path) -> None:
     """Rerun warns of data that its streams still hold when they end, or when the next one does."""
+
+    def draw(rec: rr.RecordingStream) -> None:
+        rec.log("x", rr.Scalars(1.0))
+        if folder == ".":
+            raise ZeroDivisionError
+
     with heard() as said:
         for _ in range(2):
-            with (
-                pytest.raises(NotWritten if folder == "missing" else ZeroDivisionError),
-                stream("test", rrb.Blueprint(), tmp_path / folder / "test.rrd") as rec,
-            ):
-                rec.log("x", rr.Scalars(1.0))
-                if folder == ".":
-                    raise ZeroDivisionError
-            del rec
+            with pytest.raises(NotWritten if folder == "missing" else ZeroDivisionError):
+                file = tmp_path / folder / "test.rrd"
+                write_content(Content("test", rrb.Blueprint(), draw=draw), file)
             gc.collect()
     assert said.err == ""
 
