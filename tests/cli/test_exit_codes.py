@@ -96,8 +96,9 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
     [
         (rows(1.0, 2.0), EXPLAINED),
         (rows(1.0, None), EXPLAINED),
-        (rows(None, None, 1.0), NOT_EXPLAINED),
+        (rows(None, None, 1.0), EXPLAINED),
         (rows(1.0, 2.0, failure="exit code 3"), NOT_EXPLAINED),
+        (rows(failure="exit code 3"), NOT_EXPLAINED),
     ],
 )
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
