@@ -11,15 +11,9 @@ from ..parameters import Array
 from ..structure.optional import pin
 from .tree import pose
 
-_AXES = {
-    mujoco.mjtJoint.mjJNT_HINGE: (
-        (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
-        pin.JointModelRevoluteUnaligned,
-    ),
-    mujoco.mjtJoint.mjJNT_SLIDE: (
-        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
-        pin.JointModelPrismaticUnaligned,
-    ),
+_KINDS = {  # of Pinocchio's joints: along an axis, and the general one
+    mujoco.mjtJoint.mjJNT_HINGE: ("JointModelR", "JointModelRevoluteUnaligned"),
+    mujoco.mjtJoint.mjJNT_SLIDE: ("JointModelP", "JointModelPrismaticUnaligned"),
 }
 
 
@@ -117,9 +111,9 @@ def _add_joint(
     at, back = pin.SE3(np.eye(3), anchor), pin.SE3(np.eye(3), -anchor)
     if kind == mujoco.mjtJoint.mjJNT_BALL:
         return model.addJoint(parent, pin.JointModelSpherical(), place * at, name), back
-    aligned, general = _AXES[kind]
-    exact = [k for k in range(3) if np.array_equal(axis, np.eye(3)[k])]
-    joint = aligned[exact[0]]() if exact else general(axis)
+    aligned, general = _KINDS[kind]
+    exact = [letter for letter, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(axis, e)]
+    joint = getattr(pin, aligned + exact[0])() if exact else getattr(pin, general)(axis)
     offset = -mj.qpos0[mj.jnt_qposadr[j]]  # MuJoCo's body is as drawn where the joint is at qpos0
     if kind == mujoco.mjtJoint.mjJNT_HINGE:
         start = pin.SE3(pin.exp3(offset * axis), np.zeros(3))

@@ -101,11 +101,11 @@ def test_a_picture_is_drawn_with_and_without_a_match(tmp_path, extra):
 def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
     log = write_csv(tmp_path / "log.csv", {"t": columns()["t"], "x": columns()["q1"]})
     arguments = ["inspect", str(log), "--model", "tx40", "--out", str(tmp_path)]
-    assert command(arguments) == 0
+    assert command(arguments) == 2
     printed = capsys.readouterr().out
     assert "unmatched" in printed and "map.toml" in printed
     (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
-    assert command(arguments) == 0
+    assert command(arguments) == 2
     assert (tmp_path / "map.toml").read_text(encoding="utf-8") == "edited"
     assert (tmp_path / "map-new.toml").is_file() and (tmp_path / "inspection.png").is_file()
 
@@ -113,7 +113,7 @@ def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
 def test_the_command_says_as_json_what_identify_would_refuse(tmp_path, capsys):
     log = str(asset("tx40", "log.csv.gz"))
     arguments = ["inspect", log, "--model", "tx40", "--json", "--out", str(tmp_path)]
-    assert command(arguments) == 1
+    assert command(arguments) == 2
     assert "degrees" in {f["code"] for f in json.loads(capsys.readouterr().out)["findings"]}
     mapped = [*arguments, "--map", str(asset("tx40", "map.toml"))]
     assert command(mapped) == 0

@@ -14,10 +14,12 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
+from nsaid_mj.cli import exit_codes
 from nsaid_mj.cli.folders import folder_for, title_of
 from nsaid_mj.cli.options import MAIN, Output, parse, repeated
 from nsaid_mj.experiment.fields import field_paths
 from nsaid_mj.experiment.library import load
+from nsaid_mj.reporting.report import mark_of
 from nsaid_mj.resources import known_robots, scenarios
 from tests.support.faulty import FILES, NSAID, Heard, code_of, flat, shell, strict
 
@@ -194,7 +196,7 @@ def test_a_file_is_run_and_its_own_fields_are_flags(
     monkeypatch.chdir(tmp_path)
     code, said = shell("run", "mine.py", "--share", "0.25")
     assert code == 0
-    assert said.out.startswith("mine: still converging: ")
+    assert said.out.startswith("◐ mine: still converging: ")
     assert sorted(path.name for path in (tmp_path / "runs" / "mine-paper").iterdir()) == sorted(
         FILES
     )
@@ -521,7 +523,7 @@ def test_the_terminal_shows_the_result_and_the_folder(
     code, said = shell(*ROV)
     printed = flat(said.out)
     assert code == 0 and "Traceback" not in said.err
-    assert printed.startswith("scalar_rov: still converging: ")
+    assert printed.startswith("◐ scalar_rov: still converging: ")
     assert "1 s simulated in" in printed
     assert "× real time" in printed and "3 of 4 directions of θ are observable" in printed
     assert "nsaid view runs/scalar_rov-paper" in printed
@@ -586,8 +588,8 @@ ALONE = ("--duration", "0.2", "--held-out", "0.5", "--out", "out", "--pe-window"
 
 def check_alone(folder: Path, code: int, out: str, err: str) -> None:
     """What a script with the flags above says and leaves in an empty folder."""
-    assert (code, err) == (0, "")
     summary = strict(out)
+    assert (code, err) == (exit_codes.code_of(mark_of(summary)), "")
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)
     assert sorted(file.name for file in (folder / "out").iterdir()) == sorted(FILES)
     assert [file.name for file in folder.iterdir()] == ["out"]
