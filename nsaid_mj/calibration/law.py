@@ -181,7 +181,8 @@ def unexplained_commands(fitted: Fitted) -> Array:
 def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
     """Standard deviations of the noise of positions and of velocities, by fourth differences."""
     log = max(logs, key=lambda log: len(log.t))
-    return tuple(float(np.median([noise(x) for x in part.T])) for part in (log.q, log.v))
+    position, velocity = (float(np.median([noise(x) for x in part.T])) for part in (log.q, log.v))
+    return position, velocity
 
 
 def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:

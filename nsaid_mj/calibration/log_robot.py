@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -58,7 +58,11 @@ class Parameters:
 
     def block(self) -> Block:
         """The block."""
-        return Block(**asdict(self) | {"scale": np.array(self.scale)})
+        scale = np.array(self.scale)
+        return Block(
+            self.name, self.names, self.units, scale, self.geometry, self.actuator, self.entries,
+            self.labels,
+        )  # fmt: skip
 
 
 class LoggedArm(JointTree, StructuredSystem):

@@ -45,7 +45,7 @@ class CompiledMultibody(JointTree, StructuredSystem):
             check_consistency(self)
 
 
-def check_consistency(system: CompiledMultibody) -> None:
+def check_consistency(system: JointTree) -> None:
     """Compares the regressors of a structure with Pinocchio's at random states.
 
     The comparison covers the torque regressor of the links and, under random physical inertias, the
