@@ -200,8 +200,8 @@ class Record:
         with _typed(file):
             schema, batches, rows, complete = _survey(file)
             metadata = _metadata(schema)
-            if missing := {"t", "q", "v", "u"} - {*schema.names}:
-                raise KeyError(*sorted(missing))
+            if "t" not in schema.names:
+                raise KeyError("t")
             columns = {
                 field.name: np.empty((rows, width) if (width := _width(field.type)) else rows)
                 for field in schema

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.cli.commands import command
+from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.evaluation import energy, summarize, truth_of
@@ -33,6 +34,7 @@ from nsaid_mj.plants import (
 )
 from nsaid_mj.plants.world.faults.kinds import gains_of
 from nsaid_mj.reporting import finish
+from nsaid_mj.reporting.report import mark_of
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
@@ -300,7 +302,9 @@ def test_faults_are_a_flag(flag):
 def test_a_fault_from_the_command_line(tmp_path: Path, capsys):
     words = "--duration 2 --held-out 1 --pe-window 0.5 --out"
     fault = ["--faults", "loss 0.4 of 3 at 1 s"]
-    assert command(["run", "bluerov2", *fault, *words.split(), str(tmp_path / "out")]) == 0
+    code = command(["run", "bluerov2", *fault, *words.split(), str(tmp_path / "out")])
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert code == code_of(mark_of(summary))
     assert "fault: thrust_3 loses 40 % at 1 s" in capsys.readouterr().out
     with pytest.raises(InvalidInput, match=r"faults\.actuator"):
         command(["run", "bluerov2", "--faults", "loss 0.4 of 9", "--out", f"{tmp_path}/no"])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.cli.commands import command
+from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.evaluation import summarize, truth_of
@@ -33,6 +34,7 @@ from nsaid_mj.plants import (
     SensorNoise,
     UvmsPlant,
 )
+from nsaid_mj.reporting.report import mark_of
 from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import VEHICLES, acceleration, coordinate_map
@@ -386,8 +388,9 @@ def test_a_mismatch_is_a_flag(words, expected):
 
 def test_a_run_from_the_command_line(tmp_path, capsys):
     words = "--plant.mismatch.lag 0.1 --duration 2 --held-out 1 --pe-window 1 --json --out"
-    assert command(["run", "bluerov2", *words.split(), str(tmp_path / "out")]) == 0
+    code = command(["run", "bluerov2", *words.split(), str(tmp_path / "out")])
     summary = json.loads(capsys.readouterr().out)
+    assert code == code_of(mark_of(summary))
     assert summary["status"] == "completed" and summary["mismatch"] == ["actuators lag by 0.1 s"]
     stored = Scenario.from_json((tmp_path / "out/scenario.json").read_text(encoding="utf-8"))
     assert stored.plant.mismatch == Mismatch(lag=0.1)

@@ -28,7 +28,7 @@ from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import Run, SimulatedRun, run
 from nsaid_mj.experiment.record import FILE as RECORD
 from nsaid_mj.nullspace import structural
-from nsaid_mj.reporting import finish, report
+from nsaid_mj.reporting import finish, pages
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of
 
@@ -160,7 +160,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
     summary = finish.finish(bare)
     assert json.loads((tmp_path / finish.SUMMARY).read_text(encoding="utf-8")) == summary
-    page = (tmp_path / report.FILE).read_text(encoding="utf-8")
+    page = (tmp_path / pages.FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / recording.FILE)
     wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}

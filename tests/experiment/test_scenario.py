@@ -147,6 +147,8 @@ def changed(value: Any, name: str) -> Iterator[Any]:
             yield from ((*value[:i], other, *value[i + 1 :]) for other in changed(item, ""))
     elif isinstance(value, tuple) and name == "flow":
         yield (0.1, 0.0, 0.0)
+    elif isinstance(value, tuple) and name == "unexplained":
+        yield (1e-3,)
     elif isinstance(value, tuple) and name == "mean":
         yield (0.5,)
     elif isinstance(value, tuple):
@@ -403,7 +405,7 @@ BAD = FAULTS | {
     },
     EfficientConfig: {
         "prior": NOT_POSITIVE, "linearisation": [-1.0, NAN, INF],
-        "innovation_window": NOT_POSITIVE,
+        "innovation_window": NOT_POSITIVE, "unexplained": [(-1.0,), (NAN,), 1.0, None],
     },
     Mismatch: {
         "lag": [-1.0, NAN, INF], "delay": [-1.0, NAN, INF], "fluid": ["honey"],

@@ -12,6 +12,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.log import Log
 from nsaid_mj.numerics import spatial
 from nsaid_mj.parameters import Array
 from nsaid_mj.structure.parts import Body, Inertia
@@ -132,7 +133,8 @@ def middles(n: int, dt: float, hermite: bool) -> tuple[float, float]:
 
     for t in np.linspace(0.2, 3.4, 9):
         q, v = np.array([pose(n, t), pose(n, t + dt)]), np.array([twist(t, n), twist(t + dt, n)])
-        (q,), (v,) = alone.midpoints(hermite, np.array([0.0, dt]), q, v)
+        log = Log(np.array([0.0, dt]), q, v, np.zeros((2, 0)))
+        (q,), (v,) = alone.system.midpoints(log, hermite)[:2]
         half = t + dt / 2
         errors.append(
             [np.abs(difference(pose(n, half), q)).max(), np.abs(v - twist(half, n)).max()]

@@ -34,6 +34,8 @@ def read(path: Path) -> list[Columns]:
     if not len(record):
         raise UnreadableLog(path, "the record has no rows", "Run the scenario again.")
     values: dict[str, np.ndarray] = {"t": record["t"]}
+    if missing := [name for name in "qvu" if name not in record.columns]:
+        raise UnreadableLog(path, f"its record has no column {missing[0]}", "Run it again.")
     for name in "qvu":
         values |= {f"{name}_{k}": column for k, column in enumerate(record[name].T)}
     return [Columns(values)]
