@@ -68,7 +68,7 @@ def rotors(mj: Any) -> Array:
     """(nv,) reflected rotor inertia of every velocity, of joints and actuators [kg·m² or kg]."""
     found = mj.dof_armature.copy()
     for j in range(mj.njnt):
-        if mujoco.mjtJoint(mj.jnt_type[j]) in _AXES:
+        if mujoco.mjtJoint(mj.jnt_type[j]) in _KINDS:
             for i in actuators_of(mj, j):
                 found[mj.jnt_dofadr[j]] += mj.actuator_armature[i] * mj.actuator_gear[i, 0] ** 2
     return found

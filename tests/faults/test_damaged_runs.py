@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from nsaid_mj import run
+from nsaid_mj import Record, run
 from nsaid_mj.calibration.logs.formats.run import read as read_log
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.verify import verify_folder
