@@ -83,7 +83,8 @@ class Arm:
     def moved(self, x: Array, offset: float) -> Array:
         """(n N, n) change of the residual by an offset [rad or m] of the targets of each joint."""
         change = self.residual(x, offset) - self.residual(x)
-        return scipy.linalg.block_diag(*change.reshape(len(self.sigma), -1)).T
+        blocks = scipy.linalg.block_diag(*change.reshape(len(self.sigma), -1))
+        return np.asarray(blocks.T, dtype=np.float64)
 
     def jacobian(self, x: Array, free: Indices) -> Array:
         """(n N, k) central differences; a joint's own parameters change its own rows alone."""
