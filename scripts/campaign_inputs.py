@@ -101,10 +101,14 @@ def _hang(*_: object) -> None:
 
 
 def shell(*words: str) -> str:
-    """The outcome of `nsaid …`."""
+    """The outcome of `nsaid …`; `inspect` tells its refusals on standard output."""
     said = io.StringIO()
     try:
-        with mock.patch.object(sys, "argv", ["nsaid", *words]), contextlib.redirect_stderr(said):
+        with (
+            mock.patch.object(sys, "argv", ["nsaid", *words]),
+            contextlib.redirect_stderr(said),
+            contextlib.redirect_stdout(said),
+        ):
             cli.run_from_shell()
     except SystemExit as exited:
         text = said.getvalue()

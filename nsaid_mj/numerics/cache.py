@@ -37,8 +37,7 @@ PACKAGE = Path(__file__).resolve().parent.parent
 WHOLE = ("numerics", "structure")
 """Rooms of which every file counts: nearly all of them define kernels, or parts of kernels."""
 
-_KERNELS = re.compile(rb"\n *(?:from|import) (?:numba\b|\.[.\w]*\bkernels\b)")
-_IMPORTS = re.compile(rb"\n *from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
+_IMPORTS = re.compile(rb"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
 
 KEPT = 3  # folders of other digests that survive when a new one is made
 IN_USE = 86400.0  # folders used more recently than this are never deleted [s]
@@ -77,7 +76,11 @@ def kernel_sources(package: Path = PACKAGE) -> dict[str, bytes]:
             path = os.path.join(folder, name)
             with open(path, "rb") as file:
                 texts[path[len(str(package)) + 1 : -3].replace(os.sep, "/")] = file.read()
-    left = [n for n, text in texts.items() if n.split("/")[0] in WHOLE or _KERNELS.search(text)]
+    left = [
+        name
+        for name, text in texts.items()
+        if name.split("/")[0] in WHOLE or b"kernel(" in text or b"numba" in text
+    ]
     found: dict[str, bytes] = {}
     while left:
         name = left.pop()

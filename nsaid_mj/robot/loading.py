@@ -26,7 +26,7 @@ from .xml import read_xml
 Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
 
-REMEDY = "Give a file by its path: .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
+REMEDY = "Give the path of a file ending in .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
 _CUT_IN_CODE = "talos_legs"  # the only one whose loader takes joints out of its file
 
 

@@ -305,7 +305,7 @@ def test_a_fault_from_the_command_line(tmp_path: Path, capsys):
     code = command(["run", "bluerov2", *fault, *words.split(), str(tmp_path / "out")])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert code == code_of(mark_of(summary))
-    assert "fault: thrust_3 loses 40 % at 1 s" in capsys.readouterr().out
+    assert "fault in the plant: thrust_3 loses 40 % at 1 s" in capsys.readouterr().out
     with pytest.raises(InvalidInput, match=r"faults\.actuator"):
         command(["run", "bluerov2", "--faults", "loss 0.4 of 9", "--out", f"{tmp_path}/no"])
     assert not (tmp_path / "no").exists()

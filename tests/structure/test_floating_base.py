@@ -35,7 +35,6 @@ ROBOTS = [
     "solo12",
     "solo8",
     "talos",
-    "talos_legs",
 ]
 robots = pytest.mark.parametrize("robot", ROBOTS)
 FEW = pytest.mark.parametrize("robot", ["borinot", "pr2", "solo12"])
@@ -109,7 +108,7 @@ def test_m_dot_minus_2c_is_skew(robot):
 def test_without_the_bracket_of_twists_c_is_not_pinocchios(robot):
     """Without it Ṁ − 2C would not be skew: the test above can fail."""
     ours, theta = afloat(robot).system, afloat(robot).truth
-    system = Multibody(afloat(robot).robot.model, ours.scales, ours.friction_speed)
+    system = Multibody(load_robot(robot, "free").model, ours.scales, ours.friction_speed)
     x, w, _, _, _ = draw_state(system, 1)
     _, C = mass_and_coriolis(afloat(robot), *system.split(x))
     assert np.abs(system.W_C(x, w) @ theta - C @ w).max() <= 1e-9 * np.abs(C @ w).max()
@@ -205,7 +204,7 @@ def test_every_joint_has_a_motor_and_the_base_has_none():
 
 
 def test_the_system_holds_no_inertia():
-    given = afloat("solo12").robot.model
+    given = load_robot("solo12", "free").model
     assert any(i.toDynamicParameters().any() for i in given.inertias)
     for structure in (Multibody, CompiledMultibody):
         system = structure(given, afloat("solo12").system.scales, np.full(12, 0.05))
