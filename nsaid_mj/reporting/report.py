@@ -209,9 +209,11 @@ def _alarms(summary: dict[str, Any]) -> list[Alarm]:
 
 def _stream_line(counts: dict[str, int]) -> str:
     """What was wrong with the samples of a live robot, in words; empty if nothing was."""
+    one = counts.get("gaps") == 1
     told = {
-        "gaps": "gap" if counts.get("gaps") == 1 else "gaps",
-        "missing": f"{'sample' if counts.get('missing') == 1 else 'samples'} missing in them",
+        "gaps": "gap" if one else "gaps",
+        "missing": f"{'sample' if counts.get('missing') == 1 else 'samples'} missing in "
+        + ("it" if one else "them"),
         "not_finite": "not finite",
         "duplicates": "repeated",
         "late": "out of order",

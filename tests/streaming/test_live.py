@@ -89,7 +89,7 @@ def test_result_and_page_tell_the_gap_and_judge_around_it(log: Log, tmp_path: Pa
     summary = finish(run)
     assert summary["stream"]["missing"] == 70
     assert summary["misfit"] != "contradicts" and summary["misfit_contradictions"] == []
-    assert "1 gaps, 70 samples missing in them" in (tmp_path / "report.html").read_text("utf-8")
+    assert "1 gap, 70 samples missing in it" in (tmp_path / "report.html").read_text("utf-8")
     assert "theta_perp_ratio" not in summary  # no truth is known
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numba import types
 
@@ -308,6 +309,10 @@ def _end(d, work, own, dofs, passive):
         passive[dofs[i, 0]] += own.force[i]
 
 
+_LARGEST = float(mujoco.mjMAXVAL)
+"""Magnitude of a control beyond which MuJoCo applies none."""
+
+
 @cache
 def column_forces() -> Any:
     """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive."""
@@ -324,6 +329,9 @@ def column_forces() -> Any:
         if d[_LAGGED] > 0:
             commands = arrays[at_act]
         u = array_at(vector, commands, (np.int64(d[_COMMANDS]),))
+        for i in range(u.shape[0]):
+            if not abs(u[i]) <= _LARGEST:
+                return  # MuJoCo, which comes to its controls next, warns of them and zeroes them
         qpos = array_at(vector, arrays[at_q], (WORDS,))
         qvel = array_at(vector, arrays[at_v], (WORDS,))
         pushed = array_at(vector, arrays[at_force], (WORDS,))
