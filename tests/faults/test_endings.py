@@ -21,6 +21,7 @@ from nsaid_mj.experiment.record import BATCH_SECONDS, Record
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants import SensorNoise
 from nsaid_mj.reporting import finish
+from nsaid_mj.reporting.report import mark_of
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 from tests.support.recordings import entities_of
 
