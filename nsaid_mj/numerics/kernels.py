@@ -138,15 +138,15 @@ class Kernel:
                     path.unlink(missing_ok=True)  # compiled already if it only could not be saved
                 timed(function, signature)
         function.disable_compile()
-        if self.signature is not None:
-            binding.add_symbol(self.symbol, self._address("llvm_func_name"))
 
     @cached_property
     def address(self) -> int:
         """Address by which compiled functions call it."""
         if not self.function.signatures:
             self.load()
-        return self._address("llvm_func_name")
+        address = self._address("llvm_func_name")
+        binding.add_symbol(self.symbol, address)
+        return address
 
     @cached_property
     def callback(self) -> int:
@@ -160,7 +160,8 @@ class Kernel:
 
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Code that calls the function at `address`."""
-        assert "address" in vars(self), f"{self.symbol} is missing in the `calls` of a kernel"
+        missing = f"{self.symbol} is missing in the `calls` of a kernel"
+        assert self.function.signatures and self.address, missing
         convention, given = context.call_conv, (signature.return_type, signature.args)
         kind, module = convention.get_function_type(*given), builder.module
         found = module.globals.get(self.symbol) or ir.Function(module, kind, self.symbol)
