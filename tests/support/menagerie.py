@@ -72,6 +72,13 @@ LEG = Robot(
     np.array([0.55, 0.6, 0.7]), np.array([0.2, 0.25, 0.3]), np.array([0.011, 0.013, 0.025]),
     8e-3, 200.0, 2 * np.pi / 2**15, np.array([-0.5, 0.0, -2.3]), np.array([0.5, 1.6, -0.7]), 15.0,
 )  # fmt: skip
+TORQUE_ARM = Robot(
+    "torque_arm.xml", ("turret", "upper", "fore"), np.zeros(3), np.array([0.03, 0.04, 0.03]),
+    np.array([0.15, 0.2, 0.1]), np.array([0.014, 0.016, 0.008]), 2e-3, 500.0, 2 * np.pi / 2**16,
+    np.array([-1.2, -1.2, -1.2]), np.array([1.2, 1.2, 1.2]), 6.0,
+)  # fmt: skip
+_DRIVE = np.array([30.0, 12.0, 6.0]), np.array([2.0, 1.0, 0.4])
+# of the controller that computes torques [N·m/rad, N·m·s/rad]
 
 
 def true_model(robot: Robot, fixed: bool = True):
@@ -115,6 +122,8 @@ def targets(robot: Robot, rng: np.random.Generator, t: np.ndarray) -> np.ndarray
 def log(robot: Robot, seed: int, seconds: float = 30.0, command=targets, disturb=None):
     """(N,) times, (N, n) commands and (N, n) positions of one log.
 
+    Commands of motors are the torques of a controller that follows the targets.
+
     Args:
         robot: what moves.
         seed: of motion and jitter.
@@ -135,17 +144,21 @@ def log(robot: Robot, seed: int, seconds: float = 30.0, command=targets, disturb
     held = np.maximum(np.searchsorted(t, instants - robot.delay + 1e-9, side="right") - 1, 0)
     q = np.repeat(data.qpos[None, where], count, axis=0)
     for k in range(1, count):
+        if not robot.kp.any():
+            u[k - 1] = _DRIVE[0] * (u[k - 1] - data.qpos[where]) - _DRIVE[1] * data.qvel[where]
         for i in range(ends[k - 1], ends[k]):
             data.ctrl[own] = u[held[i]]
             if disturb is not None:
                 disturb(mj, data)
             mujoco.mj_step(mj, data)
         q[k] = data.qpos[where]
+    u[-1] = u[-1] if robot.kp.any() else u[-2]
     return t, u, np.round(q / robot.tick) * robot.tick
 
 
-def write(path: Path, robot: Robot, t, u, q, command: str = "target") -> Path:
+def write(path: Path, robot: Robot, t, u, q) -> Path:
     """A CSV file, with the joints' names."""
+    command = "target" if robot.kp.any() else "torque"
     names = ["time", *(f"{command}_{n}" for n in robot.joints)]
     names += [f"position_{n}" for n in robot.joints]
     rows = np.column_stack([t, u, q])

@@ -8,7 +8,7 @@ import pytest
 
 from nsaid_mj.cli.commands import command
 from tests.support import menagerie
-from tests.support.menagerie import LEG, SOFT_ARM, STIFF_ARM, write
+from tests.support.menagerie import LEG, SOFT_ARM, STIFF_ARM, TORQUE_ARM, write
 
 FINGERS = ["--lock", "left_finger,right_finger"]
 CASES = {
@@ -27,7 +27,7 @@ def identified(folder, robot, options, logs):
     out = folder / "found"
     said = ["identify", "--model", str(robot.path), "--log", *files, *options]
     assert command([*said, "--out", str(out), "--quiet"]) == 0
-    (model,) = out.glob("*.xml")
+    model = next(out.glob("*.xml"))
     return json.loads((out / "identification.json").read_text()), model
 
 
@@ -89,3 +89,18 @@ def test_saturation_is_found_where_it_is(case):
     limited = [j for j in robot.joints if mj.actuator(j.removesuffix("_joint")).forcelimited[0]]
     assert limited == list(limits)
     assert [f["code"] for f in found["findings"]].count("saturation") == bool(limits)
+
+
+def test_rotors_and_friction_of_an_arm_under_torque_control(tmp_path):
+    """Torques in N·m are known: `--known gain_2=1` fixes the scale, and intervals are absolute."""
+    logs, found = [{"seed": 0, "seconds": 20.0}], {}
+    result, _ = identified(tmp_path, TORQUE_ARM, ["--known", "gain_2=1"], logs)
+    assert result["explains"] == "yes"
+    true = {"rotor": "armature", "viscous": "kv", "coulomb": "friction"}
+    for p in result["parameters"]:
+        name, _, k = p["name"].rpartition("_")
+        if name in true:
+            value = getattr(TORQUE_ARM, true[name])[int(k) - 1]
+            assert p["value"] == pytest.approx(value, rel=0.1)
+            found[p["name"]] = p["low"] <= value <= p["high"]
+    assert len(found) == 9 and np.mean(list(found.values())) >= 0.9
