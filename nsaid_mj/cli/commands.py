@@ -224,7 +224,7 @@ def _carry_out(
 
 def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     """Post-processes a run; if that is interrupted or the disk is full, says how to go on."""
-    from ..reporting.finish import finish
+    from ..postprocessing import finish
 
     again = f"`nsaid view --rebuild {shlex.quote(str(result.folder))}` finishes the run"
     try:
@@ -237,8 +237,8 @@ def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, 
 
 def _code(result: Run, summary: dict[str, Any]) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
+    from ..evaluation import mark_of
     from ..identifiers import Status
-    from ..reporting.report import mark_of
 
     interrupted = result.ending.status is Status.interrupted
     return INTERRUPTED if interrupted else code_of(mark_of(summary))
@@ -385,8 +385,8 @@ def _list() -> int:
 
 
 def _view(folder: Path, web: bool, rebuild: bool) -> int:
+    from .. import postprocessing
     from ..recording import FILE, viewer_command
-    from ..reporting import finish
 
     file = folder if folder.suffix == ".rrd" else folder / FILE
     if rebuild or not file.is_file():
@@ -394,7 +394,7 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
             raise BadRun(
                 folder, "there is no such run", "Give the folder of a run, e.g. runs/ur5-paper."
             )
-        finish.rebuild(folder)
+        postprocessing.rebuild(folder)
     words = viewer_command(file, web)
     if os.name == "posix":
         os.execv(words[0], words)  # the viewer replaces this process and receives its signals

@@ -27,7 +27,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from ..errors import InvalidInput
 from ..evaluation import Truth, converged_at
 from ..evaluation.figures import actuator_ratio_error
-from ..evaluation.words import Mark
 from ..experiment.following import CHECK, Following, due_rows
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
@@ -38,10 +37,11 @@ from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.threads import single_threaded
 from ..parameters import Array
-from ..reporting.pages import Alarm, Page, Section, Table, count
+from ..reporting.pages import Page, Section, Table, count
 from ..reporting.progress import announcing
 from ..reporting.terminal import print_page
 from ..resources import check_own
+from ..robot.findings import Finding
 from ..system import Motion
 from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
@@ -61,7 +61,6 @@ _PIECE = 500  # time steps in a segment, about; progress is reported after each
 _GROUP = 32  # identifiers that share a motion, at most: one batch
 _PLANTS = 32  # plants whose logs are in memory at the same time
 _JOBS = "The default is the number of processors."
-_LINES = 40  # lost runs that are printed, at most
 
 Seen = Callable[[float], object]
 """Called with the progress since the last call, in runs, also fractional."""
@@ -481,15 +480,13 @@ def print_summary(sweep: Sweep) -> None:
     ]
     shared = sweep.manifest["montecarlo"]["shared"]
     failures = [
-        Alarm(
-            Mark("✘", "poor", f"{row['status']} at {row['status_time']:.3g} s"
-                 + ("" if shared else f"\n    {sweep.command(row)}")),
-            f"run {row['run']} (seed {row['seed']}):",
+        Finding(
+            "refusal", "lost", f"run {row['run']} (seed {row['seed']})",
+            f"{row['status']} at {row['status_time']:.3g} s",
+            "" if shared else f"\n    {sweep.command(row)}",
         )
-        for row in gone[:_LINES]
+        for row in gone
     ]  # fmt: skip
-    if (more := len(gone) - _LINES) > 0:
-        failures.append(Alarm(Mark("✘", "poor", f"and {more} more"), "…"))
     many = count(len(sweep.rows), "prior" if shared else "plant")
     kind = "on one motion" if shared else "with its own motion each"
     spent = f"identifier {cost(sweep):.2g} µs of thread time per run and time step"
@@ -497,7 +494,7 @@ def print_summary(sweep: Sweep) -> None:
         heading=sweep.folder.name,
         verdict=None,
         lead=f"{many} {kind}, {len(gone)} lost",
-        alarms=failures,
+        findings=failures,
         sections=[Section("", [Table(["", *QUANTILES], lines)])],
         commands=[spent, *files_of(sweep)],
     )

@@ -13,7 +13,7 @@ from nsaid_mj.calibration.findings import Finding, UnusableLog
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
-from nsaid_mj.evaluation.words import Mark
+from nsaid_mj.evaluation.result import Mark
 from nsaid_mj.identifiers import Status
 from nsaid_mj.studies.compare import PRIOR, Cell
 from nsaid_mj.studies.sweep_results import Sweep

@@ -10,16 +10,14 @@ import numpy as np
 from rich.console import Console
 
 from ... import __version__
-from ...calibration import words
-from ...calibration.result import Parameter
 from ...calibration.servos import Score, ServoIdentification, ServoLog
+from ...evaluation.result import Parameter
 from ...parameters import Array
 from .. import pages
 from ..drawings import figures_of
 from ..pages import Cell, Figures, Page, Panel, Section, Table, Text
 from ..panels import Comparison
 from ..terminal import print_page, print_panels
-from .report import brief_alarms
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3}  # factor to the unit in the head
 _HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "error [mrad]", "simple [mrad]")
@@ -70,7 +68,7 @@ def print_servos(result: ServoIdentification, console: Console, files: Sequence[
               if isinstance(panel, Table) else panel
               for panel in page.sections[0].panels]  # fmt: skip
     brief = Page(
-        "", page.verdict, alarms=page.alarms, sections=[Section("", narrow)],
+        "", page.verdict, findings=page.findings, sections=[Section("", narrow)],
         commands=page.commands,
     )  # fmt: skip
     print_page(brief, console)
@@ -90,10 +88,10 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
                        "constant.", note=True))  # fmt: skip
     return Page(
         heading=result.robot.name,
-        verdict=words.EXPLAINS[result.explains]._replace(text=result.verdict),
+        verdict=result.mark,
         eyebrow="identification of position servos from logs",
         lead=f"{pages.count(len(result.servos), 'servo')}, each with its 95 % intervals.",
-        alarms=brief_alarms(result.findings),
+        findings=result.findings,
         sections=[Section("Servos", panels)],
         commands=commands,
         versions={"nsaid-mj": __version__},
