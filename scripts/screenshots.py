@@ -27,11 +27,10 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj import postprocessing
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.experiment.loop import SimulatedRun, run
-from nsaid_mj.recording import FILE
+from nsaid_mj.recording import FILE, postprocessing
 from nsaid_mj.recording.forces import Arrows, Rows, body_forces
 from nsaid_mj.recording.scene import EYE, base_poses
 from nsaid_mj.recording.viewer import LOCAL, free_port, listening, program

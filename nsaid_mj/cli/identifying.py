@@ -130,7 +130,7 @@ def write(
         files.append(folder / "identification.rrd")
         recording.record(result, files[-1])
     if result.law is not None:
-        from ..postprocessing import finish
+        from ..recording.postprocessing import finish
 
         finish(result.law.run, told)
         files.append(result.law.run.folder / "report.html")

@@ -9,7 +9,7 @@ import numpy as np
 from ..parameters import Indices, ParameterSpace
 from ..robot.findings import Finding
 from .confidence import INTERVAL
-from .result import Explains, Figure, Mark, Parameter, Result, Status
+from .result import Explains, Figure, Mark, Parameter, Result, Status, judged
 from .words import FIGURES, OWN
 
 _OUTCOMES: dict[str, Explains] = {"converged": "yes", "still converging": "partly"}
@@ -32,7 +32,7 @@ def result_of(summary: dict[str, Any], space: ParameterSpace | None = None) -> R
     """
     told = summary.get("verdict") or summary.get("status", "completed")
     return Result(
-        explains=_OUTCOMES.get(told.partition(":")[0], "no"),
+        explains=explains_of(told),
         verdict=told,
         parameters=_parameters(summary, space),
         findings=_findings(summary),
@@ -123,4 +123,10 @@ def _findings(summary: dict[str, Any]) -> tuple[Finding, ...]:
 
 def mark_of(summary: dict[str, Any]) -> Mark | None:
     """The verdict of a run with its mark; None if the summary, of an earlier version, has none."""
-    return result_of(summary).mark if summary.get("verdict") else None
+    told = summary.get("verdict")
+    return judged(explains_of(told), told) if told else None
+
+
+def explains_of(verdict: str) -> Explains:
+    """Whether the structure explains a run, from the judgement before the verdict's colon."""
+    return _OUTCOMES.get(verdict.partition(":")[0], "no")

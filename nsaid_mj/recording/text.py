@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 _WORDS = {
+    "\\_": "_",  # Markdown's; within a word neither is interpreted
+    "W(t, x, v, θ) P̄_⊥ θ̄_P⊥": "the force of the observable error",
+    "θ̂ converges to P(θ)": "the estimate converges to the true set",
     " ‖θ̄_P⊥‖/‖θ̂‖": "",
     "‖θ̄_P⊥‖/‖θ̂‖": "distance to the true set",
     "‖θ̂‖": "the estimate's size",

@@ -111,8 +111,8 @@ def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> No
 
 @pytest.mark.parametrize(("gone", "code"), [([], EXPLAINED), ([{"run": 1}], NOT_EXPLAINED)])
 def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
-    put(monkeypatch, "studies.montecarlo.run", None)
-    put(monkeypatch, "studies.montecarlo.lost", gone)
+    put(monkeypatch, "studies.montecarlo_results.run", None)
+    put(monkeypatch, "studies.montecarlo_results.lost", gone)
     assert shell("montecarlo", "scalar_rov", "--quiet")[0] == code
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import postprocessing
 from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.cli.options import parse
@@ -34,6 +33,7 @@ from nsaid_mj.plants import (
     ScalarRovPlant,
 )
 from nsaid_mj.plants.world.faults.kinds import gains_of
+from nsaid_mj.recording import postprocessing
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 

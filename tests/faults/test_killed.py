@@ -15,10 +15,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from nsaid_mj import postprocessing
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE, Record
+from nsaid_mj.recording import postprocessing
 from tests.support.faulty import FILES, ROV, shell, start, strict
 
 PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]

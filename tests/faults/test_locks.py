@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj import postprocessing
 from nsaid_mj.errors import BadRun, FolderInUse, NotWritten
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import FILE, Record
+from nsaid_mj.recording import postprocessing
 from nsaid_mj.resources import atomic_write, locked, write_text
 from nsaid_mj.studies.sweep import Plan
 from nsaid_mj.studies.sweep import run as sweep

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj import postprocessing
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE
+from nsaid_mj.recording import postprocessing
 from tests.support.faulty import ROV
 
 pytestmark = pytest.mark.skipif(
@@ -44,7 +44,7 @@ def test_finishing_leaves_no_threads_and_no_memory(times: int, tmp_path: Path) -
 FINISH = """
 import resource, sys, time
 from pathlib import Path
-from nsaid_mj import postprocessing
+from nsaid_mj.recording import postprocessing
 begin = time.monotonic()
 postprocessing.rebuild(Path(sys.argv[1]))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000, time.monotonic() - begin)

@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from . import evaluation, recording
-from .bounds import LARGEST
-from .calibration.reopening import reopen_measured
-from .errors import BadRun
-from .evaluation.verify import ROWS, verify
-from .experiment.loop import Cost, Ending, Run, reopen
-from .experiment.record import Record
-from .identifiers import Status
-from .numerics.threads import single_threaded
-from .reporting import pages, report
-from .reporting.progress import Progress
-from .resources import locked, write_json, write_text
+from .. import evaluation, recording
+from ..bounds import LARGEST
+from ..calibration.reopening import reopen_measured
+from ..errors import BadRun
+from ..evaluation.verify import ROWS, verify
+from ..experiment.loop import Cost, Ending, Run, reopen
+from ..experiment.record import Record
+from ..identifiers import Status
+from ..numerics.threads import single_threaded
+from ..reporting import pages, report
+from ..reporting.progress import Progress
+from ..resources import locked, write_json, write_text
 
 SUMMARY, SCENARIO = "summary.json", "scenario.json"
 
@@ -61,10 +61,8 @@ def _check_record(run: Run) -> None:
 
 def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     say("evaluating the estimate")
-    Thread(
-        target=import_module, args=[f"{__package__}.reporting.drawings"], daemon=True
-    ).start()  # half a
-    # second of matplotlib, which the page needs last
+    # half a second of matplotlib, which the page needs last
+    Thread(target=import_module, args=[f"{pages.__package__}.drawings"], daemon=True).start()
     truth = evaluation.truth_of(run)
     summary = evaluation.summarize(run, truth)
     write_json(run.folder / SUMMARY, summary)
