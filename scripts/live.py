@@ -60,9 +60,10 @@ def histogram(seconds: np.ndarray) -> str:
 
 def measure(robot: str, rate: float, seconds: float) -> None:
     """Prints the figures of one robot."""
-    log, updates, ages, memory = motion(robot, rate), [], [], []
+    log, memory = motion(robot, rate), []
     rows = [log.at(k) for k in range(len(log.t))]
     count, period = round(seconds * rate), float(log.t[-1]) + _PAUSE
+    updates, ages = np.full((count, 3), -1.0), np.full(count, np.inf)  # they do not grow
     with (
         tempfile.TemporaryDirectory() as folder,
         nsaid_mj.live(robot, rate=rate, prior_error=1.0, out=folder) as identifier,
@@ -80,15 +81,16 @@ def measure(robot: str, rate: float, seconds: float) -> None:
             estimate = identifier.update(t, *rows[row][1:])
             passed, taken = time.perf_counter() - now, time.thread_time() - own
             after = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
-            updates.append((passed, taken, after - before))
+            updates[k] = passed, taken, after - before
             if estimate is not None and estimate.t <= t:
-                ages.append(t - estimate.t)
+                ages[k] = t - estimate.t
             if k % round(_MEMORY * rate) == round(0.5 * _MEMORY * rate):
                 memory.append((resident(os.getpid()), resident(law)))
         last = identifier.estimate
         dropped = count - (last.samples if last else 0)
-    passed, own, switches = np.array(updates[round(_SKIPPED * rate) :]).T
-    late, old = passed > 1e-3, np.array(ages[round(_SKIPPED * rate) :]) * 1e3
+    passed, own, switches = updates[round(_SKIPPED * rate) :].T
+    late, old = passed > 1e-3, ages[round(_SKIPPED * rate) :] * 1e3
+    old = old[np.isfinite(old)]
     print(
         f"{robot} at {rate:g} Hz, {seconds:g} s: an update takes {percentiles(passed)}; of the "
         f"processor {percentiles(own)}; {np.sum(late)} longer than 1 ms, "
