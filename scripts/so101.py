@@ -112,9 +112,8 @@ def halves(given: ServoLogs) -> None:
     for words, found in (("intervals overlap", overlap), ("each holds the other's value", hold)):
         print(f"| {words} | " + " | ".join(f"{np.mean(v):.2f}" for v in found.values()) + " |")
     print(f"\nof the {len(sure)} pairs that both halves call identified: {np.mean(sure):.2f}")
-    print(
-        f"exact 95 % intervals from {len(given.logs) // 2} logs: {nominal(len(given.logs) // 2):.2f}"
-    )
+    each = len(given.logs) // 2
+    print(f"exact 95 % intervals from {each} logs: {nominal(each):.2f}")
 
 
 def nominal(logs: int) -> float:
