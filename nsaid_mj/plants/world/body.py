@@ -85,13 +85,17 @@ def vehicle_spec(
         mass: of the body [kg].
         centre: (3,) centre of mass in body axes [m].
         inertia: (3, 3) about the centre of mass, in body axes [kg·m²].
-        size: (3,) of the box that is drawn if there is no model.xml [m].
+        size: (3,) of the box that is drawn if there is no model.xml [m]; by default, that of a
+            solid box of this mass and inertia.
         n: number of its velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a slide.
 
     Raises:
-        InvalidInput: there is neither a model.xml nor a size, or the model.xml does not describe
-            a single body with the required joints and no actuators.
+        InvalidInput: the model.xml does not describe a single body with the required joints and no
+            actuators.
     """
+    if size is None:
+        moments = np.diag(inertia)
+        size = np.sqrt(np.maximum(6 / mass * (moments.sum() - 2 * moments), 1e-4)).tolist()
     spec = _visual_spec(files, size, n)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
@@ -107,17 +111,10 @@ def vehicle_spec(
     return spec
 
 
-def _visual_spec(files: VehicleFiles, size: Sequence[float] | None, n: int) -> Any:
+def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
     """MuJoCo's specification of a vehicle's model.xml, or of a box of the given size."""
     path = files.model
     if not path.is_file():
-        if size is None:
-            raise InvalidInput(
-                str(path),
-                f"a model.xml, or `size = [length, width, height]` in {files.sheet.name}",
-                "neither",
-                "Add one of the two: a box will do.",
-            )
         half = " ".join(f"{0.5 * length:.9g}" for length in size)
         return mujoco.MjSpec.from_string(_BOX.format(name="box", joints=_XML[n], size=half))
     try:
