@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,7 @@ from nsaid_mj.plants import (
     RoverPlant,
     UvmsPlant,
 )
-from nsaid_mj.plants.world.body import vehicle_spec
-from nsaid_mj.resources import VehicleFiles, numbers
+from nsaid_mj.resources import numbers
 from tests.support.fossen import published
 
 NEAR = 0.005  # m
@@ -94,11 +92,3 @@ def test_thrusters_that_are_drawn_change_no_force_of_mujocos_water() -> None:
     model = plant.model
     wet = {model.geom(i).name for i in range(model.ngeom) if model.geom_fluid[i, 0] > 0}
     assert "float_left" in wet and not any(name.startswith("thruster") for name in wet)
-
-
-def test_without_a_model_or_a_size_a_vehicle_is_drawn_as_the_box_of_its_inertia(tmp_path: Path):
-    lengths, mass = np.array([0.3, 0.2, 0.1]), 2.0
-    inertia = np.diag(mass / 12 * ((lengths**2).sum() - lengths**2))
-    files = VehicleFiles(tmp_path / "mine.toml", tmp_path / "model.xml")
-    spec = vehicle_spec(files, 0.01, mass, np.zeros(3), inertia)
-    assert spec.geom("hull").size == pytest.approx(lengths / 2)

@@ -28,6 +28,7 @@ class Servo:
         error: mean absolute error of the open-loop simulation [rad or m].
         simple: the same of what needs no model: the target at the delay that suits best, or a
             constant position, whichever is closer.
+        limit: largest force, where the servo saturated in the logs [N·m or N]; None elsewhere.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Servo:
     gravity: bool
     error: float
     simple: float
+    limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,8 @@ class ServoIdentification:
         explains: whether the structure explains the logs.
         verdict: the same in one sentence, with the figures that carry it.
         servos: of every joint, in the order of `robot.joints`.
-        parameters: kp, T = kv/kp, f/kp, delay and armature/kp of every joint, with intervals.
+        parameters: T = kv/kp, f/kp, kp, armature/kp, delay and armature of every joint, with
+            intervals.
         scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
             and friction are those under the true masses.
         masked: share of the samples left out because of foreign forces.

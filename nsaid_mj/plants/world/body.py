@@ -18,6 +18,7 @@ BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""
 
 
+_THINNEST = 0.02  # side of a box that is drawn [m]
 NED = np.array([1.0, -1.0, -1.0])
 """Signs that convert x forward, y right, z down to x forward, y left, z up, and back."""
 
@@ -85,18 +86,15 @@ def vehicle_spec(
         mass: of the body [kg].
         centre: (3,) centre of mass in body axes [m].
         inertia: (3, 3) about the centre of mass, in body axes [kg·m²].
-        size: (3,) of the box that is drawn if there is no model.xml [m]; by default, that of a
-            solid box of this mass and inertia.
+        size: (3,) of the box that is drawn if there is no model.xml [m]; None for a solid box of
+            this inertia.
         n: number of its velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a slide.
 
     Raises:
-        InvalidInput: the model.xml does not describe a single body with the required joints and no
-            actuators.
+        InvalidInput: the model.xml does not describe a single body with the required joints and
+            no actuators.
     """
-    if size is None:
-        moments = np.diag(inertia)
-        size = np.sqrt(np.maximum(6 / mass * (moments.sum() - 2 * moments), 1e-4)).tolist()
-    spec = _visual_spec(files, size, n)
+    spec = _visual_spec(files, size or box_of(mass, inertia), n)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
     spec.option.density, spec.option.viscosity = 0.0, 0.0
@@ -109,6 +107,13 @@ def vehicle_spec(
     body.mass, body.ipos, body.iquat = mass, centre, [1, 0, 0, 0]
     body.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
     return spec
+
+
+def box_of(mass: float, inertia: Array) -> list[float]:
+    """(3,) length, width and height of a solid box of a mass and inertia (3, 3) [m]."""
+    diagonal = np.diag(inertia)
+    squares = 6 * (diagonal.sum() - 2 * diagonal) / mass
+    return np.sqrt(np.maximum(squares, _THINNEST**2)).tolist()
 
 
 def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:

@@ -11,8 +11,9 @@ from rich.console import Console
 
 from ... import __version__
 from ...calibration import words
+from ...calibration.comparison import Score
 from ...calibration.result import Parameter
-from ...calibration.servos import Score, ServoIdentification, ServoLog
+from ...calibration.servos import ServoIdentification, ServoLog
 from ...parameters import Array
 from .. import pages
 from ..drawings import figures_of
@@ -21,9 +22,11 @@ from ..panels import Comparison
 from ..terminal import print_page, print_panels
 from .report import brief_alarms
 
-_SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3}  # factor to the unit in the head
-_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "error [mrad]", "simple [mrad]")
-_PER_SERVO = 5  # parameters
+_SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
+# factor to the unit in the head
+_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "armature", "error [mrad]",
+          "simple [mrad]")  # fmt: skip
+_PER_SERVO = 6  # parameters
 
 
 def write_servos(
@@ -86,8 +89,8 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which.",
                            note=True))  # fmt: skip
-    panels.append(Text("error: of the open-loop simulation; simple: of the late target or a "
-                       "constant.", note=True))  # fmt: skip
+    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
+                       "or a constant.", note=True))  # fmt: skip
     return Page(
         heading=result.robot.name,
         verdict=words.EXPLAINS[result.explains]._replace(text=result.verdict),
@@ -104,14 +107,14 @@ def print_scores(scores: Sequence[Score], console: Console) -> None:
     """Prints how far models depart from logs: means over all joints.
 
     Args:
-        scores: of `compare_models`.
+        scores: of `compare_servos` or `compare_arms`.
         console: to print on.
     """
     heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "time\n[s]")
     lines: list[list[Cell]] = []
     for score in scores:
         numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
-        cells = ["–" if np.isnan(x) else f"{x:.2f}" for x in numbers]
+        cells = [_figure(x) for x in numbers]
         lines.append([score.model, *cells, f"{score.seconds:.1f}"])
     print_panels([Table(heads, lines)], console)
     console.print()
@@ -120,10 +123,20 @@ def print_scores(scores: Sequence[Score], console: Console) -> None:
     print_panels([Text(note)], console)
 
 
+def _figure(x: float) -> str:
+    """An error for a table."""
+    return "–" if np.isnan(x) else f"{x:.2f}" if x < 1e4 else "diverges"
+
+
 def _cell(parameter: Parameter) -> str:
     """A value with its interval, or marked where only a combination is identified."""
     scale = _SHOWN[parameter.name.partition("_")[0]]
     if parameter.status != "identified":
-        return f"~ {scale * parameter.value:.3g}"
+        return f"~ {_number(scale * parameter.value)}"
     half = 50 * (parameter.high - parameter.low) / parameter.value
-    return f"{scale * parameter.value:.3g} ±{half:.0f} %"
+    return f"{_number(scale * parameter.value)} ±{half:.0f}"
+
+
+def _number(x: float) -> str:
+    """Three digits, all of them before the point from 1000 on."""
+    return f"{x:.0f}" if x >= 1e3 else f"{x:.3g}"
