@@ -73,7 +73,7 @@ from .plants.space import AstrobeePlant as AstrobeePlant
 from .plants.torpedo import REMUS100Plant as REMUS100Plant
 from .plants.underwater import BlueROV2Plant as BlueROV2Plant
 from .plants.uvms import UvmsPlant as UvmsPlant
-from .reporting.finish import finish as finish
+from .recording.postprocessing import finish as finish
 from .streaming.client import live as live
 from .structure.general import GeneralSystem as GeneralSystem
 from .structure.joints import JointScales as JointScales

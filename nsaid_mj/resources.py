@@ -24,6 +24,9 @@ try:
 except ImportError:  # on Windows folders are not locked
     fcntl = None
 
+RECORDING = "run.rrd"
+"""File of a run's recording."""
+
 _PACKAGE = Path(__file__).resolve().parent
 
 

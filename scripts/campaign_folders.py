@@ -13,10 +13,9 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from nsaid_mj import Record, run
+from nsaid_mj import Record, postprocessing, run
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.experiment.library import load
-from nsaid_mj.reporting import finish
 from nsaid_mj.studies import sweep, sweep_report, sweep_results
 from nsaid_mj.studies.sweep_engine import Engine
 from scripts.campaign_tries import Draw, Kind, Try, carried_out
@@ -32,7 +31,7 @@ def packed(kind: str) -> Path:
     """A folder with a finished run or sweep, made once."""
     folder = Path(tempfile.mkdtemp(prefix="campaign-packed-")) / "out"
     if kind == "run":
-        finish.finish(run(SCENARIO, folder))
+        postprocessing.finish(run(SCENARIO, folder))
     else:
         sweep.run(PLAN, folder, Engine(jobs=1), quiet=True)
     return folder
@@ -65,7 +64,7 @@ def damaged_run(rng: random.Random, folder: Path) -> Kind:
         with contextlib.suppress(NsaidError):
             Record.read(out)
         with contextlib.suppress(NsaidError):
-            found = finish.rebuild(out)
+            found = postprocessing.rebuild(out)
             json.dumps(found, allow_nan=False)
         run(SCENARIO, out)
         return "" if Record.read(out).complete else "the record is not complete"
@@ -111,7 +110,7 @@ def planted(rng: random.Random, folder: Path) -> Kind:
     def check() -> str:
         with contextlib.suppress(NsaidError):
             if of_run:
-                finish.finish(run(SCENARIO, out))
+                postprocessing.finish(run(SCENARIO, out))
             else:
                 sweep.run(PLAN, out, Engine(jobs=1), quiet=True)
         return "" if victim.read_text() == "dear" else "the link was followed"

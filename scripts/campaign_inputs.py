@@ -232,7 +232,7 @@ def _reaching(line: list[str]) -> str:
         "nsaid_mj.experiment.loop.run",
         "nsaid_mj.studies.compare.run",
         "nsaid_mj.studies.sweep.run",
-        "nsaid_mj.studies.montecarlo._rows",
+        "nsaid_mj.studies.montecarlo_results.rows_of",
         "nsaid_mj.calibration.identify.identify",
     )
     with contextlib.ExitStack() as stack:

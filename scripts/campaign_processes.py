@@ -11,9 +11,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from nsaid_mj import Record
+from nsaid_mj import Record, postprocessing
 from nsaid_mj.errors import NsaidError
-from nsaid_mj.reporting import finish
 from scripts.campaign_tries import Draw, Kind, Try, carried_out
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -65,7 +64,7 @@ def killed(rng: random.Random, folder: Path) -> Kind:
         process.communicate()
         try:
             record = Record.read(folder / "out")
-            if len(record) > 1 and finish.rebuild(folder / "out")["status"] not in (
+            if len(record) > 1 and postprocessing.rebuild(folder / "out")["status"] not in (
                 "interrupted",
                 "completed",
             ):

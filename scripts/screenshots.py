@@ -30,11 +30,10 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.experiment.loop import SimulatedRun, run
-from nsaid_mj.recording import FILE
+from nsaid_mj.recording import FILE, postprocessing
 from nsaid_mj.recording.forces import Arrows, Rows, body_forces
 from nsaid_mj.recording.scene import EYE, base_poses
 from nsaid_mj.recording.viewer import LOCAL, free_port, listening, program
-from nsaid_mj.reporting import finish
 from nsaid_mj.resources import scenarios
 
 SCENARIOS = (
@@ -325,7 +324,7 @@ def main() -> int:
                 scenario = dataclasses.replace(scenario, duration=chosen.duration)
             with tempfile.TemporaryDirectory() as folder:
                 result = run(scenario, Path(folder) / name)
-                finish.finish(result)
+                postprocessing.finish(result)
                 picture = chosen.out / f"{name}.png"
                 at = best_moment(result) if chosen.at is None else chosen.at
                 photograph(result.folder / FILE, picture, at, close=name not in PAGE_ONLY)

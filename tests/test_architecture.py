@@ -34,8 +34,8 @@ ORDER = (
     ("evaluation",),
     ("calibration",),
     ("design",),
-    ("recording",),
     ("reporting",),
+    ("recording",),
     ("streaming",),
     ("studies",),
     ("cli",),
@@ -321,7 +321,7 @@ def test_evaluation_reads_a_plants_truth_in_one_place():
 
 
 def test_studies_read_the_truth_only_to_evaluate_runs():
-    readers = {"__post_init__", "ratio", "_row", "_rows"}
+    readers = {"__post_init__", "ratio", "_row", "rows_of"}
     assert readers_of_truth(FILES["studies.montecarlo"]) == readers
 
 
@@ -331,7 +331,7 @@ def test_a_truth_object_is_made_only_after_a_run():
         "cli.commands",
         "evaluation.truth",
         "evaluation.verify",
-        "reporting.finish",
+        "recording.postprocessing",
         "studies.compare",
         "studies.montecarlo",
         "studies.sweep_worker",

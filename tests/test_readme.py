@@ -14,8 +14,8 @@ import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.cli.exit_codes import code_of
+from nsaid_mj.evaluation import mark_of
 from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.reporting.report import mark_of
 from nsaid_mj.resources import known_robots, scenarios
 from tests.support.faulty import shell
 

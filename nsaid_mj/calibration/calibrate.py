@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from ..evaluation.result import gravest_first
 from ..parameters import Array
 from .arms import structured_arm
 from .checks import structure_checks
@@ -28,7 +29,6 @@ from .vehicles import structured_vehicle
 
 _FOLDS = 5
 _DEFAULT = Options()
-_LEVELS = ("refusal", "warning", "note")
 
 
 def calibrate(
@@ -123,26 +123,26 @@ def calibrate(
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
     return Identification(
-        robot,
-        recordings,
-        explains,
-        sentence,
-        joints,
-        parameters,
-        combinations_in_words(problem, fit, exact),
-        scale.words,
-        "" if explains == "no" else suggest(problem, exact, parameters),
-        tuple(sorted(found, key=lambda f: _LEVELS.index(f.level))),
-        fit.theta,
-        exact.deviation,
-        exact.covariance,
-        nearest_friction(problem, fit.theta),
-        _curves(problem, fit.theta),
-        None if checked is None else _curves(checked, fit.theta),
-        None,
-        made.cutoff,
-        time.perf_counter() - begin,
-        Fitted(made, problem, exact, share, options.coupled),
+        explains=explains,
+        verdict=sentence,
+        parameters=parameters,
+        findings=gravest_first(found),
+        robot=robot,
+        recordings=recordings,
+        joints=joints,
+        combinations=combinations_in_words(problem, fit, exact),
+        anchor=scale.words,
+        suggestion="" if explains == "no" else suggest(problem, exact, parameters),
+        theta=fit.theta,
+        deviation=exact.deviation,
+        covariance=exact.covariance,
+        friction=nearest_friction(problem, fit.theta),
+        curves=_curves(problem, fit.theta),
+        validation=None if checked is None else _curves(checked, fit.theta),
+        law=None,
+        cutoff=made.cutoff,
+        seconds=time.perf_counter() - begin,
+        fitted=Fitted(made, problem, exact, share, options.coupled),
     )
 
 
@@ -242,4 +242,4 @@ def _curves(problem: Problem, theta: Array) -> Curves:
 
 def _refuse(found: list[Finding]) -> None:
     if any(f.level == "refusal" for f in found):
-        raise UnusableLog(tuple(sorted(found, key=lambda f: _LEVELS.index(f.level))))
+        raise UnusableLog(gravest_first(found))

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..evaluation.confidence import INTERVAL, gain_deviations
 from ..evaluation.misfit import misfit_of
+from ..evaluation.result import gravest_first
 from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.scenario import Scenario
 from ..experiment.source import Logs
@@ -85,9 +86,8 @@ def with_law(
     told(f"following the log by law {law}")
     with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
         along = follow_log(law, found, Path(place))
-    warnings = [f for f in found.findings if f.level != "note"]
-    notes = found.findings[len(warnings) :]
-    return replace(found, law=along, findings=(*warnings, *law_findings(along), *notes))
+    findings = gravest_first((*found.findings, *law_findings(along)))
+    return replace(found, law=along, findings=findings)
 
 
 def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,6 @@ _IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is
 _TRIFLE = 0.1  # of the largest force: below it, a velocity that nothing drives is not judged
 _RIDGE = 1e-9  # of the trace of a velocity's information, for directions it does not see
 Mask = NDArray[np.bool_]
-Explains = Literal["yes", "partly", "no"]
-"""Whether a structure explains a log."""
 
 
 class Size(NamedTuple):

@@ -20,11 +20,12 @@ import numpy as np
 import scipy.linalg
 import scipy.special
 
+from ..evaluation.result import Explains
 from ..parameters import Array
 from .findings import Finding
 from .fit import cost_of, gramians
 from .precision import Precision
-from .problem import Explains, Problem
+from .problem import Problem
 
 _BLOCKS = 20  # of the log, for the variance of the scores
 _CHANCE = 0.01  # of any suspect entering by chance

@@ -2,54 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
-
+from ..evaluation.result import Result
 from ..parameters import Array, Indices
 from .data import Recordings, RobotModel
-from .findings import Finding
 from .law_result import AlongLog, Fitted
-from .problem import Explains, Mask
-
-Status = Literal["identified", "only in combination", "not excited", "below the noise", "known"]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of θ.
-
-    Attributes:
-        name: short name, as in `--known`.
-        label: in words, by the robot's own names.
-        block: kind of parameter.
-        unit: SI unit.
-        value: estimate.
-        low: lower end of the 95 % interval.
-        high: upper end of the 95 % interval.
-        prior: value before the log.
-        status: what the log says of it: `identified`; `only in combination` with others;
-            `not excited`: the motion does not depend on it; `below the noise`: its effect is not
-            distinguishable from 0; `known`: given by the user.
-        combination: the combination that the log determines; "" unless the status says so.
-        relative: of a gain, the half-width of the 95 % interval of its ratio to the other gains,
-            which does not depend on the common scale; None for other parameters.
-    """
-
-    name: str
-    label: str
-    block: str
-    unit: str
-    value: float
-    low: float
-    high: float
-    prior: float
-    status: Status
-    combination: str = ""
-    relative: float | None = None
+from .problem import Mask
 
 
 @dataclass(frozen=True)
@@ -120,21 +80,17 @@ class Curves:
     usable: Mask
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, kw_only=True)
+class Identification(Result):
     """Result of `identify`.
 
     Attributes:
         robot: the model.
         recordings: the segments of the training logs.
-        explains: whether the structure explains the log.
-        verdict: the same in one sentence, with the figures that carry it.
         joints: quality of the prediction, per joint.
-        parameters: all parameters, in order of θ.
         combinations: base parameters: what the log determines, gains given.
         anchor: what fixes the common scale of all parameters.
         suggestion: the one further number or motion that would help most; "" if none.
-        findings: everything noticed, refusals first.
         theta: (p,) θ̂.
         deviation: (p,) its stated standard deviations.
         covariance: (p, p) of θ̂.
@@ -151,14 +107,10 @@ class Identification:
 
     robot: RobotModel
     recordings: Recordings
-    explains: Explains
-    verdict: str
     joints: tuple[JointFit, ...]
-    parameters: tuple[Parameter, ...]
     combinations: tuple[Combination, ...]
     anchor: str
     suggestion: str
-    findings: tuple[Finding, ...]
     theta: Array
     deviation: Array
     covariance: Array
@@ -170,18 +122,14 @@ class Identification:
     seconds: float
     fitted: Fitted
 
-    def of(self, block: str) -> list[Parameter]:
-        """The parameters of a kind, such as "motor gain"."""
-        return [p for p in self.parameters if p.block == block]
-
     def summary(self) -> dict[str, Any]:
-        """Everything but arrays, for JSON."""
+        """Everything but arrays, for JSON; numbers may be infinite."""
         return {
             "robot": self.robot.name,
             "explains": self.explains,
             "verdict": self.verdict,
             "joints": [asdict(j) for j in self.joints],
-            "parameters": [asdict(p) for p in self.parameters],
+            "parameters": [p.document() for p in self.parameters],
             "combinations": [asdict(c) for c in self.combinations],
             "anchor": self.anchor,
             "suggestion": self.suggestion,
@@ -191,20 +139,3 @@ class Identification:
             "seconds": self.seconds,
             **({"law": self.law.summary()} if self.law else {}),
         }
-
-    def text(self) -> str:
-        """The summary as JSON text; numbers that are not finite become null."""
-        return json.dumps(_plain(self.summary()), indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    """A value of plain Python types for JSON."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value

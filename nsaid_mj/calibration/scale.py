@@ -15,10 +15,11 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..evaluation.confidence import INTERVAL
+from ..evaluation.result import Explains
 from ..parameters import Array
 from .findings import Finding
 from .precision import Precision, combinations
-from .problem import Explains, Problem
+from .problem import Problem
 from .statements import in_words
 
 _SURE = 0.15  # standard deviation of the scale's logarithm below which a known value fixes it: that

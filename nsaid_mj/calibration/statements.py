@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..evaluation.confidence import INTERVAL
+from ..evaluation.result import Explains, Parameter, Status
 from ..parameters import Array, ParameterSpace
 from .fit import Fit
 from .precision import Combinations, Precision, combinations
-from .problem import Explains, Problem
-from .result import Combination, JointFit, Parameter, Status
+from .problem import Problem
+from .result import Combination, JointFit
 
 _TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified

@@ -1,25 +1,13 @@
-"""Numbers, statuses and names of an identification in words, for page, terminal and recording."""
+"""Numbers and names of an identification in words, for page, terminal and recording."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterable
 
-from ..evaluation.words import ABSENT, STATUSES, Mark, estimate, number
+from ..evaluation.result import EXPLAINS, Mark
+from ..evaluation.words import ABSENT, estimate, number
 from .law_result import AlongLog
-from .result import Identification, JointFit, Parameter
-
-EXPLAINS = {
-    "yes": Mark("✔", "good"),
-    "partly": Mark("◐", "fair"),
-    "no": Mark("✘", "poor"),
-}
-LEVELS = {
-    "refusal": Mark("✘", "poor"),
-    "warning": Mark("▲", "fair"),
-    "note": Mark("·", "weak"),
-}
+from .result import Identification, JointFit
 
 
 def nrmse(value: float | None) -> str:
@@ -27,60 +15,24 @@ def nrmse(value: float | None) -> str:
     return ABSENT if value is None or not math.isfinite(value) else f"{value:.3f}"
 
 
-def delay(seconds: float) -> str:
-    """A delay in milliseconds, with one decimal."""
-    return f"{number(1e3 * seconds, 0.1)} ms"
-
-
 def quality(held_out: float) -> Mark:
-    """Mark of a joint by its held-out NRMSE."""
-    return EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]
-
-
-def relative(parameter: Parameter) -> str:
-    """The half-width of a gain's interval relative to the other gains, such as "±1.2 %"."""
-    if parameter.relative is None:
-        return ABSENT
-    return f"±{number(float(f'{100 * parameter.relative:.2g}'))} %"
+    """A joint's held-out NRMSE with its mark."""
+    mark = EXPLAINS["yes" if held_out < 0.2 else "partly" if held_out < 0.5 else "no"]
+    return mark._replace(text=nrmse(held_out))
 
 
 def law_gains(along: AlongLog) -> list[list[str]]:
     """Gains of a law over their mean, beside the batch fit's, with intervals, and agreement."""
     lines = []
     for gain in along.gains:
-        line = [gain.label]
+        line = [gain.label.removeprefix("gain of ")]
         for value, half in ((gain.law, gain.half), (gain.batch, gain.batch_half)):
-            known = math.isfinite(half)
             factor = math.exp(min(half, 20.0))
-            own = (
-                estimate(value, value / factor, value * factor)
-                if known
-                else (number(value), ABSENT)
-            )
-            line += own
+            known = math.isfinite(half)
+            own = estimate(value, value / factor, value * factor)
+            line += own if known else (number(value), ABSENT)
         lines.append([*line, "no" if gain.apart else "yes" if math.isfinite(gain.half) else ABSENT])
     return lines
-
-
-def is_gain(parameter: Parameter) -> bool:
-    """Whether a parameter is the gain of an actuator."""
-    return "gain" in parameter.block
-
-
-def links(parameters: Iterable[Parameter]) -> set[str]:
-    """Names of the blocks that hold inertial parameters of a body."""
-    return {p.block for p in parameters if p.unit == "kg" and p.label.startswith("mass")}
-
-
-def of_joint(parameter: Parameter) -> str:
-    """The part that a parameter belongs to: "elbow" of "gain of elbow"."""
-    return parameter.label.partition(" of ")[2] or parameter.label
-
-
-def counts(parameters: Iterable[Parameter]) -> list[tuple[str, int]]:
-    """Number of parameters of each status that occurs, best first."""
-    found = Counter(p.status for p in parameters)
-    return [(status, found[status]) for status in STATUSES if found[status]]
 
 
 def quantity(result: Identification, joint: int) -> tuple[str, str]:

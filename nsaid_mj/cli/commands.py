@@ -14,11 +14,12 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from .. import __version__
-from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, UnknownName, printable
+from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, printable
 from ..experiment.library import load
 from ..resources import (
     MORE_ROBOTS,
@@ -37,7 +38,16 @@ if TYPE_CHECKING:
     from ..experiment.scenario import Scenario
     from . import grammar
 
-_MOST_SEEDS = 10_000  # of a comparison
+
+_STUDIES = ("compare", "sweep", "montecarlo", "track")
+_HOMES = {
+    "identify": ("identifying", "identify_log"),
+    "live": ("living", "follow_robot"),
+    "excite": ("exciting", "excite"),
+    "inspect": ("inspecting", "inspect_log"),
+    "report": ("studies", "report"),
+}
+"""Module and function of commands that need no scenario's name; imported when they are used."""
 
 
 def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn:
@@ -105,17 +115,14 @@ def _command(arguments: Sequence[str]) -> int:
     if list(arguments) == ["--version"]:
         print(f"nsaid {__version__}")
         return 0
-    of_a_scenario: dict[str, Callable[[str, Sequence[str]], int]] = {
-        "run": lambda name, rest: _run(Path(name).stem, load(name), rest),
-        "verify": lambda name, rest: _verify(Path(name).stem, load(name), rest),
-        "compare": _compare,
-        "sweep": _sweep,
-        "montecarlo": _montecarlo,
-        "track": _track,
-    }
     word, name, *_ = *arguments, "", ""
-    if word in of_a_scenario and name and not name.startswith("-"):
-        return of_a_scenario[word](name, arguments[2:])
+    if word in ("run", "verify") and name and not name.startswith("-"):
+        carry_out = _run if word == "run" else _verify
+        return carry_out(Path(name).stem, load(name), arguments[2:])
+    if word in _STUDIES and name and not name.startswith("-"):
+        from . import studies
+
+        return getattr(studies, word)(name, arguments[2:])
     if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
         from .comparing import compare_on_logs
 
@@ -124,29 +131,16 @@ def _command(arguments: Sequence[str]) -> int:
 
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
     if isinstance(chosen, grammar.Verify):
-        return _verify_folder(chosen.run, chosen.json, chosen.quiet)
-    if isinstance(chosen, grammar.Report):
-        return _report(chosen.sweep)
+        from ..evaluation.verify import verify_folder
+
+        return _judged(chosen.run.name, *verify_folder(chosen.run), chosen.json, chosen.quiet)
     if isinstance(chosen, grammar.View):
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
         return _list()
-    if isinstance(chosen, grammar.Identify):
-        from .identifying import identify_log
-
-        return identify_log(chosen)
-    if isinstance(chosen, grammar.Live):
-        from .living import follow_robot
-
-        return follow_robot(chosen)
-    if isinstance(chosen, grammar.Excite):
-        from .exciting import excite
-
-        return excite(chosen)
-    if isinstance(chosen, grammar.Inspect):
-        from .inspecting import inspect_log
-
-        return inspect_log(chosen)
+    if found := _HOMES.get(word):
+        module, function = found
+        return getattr(import_module(f".{module}", __package__), function)(chosen)
     remedy = "Put the name before all flags, as in `nsaid run ur5 --duration 20`."
     raise InvalidInput(word, "the scenario's name first", " ".join(arguments[1:]), remedy)
 
@@ -171,12 +165,6 @@ def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     write(result, verdicts)
     code = _judged(title, result, verdicts, output.json, output.quiet)
     return code or _code(result, summary)
-
-
-def _verify_folder(folder: Path, as_json: bool, quiet: bool) -> int:
-    from ..evaluation.verify import verify_folder
-
-    return _judged(folder.name, *verify_folder(folder), as_json, quiet)
 
 
 def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quiet: bool) -> int:
@@ -224,7 +212,7 @@ def _carry_out(
 
 def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     """Post-processes a run; if that is interrupted or the disk is full, says how to go on."""
-    from ..reporting.finish import finish
+    from ..recording.postprocessing import finish
 
     again = f"`nsaid view --rebuild {shlex.quote(str(result.folder))}` finishes the run"
     try:
@@ -237,137 +225,11 @@ def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, 
 
 def _code(result: Run, summary: dict[str, Any]) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
+    from ..evaluation import mark_of
     from ..identifiers import Status
-    from ..reporting.report import mark_of
 
     interrupted = result.ending.status is Status.interrupted
     return INTERRUPTED if interrupted else code_of(mark_of(summary))
-
-
-def _compare(script: str, arguments: Sequence[str]) -> int:
-    from .grammar import Comparison
-    from .options import parse, repeated
-
-    for flag, own in (("--seed", "--seeds"), ("--duration", "--durations")):
-        if any(argument.partition("=")[0] == flag for argument in arguments):
-            raise InvalidInput(flag, f"{own}, with one or more values", flag, f"Give {own}.")
-    name = Path(script).stem
-    default = load(script)
-    scenario, chosen = parse(name, default, arguments, "compare", Comparison)
-    from ..studies import compare
-
-    kinds = chosen.sensors or ("noisy" if chosen.noise_scales else scenario.sensors)
-    kinds = kinds.split(",")
-    if unknown := set(kinds) - {"ideal", "noisy"}:
-        raise UnknownName("kind of sensors", unknown.pop(), ("ideal", "noisy"))
-    scales = _numbers("--noise-scales", chosen.noise_scales or "1")
-    plan = compare.Plan(
-        _whole(script),
-        scenario,
-        arguments=repeated(default, scenario),
-        methods=tuple(chosen.methods.split(",")) if chosen.methods else compare.DEFAULT,
-        seeds=_seeds(chosen.seeds),
-        durations=_numbers("--durations", chosen.durations)
-        if chosen.durations
-        else (0.5 * scenario.duration, scenario.duration),
-        noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
-        budget=compare.BUDGET if chosen.budget is None else chosen.budget,
-        bound=chosen.bound,
-    )
-    folder = chosen.out or Path("runs") / f"{name}-compare"
-    cells = compare.run(plan, folder, quiet=chosen.quiet or chosen.json)
-    if chosen.json:
-        print((folder / compare.FILES[0]).read_text(encoding="utf-8"), end="")
-    from ..studies.compare_report import verdict_of
-
-    return code_of(verdict_of(cells))
-
-
-def _whole(script: str) -> str:
-    """A scenario's name, or the absolute path of its script."""
-    path = Path(script)
-    return str(path.resolve()) if path.suffix == ".py" else script
-
-
-def _sweep(script: str, arguments: Sequence[str]) -> int:
-    from .grammar import Sweeping
-    from .options import parse, repeated
-
-    name, script = Path(script).stem, _whole(script)
-    default = load(script)
-    scenario, chosen = parse(name, default, arguments, "sweep", Sweeping)
-    from ..studies import sweep, sweep_engine, sweep_results
-
-    vary = sweep.varied(chosen.vary, scenario)
-    made_by = repeated(default, scenario)
-    plan = sweep.Plan(script, scenario, vary, chosen.seeds, arguments=made_by)
-    engine = sweep_engine.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
-    folder = chosen.out or Path("runs") / f"{name}-sweep"
-    found = sweep.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
-    if chosen.json:
-        print_json(sweep_results.document(found))
-    elif not chosen.quiet:
-        sweep_results.print_summary(found)
-    return code_of(sweep_results.verdict_of(found), not found.lost)
-
-
-def _montecarlo(script: str, arguments: Sequence[str]) -> int:
-    from .grammar import Drawing
-    from .options import parse, repeated
-
-    name, script = Path(script).stem, _whole(script)
-    default = load(script)
-    scenario, chosen = parse(name, default, arguments, "montecarlo", Drawing)
-    from ..studies import montecarlo
-
-    made_by, shared = repeated(default, scenario), not chosen.own_plants
-    plan = montecarlo.Plan(script, scenario, chosen.runs, shared, arguments=made_by)
-    folder = chosen.out or Path("runs") / f"{name}-montecarlo"
-    found = montecarlo.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
-    if chosen.json:
-        print_json(montecarlo.document(found))
-    elif not chosen.quiet:
-        montecarlo.print_summary(found)
-    return code_of(None, not montecarlo.lost(found))
-
-
-def _track(script: str, arguments: Sequence[str]) -> int:
-    from .tracking import track
-
-    return track(script, _whole(script), arguments, _seeds)
-
-
-def _report(folder: Path) -> int:
-    from ..studies import sweep_report, sweep_results
-
-    sweep = sweep_results.read(folder)
-    if sweep.damaged:
-        print(f"nsaid: {sweep.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
-    for path in sweep_report.write(sweep):
-        print(path)
-    return 0
-
-
-def _seeds(text: str) -> tuple[int, ...]:
-    """Parses seeds: `0,3,5`, or `0:10` for 0 to 9."""
-    first, colon, last = text.partition(":")
-    try:
-        if not colon:
-            return tuple(int(part) for part in text.split(","))
-        start, end = int(first or 0), int(last)
-    except ValueError as error:
-        raise InvalidInput("--seeds", "0,1,2 or 0:10", text, "0:3 is 0,1,2.") from error
-    if end - start > _MOST_SEEDS:
-        raise InvalidInput("--seeds", f"at most {_MOST_SEEDS} seeds", text, "0:3 is 0,1,2.")
-    return tuple(range(start, end))
-
-
-def _numbers(flag: str, text: str) -> tuple[float, ...]:
-    """Parses numbers separated by commas."""
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InvalidInput(flag, "comma-separated numbers", text, "Such as 10,20.") from error
 
 
 def _list() -> int:
@@ -385,8 +247,7 @@ def _list() -> int:
 
 
 def _view(folder: Path, web: bool, rebuild: bool) -> int:
-    from ..recording import FILE, viewer_command
-    from ..reporting import finish
+    from ..recording import FILE, postprocessing, viewer_command
 
     file = folder if folder.suffix == ".rrd" else folder / FILE
     if rebuild or not file.is_file():
@@ -394,7 +255,7 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
             raise BadRun(
                 folder, "there is no such run", "Give the folder of a run, e.g. runs/ur5-paper."
             )
-        finish.rebuild(folder)
+        postprocessing.rebuild(folder)
     words = viewer_command(file, web)
     if os.name == "posix":
         os.execv(words[0], words)  # the viewer replaces this process and receives its signals

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..evaluation.words import Mark
+    from ..evaluation.result import Mark
 
 EXPLAINED, NOT_EXPLAINED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 

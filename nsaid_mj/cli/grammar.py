@@ -13,10 +13,7 @@ from typing import Annotated, Any, Union
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
-ScenarioName = Annotated[
-    Positional[str],
-    arg(metavar="NAME_OR_FILE", help="a name from `nsaid list`, or the path of a script."),
-]
+from .grammar_of_studies import Compare, MonteCarlo, Report, ScenarioName, Sweep, Track
 
 
 @dataclass(frozen=True)
@@ -38,104 +35,6 @@ class Output:
     json: bool = False
     live: bool = False
     live_speed: Annotated[float, arg(metavar="FACTOR")] = 1.0
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What is compared, and where the results go.
-
-    Attributes:
-        methods: comma-separated; by default all except sysid.
-        seeds: such as 0,1,2 or 0:10.
-        durations: comma-separated lengths of log [s]; by default half the duration, and all of it.
-        sensors: ideal, noisy or ideal,noisy; by default those of the scenario.
-        noise_scales: comma-separated multiples of the scenario's noise.
-        budget: time limit of the search by sysid [s].
-        bound: also compute the Cramér–Rao bound of the noisy logs, and compare with it.
-        out: folder of the results; by default runs/NAME-compare.
-        quiet: print only errors.
-        json: print only the table, as JSON, to the standard output.
-    """
-
-    methods: str | None = None
-    seeds: str = "0:3"
-    durations: str | None = None
-    sensors: str | None = None
-    noise_scales: str | None = None
-    budget: float | None = None
-    bound: bool = False
-    out: Path | None = None
-    quiet: bool = False
-    json: bool = False
-
-
-@dataclass(frozen=True)
-class Sweeping:
-    """How a scenario is varied, and how the runs are executed.
-
-    Attributes:
-        vary: a field and its values, such as identifier.gain=0.1,1,10; repeat it for more fields.
-        seeds: number of seeds drawn from the master seed.
-        jobs: number of parallel runs; by default the number of processors.
-        timeout: wall time after which a run counts as lost [s].
-        engine: loky (this machine) or dask.
-        address: of the cluster's scheduler.
-        retry: repeat lost runs.
-        out: folder of the results; by default runs/NAME-sweep.
-        json: print only medians and failures, as JSON.
-        quiet: print only errors.
-    """
-
-    vary: UseAppendAction[tuple[Annotated[str, arg(metavar="FIELD=A,B,C")], ...]] = ()
-    seeds: int = 10
-    jobs: int | None = None
-    timeout: float | None = None
-    engine: str = "loky"
-    address: str | None = None
-    retry: bool = False
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """How many runs, and whether they share a plant.
-
-    Attributes:
-        runs: number of runs.
-        jobs: number of parallel runs; by default the number of processors.
-        own_plants: give every run its own plant, truth and motion; by default all share one.
-        out: folder of the results; by default runs/NAME-montecarlo.
-        json: print only quantiles, as JSON.
-        quiet: print only errors.
-    """
-
-    runs: int = 256
-    jobs: int | None = None
-    own_plants: bool = False
-    out: Path | None = None
-    json: bool = False
-    quiet: bool = False
-
-
-@dataclass(frozen=True)
-class Tracking:
-    """Which tracking laws are compared, and where the results go.
-
-    Attributes:
-        laws: comma-separated: nullspace, conventional, computed_torque, composite; by default all.
-        seeds: such as 0,1,2 or 0:10.
-        out: folder of the results; by default runs/NAME-track.
-        quiet: print only errors.
-        json: print only the results, as JSON, to the standard output.
-    """
-
-    laws: str | None = None
-    seeds: str = "0:10"
-    out: Path | None = None
-    quiet: bool = False
-    json: bool = False
 
 
 @dataclass(frozen=True)
@@ -344,66 +243,6 @@ class Verify:
     run: Annotated[Path, arg(metavar="FOLDER")]
     quiet: bool = False
     json: bool = False
-
-
-@dataclass(frozen=True)
-class Compare(Comparison):
-    """Compare identification methods on the logs of a scenario.
-
-    All methods get the same logs and are judged by the same figures; writes a table, compare.json,
-    compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`. `nsaid
-    compare --log FILE… --models FILE…` compares model files on a robot's own logs.
-    """
-
-    scenario: ScenarioName = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class Sweep(Sweeping):
-    """Run a scenario many times, with varied fields and seeds.
-
-    Runs every combination of the varied fields with every seed, in parallel. An interrupted sweep
-    is resumed by the same command. The scenario's fields are flags too (`nsaid sweep NAME --help`);
-    --seed is the master seed that all others are drawn from.
-    """
-
-    scenario: ScenarioName = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class MonteCarlo(Drawing):
-    """Identify from many priors, on one motion or many plants.
-
-    Simulates first, then identifies in parallel threads, and prints quantiles of the final figures.
-    An interrupted study is resumed by the same command. The scenario's fields are flags too
-    (`nsaid montecarlo NAME --help`); --seed is the master seed that all others are drawn from.
-    """
-
-    scenario: ScenarioName = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class Track(Tracking):
-    """Compare tracking laws on the same plants and references.
-
-    Adaptive tracking with nullspace estimates, with the gains taken as known, with the identifier's
-    estimate, and without adaptation. Writes a table, tracking.json, tracking.csv, a page and a
-    recording. The scenario, such as track_ur5, is driven by AdaptiveTracking; its fields are flags
-    too (`nsaid track NAME --help`).
-    """
-
-    scenario: ScenarioName = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class Report:
-    """Plot the distributions of a sweep on one page.
-
-    Attributes:
-        sweep: folder of the sweep, e.g. runs/ur5-sweep.
-    """
-
-    sweep: Positional[Path]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput
-from ..resources import check_own, locked, reading, write_text
+from ..resources import check_own, locked, print_json, reading, write_json
 from .exit_codes import code_of
 from .folders import FORCE, RUNS, check_writable
 from .grammar import Identify
@@ -39,7 +40,6 @@ def identify_log(chosen: Identify) -> int:
 
 
 def _identify(model: str, chosen: Identify, folder: Path) -> int:
-    from ..calibration.words import EXPLAINS
     from ..reporting.progress import Progress
     from .servos import identify_given, servos_of
 
@@ -51,20 +51,19 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
     if given is None:
         return _identify_by_force(model, chosen, folder)
     if chosen.json:
-        print(result.text())
+        print_json(result.summary())
     elif not chosen.quiet:
         from rich.console import Console
 
         from ..reporting.identification.servos import print_servos
 
         print_servos(result, Console(), files)
-    return code_of(EXPLAINS[result.explains])
+    return code_of(result.mark)
 
 
 def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
     from ..calibration.findings import UnusableLog
     from ..calibration.identify import identify
-    from ..calibration.words import EXPLAINS
     from ..reporting.progress import Progress
 
     with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
@@ -92,15 +91,16 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
             raise
         result, files = write(result, folder, progress.say)
     if chosen.json:
-        print(result.text())
+        print_json(result.summary())
     elif not chosen.quiet:
         from rich.console import Console
 
-        from ..reporting.identification import print_identification
+        from ..reporting.identification import brief
+        from ..reporting.terminal import print_page
 
-        print_identification(result, Console(), files)
+        print_page(brief(result, files), Console())
     ended = result.law is not None and not result.law.completed
-    return max(code_of(EXPLAINS[result.explains]), int(ended))
+    return max(code_of(result.mark), int(ended))
 
 
 def write(
@@ -117,11 +117,12 @@ def write(
     told("writing and trying the calibrated models")
     files, followed = write_models(result, folder)
     result = replace(result, findings=(*result.findings, *followed))
-    write_text(folder / RESULT, result.text() + "\n")
+    write_json(folder / RESULT, without_nonfinite(result.summary()))
     told("writing the report")
-    from ..reporting.identification import write_report
+    from ..reporting import pages
+    from ..reporting.identification import page
 
-    files.append(write_report(result, folder))
+    files.append(pages.write(page(result), folder))
     from .. import recording
 
     if recording.available():
@@ -129,7 +130,7 @@ def write(
         files.append(folder / "identification.rrd")
         recording.record(result, files[-1])
     if result.law is not None:
-        from ..reporting.finish import finish
+        from ..recording.postprocessing import finish
 
         finish(result.law.run, told)
         files.append(result.law.run.folder / "report.html")
@@ -140,11 +141,10 @@ def _print_notes(error: UnusableLog) -> None:
     """Prints warnings and notes; the error itself tells the refusals."""
     from rich.console import Console
 
-    from ..reporting.identification import brief_alarms
-    from ..reporting.terminal import print_alarms
+    from ..reporting.terminal import print_findings
 
     notes = [finding for finding in error.findings if finding.level != "refusal"]
-    print_alarms(brief_alarms(notes), Console(stderr=True))
+    print_findings(notes, Console(stderr=True))
 
 
 def _folder(name: str, out: Path | None, force: bool) -> Path:

@@ -24,8 +24,9 @@ def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     from ..calibration.live_robot import LiveRobot
     from ..calibration.measured import measured_scenario
+    from ..evaluation import mark_of
     from ..reporting.progress import Progress
-    from ..reporting.report import mark_of, print_summary
+    from ..reporting.report import print_summary
     from ..streaming.session import Session, concluded
     from ..streaming.stream import bound
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..resources import write_text
+from ..resources import write_json
 from .grammar import Identify
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def identify_given(
     write_servo_mjcf(result, model_file)
     told, replay = _followed(others or given, result, model_file)
     result = replace(result, findings=(*result.findings, told))
-    write_text(path, result.text() + "\n")
+    write_json(path, result.summary())
     from ..reporting.identification.servos import write_servos
 
     again = shlex.join(["nsaid", "identify", "--model", model, "--log", *map(str, chosen.log)])

@@ -3,7 +3,8 @@
 `truth` provides the true parameters, the true set and the distance to it; every function that takes
 them also accepts None, for a run whose truth is unknown. `figures` evaluates the estimate of any
 method, `lyapunov` the paper's V, `excitation` the motion. `summary` assembles summary.json, `words`
-phrases it, and `verify` checks the paper's statements against a run.
+phrases it, and `verify` checks the paper's statements against a run. `result` holds what every
+command tells at its end, `run_result` makes it of a run's summary.
 """
 
 from ..structure.sensing import velocity_labels as velocity_labels
@@ -13,6 +14,8 @@ from .figures import converged_at as converged_at
 from .forces import Forces as Forces
 from .forces import forces_of as forces_of
 from .lyapunov import energy as energy
+from .run_result import mark_of as mark_of
+from .run_result import result_of as result_of
 from .summary import nullspace_of as nullspace_of
 from .summary import summarize as summarize
 from .summary import versions as versions
@@ -23,6 +26,5 @@ from .words import OWN as OWN
 from .words import confidence_lines as confidence_lines
 from .words import figure as figure
 from .words import force_units as force_units
-from .words import gain_rows as gain_rows
 from .words import observable_line as observable_line
 from .words import unobservable_lines as unobservable_lines

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..parameters import phrase
 from ..system import SecondOrderSystem
-from .confidence import INTERVAL
 
 _FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of a generalised force, by unit of its velocity
 
@@ -16,32 +15,6 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
 _FINEST = 1e-4  # unless they are rounded to this or more
 
-
-class Mark(NamedTuple):
-    """How a status or a verdict is shown.
-
-    Attributes:
-        glyph: in front of the words, so that colour is not needed.
-        kind: good, fair, poor or weak: a class of the page's style sheet, a colour elsewhere.
-        text: the words.
-    """
-
-    glyph: str
-    kind: str
-    text: str = ""
-
-
-STATUSES = {
-    status: Mark(glyph, kind, status)
-    for status, glyph, kind in (
-        ("identified", "●", "good"),
-        ("known", "■", "good"),
-        ("only in combination", "◐", "fair"),
-        ("below the noise", "≈", "weak"),
-        ("not excited", "○", "weak"),
-    )
-}
-"""Marks of what a motion says of a parameter, best first."""
 
 OWN = "NS-AID"
 """Label of the scenario's own identifier in tables and plots that also show its rivals."""
@@ -144,36 +117,6 @@ def confidence_lines(summary: dict[str, Any]) -> list[str]:
             "intervals of their predictions"
         )
     return lines
-
-
-def gain_rows(summary: dict[str, Any]) -> list[tuple[str, float | None, float, float | None]]:
-    """(label, estimate, ±, truth) of every actuator; empty if the law states no intervals.
-
-    Gains are relative to their geometric mean, because their common scale is unobservable. ± is
-    half the width of the 95 % interval, relative to the gain. Estimate and truth are None if the
-    gains have different units; the truth is also None if it is unknown.
-    """
-    stated = summary["confidence"]
-    if stated is None or len(stated["actuators"]) < 2:
-        return []
-    rows = {row["name"]: row for row in summary["parameters"]}
-    found = [rows[name] for name in stated["actuators"]]
-    estimates, truths = (_relative(found, key) for key in ("estimate", "true"))
-    return [
-        (row["label"], estimate, INTERVAL * deviation, truth)
-        for row, estimate, deviation, truth in zip(
-            found, estimates, stated["actuators"].values(), truths, strict=True
-        )
-    ]
-
-
-def _relative(rows: list[dict[str, Any]], key: str) -> list[float | None]:
-    """Gains over their geometric mean; None if one is missing or ≤ 0, or if units differ."""
-    values = [row[key] for row in rows if row.get(key) is not None and row[key] > 0]
-    if len(values) < len(rows) or len({row["unit"] for row in rows}) > 1:
-        return [None] * len(rows)
-    mean = math.exp(sum(map(math.log, values)) / len(values))
-    return [value / mean for value in values]
 
 
 def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:

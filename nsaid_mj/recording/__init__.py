@@ -9,10 +9,10 @@ and starts Rerun's viewer.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ..resources import RECORDING
 from ..structure.optional import installed, require
 
-FILE = "run.rrd"
-HINT = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"
+FILE = RECORDING
 _HOMES = {"write": "file", "Live": "live", "viewer_command": "viewer", "record": "identification"}
 
 if TYPE_CHECKING:

@@ -13,6 +13,8 @@ from ..evaluation.verify import Verdict
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import ParameterSpace
+from ..reporting.markdown import markdown, panels
+from ..reporting.report import brief, statements, unobservable
 from . import FILE
 from .layout import blueprint, measured_blueprint
 from .plots import Plots
@@ -20,9 +22,9 @@ from .robot import Robot
 from .series import Curves, Indices, curves, intervals, shared, spread
 from .stream import Content
 from .stream import write as write_file
-from .text import result, statements, unknown
 
 _POINTS = 4000  # of a curve, at most; more than the width of a screen
+_SHORT = "The run is too short for a verdict."
 _NUMBERS = 400_000  # entries of θ̂ over all curves, at most: a minute stays below 20 MB
 
 
@@ -49,9 +51,9 @@ def write(
         run.folder.resolve().name,
         _layout(run, truth, nullspace, robot, shown),
         {
-            "result": result(run, summary),
-            "statements": statements(verdicts),
-            "unknown": unknown(summary),
+            "result": markdown(brief(run.folder.resolve().name, summary, run.folder)),
+            "statements": "\n".join(panels(statements(verdicts))) or _SHORT,
+            "unknown": "\n".join(panels(unobservable(summary))),
         },
         [(t[rows], shown)],
         robot.log,

@@ -7,18 +7,20 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from ..calibration import words
 from ..calibration.links import positions
 from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification
 from ..calibration.timeline import own_shifts, recording_shifts
 from ..evaluation.confidence import INTERVAL
 from ..parameters import Array
+from ..reporting.identification import brief
+from ..reporting.markdown import markdown
+from ..reporting.pages import Page, Section
+from ..reporting.parameters import folds
 from ..structure.joints import JointScales
 from ..structure.multibody import Multibody
 from ..system import SecondOrderSystem
 from .identification_layout import blueprint
-from .identification_text import parameters_text, verdict_text
 from .plots import Plots
 from .scene import Scene
 from .series import Curves, path
@@ -58,7 +60,8 @@ def record(result: Identification, file: Path) -> Path:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
 
-    documents = {"result": verdict_text(result), "parameters": parameters_text(result)}
+    every = Page("", None, sections=[Section("", folds(result))])
+    documents = {"result": markdown(brief(result)), "parameters": markdown(every)}
     series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
     return write(Content(result.robot.name, layout, documents, series, draw), file)
 
@@ -138,9 +141,8 @@ def _history(result: Identification) -> list[tuple[str, Curves]]:
     theta = result.law.theta
     found: list[tuple[str, Curves]] = []
     groups: dict[str, list[int]] = {}
-    inertial = words.links(result.parameters)
     for k, parameter in enumerate(result.parameters):
-        if parameter.block not in inertial:
+        if parameter.block not in result.bodies:
             groups.setdefault(parameter.block, []).append(k)
     half = INTERVAL * result.law.deviation
     gains = {int(k): i for i, k in enumerate(result.law.actuators)}

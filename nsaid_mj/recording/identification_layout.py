@@ -47,7 +47,7 @@ def blueprint(
     if found.validation is not None:
         checked = [_command(found, j, plots, width, "validation/") for j in joints]
         pages += _pages("Validation", checked)
-    gains = [p for p in found.parameters if words.is_gain(p) and p.block in blocks]
+    gains = [p for p in found.gains if p.block in blocks]
     pages += _pages(
         "Gains along the log",
         [

@@ -53,7 +53,7 @@ def write(content: Content, file: Path) -> Path:
     _send_blueprint(rec, content.layout)
     try:
         for entity, text in content.documents.items():
-            rec.log(entity, rr.TextDocument(text, media_type=_MARKDOWN), static=True)
+            rec.log(entity, rr.TextDocument(drawable(text), media_type=_MARKDOWN), static=True)
         content.draw(rec)
         for t, curves in content.series:
             for curve in curves:

@@ -13,8 +13,8 @@ from rich.console import Console
 from ..design.limits import RANDOM
 from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
+from ..evaluation.result import Mark, judged
 from ..evaluation.summary import versions
-from ..evaluation.words import Mark
 from . import pages
 from .pages import Figure, Items, Page, Panel, Section, Table, Text
 from .panels import Panel as Plot
@@ -57,7 +57,7 @@ def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> 
 def verdict_of(document: dict[str, Any]) -> Mark:
     """Whether the design is better than random motions, and how much."""
     better, told = _compared(document)
-    return Mark("✔", "good", told) if better else Mark("◐", "fair", told)
+    return judged("yes" if better else "partly", told)
 
 
 def _of_random_motions(document: dict[str, Any]) -> float:

@@ -12,14 +12,13 @@ from rich.console import Console
 
 from ..calibration.data import Recordings
 from ..calibration.logs.inspection import ChannelFigures, Inspection
-from ..calibration.words import LEVELS
-from ..evaluation.words import Mark
+from ..evaluation.result import Mark, gravest_first
 from ..parameters import Array
 from .drawings import extremes
-from .pages import Alarm, Cell, Table, Text
+from .pages import Cell, Table, Text
 from .palette import BAD, COLOURS
 from .plots import png_of
-from .terminal import print_alarms, print_panels
+from .terminal import print_findings, print_panels
 
 _POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
 _MOST = 40  # channels drawn of a log without a map
@@ -36,9 +35,7 @@ def print_inspection(found: Inspection, console: Console) -> None:
         print_panels([Text(clock), Table(["channel", *heads], lines, (0, 7), most=len(lines))],
                      console)  # fmt: skip
         console.print()
-    findings = sorted(found.findings, key=lambda finding: list(LEVELS).index(finding.level))
-    marks = [(LEVELS[f.level]._replace(text=str(f)), f"{f.level} {f.code}:") for f in findings]
-    print_alarms([Alarm(*mark) for mark in marks], console)
+    print_findings(gravest_first(found.findings), console, codes=True)
 
 
 def _clock(channel: ChannelFigures) -> str:

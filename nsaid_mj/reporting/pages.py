@@ -14,8 +14,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..evaluation.words import Mark
+from ..evaluation.result import LEVELS, Mark
 from ..resources import write_text
+from ..robot.findings import Finding
 from .palette import COLOURS, DARK, VARIABLES
 from .panels import BAND, DASHES
 
@@ -32,19 +33,6 @@ class Link(NamedTuple):
 
 Cell = str | Mark | Link | tuple[str | Mark | Link, ...]
 """A cell of a table; a `Mark` becomes a badge."""
-
-
-@dataclass(frozen=True)
-class Alarm:
-    """A line below the verdict: what the reader has to know before believing it.
-
-    Attributes:
-        mark: glyph and text.
-        level: in front of the text, such as "warning".
-    """
-
-    mark: Mark
-    level: str = "note"
 
 
 @dataclass(frozen=True)
@@ -158,7 +146,7 @@ class Page:
         eyebrow: what made the page.
         lead: one line below the heading.
         tab: title of the browser's tab; the heading if empty.
-        alarms: the gravest first.
+        findings: what the reader has to know before believing it, the gravest first.
         carrying: figures of which the first carries the verdict.
         sections: in order.
         commands: command lines or code that make the results again, one block each.
@@ -171,7 +159,7 @@ class Page:
     eyebrow: str = ""
     lead: str = ""
     tab: str = ""
-    alarms: Sequence[Alarm] = ()
+    findings: Sequence[Finding] = ()
     carrying: Sequence[Figure] = ()
     sections: Sequence[Section] = ()
     commands: Sequence[str] = ()
@@ -221,6 +209,6 @@ def _environment() -> Any:
     environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
     environment.globals.update(
         light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
-        script=Markup(script), digest=digest,
+        script=Markup(script), digest=digest, levels=LEVELS,
     )  # fmt: skip
     return environment

@@ -11,10 +11,10 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
+    TimeRemainingColumn,
 )
 from rich.progress import Progress as Bar
 
@@ -146,13 +146,14 @@ def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     )
 
 
-def counted(quiet: bool) -> Bar:
-    """A transient bar of a study that counts what is done, on the standard error."""
+def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Bar:
+    """A transient bar of a study on the standard error; `done` is the format of what it counts."""
     return Bar(
         TextColumn("{task.description:48}"),
         BarColumn(),
-        MofNCompleteColumn(),
+        TextColumn(done),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
         console=Console(stderr=True, quiet=quiet),
         transient=True,
         disable=quiet,

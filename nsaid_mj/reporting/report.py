@@ -9,28 +9,26 @@ from typing import Any
 
 from rich.console import Console
 
-from .. import evaluation, recording
-from ..evaluation import Truth
+from .. import evaluation
+from ..evaluation import Truth, mark_of, result_of
+from ..evaluation.result import Mark, Result
+from ..evaluation.run_result import figures_of
 from ..evaluation.verify import ROWS, Verdict, verify
-from ..evaluation.words import Mark
 from ..experiment.loop import Run
+from ..resources import RECORDING
 from . import pages, report_panels
-from .pages import Alarm, Figures, Fold, Items, Page, Section, Table, Text
+from .pages import Figures, Fold, Items, Page, Section, Table, Text
+from .parameters import CORRELATIONS, brief_gains, folds
 from .picture import picture
-from .report_tables import confidence, parameters, parameters_note
 from .terminal import print_page
 
 _RATIO = " ‖θ̄_P⊥‖/‖θ̂‖"  # left out: the first figure's axis has the formula
 _FIRST = 5  # unobservable directions that are not folded
-_GAINS, _DIRECTIONS = 12, 3  # printed at most; the page has all of them
+_DIRECTIONS = 3  # printed at most; the page has all of them
 _LENGTH = 120  # characters of a printed list of parameters, at most
 _COMPILED = 0.5  # compile times below this are not mentioned [s]
-_JUDGEMENTS = {"converged": ("✔", "good"), "still converging": ("◐", "fair")}  # all others are poor
-_CORRELATIONS = (
-    "Strong colours: two parameters that this motion determines together, so that one known value "
-    "narrows the other. Correlations of at least 0.5 are written out. Errors are relative to the "
-    "mean of the actuators' gains."
-)
+_NO_RERUN = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"
+_HELD = "Intervals hold the mean of the actuators' gains, since the common scale is unobservable."
 _FORCES = {
     True: "On the held-out trajectory, which no identifier has seen. Measured: the actuators' "
     "force at the command, under the estimated gains. Predicted: the force that the motion needs "
@@ -47,14 +45,14 @@ from nsaid_mj import Scenario, run
 run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
 
 
-def write(
+def page(
     run: Run,
     summary: dict[str, Any],
     truth: Truth | None,
     verdicts: Sequence[Verdict] = (),
     command: str = "",
-) -> Path:
-    """Writes a run's report.html atomically and returns its path.
+) -> Page:
+    """The page of a run.
 
     Args:
         run: a finished run with at least one row in its record.
@@ -64,36 +62,14 @@ def write(
         verdicts: on the paper's statements; computed if there are none.
         command: command line of the run, to be repeated; empty if it is not known.
     """
-    return pages.write(_page(run, summary, truth, verdicts, command), run.folder)
-
-
-def page(
-    run: Run,
-    summary: dict[str, Any],
-    truth: Truth | None,
-    verdicts: Sequence[Verdict] = (),
-    command: str = "",
-) -> str:
-    """A run's report as HTML; see `write`."""
-    return pages.render(_page(run, summary, truth, verdicts, command))
-
-
-def _page(
-    run: Run,
-    summary: dict[str, Any],
-    truth: Truth | None,
-    verdicts: Sequence[Verdict],
-    command: str,
-) -> Page:
     verdicts = verdicts or (verify(run, truth, summary) if len(run.record) >= ROWS else [])
-    from .drawings import figures_of  # imported late: matplotlib takes half a second
+    from .drawings import figures_of as drawn  # imported late: matplotlib takes half a second
 
-    panels = report_panels.panels(run, summary, truth)
-    figures = {name: figures_of(group) for name, group in panels.items()}
+    result = result_of(summary, run.system.space)
+    panels = report_panels.panels(run, summary, result, truth)
+    figures = {name: drawn(group) for name, group in panels.items()}
     robot = _robot(run)
     sketch = picture(run.looks, run.record["q"][0], robot)
-    statements = Table(["statement", "claim", "verdict", "figure"], _statements(verdicts),
-                       (0, 1, 2, 3))  # fmt: skip
     sections = [
         Section("Figures", [_figures(summary), Text(_checks(summary), note=True)]),
         Section("Time histories", [Figures(figures["curves"])]),
@@ -101,15 +77,13 @@ def _page(
             Figures(figures["forces"], "velocities", 6),
             Text(f"{_FORCES[truth is not None]} Error: rms over rms of the measured force.", True),
         ] if figures["forces"] else []),
-        Section("Confidence", confidence(summary, figures["gains"])),
-        Section("Parameters", [
-            Text(parameters_note(summary)), *parameters(run.system.space, summary),
-        ]),
+        Section("Confidence", _confidence(summary, figures["gains"])),
+        Section("Parameters", [Text(_relative_to(result)), *folds(result)]),
         Section("Correlations of what is identified", [
-            Figures(figures["correlations"]), Text(_CORRELATIONS, note=True),
+            Figures(figures["correlations"]), Text(f"{CORRELATIONS} {_HELD}", note=True),
         ] if figures["correlations"] else []),
-        Section("The paper's statements on this run", [statements] if statements.lines else []),
-        Section("What cannot be known from motion", _unobservable(summary)),
+        Section("The paper's statements on this run", statements(verdicts)),
+        Section("What cannot be known from motion", unobservable(summary)),
     ]  # fmt: skip
     folder = shlex.quote(str(run.folder))
     return Page(
@@ -118,7 +92,7 @@ def _page(
         eyebrow=f"run {run.folder.name}",
         lead=_lead(summary),
         tab=f"{robot} · {run.folder.name}",
-        alarms=_alarms(summary),
+        findings=result.findings,
         carrying=figures["carrying"] + ([sketch] if sketch else []),
         sections=[section for section in sections if section.panels],
         commands=[
@@ -138,7 +112,12 @@ def _page(
 
 
 def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
-    """Prints the verdict on a run, the figures behind it, and the paths of its files.
+    """Prints the verdict on a run, the figures behind it, and the paths of its files."""
+    print_page(brief(name, summary, folder), Console(highlight=False))
+
+
+def brief(name: str, summary: dict[str, Any], folder: Path) -> Page:
+    """What the terminal and the recording tell of a run.
 
     Args:
         name: of the run.
@@ -152,89 +131,30 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
         f"({summary['real_time_factor']:.1f} × real time)"
         + (f", plus {compiled:.0f} s of one-time compilation" if compiled > _COMPILED else "")
     )
+    result = result_of(summary)
+    gains = brief_gains(result)
     lines = [(_cut(what), _cut(fix)) for what, fix in evaluation.unobservable_lines(summary)]
     more = [f"… all in {folder / pages.FILE}"] if len(lines) > _DIRECTIONS else []
     among = ", among them" if more else ""
     known = f"{evaluation.observable_line(summary)}{among}{':' if lines else ''}"
-    file = folder / recording.FILE
+    file = folder / RECORDING
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
-    print_page(
-        Page(
-            heading=name,
-            verdict=mark_of(summary),
-            lead=lead,
-            alarms=_alarms(summary),
-            sections=[
-                Section("", [*_gains(summary), _figures(summary, terminal=True)]),
-                Section("", [Text(line) for line in evaluation.confidence_lines(summary)]),
-                Section("", [Text(known), Items([*lines[:_DIRECTIONS], *more])]),
-            ],
-            commands=[
-                f"recording  {seen if file.is_file() else recording.HINT}",
-                f"report     {folder / pages.FILE}",
-            ],
-        ),
-        Console(highlight=False),
+    return Page(
+        heading=name,
+        verdict=mark_of(summary),
+        lead=lead,
+        findings=result.findings,
+        sections=[
+            Section("", [*gains, *[Text(f"({_HELD[:1].lower()}{_HELD[1:-1]})")] * bool(gains)]),
+            Section("", [_figures(summary, terminal=True)]),
+            Section("", [Text(line) for line in evaluation.confidence_lines(summary)]),
+            Section("", [Text(known), Items([*lines[:_DIRECTIONS], *more])]),
+        ],
+        commands=[
+            f"recording  {seen if file.is_file() else _NO_RERUN}",
+            f"report     {folder / pages.FILE}",
+        ],
     )
-
-
-def mark_of(summary: dict[str, Any]) -> Mark | None:
-    """The verdict with its mark; None if the summary, of an earlier version, has none."""
-    told = summary.get("verdict")
-    if told is None:
-        return None
-    glyph, kind = _JUDGEMENTS.get(told.partition(":")[0], ("✘", "poor"))
-    return Mark(glyph, kind, told)
-
-
-def _alarms(summary: dict[str, Any]) -> list[Alarm]:
-    """How the run ended early, and what distinguishes it from one in the paper."""
-    found = []
-    if summary.get("status", "completed") != "completed":
-        found.append(Alarm(Mark("✘", "poor", _ended(summary)), "ended early:"))
-    if summary.get("fault"):
-        found.append(Alarm(Mark("▲", "fair", summary["fault"]), "fault in the plant:"))
-    for fault in summary.get("faults", []):
-        words = f"{fault['words']}, {100 * fault['confidence']:.4g} % sure"
-        found.append(Alarm(Mark("▲", "poor", words), f"fault found at {fault['found']:.4g} s:"))
-    found += [
-        Alarm(Mark("▲", "fair", m), "not in the structure:") for m in summary.get("mismatch", [])
-    ]
-    if told := _stream_line(summary.get("stream", {})):
-        found.append(Alarm(Mark("", "weak", told), "samples:"))
-    if summary["sensor_noise"]:
-        found.append(Alarm(Mark("", "weak", summary["sensor_noise"]), "sensors:"))
-    return found
-
-
-def _stream_line(counts: dict[str, int]) -> str:
-    """What was wrong with the samples of a live robot, in words; empty if nothing was."""
-    one = counts.get("gaps") == 1
-    told = {
-        "gaps": "gap" if one else "gaps",
-        "missing": f"{'sample' if counts.get('missing') == 1 else 'samples'} missing in "
-        + ("it" if one else "them"),
-        "not_finite": "not finite",
-        "duplicates": "repeated",
-        "late": "out of order",
-        "unreadable": "unreadable",
-    }
-    return ", ".join(f"{counts[key]} {words}" for key, words in told.items() if counts.get(key))
-
-
-def _gains(summary: dict[str, Any]) -> list[Table]:
-    """The actuators' gains with their intervals, if the law states any."""
-    rows = evaluation.gain_rows(summary)
-    if not rows:
-        return []
-    relative, true = rows[0][1] is not None, rows[0][3] is not None
-    heads = ["actuators", *["gain / mean"] * relative, "± (95 %)", *["true"] * true]
-    lines = [
-        [label, *([f"{value:.4f}"] if value is not None else []), f"{100 * interval:.2g} %",
-         *([f"{truth:.4f}"] if truth is not None else [])]
-        for label, value, interval, truth in rows
-    ]  # fmt: skip
-    return [Table(heads, lines, most=_GAINS)]
 
 
 def _robot(run: Run) -> str:
@@ -252,27 +172,55 @@ def _lead(summary: dict[str, Any]) -> str:
     )
 
 
-def _ended(summary: dict[str, Any]) -> str:
-    signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
-    at = f"{summary['status']} at t = {summary['status_time']:.4g} s{signal}"
-    return f"{at}. {summary['status_remedy']}"
-
-
 def _figures(summary: dict[str, Any], terminal: bool = False) -> Table:
-    """The table of figures, one column for each identifier; rows absent from all are left out.
+    """The table of figures, one column for each identifier.
 
     The page's first figure has the formula of the distance on its axis.
     """
-    identifiers = {evaluation.OWN: summary, **summary["rivals"]}
+    figures = figures_of(summary)
     lines = [
         [
-            label if terminal else label.replace(_RATIO, ""),
-            *(evaluation.figure(found.get(key), unit) for found in identifiers.values()),
+            figure.name if terminal else figure.name.replace(_RATIO, ""),
+            *(evaluation.figure(value, figure.unit) for value in figure.values.values()),
         ]
-        for label, key, unit in evaluation.FIGURES
-        if any(key in found for found in identifiers.values())
+        for figure in figures
     ]
-    return Table(["figures" if terminal else "", *identifiers], lines)
+    return Table(["figures" if terminal else "", *(figures[0].values if figures else ())], lines)
+
+
+def _confidence(summary: dict[str, Any], gains: Sequence[pages.Figure]) -> list[pages.Panel]:
+    """The stated confidence in words, and the least known directions; empty if none is stated."""
+    stated = summary["confidence"]
+    if stated is None:
+        return []
+    label = {row["name"]: row["label"] for row in summary["parameters"]}
+    worst = [
+        [
+            ", ".join(f"{weight:+.2f} {label[name]}" for name, weight in row["parameters"].items()),
+            f"±{100 * row['deviation']:.2g} %",
+            "below the noise" if row["below_noise"] else "",
+        ]
+        for row in stated["worst_known"]
+    ]
+    return [
+        *([Figures(gains)] if gains else []),
+        Items(evaluation.confidence_lines(summary)),
+        Text("Least known directions of θ/scale", head=True),
+        Table(["largest components", "standard deviation / ‖θ̂/scale‖", ""], worst),
+    ]
+
+
+def _relative_to(result: Result) -> str:
+    """What the tables of parameters are relative to."""
+    told = "Estimates are determined up to the unobservable directions below."
+    if any(p.true is not None for p in result.parameters):
+        told += (
+            " For comparison, prior and estimate are multiplied by the one factor that makes the "
+            "mean of the estimated gains equal to the true one."
+        )
+    if any(p.status for p in result.parameters):
+        told += f" {_HELD} What the motion reveals only in sums has none."
+    return told
 
 
 def _checks(summary: dict[str, Any]) -> str:
@@ -291,18 +239,20 @@ def _checks(summary: dict[str, Any]) -> str:
     return " ".join(said)
 
 
-def _statements(verdicts: Sequence[Verdict]) -> list[list[Any]]:
-    """The paper's statements with their verdicts, as lines of a table."""
+def statements(verdicts: Sequence[Verdict]) -> list[Table]:
+    """The paper's statements with their verdicts; empty if there are none."""
     kinds = {
         "holds": ("✔", "good"),
         "not yet": ("◐", "fair"),
         "fails": ("✘", "poor"),
         "not applicable": ("○", "weak"),
     }
-    return [[v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words] for v in verdicts]
+    lines = [[v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words] for v in verdicts]
+    heads = ["statement", "claim", "verdict", "figure"]
+    return [Table(heads, lines, (0, 1, 2, 3))] if lines else []
 
 
-def _unobservable(summary: dict[str, Any]) -> list[pages.Panel]:
+def unobservable(summary: dict[str, Any]) -> list[pages.Panel]:
     """The five directions that concern most parameters, and the others by block."""
     lines = summary["unobservable"]
     told = evaluation.unobservable_lines(summary)

@@ -9,32 +9,37 @@ import numpy as np
 from .. import evaluation
 from ..evaluation import Truth
 from ..evaluation.confidence import INTERVAL
+from ..evaluation.result import Result
 from ..evaluation.verdict import CONVERGED
 from ..experiment.loop import Run
 from ..parameters import Array
-from .panels import AnyPanel, Comparison, Forest, HeatMap, Panel, Points, thin
+from .panels import AnyPanel, Comparison, HeatMap, Panel, thin
+from .parameters import correlations, forests
 
 _FORCES = 600  # points of a curve of forces
 _TAIL = 0.9  # share of the run after which the stated intervals are drawn
 
 
-def panels(run: Run, summary: dict[str, Any], truth: Truth | None) -> dict[str, list[AnyPanel]]:
+def panels(
+    run: Run, summary: dict[str, Any], result: Result, truth: Truth | None
+) -> dict[str, list[AnyPanel]]:
     """All panels of the page: `carrying` the verdict, `curves`, `gains`, `forces`, `correlations`.
 
     Args:
         run: a finished run with at least one row.
         summary: the content of its summary.json.
+        result: the result of that.
         truth: of its plant; None if it is unknown.
     """
     rows = thin(len(run.record))
     curves = [panel for panel in _over_time(run, summary, truth, rows) if panel.curves]
-    forest, heat = _forest(summary), _correlations(summary)
+    stated = [p for p in result.gains if p.relative is not None]
     return {
         "carrying": [*curves[:1]],
         "curves": [*curves[1:]],
-        "gains": [forest] if forest else [],
+        "gains": [*forests(stated)],
         "forces": [*_forces(run, truth)],
-        "correlations": [heat] if heat else [],
+        "correlations": [*_correlations(summary)],
     }
 
 
@@ -89,23 +94,6 @@ def _gains(run: Run, summary: dict[str, Any], rows: Any, true: Array | None) -> 
     return panel
 
 
-def _forest(summary: dict[str, Any]) -> Forest | None:
-    """Actuators' gains relative to their mean, with intervals; None if the law states none."""
-    rows = [row for row in evaluation.gain_rows(summary) if row[1] is not None]
-    if not rows:
-        return None
-    names, values, halves, true = zip(*rows, strict=True)
-    estimate = np.array(values, float)
-    half = estimate * np.array(halves)
-    known = true[0] is not None
-    return Forest(
-        "Gains relative to their mean", "gain / mean of all [–]", list(names),
-        estimate, estimate - half, estimate + half, np.ones(len(estimate), bool),
-        [Points("true", np.array(true, float))] if known else [],
-        certain="estimate and 95 % interval",
-    )  # fmt: skip
-
-
 def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     """Predicted against measured force along every velocity, the worst predicted first."""
     found = evaluation.forces_of(run, truth)
@@ -129,13 +117,11 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     return panels
 
 
-def _correlations(summary: dict[str, Any]) -> HeatMap | None:
-    """Correlations of the parameters that are identified; None for fewer than two."""
-    stated = (summary["confidence"] or {}).get("correlations")
-    if not stated or len(stated["parameters"]) < 2:
-        return None
+def _correlations(summary: dict[str, Any]) -> list[HeatMap]:
+    """Correlations of the parameters that are identified."""
+    stated = (summary["confidence"] or {}).get("correlations", {"parameters": [], "lower": []})
     label = {row["name"]: row["label"] for row in summary["parameters"]}
     r = np.eye(len(stated["lower"]))
     for i, row in enumerate(stated["lower"]):
         r[i, :i] = r[:i, i] = row
-    return HeatMap("", [label[name] for name in stated["parameters"]], r)
+    return correlations([label[name] for name in stated["parameters"]], r)

@@ -1,4 +1,4 @@
-"""A page on the terminal: verdict, alarms, tables and lists, as far as they are printed."""
+"""A page on the terminal: verdict, findings, tables and lists, as far as they are printed."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from ..evaluation.words import Mark
-from .pages import Alarm, Cell, Items, Link, Page, Panel, Table, Text
+from ..evaluation.result import LEVELS, Mark
+from ..robot.findings import Finding
+from .pages import Cell, Items, Link, Page, Panel, Table, Text, count
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
+_NOTES, _GRAVE = 6, 40  # notes, and findings of any graver level, that are printed at most
 
 
 def print_page(page: Page, console: Console) -> None:
@@ -25,7 +27,7 @@ def print_page(page: Page, console: Console) -> None:
         )
     elif page.heading:
         console.print(f"[bold]{escape(page.heading)}[/]: {escape(page.lead)}", soft_wrap=True)
-    print_alarms(page.alarms, console)
+    print_findings(page.findings, console)
     if page.verdict is not None and page.lead:
         console.print(f"  {escape(page.lead)}", soft_wrap=True)
     for section in page.sections:
@@ -36,13 +38,22 @@ def print_page(page: Page, console: Console) -> None:
         console.print(f"{'' if k else chr(10)}  {line}", soft_wrap=True, markup=False)
 
 
-def print_alarms(alarms: Sequence[Alarm], console: Console) -> None:
-    """Prints a line for each alarm; those that are weak are dimmed."""
-    for mark, level in ((alarm.mark, alarm.level) for alarm in alarms):
-        glyph = f"[{_COLOURS[mark.kind]}]{mark.glyph}[/] " if mark.glyph else ""
-        told = escape(" ".join(filter(None, (level, mark.text))))
-        console.print(f"  {glyph}{f'[dim]{told}[/]' if mark.kind == 'weak' else told}",
-                      soft_wrap=True)  # fmt: skip
+def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
+    """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
+
+    Args:
+        findings: the gravest first.
+        console: to print on.
+        codes: whether levels and codes stand before the words, and all findings are printed.
+    """
+    for level, mark in LEVELS.items():
+        some = [finding for finding in findings if finding.level == level]
+        most = len(some) if codes else _NOTES if level == "note" else _GRAVE
+        lines = [f"{f.level} {f.code}: {f}" if codes else str(f) for f in some[:most]]
+        lines += [f"and {count(len(some) - most, f'more {level}')}"] if len(some) > most else []
+        for line in lines:
+            words = f"[dim]{escape(line)}[/]" if level == "note" else escape(line)
+            console.print(f"  [{_COLOURS[mark.kind]}]{mark.glyph}[/] {words}", soft_wrap=True)
 
 
 def print_panels(panels: Sequence[Panel], console: Console) -> None:

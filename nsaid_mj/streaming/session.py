@@ -19,7 +19,7 @@ from ..experiment.scenario import Scenario
 from ..identifiers import Identifier, State
 from ..log import Measurement
 from ..numerics.threads import single_threaded
-from ..reporting.finish import finish
+from ..recording.postprocessing import finish
 from .estimate import Estimate, Names, estimate_of
 from .samples import Cleaner, Counts
 from .stream import Stream

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from ..evaluation import figure
-from ..evaluation.words import Mark
+from ..evaluation.result import Mark, judged
 from ..reporting import pages
-from ..reporting.pages import Alarm, Figures, Page, Section, Table, Text, count
+from ..reporting.pages import Figures, Page, Section, Table, Text, count
 from ..reporting.terminal import print_panels
+from ..robot.findings import Finding
 from .cells import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def write(
     found = rows(cells)
     figures = compare_plots.figures(drawn)
     failures = [
-        Alarm(Mark("✘", "poor", row.failures[0]), f"{row.method} failed, {_log(row)}:")
+        Finding("refusal", "failed", f"{row.method} failed, {_log(row)}", row.failures[0])
         for row in found
         if row.failures
     ]
@@ -63,7 +64,7 @@ def write(
         verdict=verdict_of(cells),
         eyebrow=f"methods on the same logs of {manifest['script']}",
         lead=f"{count(methods, 'method')}, {count(seeds, 'seed')}.",
-        alarms=failures,
+        findings=failures,
         carrying=figures[:2],
         sections=sections,
         commands=[_command(manifest)],
@@ -118,7 +119,7 @@ def verdict_of(cells: Sequence[Cell]) -> Mark:
     own = [row for row in rows(cells) if row.method not in {PRIOR, BOUND}]
     able = [row for row in own if math.isfinite(row.median[_DECIDES])]
     if not able:
-        return Mark("✘", "poor", "No method has a result.")
+        return judged("no", "No method has a result.")
     hardest = max(able, key=lambda row: (row.noise, row.duration))
     same = [r for r in able if (r.noise, r.duration) == (hardest.noise, hardest.duration)]
     best = min(same, key=lambda row: row.median[_DECIDES])
@@ -126,7 +127,7 @@ def verdict_of(cells: Sequence[Cell]) -> Mark:
         f"{best.method} comes closest to the true set: {figure(best.median[_DECIDES], '%')} in the "
         f"median, {figure(best.worst[_DECIDES], '%')} at worst ({_log(best)})."
     )
-    return Mark("✔", "good", text) if len(able) == len(own) else Mark("◐", "fair", text)
+    return judged("yes" if len(able) == len(own) else "partly", text)
 
 
 def _log(row: Row) -> str:

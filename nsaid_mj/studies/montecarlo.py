@@ -17,17 +17,13 @@ from concurrent.futures import Executor, ThreadPoolExecutor, as_completed, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..errors import InvalidInput
 from ..evaluation import Truth, converged_at
 from ..evaluation.figures import actuator_ratio_error
-from ..evaluation.words import Mark
 from ..experiment.following import CHECK, Following, due_rows
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
@@ -38,30 +34,15 @@ from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.threads import single_threaded
 from ..parameters import Array
-from ..reporting.pages import Alarm, Page, Section, Table, count
-from ..reporting.progress import announcing
-from ..reporting.terminal import print_page
-from ..resources import check_own
 from ..system import Motion
 from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
-from .sweep_folder import opened
-from .sweep_results import MANIFEST, Group, Row, Sweep, digits, files_of, read
-
-FIGURES = {
-    "theta_perp_ratio": "distance at end",
-    "actuator_ratio_error": "error of gain ratios",
-    "conserved_drift": "conserved drift",
-    "time_to_converge": "converged after [s]",
-}
-"""Columns of the printed table, and their labels."""
-QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
+from .sweep_results import Row
 
 _PIECE = 500  # time steps in a segment, about; progress is reported after each
 _GROUP = 32  # identifiers that share a motion, at most: one batch
 _PLANTS = 32  # plants whose logs are in memory at the same time
-_JOBS = "The default is the number of processors."
-_LINES = 40  # lost runs that are printed, at most
+JOBS = "The default is the number of processors."
 
 Seen = Callable[[float], object]
 """Called with the progress since the last call, in runs, also fractional."""
@@ -315,11 +296,11 @@ def monte_carlo(
     """
     check_count("runs", runs, "256 runs give distributions.")
     _check_sharing(scenario, shared)
-    rows = [row for part in _rows(scenario, range(runs), jobs, shared) for row in part]
+    rows = [row for part in rows_of(scenario, range(runs), jobs, shared) for row in part]
     return sorted(rows, key=lambda row: row["run"])
 
 
-def _rows(
+def rows_of(
     scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, told: Seen = float
 ) -> Iterator[list[Row]]:
     """Yields groups of rows of the draws to do, as they become available.
@@ -327,7 +308,7 @@ def _rows(
     If the caller does not wait for the last one, the threads stop at their next report of progress.
     """
     jobs = (os.cpu_count() or 1) if jobs is None else jobs
-    check_count("jobs", jobs, _JOBS, MOST_JOBS)
+    check_count("jobs", jobs, JOBS, MOST_JOBS)
     draws = [(k, replace(scenario, seed=seed_of(scenario.seed, k))) for k in todo]
     pool, stopped = ThreadPoolExecutor(jobs), threading.Event()
 
@@ -383,122 +364,3 @@ def _check_sharing(scenario: Scenario, shared: bool) -> None:
             scenario.prior,
             "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
         )
-
-
-@single_threaded
-def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) -> Sweep:
-    """Executes the runs that are missing in a folder, and writes the files of a sweep.
-
-    After Ctrl-C, finished runs are kept and the same call resumes the study.
-
-    Args:
-        plan: the runs.
-        folder: of the results; created if missing.
-        jobs: number of threads; None for the number of processors.
-        quiet: show no progress.
-
-    Raises:
-        BadRun: the folder cannot be written, or holds something else.
-        InvalidInput: `jobs` is less than 1.
-        NsaidError: the scenario cannot be started.
-    """
-    check_count("jobs", 1 if jobs is None else jobs, _JOBS, MOST_JOBS)
-    check_own(folder, (MANIFEST,))
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} runs"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True, quiet=quiet),
-        transient=True,
-        disable=quiet,
-    )
-    with (
-        opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows,
-        bar,
-        announcing(bar.console),
-    ):
-        todo = [number for number in range(plan.runs) if number not in rows.known]
-        task = bar.add_task(folder.name, total=plan.runs, completed=len(rows.known))
-        seen = partial(bar.advance, task)
-        for group in _rows(plan.scenario, todo, jobs, plan.shared, seen):
-            for row in group:
-                rows.append(row)
-    return read(folder)
-
-
-# -- the terminal ----------------------------------------------------------------------------------
-
-
-def quantiles(sweep: Sweep) -> dict[str, dict[str, float]]:
-    """Quantiles of the figures by name, infinite if they fall on lost or unconverged runs.
-
-    Figures of a lost run count as infinite.
-    """
-    last = [
-        row | dict.fromkeys(FIGURES) if row["status"] != Status.completed.words else row
-        for row in sweep.rows
-    ]
-    group = Group({}, last)
-    return {
-        key: {name: group.quantile(key, share) for name, share in QUANTILES.items()}
-        for key in FIGURES
-    }
-
-
-def lost(sweep: Sweep) -> list[Row]:
-    """Runs that ended before the scenario's duration."""
-    return [row for row in sweep.rows if row["status"] != Status.completed.words]
-
-
-def cost(sweep: Sweep) -> float:
-    """Median over the runs of an identifier's thread time per time step [µs]."""
-    return float(np.median([row["identifier_us_per_step"] for row in sweep.rows]))
-
-
-def document(sweep: Sweep) -> dict[str, Any]:
-    """The output of `nsaid montecarlo --json`."""
-    found = {
-        key: {name: value if np.isfinite(value) else None for name, value in each.items()}
-        for key, each in quantiles(sweep).items()
-    }
-    columns = ("run", "seed", "status", "status_time")
-    return {
-        "folder": str(sweep.folder),
-        "runs": sweep.manifest["runs"],
-        "quantiles": found,
-        "lost": [{key: row[key] for key in columns} for row in lost(sweep)],
-        "identifier_us_per_step": cost(sweep),
-    }
-
-
-def print_summary(sweep: Sweep) -> None:
-    """Prints the quantiles of the figures, the lost runs, and the paths of the files."""
-    gone = lost(sweep)
-    lines = [
-        [FIGURES[key], *(digits(value) for value in each.values())]
-        for key, each in quantiles(sweep).items()
-    ]
-    shared = sweep.manifest["montecarlo"]["shared"]
-    failures = [
-        Alarm(
-            Mark("✘", "poor", f"{row['status']} at {row['status_time']:.3g} s"
-                 + ("" if shared else f"\n    {sweep.command(row)}")),
-            f"run {row['run']} (seed {row['seed']}):",
-        )
-        for row in gone[:_LINES]
-    ]  # fmt: skip
-    if (more := len(gone) - _LINES) > 0:
-        failures.append(Alarm(Mark("✘", "poor", f"and {more} more"), "…"))
-    many = count(len(sweep.rows), "prior" if shared else "plant")
-    kind = "on one motion" if shared else "with its own motion each"
-    spent = f"identifier {cost(sweep):.2g} µs of thread time per run and time step"
-    page = Page(
-        heading=sweep.folder.name,
-        verdict=None,
-        lead=f"{many} {kind}, {len(gone)} lost",
-        alarms=failures,
-        sections=[Section("", [Table(["", *QUANTILES], lines)])],
-        commands=[spent, *files_of(sweep)],
-    )
-    print_page(page, Console(highlight=False))

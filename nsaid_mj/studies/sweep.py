@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ..errors import InvalidInput
 from ..experiment.fields import field_path, field_value, with_fields
 from ..experiment.scenario import Scenario
+from ..reporting.progress import counted
 from .study import Study, check_count
 from .sweep_engine import Engine
 from .sweep_folder import opened
@@ -148,16 +147,8 @@ def run(
     """
     engine = engine or Engine()
     longest = max(engine.time(scenario) for scenario in plan.scenarios)
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[lost]} without result"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=quiet,
-    )
+    of = "{task.completed}/{task.total} {task.fields[lost]} without result"
+    bar = counted(quiet, of)
 
     def job(number: int) -> Job:
         scenario = plan.run(number)

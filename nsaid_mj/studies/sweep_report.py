@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluation.words import Mark
 from ..reporting import pages, plots
-from ..reporting.pages import Alarm, Cell, Figures, Page, Section, Table, Text
+from ..reporting.pages import Cell, Figures, Page, Section, Table, Text
 from ..reporting.palette import BAD, COLOURS
 from ..reporting.panels import thin
+from ..robot.findings import Finding
 from .sweep_results import HEADS, SPREADS, Group, Sweep, cells, verdict_of
 
 PICTURE = "distributions.png"
@@ -72,7 +72,7 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
         ]
         heads = ["run", "seed", "reason", "command to repeat it"]
         sections.append(Section("Failures", [Table(heads, failures, (2, 3))]))
-    unfinished = Mark("✘", "poor", f"{missing} of the runs")
+    unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
     return Page(
         heading=sweep.folder.name,
         verdict=verdict_of(sweep),
@@ -80,7 +80,7 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
         lead=f"{results} of {pages.count(manifest['runs'], 'run')} "
         f"{'has' if manifest['runs'] == 1 else 'have'} a result; {pages.count(seeds, 'seed')} from "
         f"the master seed {manifest['master_seed']}.",
-        alarms=[Alarm(unfinished, "not finished:")] if missing else [],
+        findings=[unfinished] if missing else [],
         carrying=drawn[:first],
         sections=sections,
         notes=[

@@ -16,10 +16,11 @@ import pyarrow.parquet as pq
 from rich.console import Console
 
 from ..errors import BadRun
-from ..evaluation.words import Mark
-from ..reporting.pages import Alarm, Page, Section, Table, Text, count
+from ..evaluation.result import Mark, judged
+from ..reporting.pages import Page, Section, Table, Text, count
 from ..reporting.terminal import print_page
 from ..resources import atomic_write
+from ..robot.findings import Finding
 
 MANIFEST, ROWS, TABLE = "manifest.json", "rows.jsonl", "results.parquet"
 FIGURES = ("theta_perp_ratio", "time_to_converge")
@@ -312,17 +313,16 @@ def print_summary(sweep: Sweep) -> None:
     lines = [[*map(str, group.values.values()), *cells(group)] for group in sweep.groups]
     table = Table([*named, *HEADS], lines, range(len(fields)), most=_LINES)
     failures = [
-        (f"{row['failure']}\n    {sweep.command(row)}", f"run {row['run']}:")
-        for row in sweep.lost[:_LINES]
-    ]
-    if (more := len(sweep.lost) - _LINES) > 0:
-        failures.append((f"and {count(more, 'more failure')}", "…"))
+        Finding("refusal", "lost", f"run {row['run']}", row["failure"],
+                f"\n    {sweep.command(row)}")
+        for row in sweep.lost
+    ]  # fmt: skip
     results, runs = len(sweep.rows) - len(sweep.lost), sweep.manifest["runs"]
     page = Page(
         heading=sweep.folder.name,
         verdict=verdict_of(sweep),
         lead=f"{results} of {count(runs, 'run')} {'has' if runs == 1 else 'have'} a result",
-        alarms=[Alarm(Mark("✘", "poor", words), which) for words, which in failures],
+        findings=failures,
         sections=[Section("", [table, Text(SPREADS)])],
         commands=files_of(sweep),
     )
@@ -344,9 +344,8 @@ def verdict_of(sweep: Sweep) -> Mark:
             f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
             f"median, {100 * distances.max():.2g} % in the worst run"
         )
-    if converged == runs:
-        return Mark("✔", "good", f"{told}.")
-    return Mark("◐", "fair", f"{told}.") if found.results else Mark("✘", "poor", f"{told}.")
+    partly = "partly" if found.results else "no"
+    return judged("yes" if converged == runs else partly, f"{told}.")
 
 
 def files_of(sweep: Sweep) -> list[str]:

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluation.words import Mark
+from ..evaluation.result import Mark, judged
 from ..parameters import Array
 from ..recording.tracking import record
 from ..reporting import pages, plots
-from ..reporting.pages import Alarm, Figure, Figures, Page, Section, Table, Text, count
+from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
 from ..reporting.palette import COLOURS
 from ..reporting.picture import picture
+from ..robot.findings import Finding
 from ..system import SecondOrderSystem
 from .tracking import Course, Plan, medians_in_words, table_of
 
@@ -51,7 +52,7 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, {length:g} s, "
         f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
         "bandwidth of adaptation.",
-        alarms=_alarms(plan, done),
+        findings=_missing(plan, done),
         carrying=[*figures[:1], *_robot(shown[0])],
         sections=sections,
         commands=[_command(plan), shlex.join(["nsaid", "view", str(folder / RECORDING)])],
@@ -87,13 +88,13 @@ def verdict_of(table: Table) -> Mark | None:
     measure = table.heads[1].replace("[", "in ").removesuffix("]")
     words = f"Tracking error smaller than the conventional law's: {told} ({measure})."
     better = all(float(ratio) > 1 for ratio in ratios.values())
-    return Mark("✔", "good", words) if better else Mark("◐", "fair", words)
+    return judged("yes" if better else "partly", words)
 
 
-def _alarms(plan: Plan, done: list[Course]) -> list[Alarm]:
+def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
     missing = len(plan.laws) * len(plan.seeds) - len(done)
-    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing."
-    return [Alarm(Mark("✘", "poor", words), "not finished:")] if missing else []
+    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
+    return [Finding("refusal", "missing", "not finished", words)] if missing else []
 
 
 def _command(plan: Plan) -> str:

@@ -17,7 +17,7 @@ from nsaid_mj.calibration.result import Identification
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.record import Record
-from nsaid_mj.reporting.finish import finish, rebuild
+from nsaid_mj.recording.postprocessing import finish, rebuild
 from nsaid_mj.streaming.session import Session
 from tests.support.identification import identification
 from tests.support.robot_logs import arm_log, two_joints, write_csv

@@ -13,7 +13,7 @@ from nsaid_mj.calibration.findings import Finding, UnusableLog
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
-from nsaid_mj.evaluation.words import Mark
+from nsaid_mj.evaluation.result import Mark
 from nsaid_mj.identifiers import Status
 from nsaid_mj.studies.compare import PRIOR, Cell
 from nsaid_mj.studies.sweep_results import Sweep
@@ -111,8 +111,8 @@ def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> No
 
 @pytest.mark.parametrize(("gone", "code"), [([], EXPLAINED), ([{"run": 1}], NOT_EXPLAINED)])
 def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
-    put(monkeypatch, "studies.montecarlo.run", None)
-    put(monkeypatch, "studies.montecarlo.lost", gone)
+    put(monkeypatch, "studies.montecarlo_results.run", None)
+    put(monkeypatch, "studies.montecarlo_results.lost", gone)
     assert shell("montecarlo", "scalar_rov", "--quiet")[0] == code
 
 

@@ -14,7 +14,7 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import energy, summarize, truth_of
+from nsaid_mj.evaluation import energy, mark_of, summarize, truth_of
 from nsaid_mj.evaluation.figures import force_residual_ratio
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import SimulatedRun, run
@@ -33,8 +33,7 @@ from nsaid_mj.plants import (
     ScalarRovPlant,
 )
 from nsaid_mj.plants.world.faults.kinds import gains_of
-from nsaid_mj.reporting import finish
-from nsaid_mj.reporting.report import mark_of
+from nsaid_mj.recording import postprocessing
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
@@ -257,9 +256,9 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
 
 
 def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
-    summary = finish.finish(failed)
+    summary = postprocessing.finish(failed)
     assert "thrust_3 loses 40 % at 12 s" in (failed.folder / "report.html").read_text("utf-8")
-    again = finish.rebuild(failed.folder)
+    again = postprocessing.rebuild(failed.folder)
     rounded = {"identifier_us_per_step", "plant_us_per_step"}  # times over steps, times steps
     assert {k: again[k] for k in again.keys() - rounded} == {
         k: summary[k] for k in summary.keys() - rounded

@@ -14,7 +14,7 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation import mark_of, summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
@@ -34,7 +34,6 @@ from nsaid_mj.plants import (
     SensorNoise,
     UvmsPlant,
 )
-from nsaid_mj.reporting.report import mark_of
 from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.vehicles import VEHICLES, acceleration, coordinate_map

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.evaluation.confidence import INTERVAL, Known
 from nsaid_mj.evaluation.figures import last_tenth
-from nsaid_mj.evaluation.words import gain_rows
+from nsaid_mj.evaluation.run_result import result_of
 from nsaid_mj.experiment.loop import run
 from tests.support.faulty import ROV
 
@@ -36,13 +36,20 @@ def test_intervals_of_the_right_width_cover_95_percent():
 
 def test_the_plus_minus_of_a_gain_is_half_its_95_percent_interval():
     rows = [
-        {"name": name, "label": name, "unit": "N", "estimate": value, "true": value}
-        for name, value in (("one", 2.0), ("two", 8.0))
-    ]
-    stated = {"actuators": {"one": 0.01, "two": 0.03}}
-    found = gain_rows({"confidence": stated, "parameters": rows})
-    assert [row[1] for row in found] == pytest.approx([0.5, 2.0])
-    assert [row[2] for row in found] == pytest.approx([0.0196, 0.0588], rel=1e-3)
+        {"name": name, "label": name, "unit": "N", "scale": 1.0, "prior": 1.0,
+         "estimate": value, "true": true}
+        for name, value, true in (("one", 2.0, 3.9), ("two", 8.0, 16.4))
+    ]  # fmt: skip
+    known = {name: {"deviation": 0.1, "below_noise": False} for name in ("one", "two")}
+    stated = {"actuators": {"one": 0.01, "two": 0.03}, "parameters": known}
+    found = result_of(
+        {"verdict": "converged: 0", "confidence": stated, "parameters": rows, "sensor_noise": ""}
+    ).gains
+    assert [p.relative for p in found] == pytest.approx([0.0196, 0.0588], rel=1e-3)
+    factor = found[0].value / 2.0
+    assert found[1].value == pytest.approx(8.0 * factor)  # one factor for all: their mean is exact
+    assert np.mean([p.value / p.true for p in found]) == pytest.approx(1.0)
+    assert [(p.high - p.low) / 2 for p in found] == pytest.approx([0.196 * factor] * 2, rel=1e-3)
 
 
 @pytest.mark.parametrize("rows,expected", [(1, [0]), (9, [8]), (40, [36, 37, 38, 39])])

@@ -21,6 +21,7 @@ from nsaid_mj import (
     MultisineCommand,
     NullspaceAID,
     Scenario,
+    postprocessing,
     recording,
 )
 from nsaid_mj.evaluation import converged_at, summarize, truth_of
@@ -28,7 +29,7 @@ from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import Run, SimulatedRun, run
 from nsaid_mj.experiment.record import FILE as RECORD
 from nsaid_mj.nullspace import structural
-from nsaid_mj.reporting import finish, pages
+from nsaid_mj.reporting import pages
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of
 
@@ -142,7 +143,7 @@ def test_the_measured_residual_falls_as_the_estimate_converges(tmp_path):
 def test_without_recorded_commands_there_is_no_measured_residual(tmp_path):
     done = unknown(run(replace(ROV, record_every=2), tmp_path))
     assert "force_residual_ratio_measured" not in summarize(done, None)
-    done = finish.finish(done)
+    done = postprocessing.finish(done)
     assert (tmp_path / recording.FILE).is_file() and "velocity_error_rms" in done
 
 
@@ -158,8 +159,8 @@ def test_a_run_without_rows_has_null_figures(tmp_path):
 def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     shutil.copy(done.folder / RECORD, tmp_path)  # results are written beside their own record only
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
-    summary = finish.finish(bare)
-    assert json.loads((tmp_path / finish.SUMMARY).read_text(encoding="utf-8")) == summary
+    summary = postprocessing.finish(bare)
+    assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
     page = (tmp_path / pages.FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / recording.FILE)

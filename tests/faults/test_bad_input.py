@@ -20,7 +20,7 @@ from nsaid_mj.experiment.record import Record
 from nsaid_mj.identifiers import State, Status
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Measurement
-from nsaid_mj.reporting.finish import rebuild
+from nsaid_mj.recording.postprocessing import rebuild
 from nsaid_mj.resources import scenarios
 from scripts import field_values
 from tests.support.faulty import PENDULUM, ROV, flat, shell

@@ -11,16 +11,15 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from nsaid_mj import Record, run
+from nsaid_mj import Record, postprocessing, run
 from nsaid_mj.calibration.logs.formats.run import read as read_log
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.verify import verify_folder
-from nsaid_mj.reporting import finish
 from tests.support.faulty import ROV
 
 READERS: dict[str, Callable[[Path], object]] = {
     "read": read_log,
-    "rebuild": finish.rebuild,
+    "rebuild": postprocessing.rebuild,
     "verify": verify_folder,
 }
 
@@ -28,7 +27,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run") / "out"
-    finish.finish(run(ROV, folder))
+    postprocessing.finish(run(ROV, folder))
     return folder
 
 
@@ -67,7 +66,7 @@ def test_a_record_of_another_width_is_refused(column, out):
 
     rewritten(out, wider)
     with pytest.raises(NsaidError, match="not that of its scenario"):
-        finish.rebuild(out)
+        postprocessing.rebuild(out)
 
 
 @pytest.mark.parametrize("metadata", [{}, {"scenario": 3}, [], 3, {"scenario": "{}"}])
@@ -85,6 +84,6 @@ def test_a_summary_of_another_program_is_ignored(key: str, value: Any, out: Path
     file = out / "summary.json"
     summary = json.loads(file.read_text(encoding="utf-8"))
     file.write_text(json.dumps(summary | {key: value}), encoding="utf-8")
-    again = finish.reopen(out, Record.read(out))
-    finish._recall_ending(again)
+    again = postprocessing.reopen(out, Record.read(out))
+    postprocessing._recall_ending(again)
     assert again.ending.status.words == "completed"

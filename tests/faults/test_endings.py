@@ -13,15 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
+from nsaid_mj import ConventionalAID, NullspaceAID, Scenario, postprocessing
 from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.control import multisine, tracking
+from nsaid_mj.evaluation import mark_of
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import BATCH_SECONDS, Record
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants import SensorNoise
-from nsaid_mj.reporting import finish
-from nsaid_mj.reporting.report import mark_of
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 from tests.support.recordings import entities_of
 
@@ -160,7 +159,7 @@ class Ended:
 
     @property
     def summary(self) -> dict:
-        return strict((self.folder / finish.SUMMARY).read_text(encoding="utf-8"))
+        return strict((self.folder / postprocessing.SUMMARY).read_text(encoding="utf-8"))
 
 
 def provoke(fault: Fault, desk: Path) -> Ended:
@@ -226,7 +225,9 @@ def test_a_faulty_run_prints_nothing_else_and_leaves_no_mujoco_log(ended: Ended)
 
 def test_a_faulty_run_writes_all_its_files(ended: Ended) -> None:
     assert sorted(path.name for path in ended.folder.iterdir()) == sorted(FILES)
-    stored = Scenario.from_json((ended.folder / finish.SCENARIO).read_text(encoding="utf-8"))
+    stored = Scenario.from_json(
+        (ended.folder / postprocessing.SCENARIO).read_text(encoding="utf-8")
+    )
     assert stored.hash == ended.fault.scenario.hash == ended.summary["scenario_hash"]
     page = (ended.folder / "report.html").read_text(encoding="utf-8")
     assert ended.fault.status.words in page and ended.fault.status.remedy in page
@@ -240,7 +241,7 @@ def test_a_rebuilt_faulty_run_keeps_its_status(ended: Ended, capfd: object) -> N
         ended.fault.patch(patch)
         if ended.fault.status is Status.interrupted:
             patch.undo()  # it would interrupt the held-out trajectory too
-        after = finish.rebuild(ended.folder)
+        after = postprocessing.rebuild(ended.folder)
     keys = (
         "status",
         "status_time",
@@ -285,7 +286,7 @@ def test_too_fast_an_adaptation_is_reported_even_at_the_last_step(tmp_path: Path
 def test_a_failing_rival_does_not_end_the_run(tmp_path: Path) -> None:
     rivals = {"fast": NullspaceAID(K=10.0, gain=300.0), "known": ConventionalAID(K=10.0, gain=1.0)}
     result = run(replace(ROV, rivals=rivals), tmp_path)
-    summary = finish.finish(result)
+    summary = postprocessing.finish(result)
     assert summary["status"] == "completed" and len(result.record) == ROV.steps + 1
     assert summary["rivals"]["fast"]["status"] == Status.estimate_not_positive_definite.words
     assert summary["rivals"]["known"]["status"] == "completed"
@@ -319,7 +320,7 @@ def test_ctrl_c_from_an_observer_ends_at_that_row(tmp_path: Path) -> None:
     assert result.ending.status is Status.interrupted
     assert result.ending.time == result.record["t"][-1] == pytest.approx(1.5)
     assert len(result.record) == 151 and result.record.complete
-    assert finish.finish(result)["status"] == "interrupted"
+    assert postprocessing.finish(result)["status"] == "interrupted"
 
 
 def test_ctrl_c_in_the_middle_of_compiled_code_is_not_lost(

@@ -8,41 +8,40 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import NsaidError, recording
+from nsaid_mj import NsaidError, postprocessing, recording
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE, Record
 from nsaid_mj.recording import live
-from nsaid_mj.reporting import finish
 from tests.support.faulty import FILES, ROV, script, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
 
 
 def test_a_run_replaces_the_one_that_was_there(tmp_path: Path) -> None:
-    finish.finish(run(replace(SHORT, seed=1, duration=0.7), tmp_path))
+    postprocessing.finish(run(replace(SHORT, seed=1, duration=0.7), tmp_path))
     before = {name: (tmp_path / name).read_bytes() for name in FILES}
-    finish.finish(run(replace(SHORT, seed=2), tmp_path))
+    postprocessing.finish(run(replace(SHORT, seed=2), tmp_path))
     after = {name: (tmp_path / name).read_bytes() for name in FILES}
     assert all(before[name] != after[name] for name in FILES)
-    assert strict(after[finish.SUMMARY].decode())["seed"] == 2
-    assert strict(after[finish.SCENARIO].decode())["seed"] == 2
+    assert strict(after[postprocessing.SUMMARY].decode())["seed"] == 2
+    assert strict(after[postprocessing.SCENARIO].decode())["seed"] == 2
     assert Record.read(tmp_path)["t"] == pytest.approx(0.01 * np.arange(51))
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
 
 def test_other_files_in_the_folder_are_kept(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
-    finish.finish(run(SHORT, tmp_path))
+    postprocessing.finish(run(SHORT, tmp_path))
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
-    before = finish.finish(run(SHORT, tmp_path))
+    before = postprocessing.finish(run(SHORT, tmp_path))
     record = (tmp_path / FILE).read_bytes()
     for name in FILES:
-        if name not in (FILE, finish.SUMMARY):
+        if name not in (FILE, postprocessing.SUMMARY):
             (tmp_path / name).unlink()
-    after = finish.rebuild(tmp_path)
+    after = postprocessing.rebuild(tmp_path)
     assert after["status"] == "completed"
     cost = ("wall_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step")
     assert {key: after[key] for key in cost} == pytest.approx({key: before[key] for key in cost})
@@ -55,14 +54,14 @@ def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
 
 def test_a_complete_record_without_summary_is_a_completed_run(tmp_path: Path) -> None:
     run(SHORT, tmp_path)
-    assert finish.rebuild(tmp_path)["status"] == "completed"
+    assert postprocessing.rebuild(tmp_path)["status"] == "completed"
 
 
 @pytest.mark.parametrize("summary", ["", "not JSON", '{"status": "plant diverged"}', "[]"])
 def test_a_corrupt_summary_is_ignored(summary: str, tmp_path: Path) -> None:
     run(SHORT, tmp_path)
-    (tmp_path / finish.SUMMARY).write_text(summary)
-    assert finish.rebuild(tmp_path)["status"] == "completed"
+    (tmp_path / postprocessing.SUMMARY).write_text(summary)
+    assert postprocessing.rebuild(tmp_path)["status"] == "completed"
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
@@ -74,16 +73,16 @@ def test_a_record_that_ends_in_zeros_is_cut_where_they_begin(share: float, tmp_p
     found = Record.read(tmp_path)
     assert 0 < len(found) < len(whole) and not found.complete
     assert all(np.array_equal(found[key], whole[key][: len(found)]) for key in found.columns)
-    assert finish.rebuild(tmp_path)["status"] == "interrupted"
+    assert postprocessing.rebuild(tmp_path)["status"] == "interrupted"
 
 
 @pytest.mark.parametrize("seed", [0, 7])
 def test_an_earlier_runs_summary_is_not_taken_for_this_runs(seed: int, tmp_path: Path) -> None:
-    finish.finish(run(replace(SHORT, seed=seed, duration=2.0), tmp_path))
+    postprocessing.finish(run(replace(SHORT, seed=seed, duration=2.0), tmp_path))
     whole = (tmp_path / FILE).read_bytes()
     run(replace(SHORT, duration=5.0), tmp_path)
     (tmp_path / FILE).write_bytes((tmp_path / FILE).read_bytes()[: len(whole)])
-    assert finish.rebuild(tmp_path)["status"] == "interrupted"
+    assert postprocessing.rebuild(tmp_path)["status"] == "interrupted"
 
 
 @pytest.mark.parametrize("out", ["file", "file/below", "folder"])

@@ -18,7 +18,7 @@ import pytest
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.reporting import finish
+from nsaid_mj.recording import postprocessing
 from tests.support.faulty import FILES, ROV, shell, start, strict
 
 PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]
@@ -73,7 +73,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Killed:
     desk = tmp_path_factory.mktemp("killed")
     (desk / "endless.py").write_text(ENDLESS)
     folder = desk / "out"
-    finish.finish(run(ROV, folder))
+    postprocessing.finish(run(ROV, folder))
     before = (folder / FILE).stat().st_size
     process = start("run", "endless.py", "--out", folder, "--force", "--quiet", cwd=desk)
     try:
@@ -109,8 +109,8 @@ def test_a_killed_run_leaves_no_results_of_an_earlier_one(killed: Killed) -> Non
 
 def test_a_killed_run_is_finished_from_its_record(copy: Path) -> None:
     end = float(Record.read(copy)["t"][-1])
-    finish.rebuild(copy)
-    summary = strict((copy / finish.SUMMARY).read_text(encoding="utf-8"))
+    postprocessing.rebuild(copy)
+    summary = strict((copy / postprocessing.SUMMARY).read_text(encoding="utf-8"))
     assert summary["status"] == "interrupted"
     assert summary["status_time"] == summary["sim_s"] == end
     assert 0 < summary["theta_perp_ratio"] < summary["theta_perp_ratio_initial"]
@@ -137,7 +137,7 @@ def test_view_rebuilds_a_killed_run_and_opens_it(
         shell("view", copy, "--rebuild")
     assert str(copy / "run.rrd") in opened[0]
     assert (copy / "run.rrd").stat().st_size > 0
-    summary = strict((copy / finish.SUMMARY).read_text(encoding="utf-8"))
+    summary = strict((copy / postprocessing.SUMMARY).read_text(encoding="utf-8"))
     assert summary["status"] == "interrupted"
 
 
@@ -171,7 +171,7 @@ def test_ctrl_c_ends_a_run_with_all_its_files(
     os.kill(running.pid, how)
     out, err = running.communicate(timeout=PATIENCE)
     folder = endless / "out"
-    summary = strict((folder / finish.SUMMARY).read_text(encoding="utf-8"))
+    summary = strict((folder / postprocessing.SUMMARY).read_text(encoding="utf-8"))
     record = Record.read(folder)
     assert running.returncode == 130
     assert summary["status"] == "interrupted" and summary["status_signal"] == ""

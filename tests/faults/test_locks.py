@@ -18,7 +18,7 @@ import pytest
 from nsaid_mj.errors import BadRun, FolderInUse, NotWritten
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.reporting import finish
+from nsaid_mj.recording import postprocessing
 from nsaid_mj.resources import atomic_write, locked, write_text
 from nsaid_mj.studies.sweep import Plan
 from nsaid_mj.studies.sweep import run as sweep
@@ -87,7 +87,7 @@ def test_a_default_folder_in_use_is_skipped(
     with holder(tmp_path / "runs/scalar_rov-paper"):
         code, said = shell("run", "scalar_rov", *flags)
     assert (code, said.err) == (0, "")
-    assert (tmp_path / "runs/scalar_rov-paper-2" / finish.SUMMARY).is_file()
+    assert (tmp_path / "runs/scalar_rov-paper-2" / postprocessing.SUMMARY).is_file()
 
 
 def test_a_second_design_in_a_folder_is_refused_and_a_default_folder_in_use_is_skipped(
@@ -136,7 +136,7 @@ def test_results_are_not_written_beside_another_runs_record(tmp_path: Path) -> N
     first = run(replace(SHORT, seed=1), tmp_path)
     run(replace(SHORT, seed=2), tmp_path)
     with pytest.raises(BadRun, match="another run's record"):
-        finish.finish(first)
+        postprocessing.finish(first)
     assert [path.name for path in tmp_path.iterdir()] == [FILE]
 
 
@@ -167,7 +167,7 @@ def test_a_folder_removed_during_the_run_ends_typed(tmp_path: Path) -> None:
     result = run(SHORT, out)
     shutil.rmtree(out)
     with pytest.raises(BadRun):
-        finish.finish(result)
+        postprocessing.finish(result)
 
 
 def test_a_record_replaced_during_the_run_ends_typed(tmp_path: Path) -> None:
@@ -192,11 +192,11 @@ def plant(folder: Path, victim: Path, *names: str) -> None:
 def test_links_planted_in_a_runs_folder_are_not_followed(tmp_path: Path) -> None:
     out, victim = tmp_path / "out", tmp_path / "victim"
     plant(out, victim, *(f".{name}.part" for name in FILES if name != FILE), *FILES)
-    finish.finish(run(SHORT, out))
+    postprocessing.finish(run(SHORT, out))
     assert victim.read_text() == "dear"
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
     assert not any(path.is_symlink() for path in out.iterdir())
-    assert strict((out / finish.SUMMARY).read_text())["status"] == "completed"
+    assert strict((out / postprocessing.SUMMARY).read_text())["status"] == "completed"
     assert Record.read(out).complete
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE
-from nsaid_mj.reporting import finish
+from nsaid_mj.recording import postprocessing
 from tests.support.faulty import ROV
 
 pytestmark = pytest.mark.skipif(
@@ -33,10 +33,10 @@ def resident() -> float:
 def test_finishing_leaves_no_threads_and_no_memory(times: int, tmp_path: Path) -> None:
     done = run(replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2), tmp_path)
     for _ in range(2):
-        finish.finish(done)
+        postprocessing.finish(done)
     threads, memory = task_count(), resident()
     for _ in range(times):
-        finish.finish(done)
+        postprocessing.finish(done)
     assert task_count() <= threads
     assert resident() < memory + 20.0
 
@@ -44,9 +44,9 @@ def test_finishing_leaves_no_threads_and_no_memory(times: int, tmp_path: Path) -
 FINISH = """
 import resource, sys, time
 from pathlib import Path
-from nsaid_mj.reporting import finish
+from nsaid_mj.recording import postprocessing
 begin = time.monotonic()
-finish.rebuild(Path(sys.argv[1]))
+postprocessing.rebuild(Path(sys.argv[1]))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000, time.monotonic() - begin)
 """
 

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj import evaluation
+from nsaid_mj import evaluation, postprocessing
 from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.reporting import finish
 from tests.support.faulty import CHECKOUT, FILES, shell, start
 
 PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]
@@ -50,7 +49,7 @@ def test_a_disk_full_during_the_run_ends_typed_with_a_readable_record(tmp_path: 
     assert "Traceback" not in done.stderr
     record = Record.read(tmp_path / "out")
     assert not record.complete and 1.0 < record["t"][-1] < 5.0
-    assert finish.rebuild(tmp_path / "out")["status"] == "interrupted"  # with room again
+    assert postprocessing.rebuild(tmp_path / "out")["status"] == "interrupted"  # with room again
 
 
 def test_a_disk_full_while_finishing_ends_within_30_s_and_typed(tmp_path: Path) -> None:

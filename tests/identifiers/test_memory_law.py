@@ -35,7 +35,7 @@ from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
 from nsaid_mj.quotient import cone as geometry
 from nsaid_mj.quotient.cost import Quotient, Remembered
-from nsaid_mj.reporting.finish import rebuild
+from nsaid_mj.recording.postprocessing import rebuild
 from tests.support.bench import identify
 from tests.support.remembered import Log, driven, noisy, scenario_plant
 

@@ -16,8 +16,8 @@ from nsaid_mj.calibration.timeline import Span, shifts
 from nsaid_mj.log import Log
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
-from nsaid_mj.recording.identification_text import parameters_text, verdict_text
 from nsaid_mj.recording.text import drawable
+from nsaid_mj.reporting.markdown import plain
 from tests.support.identification import identification
 from tests.support.recordings import entities_of
 
@@ -66,12 +66,14 @@ def test_time_never_runs_backwards(file: Path) -> None:
             assert (np.diff(t) > -1e-9).all()
 
 
-def test_the_verdict_is_the_first_thing_in_the_text(result: Identification) -> None:
-    lines = [line for line in verdict_text(result).splitlines() if line]
-    assert lines[0] == "## test arm: The model explains the log"
+def test_the_verdict_is_the_first_thing_in_the_text(file: Path, result: Identification) -> None:
+    texts = [entities_of(file)[f"/{name}"]["TextDocument:text"][0][0]
+             for name in ("result", "parameters")]  # fmt: skip
+    lines = [line for line in texts[0].splitlines() if line]
+    assert lines[0] == "## test arm"
     assert lines[1].startswith("**The structure explains the log")
     for parameter in result.parameters:
-        assert drawable(parameter.label).replace("_", "\\_") in parameters_text(result)
+        assert drawable(plain(parameter.label)) in texts[1]
 
 
 def evil() -> Identification:

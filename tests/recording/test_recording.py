@@ -303,7 +303,7 @@ def test_a_minute_of_recording_is_below_20_MB(arm: SimulatedRun) -> None:
 
 def test_the_recorded_text_states_the_result(arm: SimulatedRun) -> None:
     text = read(arm)["/result"]["TextDocument:text"][0][0]
-    assert "completed" in text and "57 of 84" in text
+    assert "from the true set" in text and "57 of 84" in text
     assert "gain of wrist_3_joint" in read(arm)["/unknown"]["TextDocument:text"][0][0]
     assert text == drawable(text)
 

@@ -19,11 +19,16 @@ from nsaid_mj import (
 )
 from nsaid_mj.evaluation.words import number
 from nsaid_mj.experiment.loop import SimulatedRun, run
-from nsaid_mj.reporting import report
+from nsaid_mj.reporting import pages, report
 from nsaid_mj.reporting.palette import COLOURS
 from tests.reporting.drawing import points_of, words_of
 from tests.reporting.markup import Page, unscripted
 from tests.support.faulty import WITH_RIVAL as ROV
+
+
+def render(*arguments: Any) -> str:
+    return pages.render(report.page(*arguments))
+
 
 EVIL = "<script>alert('x')</script>\"&"
 
@@ -41,7 +46,7 @@ def summary(done: SimulatedRun) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def text(done: SimulatedRun, summary: dict[str, Any]) -> str:
     truth = metrics.truth_of(done)
-    return report.write(done, summary, truth).read_text(encoding="utf-8")
+    return render(done, summary, truth)
 
 
 def value_of(text: str) -> float:
@@ -203,7 +208,7 @@ def test_everything_from_outside_is_escaped(
     for row in told["parameters"]:
         row |= {"name": EVIL, "label": EVIL, "unit": EVIL}
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
-    text = report.page(evil, told, metrics.truth_of(done))
+    text = render(evil, told, metrics.truth_of(done))
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 20
     Page.of(text)
@@ -213,7 +218,7 @@ def test_commands_on_the_page_quote_the_folder(
     done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
 ) -> None:
     folder = tmp_path / "it's a run"
-    text = unescape(report.page(replace(done, folder=folder), summary, metrics.truth_of(done)))
+    text = unescape(render(replace(done, folder=folder), summary, metrics.truth_of(done)))
     for command in ("nsaid view", "nsaid verify --run"):
         assert f"{command} {shlex.quote(str(folder))}" in text
 
@@ -238,7 +243,7 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
                 del found[key]
     for row in told["parameters"]:
         del row["true"]
-    text = report.page(done, told, None)
+    text = render(done, told, None)
     page = Page.of(text)
     labels = [drawing.get("aria-label") for drawing in drawings(text)]
     assert labels[:2] == ["Velocity error", "Actuators relative to the prior"]
@@ -255,10 +260,10 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
 
 def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, summary: dict[str, Any]) -> None:
     truth = metrics.truth_of(done)
-    said = report.page(done, summary | {"verdict": "converged: all is well"}, truth)
+    said = render(done, summary | {"verdict": "converged: all is well"}, truth)
     assert "converged: all is well" in said
     silent = {key: value for key, value in summary.items() if key != "verdict"}
-    assert 'class="banner' not in report.page(done, silent, truth)
+    assert 'class="banner' not in render(done, silent, truth)
 
 
 def test_a_run_of_one_row_has_a_report(
@@ -266,7 +271,7 @@ def test_a_run_of_one_row_has_a_report(
 ) -> None:
     columns = {name: rows[:1] for name, rows in done.record.columns.items()}
     short = replace(done, folder=tmp_path, record=replace(done.record, columns=columns))
-    text = report.page(short, summary, metrics.truth_of(done))
+    text = render(short, summary, metrics.truth_of(done))
     assert len(drawings(text)) >= 4
     assert "nan" not in "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
 
@@ -280,4 +285,4 @@ def test_axes_have_labels_with_units(text: str) -> None:
 def test_reporting_a_run_twice_gives_the_same_page(
     done: SimulatedRun, summary: dict[str, Any], text: str
 ) -> None:
-    assert report.page(done, summary, metrics.truth_of(done)) == text
+    assert render(done, summary, metrics.truth_of(done)) == text

@@ -22,10 +22,13 @@ def result():
     )
     scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.full(3, 0.01))
     return ServoIdentification(
-        robot, "yes", "The servo model explains the motion.",
-        tuple(servo(name, joint, scale) for name in NAMES),
-        tuple(p for k, name in enumerate(NAMES, 1) for p in parameters(name, k, joint, scale)),
-        masses(scale), 0.0, (weighed(Load("b.csv", 0.2), "elbow", scale),), 1.0,
+        explains="yes", verdict="The servo model explains the motion.", robot=robot,
+        servos=tuple(servo(name, joint, scale) for name in NAMES),
+        parameters=tuple(
+            p for k, name in enumerate(NAMES, 1) for p in parameters(name, k, joint, scale)
+        ),
+        scale=masses(scale), masked=0.0,
+        findings=(weighed(Load("b.csv", 0.2), "elbow", scale),), seconds=1.0,
     )  # fmt: skip
 
 

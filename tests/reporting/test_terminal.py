@@ -83,7 +83,7 @@ def test_a_long_list_is_cut_after_a_comma_and_a_short_one_is_not(capsys) -> None
 
 def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:
     out = printed(capsys, sensor_noise="noise of 1e-4 rad, 5e-3 rad/s")
-    assert "  sensors: noise of 1e-4 rad, 5e-3 rad/s\n" in out
+    assert "  · sensors: noise of 1e-4 rad, 5e-3 rad/s.\n" in out
     assert "not in the structure" not in out
     assert "sensors:" not in printed(capsys)
 

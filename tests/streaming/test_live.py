@@ -17,7 +17,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
-from nsaid_mj.reporting.finish import finish, rebuild
+from nsaid_mj.recording.postprocessing import finish, rebuild
 from nsaid_mj.streaming.samples import Cleaner, turned
 from nsaid_mj.streaming.session import Session
 

@@ -31,7 +31,7 @@ from nsaid_mj.identifiers.base import Estimates
 from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array
-from nsaid_mj.studies import montecarlo, sweep_results
+from nsaid_mj.studies import montecarlo, montecarlo_results, sweep_results
 from nsaid_mj.studies.montecarlo import Course, Plan, monte_carlo
 
 ARM = Scenario(
@@ -291,20 +291,20 @@ def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
 
 def test_failed_runs_are_listed_with_their_seeds(tmp_path, capsys):
     plan = Plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
-    found = montecarlo.run(plan, tmp_path / "mc", 2, quiet=True)
-    montecarlo.print_summary(found)
+    found = montecarlo_results.run(plan, tmp_path / "mc", 2, quiet=True)
+    montecarlo_results.print_summary(found)
     said = capsys.readouterr().out
     assert "3 lost" in said
     for row in found.rows:
         assert f"run {row['run']} (seed {row['seed']}): {row['status']}" in said
-    assert montecarlo.document(found)["quantiles"]["theta_perp_ratio"]["median"] is None
+    assert montecarlo_results.document(found)["quantiles"]["theta_perp_ratio"]["median"] is None
 
 
 def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
     """Of runs that ended well, and of none that did."""
     for name, gain in (("well", 0.3), ("lost", 1e6)):
         plan = Plan("double_pendulum", replace(ARM, identifier=NullspaceAID(gain=gain)), 3)
-        montecarlo.run(plan, tmp_path / name, 1, quiet=True)
+        montecarlo_results.run(plan, tmp_path / name, 1, quiet=True)
         assert command(["report", str(tmp_path / name)]) == 0
         assert "report.html" in capsys.readouterr().out
         assert (tmp_path / name / "distributions.png").stat().st_size > 1000
@@ -315,5 +315,5 @@ def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
 def test_montecarlo_refuses_a_folder_of_something_else_and_keeps_it(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(BadRun, match="other files"):
-        montecarlo.run(Plan("ur5", ARM, 2), tmp_path, quiet=True)
+        montecarlo_results.run(Plan("ur5", ARM, 2), tmp_path, quiet=True)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

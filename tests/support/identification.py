@@ -10,14 +10,8 @@ import pinocchio as pin
 from nsaid_mj.calibration.data import Recordings, RobotModel, Segment
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.law_result import AlongLog, Gain
-from nsaid_mj.calibration.result import (
-    Combination,
-    Curves,
-    Identification,
-    JointFit,
-    Parameter,
-    Status,
-)
+from nsaid_mj.calibration.result import Combination, Curves, Identification, JointFit
+from nsaid_mj.evaluation.result import Parameter, Status
 from nsaid_mj.experiment.loop import Ending
 from nsaid_mj.log import Log
 
@@ -103,15 +97,29 @@ def identification(
         for name in names
     )  # fmt: skip
     return Identification(
-        robot, recordings, explains,  # pyright: ignore[reportArgumentType]
-        "The structure explains the log (held-out NRMSE 0.050).", joints, parameters,
-        (Combination("Izz of a link + rotor inertia of a joint", "kg·m²", 1.0, 0.8, 1.2),),
-        "the known mass_1 = 2", "One number would help: `--known gain_1=…`.", findings,
-        theta, 0.1 * np.abs(theta), np.diag(0.01 * theta**2) + 1e-4 * np.outer(theta, theta),
-        (np.ones(n), np.ones(n)),
-        curves, curves if validated else None, along if law else None, 8.0, 1.5,
-        None,  # type: ignore[arg-type]  # nothing was fitted
-    )  # fmt: skip
+        explains=explains,  # pyright: ignore[reportArgumentType]
+        verdict="The structure explains the log (held-out NRMSE 0.050).",
+        parameters=parameters,
+        findings=findings,
+        robot=robot,
+        recordings=recordings,
+        joints=joints,
+        combinations=(
+            Combination("Izz of a link + rotor inertia of a joint", "kg·m²", 1.0, 0.8, 1.2),
+        ),
+        anchor="the known mass_1 = 2",
+        suggestion="One number would help: `--known gain_1=…`.",
+        theta=theta,
+        deviation=0.1 * np.abs(theta),
+        covariance=np.diag(0.01 * theta**2) + 1e-4 * np.outer(theta, theta),
+        friction=(np.ones(n), np.ones(n)),
+        curves=curves,
+        validation=curves if validated else None,
+        law=along if law else None,
+        cutoff=8.0,
+        seconds=1.5,
+        fitted=None,  # type: ignore[arg-type]  # nothing was fitted
+    )
 
 
 def _parameters(names: tuple[str, ...]) -> tuple[Parameter, ...]:

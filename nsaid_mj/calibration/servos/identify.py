@@ -164,25 +164,24 @@ def identify_servos(
     pairs = list(zip(names, joints, strict=True))
     servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
     explains, sentence, doubts = verdict(servos, joints)
-    masked = float(1 - used.mean())
     notes = [*_masked(given.logs, used), *gravity_notes(servos, joints), *saturation_notes(servos)]
     if given.load is not None and found.scale is not None:
         carrying = names[carrier(given.robot.model, given.load)[0] - 1]
         notes.append(weighed(given.load, carrying, found.scale))
     return ServoIdentification(
-        given.robot,
-        explains,
-        sentence,
-        servos,
-        tuple(
+        explains=explains,
+        verdict=sentence,
+        parameters=tuple(
             p
             for k, (name, joint) in enumerate(pairs, 1)
             for p in parameters(name, k, joint, found.scale)
         ),
-        masses(found.scale),
-        masked,
-        (*doubts, *notes, *given.findings),
-        time.perf_counter() - begin,
+        findings=(*doubts, *notes, *given.findings),
+        robot=given.robot,
+        servos=servos,
+        scale=masses(found.scale),
+        masked=float(1 - used.mean()),
+        seconds=time.perf_counter() - begin,
     )
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ...evaluation.result import Parameter, Result
 from ..data import RobotModel
-from ..findings import Finding
-from ..problem import Explains
-from ..result import Parameter
 
 
 @dataclass(frozen=True)
@@ -43,45 +40,35 @@ class Servo:
     limit: float | None = None
 
 
-@dataclass(frozen=True)
-class ServoIdentification:
-    """Result of `identify_servos`.
+@dataclass(frozen=True, kw_only=True)
+class ServoIdentification(Result):
+    """Result of `identify_servos`; parameters are T, f/kp, kp, armature/kp, delay, armature.
 
     Attributes:
         robot: the model.
-        explains: whether the structure explains the logs.
-        verdict: the same in one sentence, with the figures that carry it.
         servos: of every joint, in the order of `robot.joints`.
-        parameters: T = kv/kp, f/kp, kp, armature/kp, delay and armature of every joint, with
-            intervals.
         scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
             and friction are those under the true masses.
         masked: share of the samples left out because of foreign forces.
-        findings: everything noticed, refusals first.
         seconds: what the identification took [s].
     """
 
     robot: RobotModel
-    explains: Explains
-    verdict: str
     servos: tuple[Servo, ...]
-    parameters: tuple[Parameter, ...]
     scale: tuple[Parameter, ...]
     masked: float
-    findings: tuple[Finding, ...]
     seconds: float
 
-    def text(self) -> str:
-        """The result as JSON text."""
-        content: dict[str, Any] = {
+    def summary(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        return {
             "robot": self.robot.name,
             "law": "output error",
             "explains": self.explains,
             "verdict": self.verdict,
             "servos": [asdict(servo) for servo in self.servos],
-            "parameters": [asdict(parameter) for parameter in (*self.parameters, *self.scale)],
+            "parameters": [parameter.document() for parameter in (*self.parameters, *self.scale)],
             "masked": self.masked,
             "findings": [asdict(finding) for finding in self.findings],
             "seconds": self.seconds,
         }
-        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)

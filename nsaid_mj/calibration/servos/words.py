@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...evaluation.result import Explains, Parameter, Status
 from ..findings import Finding
 from ..payloads import Load
-from ..problem import Explains
-from ..result import Parameter, Status
 from .estimate import JointEstimate, MassScale
 from .fit import GRAVITY, NAMES
 from .result import Servo

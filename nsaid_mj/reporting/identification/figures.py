@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ...calibration import words
-from ...calibration.result import Identification, Parameter
+from ...calibration.result import Identification
 from ...calibration.timeline import own_shifts, recording_shifts
 from ...evaluation.confidence import INTERVAL
 from ..palette import COLOURS
 from ..panels import AnyPanel, Comparison, Forest, HeatMap, Panel, Points
+from ..parameters import correlations
 
-_MOST = 36  # parameters of the correlations, at most
-_TOLD = {"identified", "known"}
 _WIDEST = 2.0  # half-width of a drawn interval, of a gain's logarithm
 
 
@@ -53,41 +50,17 @@ def joints(result: Identification) -> Forest:
     )  # fmt: skip
 
 
-def forests(result: Identification, gains: bool) -> list[AnyPanel]:
-    """Estimates with intervals and the values before the log: gains, or all others but links."""
-    inertial = words.links(result.parameters)
-    groups: dict[tuple[str, str], list[Parameter]] = {}
-    for p in result.parameters:
-        if p.block not in inertial and words.is_gain(p) == gains:
-            block = p.label.partition(" of ")[0] if p.block.startswith("coupling") else p.block
-            groups.setdefault((block, p.unit), []).append(p)
-    return [_forest(block, unit, members) for (block, unit), members in groups.items()]
-
-
-def _forest(block: str, unit: str, members: Sequence[Parameter]) -> Forest:
-    value, low, high, prior = np.array([(p.value, p.low, p.high, p.prior) for p in members]).T
-    firm = np.array([p.status in _TOLD for p in members])
-    names = [words.of_joint(p) for p in members]
-    before = [Points("before the log", prior)]
-    title = block[:1].upper() + block[1:]
-    return Forest(title, f"{block} [{unit}]", names, value, low, high, firm, before)
-
-
-def correlations(result: Identification) -> list[AnyPanel]:
+def correlated(result: Identification) -> list[HeatMap]:
     """Correlation of gains, frictions and rotor inertias; empty if there are less than two."""
-    inertial = words.links(result.parameters)
+    bodies, variance = result.bodies, np.diag(result.covariance)
     chosen = [
-        k
-        for k, p in enumerate(result.parameters)
-        if p.block not in inertial and result.covariance[k, k] > 0
+        k for k, p in enumerate(result.parameters) if p.block not in bodies and variance[k] > 0
     ]
-    chosen.sort(key=lambda k: not words.is_gain(result.parameters[k]))
-    chosen = chosen[:_MOST]
-    if len(chosen) < 2:
-        return []
-    deviation = np.sqrt(np.diag(result.covariance)[chosen])
-    r = result.covariance[np.ix_(chosen, chosen)] / np.outer(deviation, deviation)
-    return [HeatMap("", [result.parameters[k].label for k in chosen], r)]
+    chosen.sort(key=lambda k: not result.parameters[k].is_gain)
+    r = result.covariance[np.ix_(chosen, chosen)]
+    deviation = np.sqrt(variance[chosen])
+    labels = [result.parameters[k].label for k in chosen]
+    return correlations(labels, r / np.outer(deviation, deviation))
 
 
 def histories(result: Identification) -> list[AnyPanel]:
@@ -98,7 +71,7 @@ def histories(result: Identification) -> list[AnyPanel]:
     along = result.law
     if along is None or len(along.t) < 2:
         return []
-    inertial, panels = words.links(result.parameters), dict[str, Panel]()
+    bodies, panels = result.bodies, dict[str, Panel]()
     gains = along.actuators.tolist() if along.gains else []
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = along.theta / result.theta
@@ -107,15 +80,15 @@ def histories(result: Identification) -> list[AnyPanel]:
         )
     half = INTERVAL * along.deviation
     for k, p in enumerate(result.parameters):
-        if p.block in inertial or not result.theta[k] > 0:
+        if p.block in bodies or not result.theta[k] > 0:
             continue
-        if k not in gains and p.status not in _TOLD:
+        if k not in gains and not p.firm:
             continue
         label = "over the batch fit [–]"
         panel = panels.setdefault(
             p.block, Panel(p.block[:1].upper() + p.block[1:], label, True, level=1.0)
         )
-        name, ratio, band = words.of_joint(p), ratios[:, k] / common, None
+        name, ratio, band = p.part, ratios[:, k] / common, None
         if k in gains and np.isfinite(half).any():
             factor = np.exp(np.minimum(half[:, gains.index(k)], _WIDEST))
             band = ratio / factor, ratio * factor

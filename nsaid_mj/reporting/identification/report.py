@@ -5,34 +5,19 @@ from __future__ import annotations
 import math
 import platform
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-
-from rich.console import Console
 
 from ... import __version__
 from ...calibration import words
-from ...calibration.findings import Finding
-from ...calibration.result import Identification, Parameter
-from ...evaluation.words import ABSENT, STATUSES, Mark, estimate
+from ...calibration.result import Identification
+from ...evaluation.result import STATUSES, Mark, Parameter, counts
+from ...evaluation.words import estimate, number
 from .. import pages
-from ..pages import (
-    Alarm,
-    Badges,
-    Cell,
-    Figures,
-    Fold,
-    Items,
-    Link,
-    Page,
-    Section,
-    Table,
-    Text,
-)
-from ..terminal import print_page
+from ..pages import Badges, Cell, Figures, Items, Page, Section, Table, Text
+from ..parameters import CORRELATIONS, brief_gains, folds, forests, table
 
-_OPEN = 12  # parameters in total, up to which no table is collapsed
-_LINES, _NOTES, _KINDS = 16, 6, 5  # printed at most; the page has all of them
+_LINES = 16  # of a table, printed at most; the page has all of them
 _SILENT = {
     "not excited": "the motion does not depend on it enough to narrow it",
     "below the noise": "the effect cannot be distinguished from none",
@@ -42,38 +27,26 @@ _NRMSE = (
     "is what predicting the mean has. Held out: fifths of the log, each predicted from the others. "
     "Least squares: weighted least squares on the same rows and columns, held out too. "
 )
-_CORRELATIONS = (
-    "Strong colours: two parameters that the log determines together, so that one known value "
-    "narrows the other. Correlations of at least 0.5 are written out."
-)
 
 
-def write_report(result: Identification, folder: Path, command: str = "") -> Path:
-    """Writes report.html atomically and returns its path.
+def page(result: Identification, command: str = "") -> Page:
+    """The page of an identification.
 
     Args:
         result: of an identification.
-        folder: an existing folder.
-        command: command line that was run, for the page; "" to name model and logs only.
+        command: command line that was run; "" to name model and logs only.
     """
-    return pages.write(_page(result, command), folder)
-
-
-def page(result: Identification, command: str = "") -> str:
-    """The report as HTML; see `write_report`."""
-    return pages.render(_page(result, command))
-
-
-def _page(result: Identification, command: str) -> Page:
     from ..drawings import figures_of  # imported late: matplotlib takes half a second
     from . import figures, picture
 
     row, rows = words.rows_of(result)
     arm, n = row == "joint", len(result.joints)
     sketch = picture.picture(result)
-    gains = [p for p in result.parameters if words.is_gain(p)]
-    correlations = figures_of(figures.correlations(result))
-    notes = _alarms(result.findings, ("note",))
+    gains, bodies = result.gains, result.bodies
+    others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
+    correlated = figures_of(figures.correlated(result))
+    numbers = {c.words: k for k, c in enumerate(result.combinations, 1)}
+    notes = [str(finding) for finding in result.findings if finding.level == "note"]
     sections = [
         Section("Does the model explain the log?", [
             _quality(result),
@@ -82,7 +55,7 @@ def _page(result: Identification, command: str) -> Page:
         ]),
         Section(f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted", [
             Figures(figures_of(figures.commands(result)), rows),
-            Text(f"Both are low-pass filtered at {words.number(result.cutoff)} Hz like the rows of "
+            Text(f"Both are low-pass filtered at {number(result.cutoff)} Hz like the rows of "
                  f"the fit. Shaded: not used, since the {row} is at rest or an actuator saturated, "
                  "or the data have an outlier or a gap.", note=True),
         ]),
@@ -91,36 +64,34 @@ def _page(result: Identification, command: str) -> Page:
             Text("This log took no part in the fit.", note=True),
         ] if result.validation is not None and len(result.validation.t) else []),
         Section("Actuator gains", [
-            Figures(figures_of(figures.forests(result, gains=True))), _parameters(gains, result),
-            Text("Lines are 95 % intervals; ◇ is the value before the log.", note=True),
+            Figures(figures_of(forests(gains))), table(gains, numbers),
+            Text("Lines are 95 % intervals; ◇ is the prior, the value before the log.", note=True),
         ] if gains else []),
         Section("Friction, rotors and other forces of the joints" if arm
                 else "Drag, damping and other forces",
-                _frictions(figures_of(figures.forests(result, gains=False)))),
+                _frictions(figures_of(forests(others)))),
         Section("What this log cannot tell", _unknown(result)),
         Section("Combinations that the log determines", _combinations(result)),
         Section("All parameters", [
-            Badges(_counts(result.parameters)), *_blocks(result),
+            Badges(counts(result.parameters)), *folds(result, numbers),
             Text("Inertias are about the origin of the link's joint frame, in its axes. C1, C2 …: "
                  "the combination above that the log determines instead.", note=True),
         ]),
         Section(f"Law {result.law.name} along the log" if result.law else "",
                 _law(result, figures_of(figures.histories(result)))),
         Section(f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}", [
-            Figures(correlations), Text(_CORRELATIONS, note=True),
-        ] if correlations else []),
-        Section("What was done to the log", [
-            Items([note.mark.text for note in notes])
-        ] if notes else []),
+            Figures(correlated), Text(CORRELATIONS, note=True),
+        ] if correlated else []),
+        Section("What was done to the log", [Items(notes)] if notes else []),
     ]  # fmt: skip
     return Page(
         heading=result.robot.name,
-        verdict=verdict_of(result),
+        verdict=result.mark,
         eyebrow="identification from logs",
         lead=f"{n} {row if n == 1 else rows}, {pages.count(len(result.parameters), 'parameter')}; "
         f"{words.logs_in_words(result)}; identified in {result.seconds:.1f} s.",
         tab=f"{result.robot.name} · identification",
-        alarms=_alarms(result.findings, ("refusal", "warning")),
+        findings=[finding for finding in result.findings if finding.level != "note"],
         carrying=[*figures_of([figures.joints(result)]), *([sketch] if sketch else [])],
         sections=[section for section in sections if section.panels],
         commands=[command or _command(result)],
@@ -128,74 +99,30 @@ def _page(result: Identification, command: str) -> Page:
     )
 
 
-def print_identification(
-    result: Identification, console: Console, files: Sequence[Path] = ()
-) -> None:
-    """Prints the verdict, warnings, quality per joint, gains and frictions.
+def brief(result: Identification, files: Sequence[Path] = ()) -> Page:
+    """What the terminal and the recording tell: warnings, quality per joint, gains and frictions.
 
     Args:
         result: of an identification.
-        console: to print on.
         files: paths of the files written, which are listed last.
     """
-    counts = ", ".join(f"{mark.glyph} {mark.text}" for mark in _counts(result.parameters))
-    total = len(result.parameters)
-    last = [f"of {pages.count(total, 'parameter')}: {counts}"]
+    total = pages.count(len(result.parameters), "parameter")
+    statuses = ", ".join(f"{mark.glyph} {mark.text}" for mark in counts(result.parameters))
+    last = [f"of {total}: {statuses}"]
     last += [result.suggestion] if result.suggestion else []
     last.append(f"The scale rests on {result.anchor}.")
-    gains = [p for p in result.parameters if words.is_gain(p)]
-    print_page(
-        Page(
-            heading="",
-            verdict=verdict_of(result),
-            lead=f"{result.robot.name}: {words.logs_in_words(result)}; identified in "
-            f"{result.seconds:.1f} s",
-            alarms=brief_alarms(result.findings),
-            sections=[
-                Section("", [_quality(result, brief=True), *_brief_gains(gains), *_kinds(result)]),
-                Section("", _law_tables(result)),
-                *(Section("", [Text(line)]) for line in last),
-            ],
-            commands=list(map(str, files)),
-        ),
-        console,
+    return Page(
+        heading=result.robot.name,
+        verdict=result.mark,
+        lead=f"{words.logs_in_words(result)}; identified in {result.seconds:.1f} s",
+        findings=[finding for finding in result.findings if finding.code != "columns"],
+        sections=[
+            Section("", [_quality(result, brief=True), *brief_gains(result), *_kinds(result)]),
+            Section("", _law_tables(result)),
+            *(Section("", [Text(line)]) for line in last),
+        ],
+        commands=list(map(str, files)),
     )
-
-
-def verdict_of(result: Identification) -> Mark:
-    """The verdict with its mark."""
-    return words.EXPLAINS[result.explains]._replace(text=result.verdict)
-
-
-def brief_alarms(findings: Sequence[Finding]) -> list[Alarm]:
-    """Refusals, warnings and the first notes, except those on the choice of columns."""
-    notes = [f for f in findings if f.level == "note" and f.code != "columns"]
-    shown = [*(f for f in findings if f.level != "note"), *notes[:_NOTES]]
-    told = [Alarm(words.LEVELS[f.level]._replace(text=str(f)), "") for f in shown]
-    if more := len(notes[_NOTES:]):
-        told.append(Alarm(words.LEVELS["note"]._replace(text=f"and {more} more "
-                          f"{'note' if more == 1 else 'notes'}"), ""))  # fmt: skip
-    return told
-
-
-def _alarms(findings: Sequence[Finding], levels: Sequence[str]) -> list[Alarm]:
-    return [
-        Alarm(words.LEVELS[finding.level]._replace(text=str(finding)), finding.level)
-        for finding in findings
-        if finding.level in levels
-    ]
-
-
-def _status(parameter: Parameter) -> Mark:
-    return STATUSES[parameter.status]
-
-
-def _counts(parameters: Iterable[Parameter]) -> list[Mark]:
-    """A badge for each status, with the number of parameters that have it."""
-    return [
-        STATUSES[status]._replace(text=f"{count} {status}")
-        for status, count in words.counts(parameters)
-    ]
 
 
 def _quality(result: Identification, brief: bool = False) -> Table:
@@ -214,40 +141,26 @@ def _quality(result: Identification, brief: bool = False) -> Table:
     if brief and len(kept) > _LINES:
         kept.sort(key=lambda j: -j.held_out if math.isfinite(j.held_out) else -math.inf)
     for j in kept:
-        held_out = words.quality(j.held_out)._replace(text=words.nrmse(j.held_out))
-        line: list[Cell] = [j.name, words.nrmse(j.fit), held_out, words.nrmse(j.least_squares)]
+        line: list[Cell] = [j.name, words.nrmse(j.fit), words.quality(j.held_out)]
+        line.append(words.nrmse(j.least_squares))
         if checked:
             line += [words.nrmse(j.validation), words.nrmse(j.validation_least_squares)]
-        line += [words.delay(j.delay), words.number(j.friction_speed), ", ".join(j.columns)]
+        line += [f"{number(1e3 * j.delay, 0.1)} ms", number(j.friction_speed), ", ".join(j.columns)]
         lines.append(line)
     last = len(heads) - 1
     spare = [last, last - 1, *[5] * checked]
     return Table(heads, lines, (0, last), spare=spare, most=_LINES)
 
 
-def _brief_gains(gains: Sequence[Parameter]) -> list[Table]:
-    """The gains with intervals and statuses; a narrow terminal leaves two columns out."""
-    names = [words.of_joint(p) for p in gains]
-    names = names if len(set(names)) == len(names) else [p.label for p in gains]
-    lines: list[list[Cell]] = []
-    for name, p in zip(names, gains, strict=True):
-        value, interval = estimate(p.value, p.low, p.high)
-        interval = ABSENT if p.status == "known" else interval
-        lines.append([name, value, interval, words.relative(p), words.number(p.prior), p.unit,
-                      _status(p)])  # fmt: skip
-    heads = ["gains", "estimate", "95 % interval", "relative", "before", "unit", "status"]
-    return [Table(heads, lines, (0, 5, 6), spare=(4, 3), most=_LINES)] if gains else []
-
-
 def _kinds(result: Identification) -> list[pages.Panel]:
     """Friction and rotor inertia, one line for each joint, one column for each kind."""
-    inertial, names = words.links(result.parameters), [j.name for j in result.joints]
+    names = [j.name for j in result.joints]
     kinds: dict[str, dict[str, Parameter]] = {}
     for p in result.parameters:
-        if p.block not in inertial and not words.is_gain(p) and words.of_joint(p) in names:
+        if p.block not in result.bodies and not p.is_gain and p.part in names:
             unit = f" [{p.unit}]" if p.unit else ""
             head = p.block.replace(" friction", "").replace("-dependent", "")
-            kinds.setdefault(head + unit, {})[words.of_joint(p)] = p
+            kinds.setdefault(head + unit, {})[p.part] = p
     if not kinds:
         return []
     lines: list[list[Cell]] = []
@@ -256,8 +169,8 @@ def _kinds(result: Identification) -> list[pages.Panel]:
         for members in kinds.values():
             p = members.get(name)
             value = "" if p is None else estimate(p.value, p.low, p.high)[0]
-            told = p is None or p.status in {"identified", "known"}
-            cells.append(value if told else Mark("", "weak", f"({value})"))
+            firm = p is None or p.firm
+            cells.append(value if firm else Mark("", "weak", f"({value})"))
         lines.append(cells)
     heads = [head.replace(" [", "\n[") for head in kinds]
     spare = range(len(kinds), 2, -1)
@@ -265,32 +178,13 @@ def _kinds(result: Identification) -> list[pages.Panel]:
     return [table, Text("  (in brackets: not identified by itself; all are in the report)")]
 
 
-def _parameters(parameters: Sequence[Parameter], result: Identification) -> Table:
-    """Parameters with intervals; combinations are referred to by their numbers."""
-    known = [c.words for c in result.combinations]
-    lines: list[list[Cell]] = []
-    for p in parameters:
-        value, interval = estimate(p.value, p.low, p.high)
-        number = known.index(p.combination) + 1 if p.combination in known else 0
-        status: list[Mark | Link | str] = [_status(p)]
-        if number:
-            status.append(Link(f"C{number}", f"combination-{number}"))
-        apart = f"{words.relative(p)} of the other gains" if p.relative else ""
-        if more := "; ".join(filter(None, ("" if number else p.combination, apart))):
-            status.append(more)
-        interval = ABSENT if p.status == "known" else interval
-        lines.append([p.label, value, p.unit, interval, words.number(p.prior), tuple(status)])
-    heads = ["parameter", "estimate", "unit", "95 % interval", "before the log", "status"]
-    return Table(heads, lines, (0, 2, 5))
-
-
 def _some(figures: Sequence[pages.Figure]) -> list[pages.Panel]:
     return [Figures(figures)] if figures else []
 
 
 def _frictions(figures: Sequence[pages.Figure]) -> list[pages.Panel]:
-    note = Text("Lines are 95 % intervals; ◇ is the value before the log, a guess from the model "
-                "and the motion. The numbers are in the tables below.", note=True)  # fmt: skip
+    note = Text("Lines are 95 % intervals; ◇ is the prior, a guess from the model and the motion. "
+                "The numbers are in the tables below.", note=True)  # fmt: skip
     return [Figures(figures), note] if figures else []
 
 
@@ -315,8 +209,10 @@ def _law_tables(result: Identification) -> list[Table]:
     if along is None:
         return []
     law, limits = f"law {along.name}", "95 % interval"
-    heads = ["gains over their mean", law, limits, "batch fit", limits, "agree"]
-    gains = [Table(heads, words.law_gains(along), (0, 5), most=_LINES)] if along.gains else []
+    heads = ["gain / mean", law, limits, "batch fit", limits, "agree"]
+    gains = []
+    if along.gains:
+        gains = [Table(heads, words.law_gains(along), (0, 5), spare=(4, 2), most=_LINES)]
     rows = zip(result.joints, along.last, along.batch_last, strict=True)
     lines = [[joint.name, words.nrmse(own), words.nrmse(fit)] for joint, own, fit in rows]
     return [*gains, Table(["NRMSE of the last fifth", law, "batch fit"], lines, most=_LINES)]
@@ -340,9 +236,9 @@ def _unknown(result: Identification) -> list[pages.Panel]:
 
 def _combinations(result: Identification) -> list[pages.Panel]:
     lines = []
-    for number, combination in enumerate(result.combinations, 1):
+    for k, combination in enumerate(result.combinations, 1):
         value, interval = estimate(combination.value, combination.low, combination.high)
-        lines.append([f"C{number}", combination.words, value, combination.unit, interval])
+        lines.append([f"C{k}", combination.words, value, combination.unit, interval])
     if not lines:
         return []
     heads = ["", "combination", "estimate", "unit", "95 % interval"]
@@ -351,23 +247,6 @@ def _combinations(result: Identification) -> list[pages.Panel]:
              "division among the terms predicts the same commands."),
         Table(heads, lines, (0, 1, 3), ids="combination"),
     ]  # fmt: skip
-
-
-def _blocks(result: Identification) -> list[Fold]:
-    """A table for each block of θ, with the number of parameters of each status."""
-    blocks: dict[str, list[Parameter]] = {}
-    for parameter in result.parameters:
-        blocks.setdefault(parameter.block, []).append(parameter)
-    inertial, shown = words.links(result.parameters), len(result.parameters) <= _OPEN
-    return [
-        Fold(
-            words.of_joint(members[0]) if name in inertial else name,
-            [_parameters(members, result)],
-            _counts(members),
-            open=shown,
-        )
-        for name, members in blocks.items()
-    ]
 
 
 def _command(result: Identification) -> str:

@@ -10,17 +10,15 @@ import numpy as np
 from rich.console import Console
 
 from ... import __version__
-from ...calibration import words
 from ...calibration.comparison import Score
-from ...calibration.result import Parameter
 from ...calibration.servos import ServoIdentification, ServoLog
+from ...evaluation.result import Parameter
 from ...parameters import Array
 from .. import pages
 from ..drawings import figures_of
 from ..pages import Cell, Figures, Page, Panel, Section, Table, Text
 from ..panels import Comparison
 from ..terminal import print_page, print_panels
-from .report import brief_alarms
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head
@@ -73,7 +71,7 @@ def print_servos(result: ServoIdentification, console: Console, files: Sequence[
               if isinstance(panel, Table) else panel
               for panel in page.sections[0].panels]  # fmt: skip
     brief = Page(
-        "", page.verdict, alarms=page.alarms, sections=[Section("", narrow)],
+        "", page.verdict, findings=page.findings, sections=[Section("", narrow)],
         commands=page.commands,
     )  # fmt: skip
     print_page(brief, console)
@@ -93,10 +91,10 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
                        "or a constant.", note=True))  # fmt: skip
     return Page(
         heading=result.robot.name,
-        verdict=words.EXPLAINS[result.explains]._replace(text=result.verdict),
+        verdict=result.mark,
         eyebrow="identification of position servos from logs",
         lead=f"{pages.count(len(result.servos), 'servo')}, each with its 95 % intervals.",
-        alarms=brief_alarms(result.findings),
+        findings=result.findings,
         sections=[Section("Servos", panels)],
         commands=commands,
         versions={"nsaid-mj": __version__},

@@ -20,9 +20,9 @@ from ..experiment.loop import Cost, Ending, Run, reopen
 from ..experiment.record import Record
 from ..identifiers import Status
 from ..numerics.threads import single_threaded
+from ..reporting import pages, report
+from ..reporting.progress import Progress
 from ..resources import locked, write_json, write_text
-from . import report
-from .progress import Progress
 
 SUMMARY, SCENARIO = "summary.json", "scenario.json"
 
@@ -61,8 +61,8 @@ def _check_record(run: Run) -> None:
 
 def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     say("evaluating the estimate")
-    Thread(target=import_module, args=[f"{__package__}.drawings"], daemon=True).start()  # half a
-    # second of matplotlib, which the page needs last
+    # half a second of matplotlib, which the page needs last
+    Thread(target=import_module, args=[f"{pages.__package__}.drawings"], daemon=True).start()
     truth = evaluation.truth_of(run)
     summary = evaluation.summarize(run, truth)
     write_json(run.folder / SUMMARY, summary)
@@ -73,7 +73,7 @@ def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any
     verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
     if recording.available():
         recording.write(run, summary, truth, verdicts)
-    report.write(run, summary, truth, verdicts, command)
+    pages.write(report.page(run, summary, truth, verdicts, command), run.folder)
     return summary
 
 

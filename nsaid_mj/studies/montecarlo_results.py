@@ -1,0 +1,140 @@
+"""A Monte Carlo study in its folder, and its quantiles on the terminal."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from ..identifiers import Status
+from ..numerics.threads import single_threaded
+from ..reporting.pages import Page, Section, Table, count
+from ..reporting.progress import announcing, counted
+from ..reporting.terminal import print_page
+from ..resources import check_own
+from ..robot.findings import Finding
+from .montecarlo import JOBS, Plan, rows_of
+from .study import MOST_JOBS, check_count
+from .sweep_folder import opened
+from .sweep_results import MANIFEST, Group, Row, Sweep, digits, files_of, read
+
+FIGURES = {
+    "theta_perp_ratio": "distance at end",
+    "actuator_ratio_error": "error of gain ratios",
+    "conserved_drift": "conserved drift",
+    "time_to_converge": "converged after [s]",
+}
+"""Columns of the printed table, and their labels."""
+QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
+
+
+@single_threaded
+def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) -> Sweep:
+    """Executes the runs that are missing in a folder, and writes the files of a sweep.
+
+    After Ctrl-C, finished runs are kept and the same call resumes the study.
+
+    Args:
+        plan: the runs.
+        folder: of the results; created if missing.
+        jobs: number of threads; None for the number of processors.
+        quiet: show no progress.
+
+    Raises:
+        BadRun: the folder cannot be written, or holds something else.
+        InvalidInput: `jobs` is less than 1.
+        NsaidError: the scenario cannot be started.
+    """
+    check_count("jobs", 1 if jobs is None else jobs, JOBS, MOST_JOBS)
+    check_own(folder, (MANIFEST,))
+    bar = counted(quiet, "{task.completed:.0f}/{task.total:.0f} runs")
+    with (
+        opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows,
+        bar,
+        announcing(bar.console),
+    ):
+        todo = [number for number in range(plan.runs) if number not in rows.known]
+        task = bar.add_task(folder.name, total=plan.runs, completed=len(rows.known))
+        seen = partial(bar.advance, task)
+        for group in rows_of(plan.scenario, todo, jobs, plan.shared, seen):
+            for row in group:
+                rows.append(row)
+    return read(folder)
+
+
+# -- the terminal ----------------------------------------------------------------------------------
+
+
+def quantiles(sweep: Sweep) -> dict[str, dict[str, float]]:
+    """Quantiles of the figures by name, infinite if they fall on lost or unconverged runs.
+
+    Figures of a lost run count as infinite.
+    """
+    last = [
+        row | dict.fromkeys(FIGURES) if row["status"] != Status.completed.words else row
+        for row in sweep.rows
+    ]
+    group = Group({}, last)
+    return {
+        key: {name: group.quantile(key, share) for name, share in QUANTILES.items()}
+        for key in FIGURES
+    }
+
+
+def lost(sweep: Sweep) -> list[Row]:
+    """Runs that ended before the scenario's duration."""
+    return [row for row in sweep.rows if row["status"] != Status.completed.words]
+
+
+def cost(sweep: Sweep) -> float:
+    """Median over the runs of an identifier's thread time per time step [µs]."""
+    return float(np.median([row["identifier_us_per_step"] for row in sweep.rows]))
+
+
+def document(sweep: Sweep) -> dict[str, Any]:
+    """The output of `nsaid montecarlo --json`."""
+    found = {
+        key: {name: value if np.isfinite(value) else None for name, value in each.items()}
+        for key, each in quantiles(sweep).items()
+    }
+    columns = ("run", "seed", "status", "status_time")
+    return {
+        "folder": str(sweep.folder),
+        "runs": sweep.manifest["runs"],
+        "quantiles": found,
+        "lost": [{key: row[key] for key in columns} for row in lost(sweep)],
+        "identifier_us_per_step": cost(sweep),
+    }
+
+
+def print_summary(sweep: Sweep) -> None:
+    """Prints the quantiles of the figures, the lost runs, and the paths of the files."""
+    gone = lost(sweep)
+    lines = [
+        [FIGURES[key], *(digits(value) for value in each.values())]
+        for key, each in quantiles(sweep).items()
+    ]
+    shared = sweep.manifest["montecarlo"]["shared"]
+    failures = [
+        Finding(
+            "refusal", "lost", f"run {row['run']} (seed {row['seed']})",
+            f"{row['status']} at {row['status_time']:.3g} s",
+            "" if shared else f"\n    {sweep.command(row)}",
+        )
+        for row in gone
+    ]  # fmt: skip
+    many = count(len(sweep.rows), "prior" if shared else "plant")
+    kind = "on one motion" if shared else "with its own motion each"
+    spent = f"identifier {cost(sweep):.2g} µs of thread time per run and time step"
+    page = Page(
+        heading=sweep.folder.name,
+        verdict=None,
+        lead=f"{many} {kind}, {len(gone)} lost",
+        findings=failures,
+        sections=[Section("", [Table(["", *QUANTILES], lines)])],
+        commands=[spent, *files_of(sweep)],
+    )
+    print_page(page, Console(highlight=False))
